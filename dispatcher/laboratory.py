@@ -18,12 +18,12 @@ from dispatcher.layer.ownership import BlockName
 from dispatcher.operations.blocks import Operations
 from dispatcher.operations.gathering import Gathering
 from dispatcher.operations.heralding import Heralding
+from dispatcher.operations.looking import Telling
 from dispatcher.operations.measurements import Measurements
 from dispatcher.operations.operation_handlers import Act, acts
 from dispatcher.operations.resending import Resending
 from dispatcher.operations.splitting import Splitting
 from dispatcher.operations.switching import Switching
-from dispatcher.operations.telling import Telling
 from dispatcher.operations.transport import Transport
 from dispatcher.sabot.backend import Bytes
 from dispatcher.timeouts import RECEIVE_TIMEOUT_S
@@ -169,10 +169,16 @@ class LaboratoryHost:
             "apply", ApplyRequest(block=block_id(block), paulis=packed, gates=gates)
         )
 
-    async def send(self, launches: dict[BlockKey, str], rate_hz: int = RATE_HZ) -> Feedback:
-        """Launch blocks together, each into the port named; return when all have come out."""
+    async def send(
+        self, launches: dict[BlockKey, str], rate_hz: int = RATE_HZ, frequency_mhz: int = 0
+    ) -> Feedback:
+        """Launch blocks together, each into the port named; return when all have come out.
+
+        Their colour is that of channel 1, unless another is said.
+        """
         ways = [Launch(block=block_id(block), port=port) for block, port in launches.items()]
-        return await self._act("send", SendRequest(launches=ways, rate_hz=rate_hz))
+        request = SendRequest(launches=ways, rate_hz=rate_hz, frequency_mhz=frequency_mhz)
+        return await self._act("send", request)
 
     async def receive(self, block: BlockKey, port: str) -> Feedback | None:
         """Take a block from a port; return None if no light came.

@@ -1,4 +1,4 @@
-"""Hosts on both sides of a trunk of some fibres: what heavy traffic contends for.
+"""Hosts on both sides of a trunk of fibres, or channels: what heavy traffic contends for.
 
     a1 … a6 --- q1 ===== q2 --- b1 … b6
 
@@ -15,8 +15,8 @@ from topologies.nodes import ClassicalSwitch, DispatcherHost, OpticalSwitch, Qua
 class Trunk(Topo):
     """Each host has a fibre to its switch; sessions from a side to the other share the trunk."""
 
-    def build(self, fibers: int = 2, hosts: int = 6) -> None:
-        """Add so many hosts on each side, and so many fibres between the switches."""
+    def build(self, fibers: int = 2, hosts: int = 6, channels: int = 1) -> None:
+        """Add so many hosts on each side, and so many fibres of channels between the switches."""
         self.addSwitch("s1", cls=ClassicalSwitch, dpid="1")
         self.addHost("sim", cls=DispatcherHost, ip="10.0.0.250/24")
         self.addLink("sim", "s1")
@@ -29,7 +29,7 @@ class Trunk(Topo):
                 self.addLink(name, "s1")
                 self.addLink(name, switch, cls=FiberLink)
         for _ in range(fibers):
-            self.addLink("q1", "q2", cls=FiberLink)
+            self.addLink("q1", "q2", cls=FiberLink, channels=channels)
 
 
 topos = {"trunk": Trunk}

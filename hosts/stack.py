@@ -15,11 +15,10 @@ from typing import Any
 from hosts.hardware.ports import read_ports
 from hosts.hardware.qnic import HardwareError, Qnic, release
 from hosts.middleware.device import Device
-from hosts.middleware.qkd.keyring import Keyring
-from hosts.middleware.qkd.pair_secrets import PairSecrets
+from hosts.middleware.qkd.keyring import Keyring, PairSecrets
 from hosts.middleware.services import KINDS, NAMES
 from hosts.middleware.services.interception.interception import Interception
-from hosts.middleware.services.interception.options import InterceptionOptions
+from hosts.middleware.services.interception.passing import InterceptionOptions
 from hosts.middleware.services.source import check_source, make_pairs
 from hosts.middleware.services.swapping.connections import serve_link
 from hosts.middleware.session.arrangement import Arrangement, Light
@@ -27,10 +26,11 @@ from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.ends import ConnectionEnd
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.host_resources import HostResources
-from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.node_features import refusal
+from hosts.middleware.session.offers import check_wavelength
 from hosts.middleware.session.session import AcceptingSession, OpeningSession, require_source
 from hosts.middleware.session.swap_orders import Swaps
+from hosts.middleware.session.values import Lifetimes
 from hosts.middleware.verdicts import Verdicts
 from hosts.processing_unit.pairs import Arriving, Sessions
 from hosts.processing_unit.unit import ProcessingUnit
@@ -41,6 +41,7 @@ from hosts.timeouts import ANSWER_TIMEOUT_S
 from wire.config import STANDING, HostConfig
 from wire.features import HERALD
 from wire.metadata import Handshake, MemoryState, Reason, Service, Setup, Verdict
+from wire.optical import ANY_WAVELENGTH
 from wire.services import HERALDED_LIGHT, Role
 
 log = logging.getLogger("stack")
@@ -70,6 +71,7 @@ class Stack:
             tuple(config.intensities),
             Lifetimes(config.t1_s, config.t2_s, config.depolarizing_s, config.cutoff_s),
             lambda: config.hosts,
+            config.channels_mhz,
         )
         self._cut_off(None)
         self.active_sessions = ActiveSessions(self.swaps.opens)
@@ -104,6 +106,7 @@ class Stack:
             session=self._new_session(),
             service=kind.service,
             source=address,
+            wavelength_pm=ANY_WAVELENGTH,
             **options.asked(),
         )
         setup = self._heralded(self.device.override(setup), source)
@@ -124,7 +127,8 @@ class Stack:
         """Prepare an interception; raise SessionError for what cannot be asked."""
         options = InterceptionOptions.from_fields(fields)
         config = self._config
-        return Interception(self._qnic, options, config.seed, config.name, config.memory_qubits)
+        qnic = self._resources.at(options.wavelength_pm).qnic
+        return Interception(qnic, options, config.seed, config.name, config.memory_qubits)
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Serve one connection on the quantum-metadata port."""
@@ -165,12 +169,14 @@ class Stack:
 
     async def _emit_pairs(self, channel: MetadataChannel, setup: Setup) -> None:
         with self.active_sessions.engage(setup.session, Role.SOURCE), self.device.serves(setup):
-            end = ConnectionEnd(self._qnic, setup, channel)
+            check_wavelength(setup)
+            qnic = self._resources.at(setup.wavelength_pm).qnic
+            end = ConnectionEnd(qnic, setup, channel)
             check_source(end.side)
             try:
                 await end.perform(make_pairs(end.side, self.device.made))
             finally:
-                await release(self._qnic, setup.session)
+                await release(qnic, setup.session)
 
     @contextmanager
     def _opening(self, session: OpeningSession) -> Iterator[None]:

@@ -1,6 +1,7 @@
 """One quantum switch's agent: its three layers put together, from start to end."""
 
 import asyncio
+from contextlib import AbstractAsyncContextManager, nullcontext
 
 from qswitch_agent.bridge import Commands, Monitor
 from qswitch_agent.hardware.optics import OpticalHardware
@@ -17,7 +18,7 @@ class Agent:
     """The agent of one switch, over the hardware that it is given."""
 
     def __init__(self, config: AgentConfig, hardware: OpticalHardware) -> None:
-        self._hardware = hardware
+        self._hardware, self._config = hardware, config
         self._paths = LightPaths(config.fiber_ports, hardware, config.time)
         self._monitor = Monitor(config.management, self._paths.update, self._ports_changed)
         self._commands = Commands(config.management)
@@ -58,7 +59,7 @@ class Agent:
             self._start(),
         ]
         try:
-            async with asyncio.TaskGroup() as group:
+            async with self._telemetry(), asyncio.TaskGroup() as group:
                 tasks = [group.create_task(layer) for layer in layers]
                 await stop.wait()
                 for task in tasks:
@@ -69,6 +70,14 @@ class Agent:
             self._monitor.close()
             self._commands.close()
             self._channels.close()
+
+    def _telemetry(self) -> AbstractAsyncContextManager[None]:
+        """Serve telemetry meanwhile, if that is configured."""
+        if not self._config.gnmi:
+            return nullcontext()
+        from qswitch_agent.telemetry.server import serving
+
+        return serving(self._config, self._switch)
 
     async def _start(self) -> None:
         """Make the cross-connects of the table as it is, then let the bridge connect."""

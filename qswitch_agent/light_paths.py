@@ -60,6 +60,11 @@ class LightPaths:
         self._added_ns: dict[int, int] = {}  # when entries came, by circuit
         self._idle: set[tuple[int, bytes, int]] = set()  # asked to be removed
 
+    @property
+    def standing(self) -> frozenset[CrossConnect]:
+        """What the hardware has made, and light passes."""
+        return self._standing
+
     def update(self, updates: Iterable[FlowUpdate]) -> None:
         """Take changes of the flow table; the hardware follows as soon as it can."""
         for update in updates:

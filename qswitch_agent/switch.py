@@ -218,6 +218,11 @@ class Switch:
             (self.ports.discard if port.gone else self.ports.add)(port.number)
 
     @property
+    def described(self) -> dict[int, Port]:
+        """The ports that are fibres', as the bridge describes them."""
+        return self._channels.ports
+
+    @property
     def optical_alone(self) -> bool:
         """Whether there is no copper, so that the bridge forwards no packets."""
         return not self.ports - self.fibers - {ofp.OFPP_LOCAL}
@@ -234,7 +239,7 @@ class Switch:
         healthy = port.up and not self._condition.hot
         state = state | ofp.OFPPS_LIVE if healthy else state & ~ofp.OFPPS_LIVE
         config = port.config & ~ofp.OFPPC_NO_FWD  # our own, not the controllers'
-        optics = optical_ports.description(self._condition).encode()
+        optics = optical_ports.description(self._condition, port.number).encode()
         properties = on_fiber(port.properties) + optics
         return Port(port.number, port.address, port.name, config, state, properties)
 
@@ -242,15 +247,15 @@ class Switch:
         """Return what paths do to light: first all that are not named, then the others."""
         return optical_ports.path_optics(self._condition)
 
-    def tuning(self, wanted: PortTuning) -> Tuned:
-        """Return what a PORT_MOD asks for; raise Refusal for what ports cannot be tuned to."""
-        return optical_ports.tuned(wanted, self._condition.tuning)
+    def tuning(self, port: int, wanted: PortTuning) -> Tuned:
+        """Return what a PORT_MOD asks for; raise Refusal for what a port cannot be tuned to."""
+        return optical_ports.tuned(wanted, optical_ports.tuning_of(self._condition, port))
 
     def light(self, port: int, readings: Readings) -> PortLight:
         """Return the optical statistics of a port; no light comes from a fibre that is cut."""
         whole = port in self._channels.ports and self._channels.ports[port].up
-        grid_mhz = self._condition.tuning.grid_mhz if self._condition.tuning else 0
-        return optical_ports.light(readings, port, whole, grid_mhz)
+        tuning = optical_ports.tuning_of(self._condition, port)
+        return optical_ports.light(readings, port, whole, tuning.grid_mhz if tuning else 0)
 
 
 def impossible_path(reason: str) -> Refusal:

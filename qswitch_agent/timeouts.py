@@ -8,6 +8,10 @@ CLOSE_DEADLINE_S = 0.5  # until a connection that is closed has taken what was s
 FIRST_RETRY_S = 0.05  # until the controller is called again at first
 LAST_RETRY_S = 1.0  # the same, in the end
 
+# Telemetry
+TELEMETRY_PERIOD_S = 1.0  # between two looks, unless a subscription says another
+TELEMETRY_LEAST_S = 0.1  # the shortest that it can say
+
 # Optics
 CALL_DEADLINE_S = 4.0  # until the hardware has done what it was told
 SCPI_POLL_S = 1.0  # between two questions for what an instrument does not tell by itself

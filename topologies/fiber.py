@@ -14,29 +14,12 @@ from wire.parameters.fiber import Fiber, FiberEnd, FiberOptics, optics
 from wire.parameters.physics import BadParameter
 
 OPTICS = frozenset(each.name for each in fields(FiberOptics))
+# The ports of channel 1 are numbered as Mininet does, those of each further channel so much higher.
+PORTS_PER_CHANNEL = 1_000
 
 
-class FiberLink(Link):
-    """A veth pair whose light is modelled by the dispatcher.
-
-    The bridge gets a real port and Mininet's verbs (net, links, link … down) work on it.
-    The host's end is its QNIC and is called <host>-q0, <host>-q1, …
-    Optics go by keyword, as the fields of wire.parameters.fiber.FiberOptics; raise BadParameter for
-    what no fibre is like. A noise model of the user's own is in a file that is relative to
-    where the program runs.
-    """
-
-    def __init__(self, node1: Node, node2: Node, **params: object) -> None:
-        where = f"fibre {node1.name} to {node2.name}"
-        given = {name: params.pop(name) for name in OPTICS & params.keys()}
-        refuse_unknown(where, params, type(self), Intf, also=sorted(OPTICS))
-        described = resolved(optics(where, **given))
-        network = runtime.current()
-        for key, node in (("intfName1", node1), ("intfName2", node2)):
-            if not isinstance(node, Switch):
-                params[key] = qnic_name(node)
-        super().__init__(node1, node2, **quick(params))
-        network.fibers.append(Fiber.joining(_end(self.intf1), _end(self.intf2), described))
+class Channel(Link):
+    """A veth pair for light of one channel."""
 
     @classmethod
     def makeIntfPair(  # noqa: N802 (Mininet's name)
@@ -58,6 +41,64 @@ class FiberLink(Link):
         lay([(intfname1, addr1, node1), (intfname2, addr2, node2)])
         for node, name in ((node1, intfname1), (node2, intfname2)):
             switch_ipv6_off(node, name)
+
+
+class FiberLink(Channel):
+    """A veth pair whose light is modelled by the dispatcher; of each channel one.
+
+    The bridge gets a real port and Mininet's verbs (net, links, link … down) work on it.
+    The host's end is its QNIC and is called <host>-q0, <host>-q1, …
+    Optics go by keyword, as the fields of wire.parameters.fiber.FiberOptics; raise BadParameter for
+    what no fibre is like. A noise model of the user's own is in a file that is relative to
+    where the program runs.
+    """
+
+    def __init__(self, node1: Node, node2: Node, **params: object) -> None:
+        where = f"fibre {node1.name} to {node2.name}"
+        given = {name: params.pop(name) for name in OPTICS & params.keys()}
+        refuse_unknown(where, params, type(self), Intf, also=sorted(OPTICS))
+        described = resolved(optics(where, **given))
+        super().__init__(node1, node2, **quick({**params, **_names(node1, node2)}))
+        ports = [node.ports[end] for node, end in ((node1, self.intf1), (node2, self.intf2))]
+        if described.channels > 1 and max(ports) >= PORTS_PER_CHANNEL:
+            raise BadParameter(
+                f"{where}: port {max(ports)} of a node cannot have channels; lay fibres that have "
+                f"them first, at ports below {PORTS_PER_CHANNEL}"
+            )
+        fibers, first = runtime.current().fibers, _end(self.intf1)
+        fibers.append(Fiber.joining(first, _end(self.intf2), described, 1, _strand(first)))
+        self.channels: list[Channel] = []  # beside the first
+        for channel in range(2, described.channels + 1):
+            near, far = (port + PORTS_PER_CHANNEL * (channel - 1) for port in ports)
+            names = {**_names(node1, node2), "port1": near, "port2": far}
+            link = Channel(node1, node2, **quick({**params, **names}))
+            self.channels.append(link)
+            ends = _end(link.intf1), _end(link.intf2)
+            fibers.append(Fiber.joining(*ends, described, channel, _strand(first)))
+
+    def delete(self) -> None:
+        """Delete this link, with all of its channels."""
+        for link in self.channels:
+            link.delete()
+        super().delete()
+
+
+def channels_of(link: Link) -> list[Channel]:
+    """Return the channels of a link beside the first, none of one that is no fibre."""
+    return link.channels if isinstance(link, FiberLink) else []
+
+
+def _names(*nodes: Node) -> dict[str, str]:
+    """Return the keywords that name the next QNICs of those nodes that are hosts."""
+    return {
+        f"intfName{number}": qnic_name(node)
+        for number, node in enumerate(nodes, 1)
+        if not isinstance(node, Switch)
+    }
+
+
+def _strand(end: FiberEnd) -> str:
+    return f"{end.node} {end.port}"
 
 
 def qnic_name(host: Node) -> str:

@@ -6,6 +6,7 @@ from contextlib import ExitStack
 from mininet.node import Host, Switch
 
 from topologies import openvswitch, runtime
+from topologies.fiber import channels_of
 from topologies.iperf import IperfMininet
 from topologies.nodes import ClassicalSwitch, OpticalSwitch, QuantumController
 from topologies.shells import ShellWatcher
@@ -59,7 +60,8 @@ class ParallelMininet(IperfMininet):
         """
         nodes = (*self.hosts, *self.controllers, *self.switches)
         ours = [switch for switch in self.switches if isinstance(switch, ClassicalSwitch)]
-        ends = [(link.intf1, link.intf2) for link in self.links]
+        links = [each for link in self.links for each in (link, *channels_of(link))]
+        ends = [(link.intf1, link.intf2) for link in links]
         here = [[str(end) for end in pair if isinstance(end.node, Switch)] for pair in ends]
         going = {name for names in here for name in names} | runtime.current().management
         between = [name for names in here if len(names) == 2 for name in names]

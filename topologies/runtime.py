@@ -74,6 +74,7 @@ class Runtime:
     device_keys: dict[str, str] = field(default_factory=dict)  # of the hosts' node agents
     hurried: bool = False  # whether commands in nodes' shells have a deadline
     metrics_addresses: dict[str, str] = field(default_factory=dict)  # by program: where
+    gnmi_addresses: dict[str, str] = field(default_factory=dict)  # by quantum switch: where
 
     def __post_init__(self) -> None:
         self._hosts_written, self._writing_hosts = 0, Lock()

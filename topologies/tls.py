@@ -13,6 +13,7 @@ from wire.credentials import Credentials
 
 KEY_LOG = "openflow.keys"  # file beside the captures, by which Wireshark reads OpenFlow
 ENTRANCE = "c0-tls"  # the program
+OPERATOR = "operator"  # name in the certificate of who reads telemetry
 OPEN_VSWITCH = "open-vswitch"  # name in the certificate of all bridges
 
 
@@ -40,6 +41,12 @@ def entrance(
         datapath_ids={name: int(bridge.dpid, 16) for name, bridge in network.bridges.items()},
         key_log=str(network.private_file(KEY_LOG)),
     )
+
+
+def certify_operator(network: Runtime) -> None:
+    """Make a certificate for whoever reads telemetry, beside those of programs."""
+    if network.settings.tls and not (network.folder / "tls" / f"{OPERATOR}.pem").exists():
+        credentials(network, OPERATOR)
 
 
 def certify_bridges(network: Runtime) -> None:

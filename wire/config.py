@@ -156,6 +156,9 @@ class HostConfig(Config):
     t1_s: float = Device().memory.t1_s
     t2_s: float = Device().memory.t2_s
     depolarizing_s: float = Device().memory.depolarizing_s
+    # Interfaces that are channels of a fibre, and their frequencies; of all others light of any
+    # colour passes.
+    channels_mhz: dict[str, int] = field(default_factory=dict)
     cutoff_s: float = Device().memory.cutoff_s
     credentials: Credentials | None = None  # the dispatcher is reached by TLS
 
@@ -205,6 +208,7 @@ class AgentConfig(MeasuredConfig):
     hardware_ports: dict[str, list[int]] = field(default_factory=dict)
     programs: str = ""  # path of a Unix socket for ovs-ofctl and the like; empty: none
     credentials: Credentials | None = None  # controllers are reached by TLS
+    gnmi: str = ""  # where telemetry is served: "127.0.0.1:9339"; empty: nowhere
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> "AgentConfig":

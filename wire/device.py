@@ -60,6 +60,7 @@ TAG_BYTES = 16
 UNSET = 0xFFFFFFFF
 PORT = struct.Struct("!15s?")
 MAX_REPEATERS = 16  # in one chain
+MAX_LEVEL_ROUNDS = 8  # of purification, of each span
 NOBODY = str(IPv4Address(0))  # no host's address
 
 
@@ -234,7 +235,7 @@ class SwapOrder(Message):
     """
 
     KIND = 36
-    FIELDS = struct.Struct("!QB4sBBBBBB4s")
+    FIELDS = struct.Struct("!QB4sBBBBBB4sBBBBBB")
 
     chain: int  # the session that the opener has asked for
     place: int  # in the chain: the opener's is 0, the first repeater's 1
@@ -248,11 +249,25 @@ class SwapOrder(Message):
     tell_left: int = 0  # the place that waits for such a notice of this one's swap
     notices: int = 0  # that come from the right: its own, and those that it passes on
     station: str = NOBODY  # IPv4 address of what heralds the link to the right; NOBODY: nothing
+    # Pairs are purified before they are swapped: by this protocol (1 BBPSSW, 2 DEJMPS) so often, of
+    # each of so many spans that end here, on either side; 0 rounds: not at all.
+    protocol: int = 0
+    rounds: int = 0
+    spans_left: int = 0
+    spans_right: int = 0
+    # What others tell each other that passes here when it has swapped; at the last node, how many
+    # swaps it hears of in the end.
+    to_right: int = 0
+    to_left: int = 0
 
     @property
     def last(self) -> bool:
         """Whether the chain ends here."""
         return self.right == NOBODY
+
+    def seed(self, block: int) -> int:
+        """Return what the twirls of a block are drawn by; the same order, the same draws."""
+        return (self.chain * 31 + self.place * 17 + block) % (1 << 32)
 
     @property
     def repeats(self) -> bool:
@@ -296,12 +311,29 @@ class SwapOrder(Message):
 
     def _check_schedule(self) -> None:
         """Raise MalformedPacket unless the others are where they are said to be."""
+        self._check_purification()
         told = self.after_left, self.after_right, self.tell_left, self.notices
         left = max(self.after_left, self.tell_left) < self.place
         right = self.after_right == 0 or self.place < self.after_right <= MAX_REPEATERS
         few = bool(self.after_right) <= self.notices <= MAX_REPEATERS - self.place
         if not (left and right and few) if self.repeats else any(told):
             raise MalformedPacket(f"SwapOrder: place {self.place} with the schedule {told}")
+
+    def _check_purification(self) -> None:
+        """Raise MalformedPacket for a plan that cannot be."""
+        plan = self.spans_left, self.spans_right, self.to_right, self.to_left
+        if not self.rounds and not self.protocol:
+            fits = not any(plan)
+        else:
+            left, right = self.place > 0, not self.last
+            ends = bool(self.spans_left) == left and bool(self.spans_right) == right
+            passing = self.repeats or (not self.to_left and bool(self.to_right) == self.last)
+            fits = (
+                self.protocol in (1, 2) and 0 < self.rounds <= MAX_LEVEL_ROUNDS and ends and passing
+            )
+        if not fits:
+            text = f"{self.rounds} rounds of protocol {self.protocol} with the spans {plan}"
+            raise MalformedPacket(f"SwapOrder: place {self.place} purifies {text}")
 
 
 KINDS: dict[int, type[Message]] = {

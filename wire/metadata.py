@@ -215,6 +215,7 @@ class Setup(Message):
     interleave: int = 0  # 1: the bits of its codewords travel far from each other
     polarization: int = 0  # 0 is the horizontal/vertical basis
     memory: int = MemoryState.ANY
+    # wire.optical.ANY_WAVELENGTH: what the controller writes here with its verdict.
     wavelength_pm: int = 1_550_120
     phase_mrad: int = 0
     sync_window_ps: int = 1_000_000
@@ -274,32 +275,36 @@ class Answer(Message):
 
     A receiver that accepts a set-up says how many Bell states its analyser tells apart, and
     by which operators the sender shall send that many symbols: with 3, those that stay
-    distinguishable behind the known rotation of the light path.
+    distinguishable behind the known rotation of the light path. Whoever accepts a set-up says at
+    which wavelength its light was granted.
     """
 
     KIND = 2
-    FIELDS = struct.Struct("!HBB")
+    FIELDS = struct.Struct("!HBBI")
 
     reason: int
     text: str = ""
     symbols: int = 0  # 3 or 4; 0 in any other answer
     encoding: int = 0
+    wavelength_pm: int = 0  # 0 in any other answer
 
     def encode(self) -> bytes:
         """Return the message as it goes onto the wire; a text over 1,000 bytes is cut."""
         text = self.text.encode()[:1000].decode(errors="ignore").encode()
-        return self._frame(self.FIELDS.pack(self.reason, self.symbols, self.encoding) + text)
+        fixed = self.reason, self.symbols, self.encoding, self.wavelength_pm
+        return self._frame(self.FIELDS.pack(*fixed) + text)
 
     @classmethod
     def parse(cls, session: int, body: bytes) -> "Answer":
         """Build the message from its body; raise MalformedPacket if it does not fit."""
-        (reason, symbols, encoding), text = _split(cls, body)
+        (reason, symbols, encoding, wavelength_pm), text = _split(cls, body)
         if symbols or encoding:
             _check_encoding(encoding)
             if symbols not in SYMBOLS:
                 raise MalformedPacket(f"Answer: {symbols} symbols")
         try:
-            return cls(session, _member(Reason, reason), text.decode(), symbols, encoding)
+            told = text.decode(), symbols, encoding, wavelength_pm
+            return cls(session, _member(Reason, reason), *told)
         except UnicodeDecodeError as error:
             raise MalformedPacket(f"Answer: text is not UTF-8: {error}") from error
 

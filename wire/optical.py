@@ -30,6 +30,7 @@ LIGHT_M_PER_S = 299_792_458
 CHANNEL_MHZ = 12_500  # finest grid of ITU-T G.694.1
 DEFAULT_FREQUENCY_MHZ = 193_400_000  # 1550.12 nm
 WAVELENGTHS_PM = (100_000, 10_000_000)  # ultraviolet to infrared
+ANY_WAVELENGTH = 0  # of a set-up: the controller chooses the channel, and writes it there
 
 
 @dataclass(frozen=True)
@@ -146,3 +147,8 @@ def frequency_mhz(wavelength_pm: int) -> int:
     if not least <= wavelength_pm <= most:
         raise ValueError(f"wavelength {wavelength_pm} pm is not {least} to {most} pm")
     return round(LIGHT_M_PER_S * 1e6 / wavelength_pm / CHANNEL_MHZ) * CHANNEL_MHZ
+
+
+def wavelength_pm(frequency_mhz: int) -> int:
+    """Return the wavelength of a channel, to the picometre."""
+    return round(LIGHT_M_PER_S * 1e6 / frequency_mhz)

@@ -359,6 +359,7 @@ class QuantumMetadata(App):
     def _follow_policy(self) -> None:
         policy = self.permission.policy
         self.arbiter.taps, self.arbiter.schedule = policy.taps, policy.schedule
+        self.arbiter.purification = policy.purification
         self.arbiter.follow(policy.queue)
         self.arbiter.needs_handshake = policy.filter.handshakes
         self.arbiter.needs_sequence = policy.filter.sequences

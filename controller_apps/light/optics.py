@@ -74,6 +74,12 @@ class Optics:
     tuned_mhz: dict[SwitchPort, int] = field(default_factory=dict)
     lights: dict[SwitchPort, PortLight] = field(default_factory=dict)  # as last measured
     losses: int = field(default=0, compare=False)  # another number if a loss may have changed
+    _channels_mhz: list[int] | None = field(default=None, init=False, compare=False, repr=False)
+
+    def described(self, at: SwitchPort, port: PortOptics) -> None:
+        """Take what a port says of how far it can be tuned."""
+        self.ranges[at] = port
+        self._channels_mhz = None
 
     def told(self, dpid: int, optics: SwitchOptics) -> None:
         """Take what a switch says of its paths."""
@@ -97,6 +103,19 @@ class Optics:
         self.tuned_mhz[at] = light.tx_mhz
         return news
 
+    @property
+    def channels_mhz(self) -> list[int]:
+        """The frequencies of all ports that are channels of a fibre, in order."""
+        if self._channels_mhz is None:
+            fixed = {port.tx_min_mhz for port in self.ranges.values() if is_channel(port)}
+            self._channels_mhz = sorted(fixed)
+        return self._channels_mhz
+
+    def is_of_channel(self, at: SwitchPort, frequency_mhz: int) -> bool:
+        """Tell whether a port is this channel of a fibre, or of a fibre without channels."""
+        port = self.ranges.get(at)
+        return port is None or not is_channel(port) or port.tx_min_mhz == frequency_mhz
+
     def forget_light(self, at: SwitchPort) -> None:
         """Forget what was measured at a port whose fibre has changed."""
         self.lights.pop(at, None)
@@ -105,6 +124,7 @@ class Optics:
     def forget_switch(self, dpid: int) -> None:
         """Forget all that a switch has told."""
         self.switches.pop(dpid, None)
+        self._channels_mhz = None
         self.losses += 1
         for table in (self.ranges, self.tuned_mhz, self.lights):
             for at in [at for at in table if at.dpid == dpid]:
@@ -120,7 +140,8 @@ class Optics:
 
     def must_tune(self, at: SwitchPort, frequency_mhz: int) -> bool:
         """Tell whether a port is, as far as is known, not tuned to a frequency."""
-        return at in self.ranges and self.tuned_mhz.get(at) != frequency_mhz
+        port = self.ranges.get(at)
+        return port is not None and not is_channel(port) and self.tuned_mhz.get(at) != frequency_mhz
 
     def fiber_loss_mdb(self, near: SwitchPort, far: SwitchPort | None) -> int:
         """Return what light loses from near to far, in thousandths of a dB; far None: a host.
@@ -142,6 +163,11 @@ class Optics:
     def _rx_power(self, at: SwitchPort) -> int | None:
         light = self.lights.get(at)
         return light.rx_power if light and light.flags & VALID_RX_PWR else None
+
+
+def is_channel(port: PortOptics) -> bool:
+    """Tell whether a multiplexer fixes the frequency of a port."""
+    return 0 < port.tx_min_mhz == port.tx_max_mhz == port.rx_min_mhz == port.rx_max_mhz
 
 
 def _power(light: PortLight | None) -> tuple[int, int, int] | None:

@@ -198,6 +198,13 @@ class Network:
         """Return where the ports of a host are, in order of their names; empty if unknown."""
         return self._hosts_by_address().ports.get(address, [])
 
+    def channel_ports_of(self, address: str, frequency_mhz: int | None) -> list[SwitchPort]:
+        """Return the same of one channel, and ports that are of no channel; None: of any."""
+        ports = self.ports_of(address)
+        if frequency_mhz is None:
+            return ports
+        return [at for at in ports if self.optics.is_of_channel(at, frequency_mhz)]
+
     def node_features_of(self, address: str) -> NodeFeatures | None:
         """Return what a host can do, if its ports say different things what all of them say."""
         return self._hosts_by_address().node_features.get(address)

@@ -25,23 +25,32 @@ class CannotTap(ValueError):
         self.reason = reason
 
 
-def tapped(legs: Sequence[Leg], network: Network, taps: Sequence[Tap]) -> list[Leg]:
-    """Return the legs, each that a tap is on divided in two; raise CannotTap."""
-    return [part for leg in legs for part in _parts(leg, network, taps)]
+def tapped(
+    legs: Sequence[Leg], network: Network, taps: Sequence[Tap], frequency_mhz: int
+) -> list[Leg]:
+    """Return the legs of this light, each that a tap is on divided in two; raise CannotTap."""
+    return [part for leg in legs for part in _parts(leg, network, taps, frequency_mhz)]
 
 
-def _parts(leg: Leg, network: Network, taps: Sequence[Tap]) -> list[Leg]:
+def _parts(leg: Leg, network: Network, taps: Sequence[Tap], frequency_mhz: int) -> list[Leg]:
     ends = {network.hosts[at].host for at in leg}
     for tap in taps:
         if set(tap.between) == ends:
-            inward, outward = _fibers(tap, network)
+            inward, outward = _fibers(tap, network, frequency_mhz)
             return [Leg(leg.start, inward), Leg(outward, leg.end)]
     return [leg]
 
 
-def _fibers(tap: Tap, network: Network) -> list[SwitchPort]:
-    """Return where the first two fibres of the host that taps are."""
-    named = {host.name: at for at, host in network.hosts.items() if host.host == tap.by}
+def _fibers(tap: Tap, network: Network, frequency_mhz: int) -> list[SwitchPort]:
+    """Return where the first two fibres of the host that taps are, by their channel if they have.
+
+    Raise CannotTap if it has none, or too few.
+    """
+    named = {
+        host.name: at
+        for at, host in network.hosts.items()
+        if host.host == tap.by and network.optics.is_of_channel(at, frequency_mhz)
+    }
     if not named:
         known = ", ".join(sorted({host.host for host in network.hosts.values()}))
         raise CannotTap(

@@ -58,7 +58,7 @@ class Fibers:
             return False
         optics = optical_messages.port_optics(port)
         if optics is not None:
-            self.network.optics.ranges[at] = optics
+            self.network.optics.described(at, optics)
         news = self.network.set_fiber(at, whole)
         if news:
             self._logger.info("port %#x:%d is %s", *at, "up" if whole else "down")

@@ -26,7 +26,9 @@ host = "r1"                 # "*": every host
 between = ["alice", "bob"]  # left out: of any two
 
 [swap]
-schedule = "parallel"       # who swaps when, or "left-to-right", "nested": see sessions.schedules
+schedule = "parallel"       # who swaps when, or "left-to-right", "nested": see policy.schedules
+purification = "dejmps"     # or "bbpssw": what is done to pairs before they are swapped,
+rounds = 0                  # so often: of links, and of what swaps make
 
 [queue]
 order = "fcfs"              # who waits gets light in this order, or "edf", "slots": policy.orders
@@ -55,8 +57,21 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from controller_apps.policy.orders import IN_TURN, ORDERS, SLOTS, Queue
-from controller_apps.policy.schedules import PARALLEL, SCHEDULES
-from wire.device import MAX_SHARE, PERIODS_S, DeviceSettings, check_settings, setting_number
+from controller_apps.policy.schedules import (
+    PARALLEL,
+    PROTOCOLS,
+    SCHEDULES,
+    UNPURIFIED,
+    Purification,
+)
+from wire.device import (
+    MAX_LEVEL_ROUNDS,
+    MAX_SHARE,
+    PERIODS_S,
+    DeviceSettings,
+    check_settings,
+    setting_number,
+)
 from wire.metadata import Service
 from wire.services import LIGHT, RETURNS
 
@@ -201,6 +216,7 @@ class Policy:
     reporting: Reporting = Reporting()
     taps: tuple[Tap, ...] = ()
     schedule: str = PARALLEL  # of chains of repeaters
+    purification: Purification = UNPURIFIED  # in them
     filter: Filter = Filter()
     queue: Queue = IN_TURN  # of those that wait for light
     closed: frozenset[frozenset[str]] = frozenset()  # pairs of switches, by their names
@@ -280,7 +296,7 @@ def parse_policy(text: str) -> Policy:
         {name: _parse_settings(device, f"device {name}") for name, device in devices.items()},
         _parse_reporting(_table(content.get("report", {}), "report")),
         _parse_taps(_array(content, "tap", MAX_TAPS)),
-        _parse_schedule(_table(content.get("swap", {}), "swap")),
+        *_parse_swap(_table(content.get("swap", {}), "swap")),
         _parse_filter(_table(content.get("filter", {}), "filter")),
         _parse_queue(_table(content.get("queue", {}), "queue")),
         _parse_closed(_array(content, "closed", MAX_CLOSED)),
@@ -374,9 +390,13 @@ def _is_name(value: object) -> bool:
     return isinstance(value, str) and bool(value)
 
 
-def _parse_schedule(table: dict[str, Any]) -> str:
-    _only(table, "swap", {"schedule"})
-    return _one_of(table.get("schedule", PARALLEL), SCHEDULES, "swap: schedule")
+def _parse_swap(table: dict[str, Any]) -> tuple[str, Purification]:
+    _only(table, "swap", {"schedule", "purification", "rounds"})
+    schedule = _one_of(table.get("schedule", PARALLEL), SCHEDULES, "swap: schedule")
+    given = table.get("purification", UNPURIFIED.protocol)
+    protocol = _one_of(given, tuple(PROTOCOLS), "swap: purification")
+    rounds = _number(table.get("rounds", 0), 0, MAX_LEVEL_ROUNDS, "swap: rounds")
+    return schedule, Purification(protocol, rounds)
 
 
 def _parse_queue(table: dict[str, Any]) -> Queue:

@@ -7,7 +7,7 @@ nested          each of the odd places at once, then every second of the rest wh
                 PRL 81, 5932); a chain that is no power of two of links is halved all the same
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -44,6 +44,64 @@ def _nested(repeaters: int) -> Schedule:
 
     last_of(1, repeaters)
     return turns
+
+
+@dataclass(frozen=True)
+class Purification:
+    """What is done to pairs before they are swapped: as many rounds at each level of a chain."""
+
+    protocol: str = "dejmps"  # one of PROTOCOLS
+    rounds: int = 0
+
+
+UNPURIFIED = Purification()
+PROTOCOLS: Mapping[str, int] = MappingProxyType({"bbpssw": 1, "dejmps": 2})  # as hosts number them
+
+
+@dataclass(frozen=True)
+class Span:
+    """Pairs of two nodes of a chain, made of those of the links between them, by their places."""
+
+    left: int
+    right: int
+
+    def passes(self, place: int) -> bool:
+        """Return whether a place is between both ends."""
+        return self.left < place < self.right
+
+
+def spans(name: str, repeaters: int) -> tuple[list[Span], list[tuple[int, Span]]]:
+    """Return the spans that are purified, shorter ones first; and what each swap makes, by place.
+
+    Those are the links, and what swaps make of them but for the last one, which the ends of the
+    chain purify themselves. Where nobody waits for others, they are the links alone, and what swaps
+    tell goes all the way to the right end.
+    """
+    turns = schedule(name, repeaters)
+    left = {place: place - 1 for place in range(1, repeaters + 2)}
+    right = {place: place + 1 for place in range(repeaters + 1)}
+    purified = [Span(place, place + 1) for place in right]
+    made: list[tuple[int, Span]] = []
+    for place in _in_order(turns):
+        if name == PARALLEL:
+            made.append((place, Span(0, repeaters + 1)))
+            continue
+        span = Span(left[place], right[place])
+        left[span.right], right[span.left] = span.left, span.right
+        made.append((place, span))
+        if span != Span(0, repeaters + 1):
+            purified.append(span)
+    return purified, made
+
+
+def _in_order(turns: Schedule) -> Iterator[int]:
+    """Yield places such that each comes behind those it waits for."""
+    done = {0}
+    while len(done) <= len(turns):
+        for place, turn in turns.items():
+            if place not in done and {turn.after_left, turn.after_right} <= done:
+                done.add(place)
+                yield place
 
 
 _SCHEDULES: Mapping[str, Callable[[int], Schedule]] = MappingProxyType(

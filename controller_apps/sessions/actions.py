@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from controller_apps.light.paths import Hop
 from controller_apps.packets.segments import FiveTuple
+from controller_apps.policy.schedules import UNPURIFIED, Purification
 from controller_apps.sessions.sessions import Chain
 
 
@@ -90,6 +91,7 @@ class SwapsOrdered:
     session: int
     chain: Chain
     schedule: str = "parallel"  # who swaps when: one of schedules.SCHEDULES
+    purification: Purification = UNPURIFIED  # of pairs before they are swapped
 
 
 @dataclass(frozen=True)

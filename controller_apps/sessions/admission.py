@@ -1,8 +1,9 @@
 """The decision on a set-up: granted or refused, and over which paths. It changes no state."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 from controller_apps.light.obstacles import Obstacle, obstacles
 from controller_apps.light.optics import SwitchPort
@@ -27,7 +28,7 @@ from controller_apps.sessions.node_features import (
 from controller_apps.sessions.returns import returned_on
 from controller_apps.sessions.sessions import Chain, Session, Sessions
 from wire.metadata import Handshake, MemoryState, Reason, Service, Setup
-from wire.optical import frequency_mhz
+from wire.optical import ANY_WAVELENGTH, DEFAULT_FREQUENCY_MHZ, frequency_mhz, wavelength_pm
 from wire.services import (
     HERALDED_LIGHT,
     RETURNS,
@@ -50,6 +51,7 @@ class Admission:
     waits_for_light: bool = False  # refused only because others have the light
     chain: Chain = ()  # of repeaters, where it is wanted
     block_pairs: int = 0  # in a block at most, where memories take less than was asked for
+    wavelength_pm: int = 0  # of the channel that was chosen
     node: str = ""  # address of the one that the reason is about, if it is about one
     detail: str = ""  # why not, for a person, if the reason does not say it all
 
@@ -105,7 +107,7 @@ def _same_session(setup: Setup, five_tuple: FiveTuple, registered: Session | Non
         registered is not None
         and registered.setup.handshake == Handshake.PER_PAIR
         and registered.setup.source == setup.source
-        and registered.setup.wavelength_pm == setup.wavelength_pm
+        and registered.wavelength_pm == setup.wavelength_pm
         and registered.owner.source == five_tuple.source
         and registered.owner.destination == five_tuple.destination
     )
@@ -119,14 +121,16 @@ def find_light(
     budget_mdb: int,
     taps: Sequence[Tap] = (),
 ) -> Admission:
-    """Return the light paths that a set-up needs, or why it cannot have them now."""
+    """Return the light paths that a set-up needs, or why it cannot have them now.
+
+    Of the channels that it may have it gets the first that is free (first fit).
+    """
     hosts = {
         Role.OPENER: five_tuple.source,
         Role.ACCEPTOR: five_tuple.destination,
         Role.SOURCE: setup.source,
     }
-    ports = {role: network.ports_of(address) for role, address in hosts.items()}
-    if not all(ports.values()):
+    if not all(map(network.ports_of, hosts.values())):
         return Admission(Reason.UNKNOWN_HOST)
     service = Service(setup.service)
     if setup.memory not in OFFERED_MEMORY.get(service, (MemoryState.ANY,)):
@@ -134,25 +138,79 @@ def find_light(
     want = first_want(setup, hosts, network)
     if want is not None:
         return _refused(want)
+    try:
+        channels = channels_of(setup, five_tuple, sessions, network)
+    except ValueError:  # a wavelength outside the optical range
+        return Admission(Reason.NO_WAVELENGTH)
+    asked = Asked(setup, five_tuple, hosts, taps)
+    refusal: Admission | None = None
+    for channel in channels:
+        limits = limits_of(setup, channel, sessions, budget_mdb)
+        why = refusal is None or not refusal.waits_for_light
+        found = _find_in_channel(asked, sessions, network, limits, why)
+        if found.reason == Reason.OK:
+            return replace(found, wavelength_pm=wavelength_pm(channel) if asked.is_any else 0)
+        if why and (refusal is None or found.waits_for_light):
+            refusal = found
+    assert refusal is not None
+    return refusal
+
+
+class Asked(NamedTuple):
+    """A set-up that is to be given light, and by whom."""
+
+    setup: Setup
+    connection: FiveTuple
+    hosts: Mapping[Role, str]  # addresses
+    taps: Sequence[Tap]
+
+    @property
+    def is_any(self) -> bool:
+        """Whether the controller chooses the channel."""
+        return self.setup.wavelength_pm == ANY_WAVELENGTH
+
+
+def channels_of(
+    setup: Setup, connection: FiveTuple, sessions: Sessions, network: Network
+) -> list[int]:
+    """Return the frequencies that the light of a set-up may have, the lowest first.
+
+    What goes back on the light of another session has that one's. Raise ValueError for a
+    wavelength outside the optical range.
+    """
+    if setup.wavelength_pm != ANY_WAVELENGTH:
+        return [frequency_mhz(setup.wavelength_pm)]
+    if setup.service in RETURNS:
+        session = returned_on(setup, connection, sessions)
+        return [session.frequency_mhz] if session else [DEFAULT_FREQUENCY_MHZ]
+    return network.optics.channels_mhz or [DEFAULT_FREQUENCY_MHZ]
+
+
+def _find_in_channel(
+    asked: Asked, sessions: Sessions, network: Network, limits: Limits, why: bool
+) -> Admission:
+    """Return the light paths of one frequency, or, if somebody wants to know, why not."""
+    setup, hosts, frequency = asked.setup, asked.hosts, limits.frequency_mhz
+    assert frequency is not None
+    ports = {role: network.channel_ports_of(address, frequency) for role, address in hosts.items()}
+    service = Service(setup.service)
     if service == Service.LINK:
-        legs = _legs_of_link(setup, five_tuple, sessions, ports)
+        legs = _legs_of_link(setup, asked.connection, sessions, ports)
     else:
-        legs = legs_of(service, ports, making(setup, five_tuple.source))
+        legs = legs_of(service, ports, making(setup, hosts[Role.OPENER]))
     if legs is None:
         return Admission(Reason.NO_PATH)
     try:
-        legs = tapped(legs, network, taps)
+        legs = tapped(legs, network, asked.taps, frequency)
     except CannotTap as error:
         return Admission(error.reason, detail=str(error))
-    try:
-        limits = limits_of(setup, sessions, budget_mdb)
-    except ValueError:  # a wavelength outside the optical range
-        return Admission(Reason.NO_WAVELENGTH)
     if service == Service.SWAP:  # light comes with each link
         return _find_repeaters(setup, hosts, network, limits._replace(blocked=Limits().blocked))
     if setup.handshake == Handshake.PER_PAIR:  # light comes with each pair
         limits = limits._replace(blocked=Limits().blocked)
     paths = route(network, legs, limits)
+    if paths is None and not why:
+        return Admission(Reason.BUSY)
     if paths is None:
         reason = why_not(network, legs, limits)
         if reason == Reason.NO_PATH and (broken := obstacles(network, legs)):
@@ -210,12 +268,8 @@ def _refused(want: Want) -> Admission:
     return Admission(want.reason, detail=str(want), node=want.address)
 
 
-def limits_of(setup: Setup, sessions: Sessions, budget_mdb: int) -> Limits:
-    """Return what the light paths of a session must keep to.
-
-    Raise ValueError for a wavelength outside the optical range.
-    """
-    frequency = frequency_mhz(setup.wavelength_pm)
+def limits_of(setup: Setup, frequency: int, sessions: Sessions, budget_mdb: int) -> Limits:
+    """Return what the light paths of a session at this frequency (MHz) must keep to."""
     return Limits(lambda way: sessions.blocks(way, setup.session, frequency), frequency, budget_mdb)
 
 

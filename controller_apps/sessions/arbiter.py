@@ -16,7 +16,7 @@ from controller_apps.light.paths import Hop, Network, switches
 from controller_apps.packets.segments import RST, FiveTuple, parse
 from controller_apps.policy.orders import IN_TURN, ORDERS, SLOTS, Queue
 from controller_apps.policy.policy import Tap
-from controller_apps.policy.schedules import PARALLEL
+from controller_apps.policy.schedules import PARALLEL, UNPURIFIED, Purification
 from controller_apps.sessions.actions import (
     Action,
     AddBypass,
@@ -56,6 +56,7 @@ from wire.metadata import (
     refused,
     session_of,
 )
+from wire.parameters.network import ControllerSettings
 
 UNOPENED = Drop("unopened", "a set-up message on a connection that its other end has not opened")
 
@@ -67,13 +68,14 @@ class Arbiter:
     network: Network
     hold_timeout_s: float
     idle_timeout_s: float
-    loss_budget_db: float = 30.0  # of one light path
+    loss_budget_db: float = ControllerSettings().loss_budget_db  # of one light path
     queues: bool = False  # a request for light that is taken waits for it
     sessions: Sessions = field(default_factory=Sessions)
     forbid: Callable[[Setup, FiveTuple], Admission | None] = lambda _setup, _connection: None
     taps: Sequence[Tap] = ()  # for sessions that are still to come
     order: Queue = IN_TURN  # of those that wait for light; see `follow`
     schedule: str = PARALLEL  # for chains that are still to come: one of SCHEDULES
+    purification: Purification = UNPURIFIED  # in those
     keys: Mapping[str, str] = field(default_factory=dict)  # device keys, by address of the host
     needs_handshake: bool = False  # on the connection of a set-up; switches tell of them
     needs_sequence: bool = True  # of a FIN or RST, that fits its connection
@@ -173,7 +175,7 @@ class Arbiter:
         if admission.reason != Reason.OK and not waits:
             told = admission.reason, now, admission.detail, admission.node
             return self.verdicts.refuse(request, *told)
-        request.block_pairs = admission.block_pairs
+        request.take(admission.block_pairs, admission.wavelength_pm)
         self.sessions.retired.pop(request.five_tuple, None)
         session = self.sessions.join(request, now)
         if waits:
@@ -181,7 +183,8 @@ class Arbiter:
             self.sessions.queue[request.five_tuple] = request
             return [Note("queued", session.number)]
         if admission.chain:
-            return self.ordering.order(request, session, admission.chain, self.schedule)
+            plan = self.schedule, self.purification
+            return self.ordering.order(request, session, admission.chain, *plan)
         if not admission.paths:
             return self.verdicts.grant(request)
         return self.light.open(request, session, admission.paths)
@@ -211,7 +214,7 @@ class Arbiter:
             asking = self.sessions.of(request)
             assert asking is not None  # it waits
             del self.sessions.queue[request.five_tuple]
-            request.block_pairs = reserved.block_pairs
+            request.take(reserved.block_pairs, reserved.wavelength_pm)
             hops = (hop for path in reserved.paths for hop in path.hops)
             if self.network.is_whole(hops) and self.slots.is_free(asking, reserved):
                 actions += self.light.open(request, asking, reserved.paths)
@@ -273,7 +276,7 @@ class Arbiter:
             found = self._find_light(request)
             if found.paths:
                 del self.sessions.queue[request.five_tuple]
-                request.block_pairs = found.block_pairs
+                request.take(found.block_pairs, found.wavelength_pm)
                 actions += self.light.open(request, session, found.paths)
             elif not found.waits_for_light:
                 told = found.reason, now, found.detail, found.node
@@ -342,7 +345,8 @@ class Arbiter:
     def _count_doubted(self, now: float) -> list[Action]:
         return [
             CountBypass(dpid, request.five_tuple, request.setup.session)
-            for request in self.sessions.requests.values()
+            for session in self.sessions.by_number.values()
+            for request in session.requests.values()
             if request.doubted is not None and now - request.doubted[1] >= COUNTING_S
             for dpid in sorted(request.bypassed)[:1]
         ]

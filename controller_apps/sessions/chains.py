@@ -12,7 +12,7 @@ from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Network
 from controller_apps.light.routing import Leg, Limits, cheapest_path, route
 from controller_apps.packets.segments import FiveTuple
-from controller_apps.policy.schedules import schedule
+from controller_apps.policy.schedules import PROTOCOLS, schedule, spans
 from controller_apps.sessions.actions import SwapsOrdered
 from controller_apps.sessions.sessions import Chain, Session, Sessions, Stop
 from wire.device import MAX_REPEATERS, NOBODY, SwapOrder
@@ -34,7 +34,11 @@ def find_chain(
     `unable` says what a host lacks to be a repeater; `stations` which hosts herald, where each link
     has one between its ends.
     """
-    ports = {host.address: network.ports_of(host.address) for host in network.hosts.values()}
+    frequency = limits.frequency_mhz
+    ports = {
+        host.address: network.channel_ports_of(host.address, frequency)
+        for host in network.hosts.values()
+    }
     joins = Joins(network, ports, limits, stations)
     waiting: deque[Chain] = deque([(Stop(opener),)])
     seen: set[tuple[str, int]] = set()  # repeaters, and by which fibre light comes to them
@@ -131,6 +135,9 @@ def orders(ordered: SwapsOrdered, number: int) -> dict[str, SwapOrder]:
             zip(chain, [*(stop.address for stop in chain[1:]), NOBODY], strict=True)
         )
     ]
+    if ordered.purification.rounds:
+        told = [_purifying(order, ordered, len(chain) - 2) for order in told]
+        return {stop.address: order for stop, order in zip(chain, told, strict=True)}
     turns = schedule(ordered.schedule, len(chain) - 2)
     tells = {turn.after_right: place for place, turn in turns.items() if turn.after_right}
     for place, turn in turns.items():
@@ -142,6 +149,28 @@ def orders(ordered: SwapsOrdered, number: int) -> dict[str, SwapOrder]:
             notices=sum(waiting <= place < teller for teller, waiting in tells.items()),
         )
     return {stop.address: order for stop, order in zip(chain, told, strict=True)}
+
+
+def _purifying(order: SwapOrder, ordered: SwapsOrdered, repeaters: int) -> SwapOrder:
+    """Return an order with what its node purifies, and what it passes on when it has swapped.
+
+    A node swaps when it has purified what is to be; it need not be told of others' swaps.
+    """
+    purified, made = spans(ordered.schedule, repeaters)
+    rounds, place = ordered.purification.rounds, order.place
+    over = sum(span.passes(place) for span in purified)
+    bits = sum(swapped < place < span.right for swapped, span in made)
+    if order.last:
+        bits = sum(span.left == 0 and span.right == place for _swapped, span in made)
+    return replace(
+        order,
+        protocol=PROTOCOLS[ordered.purification.protocol],
+        rounds=rounds,
+        spans_left=sum(span.right == place for span in purified),
+        spans_right=sum(span.left == place for span in purified),
+        to_right=over * rounds + bits,
+        to_left=over * (1 + rounds),
+    )
 
 
 def ordered_link(

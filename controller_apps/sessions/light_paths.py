@@ -77,7 +77,7 @@ class Light:
         found = route(
             self.network,
             [path.leg for path in broken],
-            limits_of(session.setup, self.sessions, self.budget_mdb),
+            limits_of(session.setup, session.frequency_mhz, self.sessions, self.budget_mdb),
             kept,
             [path.rotation for path in broken],
         )

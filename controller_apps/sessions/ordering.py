@@ -6,6 +6,7 @@ set-up --> ordered --last answer--> granted
 
 from dataclasses import dataclass
 
+from controller_apps.policy.schedules import Purification
 from controller_apps.sessions.actions import Action, Note, SwapsOrdered
 from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.sessions import Chain, Request, Session, Sessions
@@ -23,13 +24,18 @@ class Ordering:
     verdicts: Verdicts
 
     def order(
-        self, request: Request, session: Session, chain: Chain, schedule: str
+        self,
+        request: Request,
+        session: Session,
+        chain: Chain,
+        schedule: str,
+        purification: Purification,
     ) -> list[Action]:
         """Tell the nodes of a chain what they do, and when; the request waits for them."""
         session.chain = chain
         request.unanswered = {stop.address for stop in chain}
         self.light.hold(request)
-        return [SwapsOrdered(session.number, chain, schedule)]
+        return [SwapsOrdered(session.number, chain, schedule, purification)]
 
     def node_answered(self, number: int, node: str, reason: Reason, now: float) -> list[Action]:
         """Note what a node (its address) says; let the request on after the last."""

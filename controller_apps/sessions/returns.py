@@ -13,6 +13,7 @@ from controller_apps.light.routing import LightPath, rotation_of
 from controller_apps.packets.segments import FiveTuple
 from controller_apps.sessions.sessions import Session, Sessions
 from wire.metadata import Handshake, Service, Setup
+from wire.optical import ANY_WAVELENGTH
 from wire.services import RETURNS
 
 
@@ -26,7 +27,7 @@ def returned_on(setup: Setup, five_tuple: FiveTuple, sessions: Sessions) -> Sess
         and session.setup.service == RETURNS[Service(setup.service)]
         and session.setup.handshake == Handshake.FRAMED
         and session.setup.source == setup.source
-        and session.setup.wavelength_pm == setup.wavelength_pm
+        and setup.wavelength_pm in (ANY_WAVELENGTH, session.wavelength_pm)
         and session.owner.source == five_tuple.destination
         and session.owner.destination == five_tuple.source
     )

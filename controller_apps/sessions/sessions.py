@@ -69,6 +69,7 @@ class Request:
     unanswered: set[str] = field(default_factory=set)  # nodes that owe an answer to their order
     bypassed: set[int] = field(default_factory=set)  # switches that let the connection pass
     block_pairs: int = 0  # granted, if it is less than was asked for
+    wavelength_pm: int = 0  # granted, if it was left to the controller
     progress: int = SETUP_LENGTH  # how many bytes of the opener have been seen, the message's too
     acceptor_next: int | None = None  # sequence number of the acceptor's next byte, as last seen
     obstacles: frozenset[Direction] = frozenset()  # what others have of what it waits for
@@ -85,6 +86,10 @@ class Request:
         """How schedulers see it while it waits."""
         return Waiting(self.started, self.setup.priority, self.late)
 
+    def take(self, block_pairs: int, wavelength_pm: int) -> None:
+        """Note what is granted where less, or nothing, was asked for; 0: as was asked."""
+        self.block_pairs, self.wavelength_pm = block_pairs, wavelength_pm
+
     def offset(self, sequence: int) -> int:
         """Return where a sequence number is, in bytes from the beginning of the message."""
         distance = (sequence - self.sequence) & 0xFFFFFFFF
@@ -98,8 +103,10 @@ class Request:
 
     @property
     def granted(self) -> Setup:
-        """The set-up with the size of blocks that memories take."""
-        return replace(self.setup, pairs=self.block_pairs or self.setup.pairs)
+        """The set-up with the size of blocks that memories take, and the channel of its light."""
+        wavelength_pm = self.wavelength_pm or self.setup.wavelength_pm
+        pairs = self.block_pairs or self.setup.pairs
+        return replace(self.setup, pairs=pairs, wavelength_pm=wavelength_pm)
 
     def decide(self, verdict: Verdict, reason: Reason, node: str = "") -> Arrival:
         """Write the answer and return the message that waited for it.
@@ -164,9 +171,15 @@ class Session:
         return tuple(hop for path in self.paths for hop in path.hops)
 
     @property
+    def wavelength_pm(self) -> int:
+        """The wavelength of its light: as was asked, or as was granted to its owner."""
+        owner = self.requests.get(self.owner)
+        return (owner.granted if owner else self.setup).wavelength_pm
+
+    @property
     def frequency_mhz(self) -> int:
-        """The frequency of its light; the set-up has been checked to name one."""
-        return frequency_mhz(self.setup.wavelength_pm)
+        """The frequency of its light; of any channel, before it has one, the default's."""
+        return frequency_mhz(self.wavelength_pm or Setup.wavelength_pm)
 
     def heard(self, now: float) -> None:
         """Note that one of its connections has spoken."""
@@ -275,6 +288,8 @@ class Sessions:
 
     def forget_retired_before(self, moment: float) -> None:
         """Remove the requests that were retired until then."""
-        for five_tuple, since in list(self.retired.items()):
-            if since <= moment:
-                self.forget(five_tuple)
+        while self.retired:
+            five_tuple, since = next(iter(self.retired.items()))  # the oldest
+            if since > moment:
+                return
+            self.forget(five_tuple)

@@ -17,6 +17,7 @@ from controller_apps.packets.segments import FiveTuple
 from controller_apps.sessions.admission import Admission
 from controller_apps.sessions.sessions import Request, Session, Sessions
 from wire.metadata import Reason
+from wire.optical import frequency_mhz
 
 ROUNDING = 1e-6  # of a slot: a moment that is that of its begin is not before it
 Find = Callable[[Request, Sessions], Admission]
@@ -29,6 +30,7 @@ class Reserved:
     slot: int
     paths: tuple[LightPath, ...]
     block_pairs: int
+    wavelength_pm: int
 
 
 @dataclass
@@ -61,7 +63,7 @@ class Slots:
             taken = self._taken.get(slot, {})
             found = find(request, replace(self.sessions, occupied=taken, obstacles=set()))
             if found.paths:
-                reserved = Reserved(slot, found.paths, found.block_pairs)
+                reserved = Reserved(slot, found.paths, found.block_pairs, found.wavelength_pm)
                 hops = (hop for path in found.paths for hop in path.hops)
                 number = request.setup.session
                 self._taken.setdefault(slot, {}).update(dict.fromkeys(directions(hops), number))
@@ -95,7 +97,8 @@ class Slots:
     def is_free(self, session: Session, reserved: Reserved) -> bool:
         """Tell whether nobody has the paths that were reserved, as who asks for no slot may."""
         hops = (hop for path in reserved.paths for hop in path.hops)
-        asking = session.number, session.frequency_mhz
+        chosen_pm = reserved.wavelength_pm or session.setup.wavelength_pm
+        asking = session.number, frequency_mhz(chosen_pm)
         return not any(self.sessions.blocks(way, *asking) for way in directions(hops))
 
     def _forget_those_over(self) -> None:

@@ -36,11 +36,12 @@ from wire.metadata import (
     Setup,
     Verdict,
 )
+from wire.optical import ANY_WAVELENGTH
 from wire.services import LIGHT
 
 MAX_KEPT_REQUESTS = 8  # of one session; it needs two
 SESSION = struct.Struct("!dBB")
-REQUEST = struct.Struct(f"!4sH4sIBI{SETUP_LENGTH}s")  # to the metadata port
+REQUEST = struct.Struct(f"!4sH4sIBII{SETUP_LENGTH}s")  # to the metadata port
 PATH = struct.Struct("!IBB")  # loss in thousandths of a dB, rotation, hops
 HOP = struct.Struct("!QII")
 NODES = struct.Struct("!B")
@@ -71,6 +72,7 @@ def encode_session(session: Session) -> bytes:
             request.sequence,
             request.rotation,
             request.granted.pairs,
+            request.granted.wavelength_pm,
             request.message,
         )
     for path in paths:
@@ -100,6 +102,7 @@ def decode_session(data: bytes, now: float) -> Session:
         raise MalformedPacket(f"a session of {requests} requests")
     owner, *others = (_request(reader, now) for _ in range(requests))
     session = Session(owner.setup.session, owner.setup, owner.five_tuple, seen, open=True)
+    session.requests = {owner.five_tuple: owner}
     session.paths = tuple(_path(reader) for _ in range(paths))
     session.light_owner = session.owner if paths else None
     (nodes,) = reader.take(NODES)
@@ -116,7 +119,8 @@ def decode_session(data: bytes, now: float) -> Session:
 
 
 def _request(reader: "_Reader", now: float) -> Request:
-    source, port, destination, sequence, rotation, pairs, message = reader.take(REQUEST)
+    source, port, destination, sequence, rotation, *granted, message = reader.take(REQUEST)
+    pairs, wavelength_pm = granted
     ends = str(IPv4Address(source)), port, str(IPv4Address(destination)), METADATA_PORT
     setup = read_setup(message)
     if setup.verdict != Verdict.PENDING or setup.session == 0 or rotation > max(Pauli):
@@ -124,7 +128,9 @@ def _request(reader: "_Reader", now: float) -> Request:
     if not 0 < pairs <= setup.pairs:
         raise MalformedPacket(f"{pairs} pairs granted of {setup.pairs}")
     request = Request(setup, None, FiveTuple(*ends), sequence, message, now, b"", rotation)
-    request.block_pairs = pairs
+    if setup.wavelength_pm not in (ANY_WAVELENGTH, wavelength_pm):
+        raise MalformedPacket(f"{wavelength_pm} pm granted of {setup.wavelength_pm}")
+    request.block_pairs, request.wavelength_pm = pairs, wavelength_pm
     answer = replace(request.granted, verdict=Verdict.GRANTED, rotation=rotation, reason=Reason.OK)
     request.answer = answer.encode()
     return request

@@ -1,11 +1,14 @@
 """Fibres and quantum switches, and which port light comes to from which."""
 
+from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from dispatcher.fiber import fiber_noise
+from dispatcher.fiber.channels import ChannelCrosstalk, Traffic
 from dispatcher.fiber.noise import NoiseModel
 from dispatcher.refusal import denied, not_found
-from dispatcher.switch.optical_switch import OpticalSwitch
+from dispatcher.switch.optical_switch import Channel, OpticalSwitch
 from wire.config import BadConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.parameters.physics import BadParameter
 
@@ -18,6 +21,12 @@ class Line:
     far: FiberEnd
     fiber: Fiber
     noise: dict[str, NoiseModel]
+    traffic: Traffic | None = None  # of its channel, if neighbouring ones are to know of it
+
+    def passes(self, frequency_mhz: int) -> bool:
+        """Tell whether its multiplexers let light of a colour in."""
+        fixed_mhz = self.fiber.fixed_mhz
+        return fixed_mhz is None or 2 * abs(frequency_mhz - fixed_mhz) < self.fiber.grid_mhz
 
     @property
     def delay_ns(self) -> int:
@@ -31,10 +40,17 @@ class Network:
     def __init__(self, fibers: list[Fiber], switches: list[QuantumSwitch]) -> None:
         """Lay the fibres; raise BadConfig or BadParameter for what cannot be."""
         self._lines: dict[FiberEnd, Line] = {}
-        names = {switch.name for switch in switches}
+        # By fibre and by where its light comes out: what is in each of its channels.
+        self._strands: defaultdict[tuple[str, str], dict[int, Traffic]] = defaultdict(dict)
+        named = {switch.name: switch for switch in switches}
         for fiber in fibers:
-            self._lay(fiber, names)
+            self._lay(fiber, named)
         self.switches = {switch.name: self._switch(switch) for switch in switches}
+
+    @property
+    def has_crosstalk(self) -> bool:
+        """Tell whether light of a channel is to be known to others."""
+        return bool(self._strands)
 
     def line(self, end: FiberEnd) -> Line | None:
         """Return the fibre that begins at a port, None if there is none."""
@@ -71,7 +87,7 @@ class Network:
         launched_dbm = switch.ports[int(line.far.port)].power_dbm.now if switch else 0.0
         return launched_dbm - line.fiber.loss_db
 
-    def _lay(self, fiber: Fiber, switches: set[str]) -> None:
+    def _lay(self, fiber: Fiber, switches: Mapping[str, QuantumSwitch]) -> None:
         try:
             fiber.check(f"fiber {_name(fiber.a)} to {_name(fiber.b)}")
         except BadParameter as error:
@@ -82,13 +98,33 @@ class Network:
                 raise BadConfig(f"two fibres end in port {near.port} of {near.node}")
             if near.node in switches and not near.port.isdecimal():
                 raise BadConfig(f"port {near.port} of switch {near.node} is not a port number")
-            self._lines[near] = Line(near, far, fiber, noise)
+            left = switches.get(near.node)
+            switched = {} if left is None else fiber_noise.of_switch(left)
+            self._lines[near] = self._line(near, far, fiber, switched | noise)
+
+    def _line(
+        self, near: FiberEnd, far: FiberEnd, fiber: Fiber, noise: dict[str, NoiseModel]
+    ) -> Line:
+        """Return a fibre in one direction; its channels' crosstalk is where light comes out."""
+        if fiber.channels == 1 or fiber.channel_crosstalk_db is None:
+            return Line(near, far, fiber, noise)
+        strand = self._strands[fiber.strand, far.node]
+        traffic = strand[fiber.channel] = Traffic()
+        crosstalk = ChannelCrosstalk(fiber, strand)
+        return Line(near, far, fiber, {**noise, type(crosstalk).__name__: crosstalk}, traffic)
 
     def _switch(self, config: QuantumSwitch) -> OpticalSwitch:
         config.check()
-        ports = {int(end.port) for end in self._lines if end.node == config.name}
-        config.check_ports(ports)
-        return OpticalSwitch(config, ports)
+        own = {end: line for end, line in self._lines.items() if end.node == config.name}
+        lines = {int(end.port): line for end, line in own.items()}
+        config.check_ports(lines)
+        return OpticalSwitch(config, {port: channel_of(line) for port, line in lines.items()})
+
+
+def channel_of(line: Line) -> Channel | None:
+    """Return what a port's multiplexer fixes, None if it has none."""
+    fixed_mhz = line.fiber.fixed_mhz
+    return None if fixed_mhz is None else Channel(fixed_mhz, line.fiber.grid_mhz)
 
 
 def _name(end: FiberEnd) -> str:

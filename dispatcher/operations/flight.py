@@ -25,6 +25,7 @@ from dispatcher.layer import drift, further, pulses
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.network import Line
 from dispatcher.layer.ownership import Block
+from dispatcher.operations.ways import MAX_FIBERS, way_of
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.registers import Mask
 from dispatcher.switch.optical_switch import Light, OpticalSwitch
@@ -32,7 +33,6 @@ from wire.config import FiberEnd
 
 # What qubits in time bins do not see.
 POLARIZED = (PolarizationDrift, PolarizationDependentLoss, PolarizationModeDispersion)
-MAX_FIBERS = 64  # light in a ring of cross-connects has faded by then
 
 
 @dataclass(frozen=True)
@@ -101,6 +101,17 @@ class Flight:
         everything = np.ones(self._departure.pattern.photons, dtype=bool)
         self._enter(end, Beam(everything, self._block.fibers_passed))
 
+    def announce(self, end: FiberEnd) -> None:
+        """Let other channels know of light that leaves a port, on the way that it has just now."""
+        if not self._layer.network.has_crosstalk:
+            return
+        frequency_mhz, photons = self._departure.frequency_mhz, self._block.register.remaining
+        share = photons / self._departure.pattern.photons
+        for step in way_of(self._layer, end, frequency_mhz):
+            if step.line.traffic is not None:
+                schedule = self._departure.after(step.delay_ns)
+                step.line.traffic.add(schedule, share * step.transmission)
+
     async def next_arrival(self, clock: Clock) -> Arrival | None:
         """Wait for the next beam to come out at a node, None if no light is left."""
         while self._queue:
@@ -168,7 +179,7 @@ class Flight:
     def _enter(self, end: FiberEnd, beam: Beam) -> None:
         """Let a beam into the fibre that begins at a port, if there is one."""
         line = self._layer.network.line(end)
-        if line is None:
+        if line is None or not line.passes(self._departure.frequency_mhz):
             self._absorb(beam.members)
             return
         beam.delay_ns += line.delay_ns

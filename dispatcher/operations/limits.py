@@ -12,7 +12,7 @@ from dispatcher.sabot.backend import Angle, Bytes
 from dispatcher.sabot.dense import Dense
 from dispatcher.sabot.gates import ROTATIONS
 from dispatcher.sabot.limits import packed
-from dispatcher.switch.optical_switch import MAX_POWER_DBM
+from dispatcher.switch.optical_switch import MAX_POWER_DBM, Channel
 from dispatcher.timeouts import MAX_TIMEOUT_S
 from wire import dibits
 from wire.dispatcher_pb2 import ApplyRequest, Connection, CreateRequest, Gate, TunePortRequest
@@ -171,9 +171,19 @@ def require_direction(direction: int) -> None:
         raise invalid(f"direction {direction} is not known; choose 0 (both), 1 or 2")
 
 
-def require_tuning(switch: QuantumSwitch, frequency_mhz: int, power_dbm: float | None) -> None:
-    """Refuse what a switch's ports cannot be tuned to; frequency 0 and power None ask nothing."""
+def require_tuning(
+    switch: QuantumSwitch,
+    frequency_mhz: int,
+    power_dbm: float | None,
+    channel: Channel | None = None,
+) -> None:
+    """Refuse what a switch's port cannot be tuned to; frequency 0 and power None ask nothing.
+
+    The port of a channel has that one's frequency.
+    """
     least, most, grid = switch.min_frequency_mhz, switch.max_frequency_mhz, switch.grid_mhz
+    if channel is not None:
+        least, most = channel.frequency_mhz, channel.frequency_mhz
     if frequency_mhz and not least <= frequency_mhz <= most:
         raise invalid(f"frequency_mhz {frequency_mhz} is not between {least} and {most}")
     if frequency_mhz and (frequency_mhz - least) % grid:

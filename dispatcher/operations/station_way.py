@@ -5,7 +5,6 @@ absorb is in the probability of a herald, and counted where switches count.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,25 +15,15 @@ from dispatcher.fiber.turn import Turn
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.network import Line
 from dispatcher.layer.ownership import BlockName
-from dispatcher.operations.flight import MAX_FIBERS, meets
+from dispatcher.operations.flight import meets
+from dispatcher.operations.ways import Crossing, way_of
 from dispatcher.refusal import precondition
 from dispatcher.sabot.registers import Mask
-from dispatcher.switch.optical_switch import OpticalSwitch
 from wire.config import FiberEnd
 from wire.parameters.physics import PairSource
 
 PHASE = np.uint8(2)
 FLIPS_BIT = np.uint8(1)
-
-
-class Crossing(NamedTuple):
-    """A switch on the way."""
-
-    switch: OpticalSwitch
-    in_port: int
-    out_port: int
-    delay_ns: int  # from the host to it
-    transmission: float  # from the host to its output
 
 
 @dataclass(frozen=True)
@@ -76,28 +65,16 @@ class Met:
 
 def find_way(layer: PhysicalLayer, start: FiberEnd, frequency_mhz: int) -> StationWay:
     """Return the way on which light leaves a port just now; refuse if it ends in the dark."""
-    lines: list[Line] = []
-    crossings: list[Crossing] = []
-    now = np.array([layer.clock.now_ns()])
-    end, delay_ns, transmission, dispersion = start, 0, 1.0, 0.0
-    while (line := layer.network.line(end)) is not None and len(lines) < MAX_FIBERS:
-        lines.append(line)
-        delay_ns += line.delay_ns
-        dispersion += line.fiber.dispersion_ps_per_nm
-        for model in line.noise.values():
-            if isinstance(model, Loss):
-                transmission *= 10 ** (-model.loss_db / 10)
-        switch = layer.network.switches.get(line.far.node)
-        if switch is None:
-            way = tuple(lines), tuple(crossings), delay_ns, transmission
-            return StationWay(*way, dispersion, frequency_mhz)
-        in_port = int(line.far.port)
-        out_port = switch.timeline.connections.get(in_port)
-        if out_port is None:
-            break
-        transmission *= float(switch.transmission(in_port, out_port, now, frequency_mhz)[0])
-        crossings.append(Crossing(switch, in_port, out_port, delay_ns, transmission))
-        end = FiberEnd(switch.name, str(out_port))
+    steps = list(way_of(layer, start, frequency_mhz))
+    if steps and steps[-1].line.far.node not in layer.network.switches:
+        return StationWay(
+            tuple(step.line for step in steps),
+            tuple(step.crossing for step in steps if step.crossing is not None),
+            steps[-1].delay_ns,
+            steps[-1].transmission,
+            sum(step.line.fiber.dispersion_ps_per_nm for step in steps),
+            frequency_mhz,
+        )
     raise precondition(
         f"light that leaves {start.port} of {start.node} comes out nowhere: let the controller "
         "open its path to the station first"

@@ -54,9 +54,9 @@ class Switching:
         _require_port(switch, request.port)
         power_dbm = request.power_dbm if request.HasField("power_dbm") else None
         limits.require_direction(request.direction)
-        limits.require_tuning(switch.config, request.frequency_mhz, power_dbm)
+        port, details = switch.ports[request.port], list[str]()
+        limits.require_tuning(switch.config, request.frequency_mhz, power_dbm, port.channel)
         now_ns = self._layer.clock.now_ns()
-        port, details = switch.ports[request.port], []
         if request.frequency_mhz:
             if request.direction != TunePortRequest.TRANSMIT:
                 port.rx_mhz.set(request.frequency_mhz, now_ns)

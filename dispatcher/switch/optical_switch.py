@@ -6,7 +6,7 @@
 Everything that changes is kept over time, because light is resolved when it has passed.
 """
 
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -43,11 +43,19 @@ class Passed(NamedTuple):
     transmission: float | NDArray[np.float64]  # of light in these pulses, shape () or (k,)
 
 
+class Channel(NamedTuple):
+    """What a multiplexer fixes: the middle of its channel, and how far the next one is."""
+
+    frequency_mhz: int
+    grid_mhz: int
+
+
 class Port:
     """A fibre port: a filter for each direction, its attenuator and what it has counted."""
 
-    def __init__(self, frequency_mhz: int) -> None:
+    def __init__(self, frequency_mhz: int, channel: Channel | None = None) -> None:
         """Begin with these filters, full power and no photons."""
+        self.channel = channel  # behind a multiplexer, whose filters cannot be tuned
         self.rx_mhz = Steps(frequency_mhz)  # for light that comes from the fibre
         self.tx_mhz = Steps(frequency_mhz)  # for light that goes into it
         self.power_dbm = Steps(MAX_POWER_DBM)
@@ -63,12 +71,15 @@ class Port:
 class OpticalSwitch:
     """An N x N cross-connect of linear optics; it never measures what passes."""
 
-    def __init__(self, config: QuantumSwitch, ports: Iterable[int]) -> None:
-        """Build the switch with these fibre ports, all dark."""
+    def __init__(self, config: QuantumSwitch, ports: Mapping[int, Channel | None]) -> None:
+        """Build the switch with these fibre ports, all dark; None: of a fibre, not of a channel."""
         self.config, self.name = config, config.name
         self.timeline = Timeline(round(config.switching_time_s * 1e9))
         frequency_mhz = nearest_channel(config, DEFAULT_FREQUENCY_MHZ)
-        self.ports = {port: Port(frequency_mhz) for port in sorted(ports)}
+        self.ports = {
+            number: Port(channel.frequency_mhz if channel else frequency_mhz, channel)
+            for number, channel in sorted(ports.items())
+        }
         self.stuck: dict[int, int] = {}  # in_port to out_port
         self.temperature_c = config.temperature_c
         self._hot = Steps(self._is_hot)
@@ -109,13 +120,13 @@ class OpticalSwitch:
         Photons that stray take all the light of their pulse with them.
         """
         times_ns = light.times_ns
-        entered = self._filtered(light.pulses, self.ports[in_port].rx_mhz, light)
+        entered = self._filtered(light.pulses, in_port, light)
         leaving = self._route(in_port, entered, times_ns)
         if self.config.crosstalk_db is not None:
             leaving = self._stray(leaving, times_ns, random)
         passed = {}
         for out_port, pulses in leaving.items():
-            pulses = self._filtered(pulses, self.ports[out_port].tx_mhz, light)
+            pulses = self._filtered(pulses, out_port, light, leaving=True)
             loss_db = self._loss_db(in_port, out_port, times_ns)
             transmission = 10 ** (-loss_db / 10)
             photons = pulses & light.photons
@@ -131,8 +142,8 @@ class OpticalSwitch:
         """Return how likely a photon of this colour passes a path that is open, shape (k,)."""
         everything = np.ones(len(times_ns), dtype=bool)
         light = Light(everything, everything, times_ns, frequency_mhz)
-        passes = self._filtered(everything, self.ports[in_port].rx_mhz, light)
-        passes = self._filtered(passes, self.ports[out_port].tx_mhz, light)
+        passes = self._filtered(everything, in_port, light)
+        passes = self._filtered(passes, out_port, light, leaving=True)
         loss_db = np.asarray(self._loss_db(in_port, out_port, times_ns))
         return passes * 10 ** (-loss_db / 10)
 
@@ -158,10 +169,12 @@ class OpticalSwitch:
     def _is_hot(self) -> bool:
         return self.temperature_c > self.config.max_temperature_c
 
-    def _filtered(self, pulses: Mask, filter_mhz: Steps, light: Light) -> Mask:
-        """Return those of the pulses whose colour is within half the grid of a filter's, then."""
-        passes = np.abs(filter_mhz.at(light.times_ns) - light.frequency_mhz)
-        passes = passes < self.config.grid_mhz / 2
+    def _filtered(self, pulses: Mask, number: int, light: Light, leaving: bool = False) -> Mask:
+        """Return those of the pulses whose colour is within half the grid of a port's filter."""
+        port = self.ports[number]
+        filter_mhz = port.tx_mhz if leaving else port.rx_mhz
+        grid_mhz = port.channel.grid_mhz if port.channel else self.config.grid_mhz
+        passes = np.abs(filter_mhz.at(light.times_ns) - light.frequency_mhz) < grid_mhz / 2
         if not np.ndim(passes):  # the same for all of them, as mostly
             return pulses if passes else np.zeros_like(pulses)
         return pulses & passes

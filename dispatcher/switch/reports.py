@@ -29,6 +29,15 @@ def condition(switch: OpticalSwitch) -> SwitchCondition:
         grid_mhz=config.grid_mhz,
         min_power_dbm=config.min_power_dbm,
         max_power_dbm=MAX_POWER_DBM,
+        channels=[
+            SwitchCondition.Channel(
+                port=number,
+                frequency_mhz=port.channel.frequency_mhz,
+                grid_mhz=port.channel.grid_mhz,
+            )
+            for number, port in switch.ports.items()
+            if port.channel is not None
+        ],
     )
 
 

@@ -28,7 +28,9 @@ class Verdicts:
         """
         verdict = Verdict(setup.verdict)
         if verdict == Verdict.PENDING and self.standing:
-            return replace(setup, verdict=Verdict.GRANTED, rotation=Pauli.I)
+            wavelength_pm = setup.wavelength_pm or Setup.wavelength_pm
+            granted = replace(setup, verdict=Verdict.GRANTED, wavelength_pm=wavelength_pm)
+            return replace(granted, rotation=Pauli.I)
         if verdict == Verdict.PENDING:
             raise SessionError(Reason.NOT_ARBITRATED)
         if not self.key or not is_sealed(setup.encode(), self.key, connection):

@@ -23,6 +23,7 @@ from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, check_ranges
 from topologies.network import Signals, require_root
+from wire.device import MAX_LEVEL_ROUNDS
 from wire.features import EMIT
 from wire.parameters.option import option
 from wire.parameters.physics import Device
@@ -59,6 +60,12 @@ class ServiceRequest:
         None,
         f"who swaps when ({PARALLEL}, or as --policy says; docs/services.md)",
         choices=SCHEDULES,
+    )
+    purify: int | None = option(
+        None,
+        "rounds of purification of links, and of what swaps make, before they are swapped (0)",
+        metavar="ROUNDS",
+        range=(0, MAX_LEVEL_ROUNDS),
     )
     network: NetworkOptions
     run: RunOptions
@@ -101,8 +108,9 @@ def with_policy(
             request.service, request.sender, network
         )
         return network.with_policy(eavesdropping.tapping_policy(begin, request.receiver, folder))
-    if request.schedule is not None:
-        return network.with_policy(scheduling_policy(request.schedule, folder))
+    if request.schedule is not None or request.purify is not None:
+        plan = request.schedule or PARALLEL, request.purify or 0
+        return network.with_policy(scheduling_policy(*plan, folder))
     return network
 
 
@@ -124,6 +132,7 @@ def job(request: ServiceRequest, network: NetworkDescription) -> runner.Job:
             "eve_attack": request.eve_attack if request.eve is not None else None,
             "eve_hides_db": request.eve_hides_db,
             "schedule": request.schedule,
+            "purify": request.purify,
             **{name: getattr(options, name) for name in own},
         },
         said=f"{service} {_between(request)}: {options.count:,} {named}",
@@ -184,8 +193,10 @@ def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription
     if request.eve is not None:
         eavesdropping.check(ends, network)
         attack_of(request, network)  # whether it can be
-    if request.schedule is not None and request.network.policy:
-        raise BadInput("--schedule makes a policy of its own: write [swap] schedule into --policy")
+    planned = request.schedule is not None or request.purify is not None
+    if planned and request.network.policy:
+        text = "--schedule and --purify make a policy of their own"
+        raise BadInput(f"{text}: write [swap] schedule and rounds into --policy")
     options = fitting_light(request, network.parts.hosts.values())
     check_options(options, request.network.backend)
     return replace(request, options=options), network

@@ -46,6 +46,7 @@ NO_PARAMETERS = {
     "apps",
     "keys",
     "metrics",
+    "gnmi",
     "history_depth",
     "per_qubit",
 }
@@ -165,6 +166,10 @@ def _running(context: RunContext, facts: RunFacts, places: dict[str, Machine]) -
             facts["metrics"] = urls = announce(runtime.metrics_addresses, context.folder)
             for program, url in urls.items():
                 console.print(f"metrics of {program}: {url}", soft_wrap=True)
+        if options.gnmi:
+            facts["gnmi"] = dict(runtime.gnmi_addresses)
+            for switch, address in runtime.gnmi_addresses.items():
+                console.print(f"gNMI of {switch}: {address}", soft_wrap=True)
         if run.packet_bytes:
             files = network.capture("s1", openflow=True, packet_bytes=run.packet_bytes)
             facts["captures"] = [str(file) for file in files]

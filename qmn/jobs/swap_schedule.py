@@ -1,4 +1,4 @@
-"""--schedule NAME: who swaps when in a chain of repeaters, told to the controller by its policy."""
+"""--schedule NAME, --purify ROUNDS: what repeaters do when, as the controller's policy says."""
 
 import json
 from pathlib import Path
@@ -8,8 +8,9 @@ from controller_apps.policy.policy import DEFAULT
 POLICY = "policy.toml"  # in the run's folder
 
 
-def scheduling_policy(schedule: str, folder: Path) -> Path:
-    """Write the policy that has the schedule."""
+def scheduling_policy(schedule: str, rounds: int, folder: Path) -> Path:
+    """Write the policy that has the schedule, and so many rounds of purification at each level."""
     policy = folder / POLICY
-    policy.write_text(DEFAULT.read_text() + f"\n[swap]\nschedule = {json.dumps(schedule)}\n")
+    told = f"\n[swap]\nschedule = {json.dumps(schedule)}\nrounds = {rounds}\n"
+    policy.write_text(DEFAULT.read_text() + told)
     return policy

@@ -25,7 +25,8 @@ from topologies.presets import preset
 from wire.parameters.fiber import FiberOptics, optics
 from wire.parameters.physics import Device
 
-FIBER = ("length_km", "loss_db_per_km", "depolarizing", "kind")  # options of every fibre
+# Options of every fibre.
+FIBER = ("length_km", "loss_db_per_km", "depolarizing", "kind", "channels")
 
 
 @dataclass(frozen=True)

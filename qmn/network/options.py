@@ -66,6 +66,7 @@ class NetworkOptions(NetworkSettings):
         "over a known map: abilene, nobel-germany, garr, …, or a file (docs/networks.md)",
         metavar="NAME|FILE",
     )
+    channels: int | None = option(None, f"{EVERY}, by wavelength (1)", metavar="N")
     hosts_at: str | None = option(None, "of the map, with commas: have hosts (all)", metavar=PLACES)
     sources_at: str | None = option(None, "have pair sources (the centre)", metavar=PLACES)
     repeaters_at: str | None = option(

@@ -38,6 +38,7 @@ class NetworkResult(TypedDict, total=False):
     time_scale_because: str | None
     network: dict[str, Any]  # qmn.results.network_facts.NetworkFacts; absent: it did not start
     metrics: dict[str, str]  # program to URL
+    gnmi: dict[str, str]  # quantum switch to address
     machines: dict[str, Any]  # others than m1: address, hosts, and how far the clock is ahead
     acausal: dict[str, Any] | None  # news that can outrun light: from, to, early_s
     packets_not_captured: int

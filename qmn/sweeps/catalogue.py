@@ -17,6 +17,7 @@ from qmn.sweeps.heralding import HERALDING
 from qmn.sweeps.interference import HOM
 from qmn.sweeps.light_sources import LIGHT_SOURCES
 from qmn.sweeps.multi_pair import MULTI_PAIR
+from qmn.sweeps.nested import NESTED
 from qmn.sweeps.pair_keys import PAIR_KEYS
 from qmn.sweeps.parameters import Values, point_seed
 from qmn.sweeps.photon_splitting import PHOTON_SPLITTING
@@ -42,6 +43,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         DEAD,
         GATED_BELL,
         GATED_SWAP,
+        NESTED,
         WAITING,
         FRESH_OUTCOMES,
         MULTI_PAIR,

@@ -1,9 +1,10 @@
-"""Contention for light: the controller's own arbiter on a trunk of some fibres, in counted time.
+"""Contention for light: the controller's own arbiter on a trunk of channels, in counted time.
 
     a1, a2, … --- q1 ===== q2 --- b1, b2, …
 
 Sessions are asked for as a Poisson process, by real set-up messages; a time that is counted takes
-the place of the clock, and switches take none. The hosts that take part are idle ones.
+the place of the clock, and switches take none. The hosts that take part are idle ones. Channels are
+fibres of their own, or wavelengths of one fibre, of which the controller chooses one.
 """
 
 import struct
@@ -23,10 +24,12 @@ from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, numb
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.traffic.erlang import erlang_b, erlang_c, mean_wait
 from wire.metadata import METADATA_PORT, SETUP_LENGTH, Handshake, Service, Setup
-from wire.optical import ANY_PORT, PathOptics
+from wire.optical import ANY_PORT, ANY_WAVELENGTH, TX_PWR, USE_FREQ, PathOptics, PortOptics
+from wire.parameters.fiber import FiberOptics
 
 LOAD = Parameter("load", 2.0, 0.05, 64.0, "erlang")
-CHANNELS = Parameter("channels", 4, 1, 32)
+CHANNELS = Parameter("channels", 4, 1, 28)
+KIND = Parameter("trunk", "fibres", choices=("fibres", "wavelengths"))  # of one fibre
 RULE = Parameter("contention", "refuse", choices=("refuse", "queue"))
 HOLDING = Parameter("holding", "exponential", choices=("exponential", "constant"))
 SESSIONS = Parameter("sessions", 10_000, 1_000, 1_000_000)
@@ -44,8 +47,8 @@ def address(side: int, pair: int) -> str:
     return f"10.0.{side}.{pair + 1}"
 
 
-def trunk(channels: int) -> Network:
-    """Return the network as it would have been discovered."""
+def trunk(channels: int, wavelengths: bool = False) -> Network:
+    """Return the network as it would have been discovered; wavelengths: of one fibre."""
     network = Network({Q1, Q2})
     for dpid, side in ((Q1, 0), (Q2, 1)):
         network.optics.switches[dpid] = SwitchOptics(PathOptics(ANY_PORT, ANY_PORT, 0, 0))
@@ -56,6 +59,11 @@ def trunk(channels: int) -> Network:
     for channel in range(channels):
         port = PAIRS + 1 + channel
         network.add_link(SwitchPort(Q1, port), SwitchPort(Q2, port))
+        if wavelengths:
+            fixed = (FiberOptics(channels=channels).channel_mhz(channel + 1),) * 2
+            for dpid in (Q1, Q2):
+                described = PortOptics(TX_PWR | USE_FREQ, *fixed, 0, *fixed, 0, 0, 0)
+                network.optics.described(SwitchPort(dpid, port), described)
     return network
 
 
@@ -87,7 +95,8 @@ class Trunk:
             raise SweepError(f"over {PAIRS} sessions wait for light at a time: choose less load")
         pair = self.pairs[session] = self.idle.popleft()
         self.asked[session] = now
-        setup = Setup(session, Service.BB84, Handshake.FRAMED, address(0, pair), 1, 1, 1)
+        asked = session, Service.BB84, Handshake.FRAMED, address(0, pair), 1, 1, 1
+        setup = Setup(*asked, wavelength_pm=ANY_WAVELENGTH)
         self._say(session, FIRST_SEQUENCE, PUSH, now, setup.encode())
 
     def end_until(self, now: float) -> None:
@@ -125,7 +134,8 @@ async def contend(values: Values, seed: int) -> Outcome:
     exponential = values[HOLDING.name] == "exponential"
     holding_s = iter(lambda: random.expovariate(1.0) if exponential else 1.0, None)
     budget_db = 30.0
-    arbiter = Arbiter(trunk(channels), FOR_EVER_S, FOR_EVER_S, budget_db, queues)
+    network = trunk(channels, values[KIND.name] == "wavelengths")
+    arbiter = Arbiter(network, FOR_EVER_S, FOR_EVER_S, budget_db, queues)
     state, now = Trunk(arbiter, holding_s), 0.0
     for session in range(1, count + 1):
         now += random.expovariate(load)
@@ -178,8 +188,8 @@ def wait(values: Values) -> float | None:
 
 LIGHT = Experiment(
     "light",
-    "contention for the fibres of a trunk, by the controller in counted time",
-    (LOAD, CHANNELS, RULE, HOLDING, SESSIONS),
+    "contention for the channels of a trunk, by the controller in counted time",
+    (LOAD, CHANNELS, KIND, RULE, HOLDING, SESSIONS),
     (
         Measure("blocked", "sessions that are refused", blocked),
         Measure("waited", "sessions that wait for light", waited),

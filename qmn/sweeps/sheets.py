@@ -631,6 +631,21 @@ SHEETS = (
         ],
     ),
     Sheet(
+        "nested",
+        "nested",
+        {"fidelity": "0.8:1:6", "rounds": [0, 1], "levels": [1, 2]},
+        [
+            Curve(
+                "nested",
+                "Links joined two by two, purified before each swap (DEJMPS)",
+                "fidelity",
+                "fidelity of the links",
+                "fidelity",
+                by=["levels", "rounds"],
+            )
+        ],
+    ),
+    Sheet(
         "cutoff",
         "cutoff",
         {"cutoff_s": [0.0015, 0.0025, 0.0035, 0.0055, 0.0085, 0.0125, 0.0205, 0.0405]},

@@ -94,6 +94,8 @@ def start_and_obey(
     try:
         print(f"starting the network; its logs and quantum events: {folder}", flush=True)
         with running(description, folder) as network:
+            for switch, address in network.runtime.gnmi_addresses.items():
+                print(f"gNMI of {switch}: {address}")
             for program, url in urls(network.runtime.metrics_addresses).items():
                 print(f"metrics of {program}: {url}", flush=True)
             if extras.capture:

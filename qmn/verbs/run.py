@@ -112,7 +112,8 @@ def _add_service(jobs: Any, name: str, verb: Verb) -> None:
     rate = f"of the source ({session.rate_hz}, or as fast as the slowest source can)"
     block = f"pairs in a block ({session.block_pairs}, or what is made in {MAX_BLOCK_S:g} s)"
     absent = dict.fromkeys(("eve", "eve_attack", "eve_hides_db"), not verb.eavesdropper)
-    absent |= {"schedule": not verb.scheduled, "sender": verb.line}
+    absent["schedule"] = absent["purify"] = not verb.scheduled
+    absent["sender"] = verb.line
     add_options(
         parser,
         ServiceRequest,

@@ -41,6 +41,13 @@ class Tuning:
     max_dbm: float
 
 
+class Channel(NamedTuple):
+    """What a multiplexer fixes at a port: its frequency, and how far the next channel is."""
+
+    mhz: int
+    grid_mhz: int
+
+
 @dataclass(frozen=True)
 class Condition:
     """What the switch is and how it is, apart from what it counts and measures."""
@@ -50,6 +57,7 @@ class Condition:
     paths: Mapping[tuple[int, int], Path] = field(default_factory=dict)  # by in_port, out_port
     stuck: frozenset[tuple[int, int]] = frozenset()  # paths that cannot be changed
     hot: bool = False  # above its limit: its paths lose more than they did
+    channels: Mapping[int, Channel] = field(default_factory=dict)  # ports that multiplexers fix
 
 
 @dataclass(frozen=True)

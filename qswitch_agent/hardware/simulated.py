@@ -9,6 +9,7 @@ import grpc
 
 from qswitch_agent.hardware.dispatcher_link import DispatcherLink
 from qswitch_agent.hardware.optics import (
+    Channel,
     CircuitReading,
     Condition,
     CrossConnect,
@@ -224,4 +225,5 @@ def _condition(condition: messages.SwitchCondition) -> Condition:
         },
         stuck=frozenset((one.in_port, one.out_port) for one in condition.stuck),
         hot=condition.hot,
+        channels={one.port: Channel(one.frequency_mhz, one.grid_mhz) for one in condition.channels},
     )

@@ -1,5 +1,6 @@
 """The optics of ports and paths as OpenFlow describes, tunes and measures them."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 from qswitch_agent.hardware.optics import (
@@ -38,14 +39,27 @@ class Tuned(NamedTuple):
     direction: Direction = Direction.BOTH
 
 
-def description(condition: Condition) -> PortOptics:
-    """Return how far ports can be tuned, as their descriptions tell."""
-    tuning = condition.tuning
+def description(condition: Condition, port: int) -> PortOptics:
+    """Return how far a port can be tuned, as its description tells.
+
+    The port of a channel has one frequency, and no bit says that it could be tuned.
+    """
+    tuning = tuning_of(condition, port)
     if tuning is None:
         return PortOptics(0, 0, 0, 0, 0, 0, 0, 0, 0)
     band = tuning.min_mhz, tuning.max_mhz, tuning.grid_mhz
     power = round(tuning.min_dbm * 10), round(tuning.max_dbm * 10)
-    return PortOptics(optical.TUNABLE, *band, *band, *power)
+    fixed = optical.TX_PWR | optical.USE_FREQ
+    supported = fixed if port in condition.channels else optical.TUNABLE
+    return PortOptics(supported, *band, *band, *power)
+
+
+def tuning_of(condition: Condition, port: int) -> Tuning | None:
+    """Return how far a port can be tuned, None if not at all."""
+    channel, tuning = condition.channels.get(port), condition.tuning
+    if channel is None or tuning is None:
+        return tuning
+    return replace(tuning, min_mhz=channel.mhz, max_mhz=channel.mhz, grid_mhz=channel.grid_mhz)
 
 
 def tuned(wanted: PortTuning, tuning: Tuning | None) -> Tuned:

@@ -72,7 +72,7 @@ def checked_port_mod(message: bytes, switch: Switch) -> tuple[PortMod, Tunings]:
         raise refusals.bad_config(
             f"configuration bits {mod.mask:#x} of a fibre: it can be down or send no packet-in"
         )
-    return mod, [(mod.number, switch.tuning(mod.tuning))] if mod.tuning else []
+    return mod, [(mod.number, switch.tuning(mod.number, mod.tuning))] if mod.tuning else []
 
 
 def require_no_light(group_mod: bytes, switch: Switch) -> None:

@@ -127,6 +127,12 @@ class QuantumHost(ClassicalHost):
             cutoff_s=network.devices[self.name].memory.cutoff_s,
             keys=network.key_folder(self.name),
             light=self.light,
+            channels_mhz={
+                end.port: fiber.fixed_mhz
+                for fiber in network.fibers
+                for end in (fiber.a, fiber.b)
+                if end.node == self.name and fiber.fixed_mhz is not None
+            },
             credentials=credentials(network, self.name) if network.tls else None,
         )
         if self.light == STANDING:

@@ -99,6 +99,7 @@ def tables() -> dict[str, Any]:
                 "hops": {"least": 2, "most": key_routes.MAX_HOPS},
             },
             "max_repeaters": device.MAX_REPEATERS,
+            "max_level_rounds": device.MAX_LEVEL_ROUNDS,
             "trailer": device.TRAILER.size,
             "tag": device.TAG_BYTES,
             "unset": device.UNSET,

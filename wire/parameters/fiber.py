@@ -6,9 +6,13 @@ The default is an ideal fibre of 10 m. `optics` fills in what a kind of fibre br
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Self
 
+from wire.optical import CHANNEL_MHZ, DEFAULT_FREQUENCY_MHZ
 from wire.parameters.physics import SUM_TOLERANCE, BadParameter, check, choice, parameter
 
 SPEED_IN_FIBER_M_PER_S = 2.04e8  # group index 1.468
+MOST_CHANNELS = 64
+HIGHEST_CHANNEL_MHZ = 196_100_000  # of the C band
+MHZ_PER_GHZ = 1_000
 
 # What kinds of fibre bring along at 1550 nm. The standard fibre loses least and turns the
 # polarisation as it likes; the polarisation-maintaining (PM) one keeps it, and loses more.
@@ -79,14 +83,31 @@ class FiberOptics:
     raman_per_km_nm: float = parameter(2e-9, 0.0, 1e-3)
     filter_nm: float = parameter(0.4, 0.0, 100.0)  # about 50 GHz
     pulse_window_s: float = parameter(1e-9, 0.0, 1e-3)
+    # Channels by wavelength, behind a multiplexer at either end; 1: a fibre without multiplexers.
+    # Channel 1 is at 193.4 THz (1550.12 nm), each further one so much higher.
+    channels: int = parameter(1, 1, MOST_CHANNELS)
+    grid_ghz: float = parameter(100.0, 12.5, 1_000.0)
+    multiplexer_db: float = parameter(0.0, 0.0, 100.0)  # of both multiplexers together
+    # Of light in a channel so much comes out in each neighbouring one; None: nothing.
+    channel_crosstalk_db: float | None = parameter(None, 3.1, 200.0)
     # A user's own model: "path/to/file.py:ClassName" and the keywords to make it with.
     noise: str = ""
     noise_parameters: dict[str, Any] = field(default_factory=dict)
 
     @property
     def loss_db(self) -> float:
-        """Attenuation from end to end."""
-        return self.loss_db_per_km * self.length_km + self.connectors_db
+        """Attenuation from end to end, of each channel."""
+        multiplexers_db = self.multiplexer_db if self.channels > 1 else 0.0
+        return self.loss_db_per_km * self.length_km + self.connectors_db + multiplexers_db
+
+    @property
+    def grid_mhz(self) -> int:
+        """How far neighbouring channels are from each other."""
+        return round(self.grid_ghz * MHZ_PER_GHZ)
+
+    def channel_mhz(self, channel: int) -> int:
+        """Return the frequency of a channel, counted from 1."""
+        return DEFAULT_FREQUENCY_MHZ + (channel - 1) * self.grid_mhz
 
     @property
     def dispersion_ps_per_nm(self) -> float:
@@ -104,6 +125,7 @@ class FiberOptics:
         if self.pauli_x + self.pauli_y + self.pauli_z > 1 + SUM_TOLERANCE:
             told = f"pauli_x {self.pauli_x!r}, pauli_y {self.pauli_y!r}, pauli_z {self.pauli_z!r}"
             raise BadParameter(f"{where}: {told} are together more than 1")
+        self._check_channels(where)
         if not isinstance(self.noise, str) or not isinstance(self.noise_parameters, dict):
             raise BadParameter(
                 f'{where}: noise {self.noise!r} is not "file.py:ClassName" with a dictionary of '
@@ -112,18 +134,42 @@ class FiberOptics:
         if self.noise and not all(part for part in self.noise.rpartition(":")):
             raise BadParameter(f'{where}: noise {self.noise!r} is not "file.py:ClassName"')
 
+    def _check_channels(self, where: str) -> None:
+        if self.grid_mhz % CHANNEL_MHZ:
+            raise BadParameter(
+                f"{where}: grid_ghz {self.grid_ghz!r} is no multiple of {CHANNEL_MHZ / 1e3:g}"
+            )
+        if self.channel_mhz(self.channels) > HIGHEST_CHANNEL_MHZ:
+            most = (HIGHEST_CHANNEL_MHZ - DEFAULT_FREQUENCY_MHZ) // self.grid_mhz + 1
+            raise BadParameter(
+                f"{where}: {self.channels} channels with a grid of {self.grid_ghz:g} GHz do not "
+                f"fit below {HIGHEST_CHANNEL_MHZ / 1e6:g} THz; choose {most} at most, or a "
+                "narrower grid"
+            )
+
 
 @dataclass(frozen=True)
 class Fiber(FiberOptics):
-    """A fibre between two ports."""
+    """A fibre between two ports, or one channel of it."""
 
     a: FiberEnd
     b: FiberEnd
+    channel: int = field(default=1, kw_only=True)
+    strand: str = field(
+        default="", kw_only=True
+    )  # names the fibre that a channel is of, the same for all of its channels
 
     @classmethod
-    def joining(cls, a: FiberEnd, b: FiberEnd, optics: FiberOptics) -> Self:
-        """Return the fibre of these optics between two ports."""
-        return cls(a, b, **asdict(optics))
+    def joining(
+        cls, a: FiberEnd, b: FiberEnd, optics: FiberOptics, channel: int = 1, strand: str = ""
+    ) -> Self:
+        """Return the fibre of these optics between two ports, or one channel of it."""
+        return cls(a, b, channel=channel, strand=strand, **asdict(optics))
+
+    @property
+    def fixed_mhz(self) -> int | None:
+        """The frequency of the channel that it is; None: light of any colour passes."""
+        return self.channel_mhz(self.channel) if self.channels > 1 else None
 
     @classmethod
     def from_dict(cls, given: dict[str, Any]) -> Self:

@@ -84,6 +84,7 @@ class NetworkSettings(DispatcherSettings, ControllerSettings):
         metavar="DIR",
     )
     metrics: bool = option(False, "metrics for Prometheus (docs/metrics.md)")
+    gnmi: bool = option(False, "telemetry of quantum switches by gNMI (docs/telemetry.md)")
     tls: bool = option(False, "for gRPC of hosts and OpenFlow, with both ends certified")
 
 

@@ -8,10 +8,9 @@ from collections.abc import Callable
 
 from hosts.hardware.qnic import HardwareError, Qnic
 from hosts.middleware.session.errors import SessionError, unexpected
-from hosts.middleware.session.offers import check_wavelength
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.middleware.session.protocol import HearNext, Say, Side, Steps, do
-from hosts.middleware.session.station_words import words_of
+from hosts.middleware.session.values import words_of
 from hosts.timeouts import MAX_BLOCK_S
 from wire.metadata import Emit, MemoryState, Reason, Setup
 
@@ -20,7 +19,6 @@ def check_source(side: Side) -> None:
     """Raise SessionError for a set-up that this host cannot be the source of."""
     if len(side.ports) < 2:
         raise SessionError(Reason.UNSUPPORTED, "a pair source needs two fibres")
-    check_wavelength(side.setup)
 
 
 def make_pairs(side: Side, made: Callable[[int], None]) -> Steps[None]:

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 from hosts.hardware.qnic import HardwareError, Heralds
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.station_words import heralds_of
+from hosts.middleware.session.offers import at_wavelength
+from hosts.middleware.session.values import heralds_of
 from hosts.network_loop import now_s, wall_sleep
 from hosts.timeouts import (
     ANSWER_TIMEOUT_S,
@@ -65,6 +66,7 @@ class Arrangement:
             channel = await MetadataChannel.connect(*self._peer)
             try:
                 answer = await channel.request(self._setup)
+                self._setup = at_wavelength(self._setup, answer)
             except BaseException as error:
                 channel.close()
                 if not isinstance(error, SessionError):

@@ -1,15 +1,16 @@
 """The resources of a host that its sessions share."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from hosts.hardware.channels import carrying
 from hosts.hardware.qnic import Qnic
 from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.session.encoding import DISTINGUISHABLE_STATES
-from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.swap_orders import Swaps
+from hosts.middleware.session.values import Lifetimes
 from wire.features import NodeFeatures
 from wire.metadata import Pauli
 
@@ -29,6 +30,15 @@ class HostResources:
     intensities: tuple[float, ...]  # mean photon numbers of its pulses: signal, then decoys
     lifetimes: Lifetimes  # of its memory
     addresses: Callable[[], Mapping[str, str]]  # of all hosts by name, read when one is asked for
+    channels_mhz: Mapping[str, int] = field(
+        default_factory=dict
+    )  # of its interfaces that are channels
+
+    def at(self, wavelength_pm: int) -> "HostResources":
+        """Return the same with the fibres, or channels of them, that carry a session's light."""
+        if not self.channels_mhz:
+            return self
+        return replace(self, qnic=carrying(self.qnic, self.channels_mhz, wavelength_pm))
 
     @property
     def distinguishable_states(self) -> frozenset[int]:

@@ -1,8 +1,10 @@
 """Light that hosts offer: set-ups that ask for other light are refused."""
 
+from dataclasses import replace
+
 from hosts.middleware.session.errors import SessionError
-from wire.metadata import MemoryState, Reason, Service, Setup
-from wire.optical import frequency_mhz
+from wire.metadata import Answer, MemoryState, Reason, Service, Setup
+from wire.optical import ANY_WAVELENGTH, frequency_mhz
 from wire.services import HERALDED_LIGHT
 
 MEMORY_OF = dict.fromkeys(HERALDED_LIGHT, tuple(MemoryState))  # of other services: any
@@ -25,6 +27,15 @@ def offer_nothing_but_0(wanted: dict[str, int]) -> None:
     for name, value in wanted.items():
         if value:
             raise SessionError(Reason.UNSUPPORTED, f"{name} {value}: only 0 is offered yet")
+
+
+def at_wavelength(setup: Setup, answer: Answer) -> Setup:
+    """Return what was asked for with the wavelength that it was granted; SessionError for none."""
+    if setup.wavelength_pm != ANY_WAVELENGTH:
+        return setup
+    granted = replace(setup, wavelength_pm=answer.wavelength_pm)
+    check_wavelength(granted)
+    return granted
 
 
 def check_wavelength(setup: Setup) -> None:

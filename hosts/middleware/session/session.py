@@ -20,10 +20,10 @@ from hosts.middleware.session.ends import (
 )
 from hosts.middleware.session.errors import SessionError, SilentPeer, unexpected
 from hosts.middleware.session.host_resources import HostResources
-from hosts.middleware.session.lifetimes import Lifetimes
-from hosts.middleware.session.offers import check_light
+from hosts.middleware.session.offers import at_wavelength, check_light
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.middleware.session.service_options import SessionOptions
+from hosts.middleware.session.values import Lifetimes
 from hosts.timeouts import IDLE_TIMEOUT_S, REPORT_TIMEOUT_S
 from wire.features import NOTHING, NodeFeatures
 from wire.metadata import Answer, Finish, Handshake, MemoryState, Reason, Service, Setup
@@ -56,7 +56,7 @@ class OpeningSession:
     ) -> None:
         kind.check(setup)
         self._by = making(setup, is_source)
-        require_fibers(setup, Role.OPENER, resources.qnic, self._by)
+        require_fibers(setup, Role.OPENER, resources.at(setup.wavelength_pm).qnic, self._by)
         self._kind, self._options, self._resources = kind, options, resources
         self._arrangement, self._setup, self._is_source = arrangement, setup, is_source
         self._end: OpenerEnd | None = None
@@ -94,6 +94,8 @@ class OpeningSession:
 
     async def _arranged(self, answer: Answer, channel: MetadataChannel, tell: Tell) -> OpenerEnd:
         """Return this end, once it is known what the other can, and the source is there."""
+        self._setup = at_wavelength(self._setup, answer)
+        self._resources = self._resources.at(self._setup.wavelength_pm)
         theirs, lifetimes = NodeFeatures(NOTHING, 0), Lifetimes(inf, inf, inf, inf)
         if node_features.are_told(self._kind.service):
             connection = ConnectionEnd(self._resources.qnic, self._setup, channel)
@@ -150,7 +152,9 @@ class AcceptingSession:
         setup: Setup,
     ) -> None:
         check_asked(setup, kind.handshakes)
-        self._accepted = kind.accepts(resources, setup)
+        resources = resources.at(setup.wavelength_pm)
+        accepted = kind.accepts(resources, setup)
+        self._accepted = replace(accepted, wavelength_pm=setup.wavelength_pm)
         require_fibers(setup, Role.ACCEPTOR, resources.qnic, making(setup, False))
         self._kind, self._resources, self._channel, self._setup = kind, resources, channel, setup
         self._end: AcceptorEnd | None = None

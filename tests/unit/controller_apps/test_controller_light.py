@@ -259,8 +259,8 @@ def test_light_of_another_wavelength_keeps_out_of_ports_in_use() -> None:
     assert not blocks(back, 7, DEFAULT_FREQUENCY_MHZ)
 
 
-def test_no_wavelength_at_all_is_refused() -> None:
-    assert reasons(ask(two_switches(), replace(FRAMED, wavelength_pm=0))) == [Reason.NO_WAVELENGTH]
+def test_a_wavelength_that_is_no_light_is_refused() -> None:
+    assert reasons(ask(two_switches(), replace(FRAMED, wavelength_pm=1))) == [Reason.NO_WAVELENGTH]
 
 
 def test_a_pair_of_another_wavelength_than_its_session_is_refused() -> None:

@@ -147,7 +147,10 @@ def test_overrides_and_reporting_are_read() -> None:
         ("[queue]\norder = 'lifo'", "queue: order is 'lifo': choose one of fcfs, edf, slots"),
         ("[queue]\nslot_s = 1", "queue: slot_s is of order = \"slots\", not of 'fcfs'"),
         ("[queue]\norder = 'slots'\nslot_s = 0.01", "queue: slot_s is 0.01: choose 0.05 to 60"),
-        ("[swap]\norder = 'all'", "swap: unknown 'order'; known are schedule"),
+        (
+            "[swap]\norder = 'all'",
+            "swap: unknown 'order'; known are purification, rounds",
+        ),
         ("[[rule]]\naction = 'deny'\nservice = 'link'", "service is 'link': choose one of *"),
         ("defualt = 'deny'", "the file: unknown 'defualt'"),
         ("default = deny", "is not TOML: Invalid value (at line 1, column 11)"),

@@ -29,7 +29,7 @@ def golden() -> bytes:
     """Return a session without a source's connection, written out field by field."""
     data = struct.pack("!dBB", 2.5, 1, 3)
     data += bytes([10, 0, 0, 1, 40000 >> 8, 40000 & 0xFF, 10, 0, 0, 2])
-    data += struct.pack("!IBI", 100, 3, FRAMED.pairs) + FRAMED.encode()
+    data += struct.pack("!IBII", 100, 3, FRAMED.pairs, FRAMED.wavelength_pm) + FRAMED.encode()
     for _dpid, in_port, out_port in HOPS:
         data += struct.pack("!IBBQII", 0, 3, 1, Q1, in_port, out_port)
     return data + b"\0"  # no chain of repeaters
@@ -88,11 +88,12 @@ def test_hosts_cut_short_or_too_long_are_malformed() -> None:
         (24, b"\4"),  # rotation
         (25, bytes(4)),  # blocks of no pairs
         (25, struct.pack("!I", FRAMED.pairs + 1)),  # larger ones than were asked for
-        (29 + 8, bytes(8)),  # session 0
-        (29 + 16, b"\2"),  # a pair source owns no session
-        (29 + 17, b"\2"),  # per-pair has no light of its own
-        (29 + SETUP_LENGTH + 4, b"\4"),  # rotation of a path
-        (29 + SETUP_LENGTH + 5, b"\0"),  # a path without hops
+        (29, struct.pack("!I", FRAMED.wavelength_pm + 1)),  # another wavelength than was asked for
+        (33 + 8, bytes(8)),  # session 0
+        (33 + 16, b"\2"),  # a pair source owns no session
+        (33 + 17, b"\2"),  # per-pair has no light of its own
+        (33 + SETUP_LENGTH + 4, b"\4"),  # rotation of a path
+        (33 + SETUP_LENGTH + 5, b"\0"),  # a path without hops
     ],
 )
 def test_what_no_controller_has_kept_is_malformed(at: int, value: bytes) -> None:
@@ -104,7 +105,7 @@ def test_what_no_controller_has_kept_is_malformed(at: int, value: bytes) -> None
 
 def test_a_stranger_s_connection_does_not_come_with_a_session() -> None:
     one, other = kept(), bytearray(kept())
-    begin = 10 + 19 + SETUP_LENGTH  # of the second request
+    begin = 10 + 23 + SETUP_LENGTH  # of the second request
     assert other[begin : begin + 4] == bytes([10, 0, 0, 1])
     other[begin + 3] = 9
     assert decode_session(one, NOW)

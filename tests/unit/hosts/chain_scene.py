@@ -15,7 +15,7 @@ from typing import Any
 
 from stacks_scene import RELAYED, REPEATERS, Judge, grant, network, requested
 
-from controller_apps.policy.schedules import PARALLEL
+from controller_apps.policy.schedules import PARALLEL, UNPURIFIED, Purification
 from controller_apps.sessions.actions import SwapsOrdered
 from controller_apps.sessions.chains import orders
 from controller_apps.sessions.sessions import Stop
@@ -30,12 +30,17 @@ def nodes(repeaters: int) -> list[str]:
     return ["alice", *REPEATERS[:repeaters], "bob"]
 
 
-def order_swaps(stacks: Stacks, session: int, schedule: str = PARALLEL) -> None:
+def order_swaps(
+    stacks: Stacks,
+    session: int,
+    schedule: str = PARALLEL,
+    purification: Purification = UNPURIFIED,
+) -> None:
     """Tell the nodes of a chain what to do in a session, as a controller does."""
     addresses = [RELAYED[name] for name in stacks]
     right = [0, *[1] * (len(addresses) - 2), 0]
     stops = tuple(Stop(address, 0, out) for address, out in zip(addresses, right, strict=True))
-    ordered = SwapsOrdered(session, stops, schedule)
+    ordered = SwapsOrdered(session, stops, schedule, purification)
     for stack, order in zip(stacks.values(), orders(ordered, 1).values(), strict=True):
         stack.swaps.take(order)
 

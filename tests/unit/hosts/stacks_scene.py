@@ -46,6 +46,7 @@ from wire.metadata import (
     message_length,
 )
 from wire.netqasm.pair_requests import PAIRS_PORT
+from wire.optical import ANY_WAVELENGTH
 from wire.parameters.physics import BellAnalyser, Device
 from wire.verdict import Connection, seal
 
@@ -204,6 +205,8 @@ def relay(
         there = await asyncio.open_connection(OWN_ADDRESS[name], METADATA_PORT)
         own, peer = map(there[1].get_extra_info, ("sockname", "peername"))
         judged = judge(setup)
+        if judged.wavelength_pm == ANY_WAVELENGTH:  # it is left to the controller
+            judged = replace(judged, wavelength_pm=Setup.wavelength_pm)
         if judged.verdict != Verdict.PENDING:
             judged = sealed(judged, name, (*own, *peer))
         there[1].write(judged.encode())

@@ -63,7 +63,8 @@ def test_a_verdict_that_is_not_the_controllers_takes_no_listener(
                 # The listener is still there for what the controller grants.
                 channel = await MetadataChannel.connect("bob", OWN_ADDRESS["bob"])
                 answer = await channel.request(arbitrated(SETUP, "bob", channel), DEADLINE_S)
-                assert answer == Answer(SETUP.session, Reason.OK)
+                said = Answer(SETUP.session, Reason.OK, wavelength_pm=SETUP.wavelength_pm)
+                assert answer == said
                 await channel.receive(Values, DEADLINE_S)
                 channel.close()
 

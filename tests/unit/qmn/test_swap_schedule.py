@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from controller_apps.policy.policy import DEFAULT, read_policy
-from controller_apps.policy.schedules import SCHEDULES
+from controller_apps.policy.schedules import SCHEDULES, Purification
 from qmn.__main__ import described
 from qmn.jobs.counted_service import ServiceRequest, checked, with_policy
 from qmn.options import BadInput
@@ -28,6 +28,12 @@ def test_the_controller_reads_it_beside_what_the_default_policy_says(
     assert policy.reporting == read_policy(DEFAULT).reporting
 
 
+def test_rounds_of_purification_are_in_the_policy(tmp_path: Path) -> None:
+    request, network = checked(parse("swap", "--schedule", "nested", "--purify", "2"))
+    policy = read_policy(Path(with_policy(request, network, tmp_path).options.policy))
+    assert (policy.schedule, policy.purification) == ("nested", Purification("dejmps", 2))
+
+
 def test_without_it_no_policy_is_made(tmp_path: Path) -> None:
     request, network = checked(parse("swap"))
     assert with_policy(request, network, tmp_path) is network
@@ -37,7 +43,7 @@ def test_without_it_no_policy_is_made(tmp_path: Path) -> None:
 
 def test_it_and_a_policy_of_the_users_own_are_refused() -> None:
     request = parse("swap", "--schedule", "nested", "--policy", str(DEFAULT))
-    with pytest.raises(BadInput, match=r"write \[swap\] schedule into --policy"):
+    with pytest.raises(BadInput, match=r"write \[swap\] schedule and rounds into"):
         checked(request)
 
 

@@ -31,6 +31,22 @@ def test_a_trunk_of_three_fibres_is_taken_as_often_as_erlang_b_says(holding: str
     assert outcome["waited"].value == 0
 
 
+def test_wavelengths_of_one_fibre_are_taken_as_often_as_erlang_b_says() -> None:
+    values, outcome = measured(load=2.0, channels=3, trunk="wavelengths")
+    wanted = (8 / 6) / (1 + 2 + 2 + 8 / 6)
+    assert LIGHT.measure("blocked").theory(values) == pytest.approx(wanted)
+    assert outcome["blocked"].agrees(wanted)
+    assert not outcome["blocked"].agrees(erlang_b(2.0, 2))
+    assert not outcome["blocked"].agrees(erlang_b(2.0, 4))
+
+
+def test_who_waits_for_wavelengths_waits_as_erlang_c_says() -> None:
+    _values, outcome = measured(load=1.2, channels=2, contention="queue", trunk="wavelengths")
+    assert outcome["waited"].agrees(0.45)  # 2 rho^2 / (1 + rho) for two servers, rho = .6
+    assert outcome["wait"].agrees(0.45 / 0.8)
+    assert not outcome["waited"].agrees(erlang_c(1.2, 3))
+
+
 def test_in_the_queue_they_wait_as_often_and_as_long_as_erlang_c_says() -> None:
     _values, outcome = measured(load=0.6, channels=1, contention="queue")
     assert outcome["waited"].agrees(0.6)  # of one server: its load

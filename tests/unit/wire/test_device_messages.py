@@ -61,7 +61,11 @@ GOLDEN = {
     SetDevice(3, DeviceSettings(1_000_000, None, 3, 0, 1_551_720, 5000)): "514d 04 22 00000028"
     "0000000000000003 000f4240 ffffffff 00000003 00000000 0017ad68 00001388",
     SwapOrder(4, 0x0102030405060708, 3, "10.0.0.9", 6, 7, 1, 4, 2, 5, "10.0.0.8"): "514d 04 24"
-    "00000027 0000000000000004 0102030405060708 03 0a000009 06 07 01 04 02 05 0a000008",
+    "0000002d 0000000000000004 0102030405060708 03 0a000009 06 07 01 04 02 05 0a000008"
+    "00 00 00 00 00 00",
+    SwapOrder(9, 7, 2, "10.0.0.9", 0, 1, 0, 0, 0, 0, "0.0.0.0", 2, 3, 2, 1, 5, 4): "514d 04 24"
+    "0000002d 0000000000000009 0000000000000007 02 0a000009 00 01 00 00 00 00 00000000"
+    "02 03 02 01 05 04",
     KeyLinks(6, (LinkState("10.0.0.2", 128, 64, 50_000, 12_000, True),)): "514d 04 25 00000025"
     "0000000000000006 0a000002 00000080 00000040 0000c350 00002ee0 01",
     KeyRouteRequest(7, "10.0.0.3", 3, "sae-alice", "web"): "514d 04 26 00000098 0000000000000007"
@@ -147,6 +151,12 @@ def test_another_key_and_the_other_direction_are_refused() -> None:
         SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, after_right=3),  # without a notice
         SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, tell_left=2),
         SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, notices=15),
+        SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, spans_left=1),  # without rounds
+        SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, protocol=3, rounds=1, spans_left=1, spans_right=1),
+        SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, protocol=1, rounds=9, spans_left=1, spans_right=1),
+        SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, protocol=1, rounds=1, spans_left=1),
+        SwapOrder(1, 7, 0, "10.0.0.9", 0, 1, protocol=1, rounds=1, spans_right=1, to_right=1),
+        SwapOrder(1, 7, 2, protocol=1, rounds=1, spans_left=1),  # and hears of no swap
         replace(REPORT, ports=(DevicePort("q", True),) * (MAX_PORTS + 1)),
         replace(REPORT, ports=(DevicePort("", True),)),
         replace(REPORT, ports=(DevicePort("\n", True),)),

@@ -101,6 +101,23 @@ local function check_size(kind, size)
     return nil
 end
 
+-- Returns why what an order says of purification cannot be, or nil.
+local function check_purification(values, last)
+    local rounds, protocol = values.rounds, values.protocol
+    local left, right = values.spans_left > 0, values.spans_right > 0
+    local to_right, to_left = values.to_right > 0, values.to_left > 0
+    if rounds == 0 and protocol == 0 then
+        return (left or right or to_right or to_left) and "purification without rounds" or nil
+    end
+    local repeats = values.place > 0 and not last
+    local passes = repeats or (not to_left and to_right == last)
+    if protocol < 1 or protocol > 2 or rounds < 1 or rounds > format.max_level_rounds
+        or left ~= (values.place > 0) or right == last or not passes then
+        return "purification at place " .. values.place
+    end
+    return nil
+end
+
 -- Returns why an order for a chain of repeaters cannot be, or nil.
 local function check_order(values, range, right, station)
     local last = range:range(right.offset, right.size):uint() == 0
@@ -111,6 +128,8 @@ local function check_order(values, range, right, station)
     local least, most = 0, format.max_repeaters
     if last then least, most = 1, most + 1 end
     if values.place < least or values.place > most then return "place " .. values.place end
+    local unpurified = check_purification(values, last)
+    if unpurified then return unpurified end
     local waits, notices = math.max(values.after_left, values.tell_left), values.notices
     if last or values.place == 0 then
         local told = waits + values.after_right + notices > 0

@@ -6,7 +6,7 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.service_options import ServiceOptions
 from wire.metadata import Reason
 
-LEAST_HOSTS, MOST_HOSTS = 3, 16
+LEAST_HOSTS, MOST_HOSTS = 2, 16  # of two it is a Bell pair
 
 
 @dataclass(frozen=True)

@@ -61,6 +61,7 @@ async def serve_link(resources: HostResources, channel: MetadataChannel, setup: 
     SessionError if it fails.
     """
     check_wavelength(setup)
+    resources = resources.at(setup.wavelength_pm)
     require_fibers(setup, Role.ACCEPTOR, resources.qnic, making(setup, False))
     order = await resources.swaps.order_of_link(setup.session)
     connection = ConnectionEnd(resources.qnic, setup, channel)

@@ -16,6 +16,15 @@ import numpy as np
 
 from hosts.hardware.qnic import BlockName
 from hosts.middleware.services.swapping.bits import MAX_OPERATOR, Bits, Swapped
+from hosts.middleware.services.swapping.spans import (
+    MAX_SEED,
+    Parts,
+    correct,
+    follow,
+    lead,
+    passing,
+    told_on,
+)
 from hosts.middleware.session.blocks import (
     correct_heralded,
     correct_rotation,
@@ -86,6 +95,20 @@ class OutgoingLink:
         self.since_ns = yield from stored_since(name)
         return (yield from keep_of_all(name, kept.astype(bool)))
 
+    def purify(self, number: int, size: int, order: SwapOrder) -> Steps[int]:
+        """Follow the right ends of all spans that begin here; return how many pairs are left."""
+        for _span in range(order.spans_right):
+            size = yield from follow(self._side, self.block(number), size, order.rounds)
+        return size
+
+    def passing(self, number: int) -> Steps[Parts]:
+        """Return what comes from the right for others to the left."""
+        return passing(self._side, number)
+
+    def tell(self, number: int, parts: Parts) -> Say:
+        """Tell the next node what has come from the left for it, or for others behind it."""
+        return told_on(self._side, number, parts)
+
     def say(self, number: int, swapped: Swapped) -> Say:
         """Tell the next node, and all behind it, of a swap here or to the left."""
         side, bits = self._side, swapped.bits
@@ -138,6 +161,28 @@ class IncomingLink:
         arrived = yield from correct_rotation(name, stored.arrived, side.setup.rotation)
         yield side.say(Topic.ARRIVED, number, arrived, 1)
         return (yield from keep_of_all(name, arrived & theirs.astype(bool)))
+
+    def purify(self, number: int, size: int, order: SwapOrder, seed: int) -> Steps[int]:
+        """Purify all spans that end here, each behind the swap that has made it.
+
+        Return how many pairs are left.
+        """
+        name, kept = self.block(number), np.ones(size, dtype=bool)
+        for span in range(order.spans_left):
+            if span:
+                swapped = yield from self.swapped(number, to_the_left_of(order.place))
+                kept = yield from correct(name, size, swapped.bits)
+            plan = order.protocol, order.rounds, (seed + span) & MAX_SEED
+            size = yield from lead(self._side, name, kept, *plan)
+        return size
+
+    def passing(self, number: int) -> Steps[Parts]:
+        """Return what comes from the left for others to the right."""
+        return passing(self._side, number)
+
+    def tell(self, number: int, parts: Parts) -> Say:
+        """Tell the node to the left what has come from the right for it, or for others there."""
+        return told_on(self._side, number, parts)
 
     def swapped(self, number: int, missing: set[int]) -> Steps[Swapped]:
         """Return what the next repeater tells of a block; it is not missing any more."""

@@ -31,22 +31,28 @@ from hosts.timeouts import BITS_TIMEOUT_S
 from wire.device import SwapOrder
 from wire.metadata import MemoryState, Reason, Topic, Values
 
-# The last link of a chain, and the place of its right end there; it comes when the chain is there.
-LastLink = Callable[[], Awaitable[tuple[Connection, IncomingLink, int]]]
+# The last link of a chain, and the order of its right end; it comes when the chain is there.
+LastLink = Callable[[], Awaitable[tuple[Connection, IncomingLink, SwapOrder]]]
 
 
 class Opening:
     """How the opener has a block of pairs made of those of all links."""
 
-    def __init__(self, side: OpenerSide, connection: Connection, link: OutgoingLink) -> None:
+    def __init__(
+        self, side: OpenerSide, connection: Connection, link: OutgoingLink, order: SwapOrder
+    ) -> None:
         """Begin with the link to the first repeater, which this connection carries."""
         self._side, self._connection, self._link = side, connection, link
+        self._order = order
 
     def make(self, pairs: Pairs, number: int, size: int) -> Steps[None]:
         """Have a block made; keep half 0 of each pair."""
         side, link = self._side, self._link
         yield from side.announce(number, size)
-        there = yield Through(self._connection, link.make(number, size))
+        sent = there = yield Through(self._connection, link.make(number, size))
+        if self._order.rounds:
+            there = yield Through(self._connection, link.purify(number, sent, self._order))
+            pairs.facts["span_rounds"] = self._order.rounds
         theirs = yield from hear(Topic.ARRIVED, number, None, 1, BITS_TIMEOUT_S)
         if theirs.size > there:
             text = f"{theirs.size} pairs of block {number}, at most {there} were sent"
@@ -55,7 +61,7 @@ class Opening:
         chosen = np.flatnonzero(theirs)
         if there:
             yield from take(side.block(number), {link.block(number): chosen})
-        made = there if side.setup.memory == MemoryState.HERALDED else size
+        made = sent if side.setup.memory == MemoryState.HERALDED else size
         pairs.add(number, made, chosen.size)
 
 
@@ -135,8 +141,8 @@ class Accepting:
         number, size = coming(message, side.setup.pairs)
         pairs.admit(number)
         yield side.agree()
-        connection, link, place = yield Wait(self._last_link)
-        there, swaps = yield Through(connection, _taken(link, number, size, place))
+        connection, link, order = yield Wait(self._last_link)
+        there, swaps = yield Through(connection, _taken(link, number, size, order))
         bits = reduce(Bits.joined, (swapped.bits for swapped in swaps), Bits.none(there))
         name = side.block(number, half=1)
         if there:
@@ -169,19 +175,23 @@ class Accepting:
 
     def finish(self) -> Steps[None]:
         """Agree to the end of all links; raise SessionError for anything else."""
-        connection, link, _place = yield Wait(self._last_link)
+        connection, link, _order = yield Wait(self._last_link)
         yield Through(connection, _ended(link))
 
 
 def _taken(
-    link: IncomingLink, number: int, size: int, place: int
+    link: IncomingLink, number: int, size: int, order: SwapOrder
 ) -> Steps[tuple[int, list[Swapped]]]:
     """Return how many pairs of a block have come, and what all repeaters tell of their swaps."""
     if (yield from link.announced()) != (number, size):
         raise SessionError(Reason.PROTOCOL, f"the last link does not bring block {number}")
     there = yield from link.take(number, size)
-    missing, swaps = to_the_left_of(place), list[Swapped]()
-    while missing:
+    missing, swaps = to_the_left_of(order.place), list[Swapped]()
+    due = len(missing)
+    if order.rounds:
+        there = yield from link.purify(number, there, order, order.seed(number))
+        due = order.to_right  # of the others we have heard
+    while len(swaps) < due:
         swaps.append((yield from link.swapped(number, missing)))
     return there, swaps
 

@@ -40,10 +40,41 @@ class Repeater:
             self._left.perform(self._incoming.take(number, size)),
             self._right.perform(self._outgoing.make(number, size)),
         )
+        if self._order.rounds:
+            await self._purify_and_join(number, there)
+            return
         turn, has_come = Turn(self._order), asyncio.Event()
         if turn.has_come:  # there may be none to wait for
             has_come.set()
         await together(self._pass_on(number, turn, has_come), self._join(number, there, has_come))
+
+    async def _purify_and_join(self, number: int, there: tuple[int, int]) -> None:
+        """Swap what is left when all that ends here is purified; then pass on what others tell."""
+        order = self._order
+        left = self._incoming.purify(number, there[0], order, order.seed(number))
+        right = self._outgoing.purify(number, there[1], order)
+        kept = await together(self._left.perform(left), self._right.perform(right))
+        await self._tell_of_swap(number, kept)
+        await together(self._relay_right(number), self._relay_left(number))
+
+    async def _relay_right(self, number: int) -> None:
+        for _ in range(self._order.to_right):
+            parts = await self._left.perform(self._incoming.passing(number))
+            await self._right.carry_out(self._outgoing.tell(number, parts))
+
+    async def _relay_left(self, number: int) -> None:
+        for _ in range(self._order.to_left):
+            parts = await self._right.perform(self._outgoing.passing(number))
+            await self._left.carry_out(self._incoming.tell(number, parts))
+
+    async def _tell_of_swap(self, number: int, there: tuple[int, int]) -> None:
+        """Swap, and tell those to the right."""
+        links = self._incoming, self._outgoing
+        names = links[0].block(number), links[1].block(number)
+        since_ns = links[0].since_ns, links[1].since_ns
+        place, states = self._order.place, self._distinguishable_states
+        swapped = await self._right.perform(joined(names, there, since_ns, place, states))
+        await self._right.carry_out(self._outgoing.say(number, swapped))
 
     async def _pass_on(self, number: int, turn: Turn, has_come: asyncio.Event) -> None:
         """Pass on all that others tell of their swaps."""
@@ -76,13 +107,9 @@ class Repeater:
 
         Whoever hears of the others has a deadline.
         """
-        order, links = self._order, (self._incoming, self._outgoing)
+        order = self._order
         await has_come.wait()
-        names = links[0].block(number), links[1].block(number)
-        since_ns = links[0].since_ns, links[1].since_ns
-        states = self._distinguishable_states
-        swapped = await self._right.perform(joined(names, there, since_ns, order.place, states))
-        await self._right.carry_out(self._outgoing.say(number, swapped))
+        await self._tell_of_swap(number, there)
         if order.tell_left:
             notice = self._incoming.notify(number, order.place, order.tell_left)
             await self._left.carry_out(notice)

@@ -31,6 +31,7 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import Connection
 from hosts.middleware.session.swap_orders import Arrived
 from hosts.timeouts import LINK_TIMEOUT_S
+from wire.device import SwapOrder
 from wire.metadata import Reason, Service
 
 
@@ -42,7 +43,7 @@ async def swap(end: OpenerEnd, options: DistributeOptions) -> Answerer:
         connection = await OpenedLink.open(end.qnic, order, end.setup, end.resources.swaps.address)
         try:
             link = OutgoingLink(connection.side, connection.port)
-            opening = Opening(end.side, connection, link)
+            opening = Opening(end.side, connection, link, order)
             answer = await make_pairs(end, options, opening.make)
             await connection.perform(link.finish())
         except (SessionError, HardwareError) as error:
@@ -66,8 +67,8 @@ async def receive(end: AcceptorEnd) -> Answerer:
 
 async def _last_link(
     end: AcceptorEnd, expected: asyncio.Future[Arrived]
-) -> tuple[Connection, IncomingLink, int]:
-    """Return the link from the last repeater, and the place of this host in the chain."""
+) -> tuple[Connection, IncomingLink, SwapOrder]:
+    """Return the link from the last repeater, and what this host is told to do."""
     try:
         async with asyncio.timeout(LINK_TIMEOUT_S):
             arrived = await asyncio.shield(expected)
@@ -75,7 +76,7 @@ async def _last_link(
         text = f"no link from the last repeater in {LINK_TIMEOUT_S:g} s"
         raise SessionError(Reason.PROTOCOL, text) from error
     connection = ConnectionEnd(end.qnic, arrived.setup, arrived.channel)
-    return connection, IncomingLink(connection.side, arrived.order), arrived.order.place
+    return connection, IncomingLink(connection.side, arrived.order), arrived.order
 
 
 KIND = ServiceKind(Service.SWAP, DistributeOptions, swap, receive)

@@ -1,0 +1,100 @@
+"""The channels of a fibre: light of one comes out, a little, in those beside it.
+
+A demultiplexer lets of the light of channel c the share 10^(-channel_crosstalk_db / 10) out of each
+of the ports c - 1 and c + 1. What strays has a state that nothing here depends on: in the other
+channel it is a noise photon, if it comes within the window of a pulse there.
+"""
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dispatcher.fiber.noise import Effect, Passage, Schedule
+from dispatcher.switch.timeline import REMEMBERED_NS
+from wire.parameters.fiber import Fiber
+
+MOST_EXTRAS = 255
+NS_PER_S = 1e9
+
+
+class Passing(NamedTuple):
+    """Light of a block where it leaves a fibre, and with which share of its photons."""
+
+    schedule: Schedule
+    share: float
+
+
+@dataclass
+class Traffic:
+    """The light of one channel in one direction, of the last minute."""
+
+    passing: deque[Passing] = field(default_factory=deque)
+
+    def add(self, schedule: Schedule, share: float) -> None:
+        """Note light that will leave the fibre then, with this share of its photons."""
+        while self.passing and (
+            self.passing[0].schedule.last_ns < schedule.first_ns - REMEMBERED_NS
+        ):
+            self.passing.popleft()
+        self.passing.append(Passing(schedule, share))
+
+    def photons(self, times_ns: NDArray[np.int64], window_ns: float) -> NDArray[np.float64]:
+        """Return how many of its photons leave within a window about each time, on average."""
+        mean = np.zeros(times_ns.size)
+        for schedule, share in self.passing:
+            if schedule.first_ns - window_ns > times_ns[-1]:
+                continue
+            if schedule.last_ns + window_ns < times_ns[0]:
+                continue
+            mean += share * _within(schedule, times_ns, window_ns)
+        return mean
+
+
+def _within(
+    schedule: Schedule, times_ns: NDArray[np.int64], window_ns: float
+) -> NDArray[np.float64]:
+    """Return how many pulses of a schedule are less than half a window from each time."""
+    interval_ns = max(schedule.interval_ns, 1.0)
+    since_ns = times_ns - schedule.first_ns
+    first = np.ceil((since_ns - window_ns / 2) / interval_ns)
+    behind = np.ceil((since_ns + window_ns / 2) / interval_ns)  # the first that is not within
+    inside: NDArray[np.float64] = np.clip(behind, 0, schedule.photons)
+    inside -= np.clip(first, 0, schedule.photons)
+    return inside
+
+
+class ChannelCrosstalk:
+    """Strays from the neighbouring channels of a fibre, and what strays into these from here.
+
+    An approximation where it acts: that a photon is here is not kept together with its being lost
+    there, and light of neighbours is counted by the way that it had when it was sent.
+    """
+
+    def __init__(self, fiber: Fiber, strand: Mapping[int, Traffic]) -> None:
+        """Stray in this channel of a fibre; `strand` has the light of all, by channel."""
+        assert fiber.channel_crosstalk_db is not None
+        self._strand, self._channel = strand, fiber.channel
+        self._neighbours = [
+            each for each in (fiber.channel - 1, fiber.channel + 1) if 1 <= each <= fiber.channels
+        ]
+        self._share = 10 ** (-fiber.channel_crosstalk_db / 10)
+        self._window_ns = fiber.pulse_window_s * NS_PER_S
+
+    def _lit(self, channel: int) -> bool:
+        return channel in self._strand and bool(self._strand[channel].passing)
+
+    def effect(self, passage: Passage) -> Effect:
+        """Draw which photons stray, and how many come with each pulse."""
+        stays = 1 - self._share * len(self._neighbours)
+        lost = ~passage.happens("stay", stays)
+        lit = [self._strand[each] for each in self._neighbours if self._lit(each)]
+        if not lit:
+            return Effect(lost=lost, transmission=stays)
+        means = sum(traffic.photons(passage.times_ns, self._window_ns) for traffic in lit)
+        drawn = passage.generator("strays").poisson(means * self._share)
+        extras = np.minimum(drawn, MOST_EXTRAS).astype(np.uint8)
+        return Effect(lost=lost, transmission=stays, extras=extras, exact=False)

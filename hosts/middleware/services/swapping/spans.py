@@ -1,0 +1,115 @@
+"""Pairs between two nodes of a chain, purified before either of them swaps; no socket, no clock.
+
+left end                 nodes that have swapped               right end
+  | <-- PURIFY, ARRIVED ------------|--------------------------- |  of its pairs these are left
+  | <-- OUTCOMES -------------------|--------------------------> |  as many rounds as are planned
+
+A node that has not swapped a block yet is meant by whatever it is told of it; one that has passes
+it on. So nothing needs an address: who tells whom follows from the order of swaps.
+"""
+
+import numpy as np
+
+from hosts.hardware.qnic import BlockName, Qnic, Symbols
+from hosts.middleware.services.distribution.purification import PHOTONS, Protocol, purify
+from hosts.middleware.services.swapping.bits import Bits
+from hosts.middleware.session.blocks import LOST, Mask, keep, keep_of_all, store, take
+from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.protocol import Hear, Say, Side, Steps, do, hear
+from hosts.middleware.session.values import Numbers, expect
+from hosts.timeouts import BITS_TIMEOUT_S
+from wire.metadata import Reason, Topic, Values
+
+MAX_SEED = (1 << 32) - 1
+
+Parts = list[tuple[Topic, Numbers, int]]  # of one thing told: topic, numbers, width of each
+
+
+def correct(name: BlockName, size: int, bits: Bits) -> Steps[Mask]:
+    """Make Phi+ of what a swap has left of a block's pairs; return which are there, shape (n,)."""
+    if bits.size > size:
+        text = f"{bits.size} pairs swapped of block {name.number}, {size} are here"
+        raise SessionError(Reason.PROTOCOL, text)
+    seen = np.flatnonzero(bits.seen)
+    kept = np.zeros(bits.size, dtype=bool)
+    if size:
+        yield from take(name, {name: seen})
+    if seen.size:
+        yield from do(Qnic.apply, name, bits.operators[seen])
+        there = yield from store(name)
+        yield from keep_of_all(name, there)
+        kept[seen[there]] = True
+    return kept
+
+
+def lead(
+    side: Side, name: BlockName, kept: Mask, protocol: int, rounds: int, seed: int
+) -> Steps[int]:
+    """Purify pairs as their right end, which knows what is left; return how many there are then."""
+    number, size = name.number, int(np.count_nonzero(kept))
+    told = side.words(Topic.PURIFY, number, [protocol, seed], 32)
+    yield Say((told, side.words(Topic.ARRIVED, number, kept, 1)))
+    for turn in range(rounds):
+        size = yield from _round(side, name, size, protocol, (seed + turn) & MAX_SEED)
+    return size
+
+
+def follow(side: Side, name: BlockName, size: int, rounds: int) -> Steps[int]:
+    """Purify pairs as their left end, when the right end says so; return how many are left."""
+    number = name.number
+    told = yield from hear(Topic.PURIFY, number, 2, MAX_SEED, BITS_TIMEOUT_S)
+    kept = yield from hear(Topic.ARRIVED, number, None, 1)
+    protocol, seed = told.tolist()
+    if protocol not in (Protocol.BBPSSW, Protocol.DEJMPS) or kept.size > size:
+        text = f"purification of {kept.size} of {size} pairs by protocol {protocol}"
+        raise SessionError(Reason.PROTOCOL, text)
+    if size:
+        yield from take(name, {name: np.flatnonzero(kept)})
+    size = int(np.count_nonzero(kept))
+    for turn in range(rounds):
+        size = yield from _round(side, name, size, protocol, (seed + turn) & MAX_SEED)
+    return size
+
+
+def _round(side: Side, name: BlockName, size: int, protocol: int, seed: int) -> Steps[int]:
+    """Compare pairs two by two; return how many are kept, at both ends."""
+    compared, ours = size // PHOTONS, np.zeros(0, dtype=np.uint8)
+    if compared:
+        ours = yield from purify(name, size, Protocol(protocol), seed)
+    yield side.say(Topic.OUTCOMES, name.number, ours, 2)
+    theirs: Symbols = (
+        yield from hear(Topic.OUTCOMES, name.number, compared, LOST, BITS_TIMEOUT_S)
+    ).astype(np.uint8)
+    agreed = (ours == theirs) & (ours != LOST)
+    if not size:
+        return 0
+    return (yield from keep(name, agreed))
+
+
+# What passes by nodes that have swapped, in how many messages, with the width of their numbers.
+_PASSING: dict[int, tuple[tuple[Topic, int], ...]] = {
+    Topic.SWAPPED: ((Topic.SWAPPED, 32), (Topic.ARRIVED, 1), (Topic.CORRECTIONS, 2)),
+    Topic.PURIFY: ((Topic.PURIFY, 32), (Topic.ARRIVED, 1)),
+    Topic.OUTCOMES: ((Topic.OUTCOMES, 2),),
+}
+
+
+def passing(side: Side, number: int) -> Steps[Parts]:
+    """Return what is told next of a block, part by part, to be passed on."""
+    message: Values = yield Hear(Values, BITS_TIMEOUT_S)
+    parts = _PASSING.get(message.topic)
+    if parts is None:
+        text = f"values of topic {message.topic} from {side.peer}, to be passed on"
+        raise SessionError(Reason.PROTOCOL, text)
+    found = []
+    for place, (topic, width) in enumerate(parts):
+        if place:
+            message = yield Hear(Values, BITS_TIMEOUT_S)
+        numbers = expect(message, topic, number, None, (1 << width) - 1)
+        found.append((topic, numbers, width))
+    return found
+
+
+def told_on(side: Side, number: int, parts: Parts) -> Say:
+    """Tell the next node parts of a message."""
+    return Say(tuple(side.words(topic, number, numbers, width) for topic, numbers, width in parts))

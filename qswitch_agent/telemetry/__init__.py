@@ -1,0 +1,1 @@
+"""Telemetry of a quantum switch for operators: OpenConfig over gNMI."""

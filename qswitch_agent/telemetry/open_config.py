@@ -1,0 +1,135 @@
+"""The state of a quantum switch in the words of OpenConfig.
+
+| model (its YANG module) | what of it |
+|---|---|
+| openconfig-interfaces | name, oper-status; photons as in-pkts, out-pkts, in-discards (lost ones) |
+| openconfig-platform | components: the switch with its temperature, ports |
+| openconfig-transport-line-common | optical-port: input-power, output-power (dBm) |
+| openconfig-platform-transceiver | physical-channel 0: laser-bias-current (mA), output-frequency |
+| openconfig-wavelength-router | media-channels: the light paths that stand, by their circuits |
+| qmn-light (qmn-light.yang, here) | of a media channel: insertion-loss, photons |
+
+Of all of them state alone, and of state the leaves that are here. What is not measured is absent.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+from qswitch_agent.hardware.optics import CrossConnect, PortReading, Readings
+from qswitch_agent.telemetry.tree import Element, Large, Leaf, Path, Value
+from wire.optical import (
+    ANY_PORT,
+    VALID_RX_PWR,
+    VALID_TX_BIAS,
+    VALID_TX_PWR,
+    VALID_TX_TEMP,
+    VALID_TX_TUNE,
+    PathOptics,
+    PortLight,
+)
+
+MODELS = (
+    "openconfig-interfaces",
+    "openconfig-platform",
+    "openconfig-platform-transceiver",
+    "openconfig-transport-line-common",
+    "openconfig-wavelength-router",
+    "qmn-light",
+)
+UP, DOWN = "UP", "DOWN"
+PORT_TYPE = "openconfig-platform-types:PORT"
+CHASSIS_TYPE = "openconfig-platform-types:CHASSIS"
+LOSS, PHOTONS = "qmn-light:insertion-loss", "qmn-light:photons"
+
+
+@dataclass(frozen=True)
+class Fiber:
+    """A fibre's port at one moment."""
+
+    name: str
+    whole: bool
+    light: PortLight
+
+
+@dataclass(frozen=True)
+class Observed:
+    """A switch at one moment."""
+
+    name: str
+    fibers: Mapping[int, Fiber]  # by OpenFlow port number
+    readings: Readings
+    standing: Iterable[CrossConnect]
+    optics: Iterable[PathOptics]
+
+
+def leaves(seen: Observed) -> list[Leaf]:
+    """Return all that is known of a switch."""
+    return [*_chassis(seen), *_fibers(seen), *_channels(seen)]
+
+
+def _chassis(seen: Observed) -> Iterator[Leaf]:
+    at = (Element("components"), Element("component", (("name", seen.name),)), Element("state"))
+    yield _leaf(at, "name", seen.name)
+    yield _leaf(at, "type", CHASSIS_TYPE)
+    lights = [fiber.light for fiber in seen.fibers.values()]
+    if any(light.flags & VALID_TX_TEMP for light in lights):
+        yield _leaf((*at, Element("temperature")), "instant", seen.readings.temperature_c)
+
+
+def _fibers(seen: Observed) -> Iterator[Leaf]:
+    for number, fiber in sorted(seen.fibers.items()):
+        reading = seen.readings.ports.get(number, PortReading())
+        yield from _interface(fiber, reading, seen.readings.counts_photons)
+        yield from _component(fiber)
+
+
+def _interface(fiber: Fiber, reading: PortReading, counts: bool) -> Iterator[Leaf]:
+    at = (Element("interfaces"), Element("interface", (("name", fiber.name),)), Element("state"))
+    yield _leaf(at, "name", fiber.name)
+    yield _leaf(at, "oper-status", UP if fiber.whole else DOWN)
+    if counts:
+        counters = (*at, Element("counters"))
+        yield _leaf(counters, "in-pkts", Large(reading.photons_in))
+        yield _leaf(counters, "out-pkts", Large(reading.photons_out))
+        yield _leaf(counters, "in-discards", Large(reading.photons_lost))
+
+
+def _component(fiber: Fiber) -> Iterator[Leaf]:
+    at = (Element("components"), Element("component", (("name", fiber.name),)))
+    yield _leaf((*at, Element("state")), "name", fiber.name)
+    yield _leaf((*at, Element("state")), "type", PORT_TYPE)
+    light = fiber.light
+    port = (*at, Element("port"), Element("optical-port"), Element("state"))
+    if light.flags & VALID_RX_PWR:
+        yield _leaf((*port, Element("input-power")), "instant", light.rx_power / 10)
+    if light.flags & VALID_TX_PWR:
+        yield _leaf((*port, Element("output-power")), "instant", light.tx_power / 10)
+    channel = Element("channel", (("index", "0"),))
+    laser = (*at, Element("transceiver"), Element("physical-channels"), channel, Element("state"))
+    if light.flags & VALID_TX_BIAS:
+        yield _leaf((*laser, Element("laser-bias-current")), "instant", light.bias_current / 10)
+    if light.flags & VALID_TX_TUNE:
+        yield _leaf(laser, "output-frequency", Large(light.tx_mhz))
+
+
+def _channels(seen: Observed) -> Iterator[Leaf]:
+    losses = {(each.in_port, each.out_port): each.loss_mdb / 1000 for each in seen.optics}
+    others = losses.get((ANY_PORT, ANY_PORT))
+    for path in sorted(seen.standing):
+        channel = Element("channel", (("index", str(path.circuit)),))
+        at = (Element("wavelength-router"), Element("media-channels"), channel)
+        state, ends = (*at, Element("state")), (path.in_port, path.out_port)
+        names = [seen.fibers[port].name for port in ends]
+        yield _leaf(state, "index", path.circuit)
+        yield _leaf(state, "name", f"{names[0]} to {names[1]}")
+        yield _leaf(state, "oper-status", UP)
+        for end, name in zip(("source", "dest"), names, strict=True):
+            yield _leaf((*at, Element(end), Element("state")), "port-name", name)
+        if (loss_db := losses.get(ends, others)) is not None:
+            yield _leaf(state, LOSS, loss_db)
+        if seen.readings.counts_photons and path.circuit in seen.readings.circuits:
+            yield _leaf(state, PHOTONS, Large(seen.readings.circuits[path.circuit].photons))
+
+
+def _leaf(at: Path, name: str, value: Value) -> Leaf:
+    return Leaf((*at, Element(name)), value)

@@ -1,0 +1,227 @@
+"""OpenConfig over gNMI, asked by pygnmi, a client that is not ours."""
+
+import asyncio
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import grpc
+import pytest
+from pygnmi.client import gNMIclient, gNMIException
+from pygnmi.create_gnmi_path import gnmi_path_generator
+from pygnmi.spec.v080 import gnmi_pb2 as gnmi
+from pygnmi.spec.v080.gnmi_pb2_grpc import add_gNMIServicer_to_server
+
+from qswitch_agent.hardware.optics import (
+    CircuitReading,
+    CrossConnect,
+    HardwareFault,
+    PortReading,
+    Quantity,
+    Readings,
+)
+from qswitch_agent.telemetry.messages import Unusable, path_of, require_encoding
+from qswitch_agent.telemetry.open_config import Fiber, Observed, leaves
+from qswitch_agent.telemetry.service import MAX_PATHS, Telemetry
+from qswitch_agent.telemetry.tree import Leaf, found
+from topologies.runtime import free_port
+from wire.optical import ALL_VALID, ANY_PORT, VALID_RX_PWR, PathOptics, PortLight
+
+LIGHT = PortLight(ALL_VALID, 193_100_000, 0, 12_500, 193_100_000, 0, 12_500, 15, -73, 305, 255)
+DARK = PortLight(ALL_VALID & ~VALID_RX_PWR, 0, 0, 0, 0, 0, 0, 15, -32768, 305, 255)
+POWER = "/components/component[name=q1-eth1]/port/optical-port/state/input-power/instant"
+BIAS = (
+    "/components/component[name=q1-eth1]/transceiver/physical-channels/channel[index=0]"
+    "/state/laser-bias-current/instant"
+)
+PHOTONS = "/interfaces/interface[name=q1-eth1]/state/counters/in-pkts"
+DISCARDS = "/interfaces/interface[name=q1-eth1]/state/counters/in-discards"
+HEAT = "/components/component[name=q1]/state/temperature/instant"
+CHANNEL = "/wavelength-router/media-channels/channel[index=77]"
+
+
+def seen(photons: int = 1_000_000, standing: bool = True, **readings: Any) -> list[Leaf]:
+    """Return what is told of a switch of two fibres, the second of which is cut."""
+    ports = {1: PortReading(photons_in=photons, photons_out=5, photons_lost=3)}
+    circuits = {77: CircuitReading(photons - 3, 0, 0)}
+    return leaves(
+        Observed(
+            "q1",
+            {1: Fiber("q1-eth1", True, LIGHT), 2: Fiber("q1-eth2", False, DARK)},
+            Readings(ports, circuits, 25.5, **readings),
+            [CrossConnect(1, 2, 77)] if standing else [],
+            [PathOptics(ANY_PORT, ANY_PORT, 900, 0), PathOptics(1, 2, 1250, 0)],
+        )
+    )
+
+
+class Served:
+    """A service at a port, on an event loop of its own, and a client's calls."""
+
+    def __init__(self) -> None:
+        self.seen = seen()
+        self.fault: Exception | None = None
+        self.port = free_port()
+
+    async def observe(self) -> list[Leaf]:
+        if self.fault is not None:
+            raise self.fault
+        return self.seen
+
+    def client(self) -> Any:
+        return gNMIclient(target=("127.0.0.1", self.port), insecure=True)
+
+
+@pytest.fixture
+def served() -> Iterator[Served]:
+    with serving(Served()) as scene:
+        yield scene
+
+
+@contextmanager
+def serving(scene: Served) -> Iterator[Served]:
+    ready, loop = threading.Event(), asyncio.new_event_loop()
+    ended = asyncio.Event()
+
+    async def run() -> None:
+        server = grpc.aio.server()
+        add_gNMIServicer_to_server(Telemetry(scene.observe), server)
+        server.add_insecure_port(f"127.0.0.1:{scene.port}")
+        await server.start()
+        ready.set()
+        await ended.wait()
+        await server.stop(0)
+
+    thread = threading.Thread(target=loop.run_until_complete, args=(run(),))
+    thread.start()
+    assert ready.wait(10)
+    try:
+        yield scene
+    finally:
+        loop.call_soon_threadsafe(ended.set)
+        thread.join()
+        loop.close()
+
+
+def values(answer: Any) -> dict[str, Any]:
+    """Return what a client has read, by path; its paths have no first slash."""
+    return {
+        f"/{update['path']}": update["val"]
+        for notification in answer["notification"]
+        for update in notification.get("update", ())
+    }
+
+
+def test_a_stock_client_reads_power_loss_photons_and_temperature(served: Served) -> None:
+    with served.client() as client:
+        told = values(client.get(path=["/"], encoding="json"))
+    assert told[POWER] == -7.3
+    assert told[BIAS] == 30.5
+    assert (told[PHOTONS], told[DISCARDS], told[HEAT]) == (1_000_000, 3, 25.5)
+    assert told[f"{CHANNEL}/state/qmn-light:insertion-loss"] == 1.25
+    assert told[f"{CHANNEL}/state/qmn-light:photons"] == 999_997
+    assert told[f"{CHANNEL}/source/state/port-name"] == "q1-eth1"
+    assert told[f"{CHANNEL}/dest/state/port-name"] == "q1-eth2"
+    assert told["/interfaces/interface[name=q1-eth2]/state/oper-status"] == "DOWN"
+    # From a cut fibre no light comes: no value rather than a wrong one.
+    assert POWER.replace("eth1", "eth2") not in told
+
+
+def test_json_of_the_ietf_writes_large_numbers_and_fractions_as_strings(served: Served) -> None:
+    with served.client() as client:
+        told = values(client.get(path=[PHOTONS, POWER], encoding="json_ietf"))
+        assert told == {PHOTONS: "1000000", POWER: "-7.300"}  # RFC 7951, 6.1
+        index = f"{CHANNEL}/state/index"
+        assert values(client.get(path=[index], encoding="json_ietf")) == {index: 77}
+        assert values(client.get(path=[PHOTONS], encoding="proto")) == {PHOTONS: 1_000_000}
+
+
+@pytest.mark.parametrize(
+    ("path", "count"),
+    [
+        ("/interfaces/interface/state/counters", 6),
+        ("/interfaces/interface[name=*]/state/counters/in-pkts", 2),
+        ("/interfaces/interface[name=q1-eth2]", 5),
+        ("/components/*/state/name", 3),
+        ("/.../instant", 6),
+        ("openconfig-platform:components/component[name=q1]/state/temperature", 1),
+        (CHANNEL, 7),
+    ],
+)
+def test_paths_find_what_their_wildcards_say(path: str, count: int) -> None:
+    asked = path_of(gnmi.Path(), gnmi_path_generator(path))
+    assert len(found(seen(), asked)) == count
+
+
+def test_what_is_not_measured_is_absent() -> None:
+    told = {leaf.path[-1].name for leaf in seen(not_measured=frozenset({Quantity.PHOTONS}))}
+    assert not told & {"in-pkts", "out-pkts", "in-discards", "qmn-light:photons"}
+    assert "instant" in told
+
+
+def test_what_cannot_be_answered_is_refused_by_its_name(served: Served) -> None:
+    def refused(act: Callable[[], Any]) -> str:
+        with pytest.raises(gNMIException) as caught:
+            act()
+        return str(caught.value)
+
+    with served.client() as client:
+        assert "nothing at nowhere" in refused(lambda: client.get(path=["/nowhere"]))
+        many = [POWER] * (MAX_PATHS + 1)
+        assert f"at most {MAX_PATHS}" in refused(lambda: client.get(path=many))
+        assert "by OpenFlow" in refused(lambda: client.set(update=[(POWER, {"a": 1})]))
+        served.fault = HardwareFault("no answer")
+        assert "no answer" in refused(lambda: client.get(path=[POWER]))
+    with pytest.raises(Unusable, match="encoding 3: choose one of JSON, JSON_IETF, PROTO"):
+        require_encoding(gnmi.ASCII)
+    with pytest.raises(Unusable, match="33 elements"):
+        path_of(gnmi.Path(), gnmi_path_generator("/a" * 33))
+
+
+def test_capabilities_name_models_and_encodings(served: Served) -> None:
+    with served.client() as client:
+        told = client.capabilities()
+    assert {"json", "json_ietf", "proto"} == set(told["supported_encodings"])
+    assert "openconfig-platform" in {model["name"] for model in told["supported_models"]}
+    assert told["gnmi_version"] == "0.8.0"
+
+
+def subscription(kind: str, *paths: str, **more: Any) -> dict[str, Any]:
+    asked = [{"path": path, **more} for path in paths]
+    return {"subscription": asked, "mode": kind, "encoding": "json"}
+
+
+def test_a_subscription_once_tells_everything_and_ends(served: Served) -> None:
+    with served.client() as client:
+        told = list(client.subscribe(subscribe=subscription("once", PHOTONS)))
+    assert [each.WhichOneof("response") for each in told] == ["update", "sync_response"]
+    assert told[0].update.update[0].val.json_val == b"1000000"
+
+
+def test_a_stream_tells_changes_and_what_is_gone(served: Served) -> None:
+    asked = subscription("stream", PHOTONS, CHANNEL, mode="on_change")
+    with served.client() as client:
+        told = client.subscribe(subscribe=asked)
+        first = [next(told) for _ in range(3)]
+        assert [each.WhichOneof("response") for each in first][-1] == "sync_response"
+        served.seen = seen(2_000_000, standing=False)
+        changed, gone = next(told).update, next(told).update
+        assert [each.val.json_val for each in changed.update] == [b"2000000"]
+        assert list(gone.update) == []
+        assert len(gone.delete) == 7
+
+
+def test_a_stream_of_samples_tells_what_has_not_changed_too(served: Served) -> None:
+    asked = subscription("stream", PHOTONS, mode="sample", sample_interval=100_000_000)
+    with served.client() as client:
+        told = client.subscribe(subscribe=asked)
+        kinds = [next(told).WhichOneof("response") for _ in range(4)]
+    assert kinds == ["update", "sync_response", "update", "update"]
+
+
+def test_samples_that_are_too_frequent_are_refused(served: Served) -> None:
+    asked = subscription("stream", PHOTONS, mode="sample", sample_interval=1_000_000)
+    with served.client() as client, pytest.raises(grpc.RpcError) as caught:
+        next(client.subscribe(subscribe=asked))
+    assert "sample_interval 0.001 s: at least 0.1 s" in str(caught.value)
