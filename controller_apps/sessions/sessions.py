@@ -288,6 +288,8 @@ class Sessions:
 
     def forget_retired_before(self, moment: float) -> None:
         """Remove the requests that were retired until then."""
-        for five_tuple, since in list(self.retired.items()):
-            if since <= moment:
-                self.forget(five_tuple)
+        while self.retired:
+            five_tuple, since = next(iter(self.retired.items()))  # the oldest
+            if since > moment:
+                return
+            self.forget(five_tuple)

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import forked_python
 import grpc
 import pytest
 from dispatcher_network import configuration
@@ -45,9 +46,7 @@ def started(config: DispatcherConfig, folder: Path) -> Iterator[subprocess.Popen
 
 def refusal(config: DispatcherConfig, folder: Path) -> str:
     """Run the dispatcher, which must fail, and return what it says."""
-    result = subprocess.run(
-        command(config, folder), capture_output=True, text=True, timeout=DEADLINE_S, check=False
-    )
+    result = forked_python.run(command(config, folder), DEADLINE_S)
     assert result.returncode == 1
     assert result.stdout == ""
     return result.stderr
@@ -93,12 +92,8 @@ def test_an_empty_token_is_named(tmp_path: Path) -> None:
 def test_a_configuration_of_another_kind_is_named(tmp_path: Path) -> None:
     path = tmp_path / "dispatcher.json"
     path.write_text("{}")
-    result = subprocess.run(
-        [sys.executable, "-m", "dispatcher", "--config", str(path)],
-        capture_output=True,
-        text=True,
-        timeout=DEADLINE_S,
-        check=False,
+    result = forked_python.run(
+        [sys.executable, "-m", "dispatcher", "--config", str(path)], DEADLINE_S
     )
     assert result.returncode == 1
     assert str(path) in result.stderr

@@ -180,7 +180,7 @@ class Oracle:
 @pytest.mark.parametrize("seed", range(20))
 def test_random_circuits_with_feed_forward_agree_with_stim(seed: int, backend: str) -> None:
     random, free = np.random.default_rng(seed), 0
-    for _ in range(10):
+    for _ in range(5):
         circuit = RandomCircuit(random, 60).circuit
         (bits,) = run_circuit(circuit, BACKENDS[backend], 8, seed)
         for shot in bits.T:
@@ -188,4 +188,4 @@ def test_random_circuits_with_feed_forward_agree_with_stim(seed: int, backend: s
             oracle.run(circuit.operations)
             assert oracle.bits == shot.tolist()
             free += oracle.free
-    assert free > 100
+    assert free > 50

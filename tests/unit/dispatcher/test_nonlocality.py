@@ -167,7 +167,7 @@ def test_bob_cannot_tell_what_alice_does(backend: str, what: str) -> None:
 
 @pytest.mark.parametrize("what", ALICE_DOES)
 def test_bob_cannot_tell_what_alice_does_to_single_photons(what: str) -> None:
-    size = 300
+    size = 100
     for basis in range(3):
         ones = 0
         for number in range(size):

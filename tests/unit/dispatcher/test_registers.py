@@ -272,7 +272,7 @@ def outcomes_of(backend: str, seed: int, gates: tuple[GateName, ...]) -> list[in
     random, size = np.random.default_rng(seed), 6
     block, singles = Run(size, backend), [Run(1, backend) for _ in range(size)]
     found: list[int] = []
-    for _ in range(60):
+    for _ in range(30):
         found += step(random, block, singles, gates)
     assert block.sabot.live_qubits == sum(single.sabot.live_qubits for single in singles)
     for run in (block, *singles):

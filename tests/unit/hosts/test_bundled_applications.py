@@ -51,7 +51,7 @@ def test_teleport_brings_the_state_over(tmp_path: Path, left: dict[str, list[Any
     hosts = {"sender": "alice", "receiver": "bob"}
     angles = [(0.7, 1.1), (2.9, 2.2), (5.0, 0.4)]
     inputs = [{"sender": {"phi": phi, "theta": theta}} for phi, theta in angles]
-    told = outputs(tmp_path, EXAMPLES / "teleport", hosts, inputs, rounds=5, looking=True)
+    told = outputs(tmp_path, EXAMPLES / "teleport", hosts, inputs, rounds=3, looking=True)
     for round_ in told:
         sent, done = round_["sender"], round_["receiver"]
         assert done == {
@@ -59,7 +59,7 @@ def test_teleport_brings_the_state_over(tmp_path: Path, left: dict[str, list[Any
             "correction2": "X" if sent["m2"] else "None",
         }
     assert len({(each["sender"]["m1"], each["sender"]["m2"]) for each in told}) > 1
-    states = [qubit(*each) for each in angles for _ in range(5)]
+    states = [qubit(*each) for each in angles for _ in range(3)]
     for matrix, state in zip(left["receiver"], states, strict=True):
         assert fidelity(matrix, state) > 1 - ANGLES**2
 
@@ -68,7 +68,7 @@ def test_chsh_is_won_more_often_than_without_quantum(tmp_path: Path) -> None:
     """Through a repeater; cos^2(pi/8) = .854, and .75 is the most without."""
     hosts = {"alice": "alice", "bob": "bob", "repeater": "charlie"}
     inputs = [{"alice": {"x": x}, "bob": {"y": y}} for x, y in product((0, 1), repeat=2)]
-    rounds = 12
+    rounds = 7
     told = outputs(tmp_path, EXAMPLES / "chsh", hosts, inputs, rounds, paths=[(1, 4), (5, 2)])
     asked = [each for each in inputs for _ in range(rounds)]
     won = [
@@ -76,12 +76,14 @@ def test_chsh_is_won_more_often_than_without_quantum(tmp_path: Path) -> None:
         for given, each in zip(asked, told, strict=True)
     ]
     expected = np.cos(pi / 8) ** 2
-    assert abs(np.mean(won) - expected) < SIGMAS * sqrt(expected * (1 - expected) / len(won))
+    bound = SIGMAS * sqrt(expected * (1 - expected) / len(won))
+    assert bound < expected - 1 / 2  # outcomes by chance would fail
+    assert abs(np.mean(won) - expected) < bound
 
 
 def test_bb84_agrees_wherever_the_bases_do(tmp_path: Path) -> None:
     hosts = {"alice": "alice", "bob": "bob"}
-    inputs = [{role: {"num_bits": 40} for role in hosts}]
+    inputs = [{role: {"num_bits": 24} for role in hosts}]
     (told,) = outputs(tmp_path, EXAMPLES / "bb84", hosts, inputs)
     alice, bob = (told[role]["table"] for role in hosts)
     same = [(ours, theirs) for ours, theirs in zip(alice, bob, strict=True) if ours[2]]
@@ -132,9 +134,9 @@ def test_blind_grover_finds_what_the_client_has_hidden(tmp_path: Path) -> None:
     secrets = {"r1": 1, "r2": 0, "theta1": 3 * pi / 4, "theta2": pi / 4}
     tags = list(product((0, 1), repeat=2))
     inputs = [{"client": {"b0": b0, "b1": b1, **secrets}} for b0, b1 in tags]
-    told = outputs(tmp_path, EXAMPLES / "blind_grover", TWO, inputs, rounds=2)
+    told = outputs(tmp_path, EXAMPLES / "blind_grover", TWO, inputs)
     found = [(each["client"]["result0"], each["client"]["result1"]) for each in told]
-    assert found == [tag for tag in tags for _ in range(2)]
+    assert found == tags
 
 
 def test_a_blind_rotation_is_what_the_client_asked_for(tmp_path: Path) -> None:
@@ -144,7 +146,7 @@ def test_a_blind_rotation_is_what_the_client_asked_for(tmp_path: Path) -> None:
         "theta": [0.0, 0.5, 1.0, 0.0],
         "r": [0, 1, 1],
     }
-    inputs = [{"client": {name: list(value) for name, value in asked.items()}} for _ in range(6)]
+    inputs = [{"client": {name: list(value) for name, value in asked.items()}} for _ in range(3)]
     told = outputs(tmp_path, EXAMPLES / "blind_rotation", TWO, inputs, looking=True)
     for each in told:
         client = each["client"]
@@ -181,7 +183,7 @@ def test_noise_of_the_fibres_is_in_the_outcomes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Each half passes two fibres of p = 0.1: outcomes along Y agree with (1 - (1 - p)^4) / 2."""
-    p, rounds = 0.1, 20
+    p, rounds = 0.1, 13
     outputs(tmp_path, EXAMPLES / "link_layer_md", TWO, rounds=rounds, depolarizing=p)
     differ, pairs = differing(capsys.readouterr().out)
     assert pairs == 10 * rounds

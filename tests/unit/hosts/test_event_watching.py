@@ -10,6 +10,7 @@ from itertools import islice
 from pathlib import Path
 
 import pytest
+from forked_python import Forked
 from stacks_scene import network, transfer
 
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
@@ -74,7 +75,7 @@ def test_a_request_that_cannot_be_is_refused(tmp_path: Path, fields: dict[str, i
 
 def spied(folder: Path, *words: str, lines: int = 0) -> tuple[list[str], str]:
     """Run the verb as on host alice; interrupt it after some lines."""
-    with subprocess.Popen(
+    with Forked(
         [sys.executable, "-m", "qmn", "spy", *words],
         env={**os.environ, "QMN_STACK": str(folder / "alice.sock")},
         stdout=subprocess.PIPE,

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from forked_python import Forked
 from stacks_scene import DEADLINE_S, accepted, live_qubits, network, requested
 
 from hosts.hardware.qnic import Received
@@ -162,7 +163,7 @@ def test_light_stops_at_a_host_on_the_fibre_that_does_nothing(tmp_path: Path) ->
 def test_the_application_tells_what_was_seen_when_it_is_told_to_end(tmp_path: Path) -> None:
     def asked() -> tuple[list[dict[str, Any]], dict[str, Any], int]:
         command = [sys.executable, "-m", "hosts.applications.intercept", "--stack"]
-        with subprocess.Popen(
+        with Forked(
             [*command, str(tmp_path / "eve.sock"), "0.1"], stdout=subprocess.PIPE, text=True
         ) as eve:
             assert eve.stdout

@@ -1,4 +1,4 @@
-"""Many sessions of key distribution with noise, between whole stacks with a real dispatcher.
+"""Sessions of key distribution with noise, between whole stacks with a real dispatcher.
 
 A thousand, of the protocol alone, are in qkd/test_qkd_sessions.py.
 """
@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from fault_scene import running, session
 
-SESSIONS = 15  # of each protocol, noise and correction
+SESSIONS = 6  # of each protocol, noise and correction
 NOISES = (0.002, 0.005, 0.015, 0.025)  # depolarising of each fibre
 Keys = dict[str, bytes]
 

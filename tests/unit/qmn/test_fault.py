@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from forked_python import Forked
 
 from qmn.live import running
 from qmn.verbs import fault
@@ -31,7 +32,7 @@ def network(folder: Path) -> Iterator[tuple[subprocess.Popen[str], Path]]:
     )
     config.write(folder / "config.json")
     command = [sys.executable, "-m", "dispatcher", "--config", str(folder / "config.json")]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+    with Forked(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout
             assert process.stdout.readline() == "ready\n"

@@ -128,11 +128,11 @@ def test_installed_it_runs_and_is_completed(prefix: Path) -> None:
     assert (prefix / "share/zsh/site-functions/_qmn").read_text().startswith("#compdef qmn\n")
 
 
-def test_uninstalled_nothing_of_it_is_left(tmp_path: Path) -> None:
-    assert install(tmp_path).returncode == 0
-    assert len(files_of(tmp_path)) == 4
-    assert install(tmp_path, "--remove").returncode == 0
-    assert files_of(tmp_path) == set()
+def test_uninstalled_nothing_of_it_is_left(prefix: Path, tmp_path: Path) -> None:
+    copied = shutil.copytree(prefix, tmp_path / "copied", symlinks=True)
+    assert len(files_of(copied)) == 4
+    assert install(copied, "--remove").returncode == 0
+    assert files_of(copied) == set()
 
 
 @pytest.mark.parametrize("words", [[], ["--remove"]])

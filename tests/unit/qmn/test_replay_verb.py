@@ -6,6 +6,7 @@ import sys
 from contextlib import ExitStack
 from pathlib import Path
 
+import forked_python
 import pytest
 
 from dispatcher.build import open_layer
@@ -57,7 +58,7 @@ def recorded_run(tmp_path: Path, **optics: str) -> Path:
 def replay(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
     """Run the command."""
     command = [sys.executable, "-m", "qmn", "replay", str(folder), *options]
-    return subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
+    return forked_python.run(command, DEADLINE_S)
 
 
 def test_a_run_is_identical(run_folder: Path) -> None:

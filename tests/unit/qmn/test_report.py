@@ -31,6 +31,12 @@ def made_page(folder: Path) -> str:
     return made_report(folder).read_text()
 
 
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Return the page of a run that went well."""
+    return made_page(record_run(tmp_path_factory.mktemp("run")))
+
+
 def figures(page: str) -> dict[str, str]:
     """Return the text in each figure, by its title."""
     found = re.findall(r"<figure.*?<h2>(.*?)</h2>.*?(<svg.*?</svg>)", page, re.DOTALL)
@@ -42,8 +48,7 @@ def figures(page: str) -> dict[str, str]:
     }
 
 
-def test_every_figure_of_a_run_is_there(tmp_path: Path) -> None:
-    page = made_page(record_run(tmp_path))
+def test_every_figure_of_a_run_is_there(page: str) -> None:
     drawn = figures(page)
     assert list(drawn) == FIGURES
     assert "Not drawn" not in page
@@ -59,15 +64,13 @@ def test_every_figure_of_a_run_is_there(tmp_path: Path) -> None:
     assert "p50 3.00 ms" in words["Set-up of light paths"]
 
 
-def test_the_page_needs_nothing_else_and_runs_nothing(tmp_path: Path) -> None:
-    page = made_page(record_run(tmp_path))
+def test_the_page_needs_nothing_else_and_runs_nothing(page: str) -> None:
     assert "<script" not in page
     addresses = set(re.findall(r'(?:src|href|url)\s*[=(]\s*"?([^")\s>]+)', page))
     assert all(address.startswith(("#", "data:")) for address in addresses)
 
 
-def test_no_colour_is_that_of_one_theme_alone(tmp_path: Path) -> None:
-    page = made_page(record_run(tmp_path))
+def test_no_colour_is_that_of_one_theme_alone(page: str) -> None:
     for svg in re.findall(r"<svg.*?</svg>", page, re.DOTALL):
         assert re.findall(r"#[0-9a-fA-F]{6}\b", svg) == []
         assert "var(--ink)" in svg
@@ -76,17 +79,17 @@ def test_no_colour_is_that_of_one_theme_alone(tmp_path: Path) -> None:
         assert all("fill: var(--" in text for text in texts)
 
 
-def test_what_users_wrote_is_no_markup(tmp_path: Path) -> None:
-    page = made_page(record_run(tmp_path))
+def test_what_users_wrote_is_no_markup(page: str) -> None:
     assert "none &lt;&amp;&gt;" in page
     assert "<&>" not in page
 
 
-def test_a_run_says_whether_it_delivered_and_with_which_seed(tmp_path: Path) -> None:
-    assert "delivered exactly" in made_page(record_run(tmp_path))
-    page = made_page(record_run(tmp_path, delivered=False))
-    assert "NOT DELIVERED" in page
+def test_a_run_says_whether_it_delivered_and_with_which_seed(page: str, tmp_path: Path) -> None:
+    assert "delivered exactly" in page
     assert "<td>seed</td><td>1</td>" in page
+    lost = made_page(record_run(tmp_path, delivered=False))
+    assert "NOT DELIVERED" in lost
+    assert "delivered exactly" not in lost
 
 
 def test_what_was_not_recorded_is_said_and_not_drawn(tmp_path: Path) -> None:
@@ -119,9 +122,9 @@ def test_a_run_that_wrote_no_events_does_not_say_that_nothing_happened(tmp_path:
     assert "no Bell pair was measured" not in page
 
 
-def test_errors_are_drawn_from_the_reports_of_all_sessions(tmp_path: Path) -> None:
+def test_errors_are_drawn_from_the_reports_of_all_sessions(page: str, tmp_path: Path) -> None:
     record_run(tmp_path)
-    assert "in the end: symbol errors 3, lost pairs 40, repeated frames 1" in made_page(tmp_path)
+    assert "in the end: symbol errors 3, lost pairs 40, repeated frames 1" in page
     there, back = (ALICE, BOB), (BOB, ALICE)
     said = [
         (there, SETUP),

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import forked_python
 import pytest
 
 DEADLINE_S = 30
@@ -22,14 +23,8 @@ measure q -> c;
 
 def run(*words: str, program: str = "") -> subprocess.CompletedProcess[str]:
     """Run the command."""
-    return subprocess.run(
-        [sys.executable, "-m", "qmn", "sabot", "run", *words],
-        input=program,
-        capture_output=True,
-        text=True,
-        timeout=DEADLINE_S,
-        check=False,
-    )
+    command = [sys.executable, "-m", "qmn", "sabot", "run", *words]
+    return forked_python.run(command, DEADLINE_S, program)
 
 
 def test_counts_are_a_table_and_the_most_frequent_comes_first(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import forked_python
 import pytest
 
 from qmn.results.run_folder import make_folder
@@ -27,7 +28,7 @@ def run_of(folder: Path, service: str) -> Path:
 
 def share(run: Path, copy: Path) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "qmn", "share", str(run), str(copy)]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=30)
+    return forked_python.run(command, 30)
 
 
 def test_a_run_is_its_owners(tmp_path: Path) -> None:

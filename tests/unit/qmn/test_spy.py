@@ -13,6 +13,7 @@ from typing import Any
 
 import grpc
 import pytest
+from forked_python import Forked
 
 from hosts.quantum_socket import STACK_VARIABLE
 from qmn.live import running
@@ -62,7 +63,7 @@ class Scene:
 
     def spy(self, *words: str) -> subprocess.Popen[str]:
         """Start the verb; it is attached when it has shown what is remembered."""
-        return subprocess.Popen(
+        return Forked(
             [sys.executable, "-c", PROGRAM, str(self.folder), "spy", *words],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -96,7 +97,7 @@ def dispatcher(folder: Path) -> Iterator[Scene]:
     )
     config.write(folder / "config.json")
     command = [sys.executable, "-m", "dispatcher", "--config", str(folder / "config.json")]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+    with Forked(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout
             assert process.stdout.readline() == "ready\n"

@@ -2,6 +2,7 @@
 
 import argparse
 import csv
+from collections.abc import Iterator
 from pathlib import Path
 
 import matplotlib.image
@@ -16,6 +17,7 @@ from qmn.verbs import curves, sweep
 POINTS = ("--fidelity", "0.5,0.75,1", "--pairs", "6000")
 FIDELITY = 0.5
 ALONE = ("--workers", "1")
+Words = tuple[str, ...]
 
 
 def parse(*words: str) -> argparse.Namespace:
@@ -38,6 +40,22 @@ def rows(file: Path) -> list[list[str]]:
     """Return the lines of a table in an order of their own."""
     with file.open() as opened:
         return sorted(csv.reader(opened))
+
+
+@pytest.fixture(scope="module")
+def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Words]:
+    """Name a cluster whose workers are here: to start processes takes longer than these sweeps."""
+    with LocalCluster(
+        n_workers=2,
+        threads_per_worker=2,
+        processes=False,
+        protocol="tcp",
+        host="127.0.0.1",
+        dashboard_address=cluster.HTTP_ADDRESS,
+        scheduler_kwargs={"dashboard": False},
+        local_directory=tmp_path_factory.mktemp("dask"),
+    ) as there:
+        yield ("--scheduler", there.scheduler_address)
 
 
 @pytest.fixture(scope="module")
@@ -65,37 +83,30 @@ def test_two_workers_measure_the_same_as_one(swept: Path, tmp_path: Path) -> Non
     assert rows(tmp_path / "teleport.csv") == rows(swept / "teleport.csv")
 
 
-def test_a_cluster_measures_the_same_as_processes(swept: Path, tmp_path: Path) -> None:
-    with LocalCluster(
-        n_workers=2,
-        threads_per_worker=2,
-        processes=False,
-        protocol="tcp",
-        host="127.0.0.1",
-        dashboard_address=cluster.HTTP_ADDRESS,
-        scheduler_kwargs={"dashboard": False},
-        local_directory=tmp_path / "dask",
-    ) as there:
-        scheduler = ("--scheduler", there.scheduler_address)
-        assert run("sweep", "teleport", *POINTS, "--out", str(tmp_path), *scheduler) == 0
+def test_a_cluster_measures_the_same_as_processes(
+    swept: Path, tmp_path: Path, scheduler: Words
+) -> None:
+    assert run("sweep", "teleport", *POINTS, "--out", str(tmp_path), *scheduler) == 0
     assert rows(tmp_path / "teleport.csv") == rows(swept / "teleport.csv")
 
 
-def test_another_seed_measures_something_else(swept: Path, tmp_path: Path) -> None:
-    assert run("sweep", "teleport", *POINTS, "--seed", "2", *ALONE, "--out", str(tmp_path)) == 0
+def test_another_seed_measures_something_else(
+    swept: Path, tmp_path: Path, scheduler: Words
+) -> None:
+    assert run("sweep", "teleport", *POINTS, "--seed", "2", *scheduler, "--out", str(tmp_path)) == 0
     values = [[line[-3] for line in rows(f / "teleport.csv")[:2]] for f in (swept, tmp_path)]
     assert values[0] != values[1]
 
 
 def test_known_points_are_not_measured_again(
-    swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    swept: Path, tmp_path: Path, scheduler: Words, capsys: pytest.CaptureFixture[str]
 ) -> None:
     header, first, second, third = (swept / "teleport.csv").read_text().splitlines(keepends=True)
     cells = first.split(",")
     known = ",".join([*cells[:3], "0.123", *cells[4:]])  # what no measurement would give
     table = tmp_path / "teleport.csv"
     table.write_text(header + known + second[:9])  # as a killed sweep leaves it
-    assert run("sweep", "teleport", *POINTS, *ALONE, "--out", str(tmp_path)) == 0
+    assert run("sweep", "teleport", *POINTS, *scheduler, "--out", str(tmp_path)) == 0
     said = capsys.readouterr().out
     assert "3 points, seed 1; 1 are in" in said
     assert "its last line was half written" in said
@@ -104,11 +115,11 @@ def test_known_points_are_not_measured_again(
     assert sorted(lines[2:]) == sorted([second, third])
 
 
-def test_a_file_with_a_grid_is_swept_and_flags_come_first(tmp_path: Path) -> None:
+def test_a_file_with_a_grid_is_swept_and_flags_come_first(tmp_path: Path, scheduler: Words) -> None:
     file = tmp_path / "grid.toml"
     file.write_text('sweep = "teleport"\nseed = 4\n[grid]\nfidelity = [0.5, 0.9]\npairs = 6000\n')
     out = ("--out", str(tmp_path))
-    assert run("sweep", str(file), "--fidelity", "0.7", *ALONE, *out) == 0
+    assert run("sweep", str(file), "--fidelity", "0.7", *scheduler, *out) == 0
     (line, _header) = rows(tmp_path / "teleport.csv")
     assert line[:3] == ["4", "0.7", "6000"]
 
@@ -157,18 +168,21 @@ def one_sheet(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("one_sheet")
-def test_curves_that_agree_with_theory_pass(tmp_path: Path) -> None:
-    assert run("curves", "--out", str(tmp_path), *ALONE) == 0
+def test_curves_that_agree_with_theory_pass(tmp_path: Path, scheduler: Words) -> None:
+    assert run("curves", "--out", str(tmp_path), *scheduler) == 0
     assert matplotlib.image.imread(tmp_path / "small.png").std() > 0.05
 
 
 @pytest.mark.usefixtures("one_sheet")
 def test_a_point_that_theory_does_not_explain_fails_the_command_and_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    scheduler: Words,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     # A theory that takes F for the fidelity of the teleported state: right for F = 1 alone.
     monkeypatch.setattr(theory, "teleported_fidelity", lambda fidelity: fidelity)
-    assert run("curves", "--out", str(tmp_path), *ALONE) == 1
+    assert run("curves", "--out", str(tmp_path), *scheduler) == 1
     said = capsys.readouterr().err
     assert "teleport at fidelity 0.5, pairs 60000: teleported 0.66" in said
     assert "theory 0.5" in said

@@ -13,6 +13,7 @@ from typing import Any
 
 import grpc
 import pytest
+from forked_python import Forked
 
 from dispatcher.build import build_layer
 from dispatcher.clock import NetworkClock
@@ -116,7 +117,7 @@ def dispatcher_process(folder: Path) -> Iterator[subprocess.Popen[str]]:
     path = folder / "dispatcher.json"
     configuration(folder).write(path)
     command = [sys.executable, "-m", "dispatcher", "--config", str(path)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+    with Forked(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout
             assert process.stdout.readline() == "ready\n"

@@ -20,6 +20,7 @@ START_NS = 1_700_000_000_000_000_000
 STEP_NS = 1_000_000
 SEPARATOR, AGGREGATOR = "\t", "|"
 IP_START, IP_LENGTH, IP_ENDS = 14, 16, 26  # bytes into a frame
+UDP_LENGTH, UDP_HEAD = 38, 8
 LUA_ERROR = "_ws.lua.error"
 
 
@@ -54,27 +55,49 @@ def _head() -> bytes:
 
 
 def datagram(data: bytes, port: int) -> bytes:
-    head = IP(src="10.0.0.1", dst="10.0.0.2") / UDP(sport=port, dport=port)
-    return bytes(_ether() / head / data)
+    """Return an UDP datagram."""
+    head = bytearray(_datagram_head(port))
+    struct.pack_into("!H", head, IP_LENGTH, len(head) - IP_START + len(data))
+    struct.pack_into("!H", head, UDP_LENGTH, UDP_HEAD + len(data))
+    return bytes(head + data)
+
+
+@functools.cache
+def _datagram_head(port: int) -> bytes:
+    """Return the headers of a datagram, as those of a segment."""
+    return bytes(_ether() / IP(src="10.0.0.1", dst="10.0.0.2") / UDP(sport=port, dport=port))
 
 
 def _ether() -> Any:
     return Ether(src="02:00:00:00:00:01", dst="02:00:00:00:00:02")
 
 
-def tshark(folder: Path, frames: Sequence[bytes], *options: str, interface: int = 0) -> list[str]:
-    """Return the lines that tshark prints of the frames; fail if a dissector has an error."""
+def tshark(
+    folder: Path, frames: Sequence[bytes], *options: str, interface: int = 0, passes: int = 2
+) -> list[str]:
+    """Return the lines that tshark prints of the frames; fail if a dissector has an error.
+
+    Frames that name later ones are shown in the second pass alone.
+    """
     file = folder / "frames.pcapng"
     with file.open("wb") as opened:
         writer = Writer(opened, INTERFACES)
         for number, frame in enumerate(frames):
             time_ns = START_NS + number * STEP_NS
             writer.write(Packet(time_ns, frame, len(frame), interface))
-    return tshark_file(file, *options)
+    return tshark_file(file, *options, passes=passes)
 
 
-def tshark_file(file: Path, *options: str) -> list[str]:
-    command = ["tshark", "-2", "-X", f"lua_script:{script_file()}", "-r", str(file), "-n"]
+def found(folder: Path, frames: Sequence[bytes], filters: Sequence[str]) -> list[int]:
+    """Return how many of the frames tshark's display filters find, each by itself."""
+    lines = tshark(folder, frames, "-q", "-z", ",".join(["io,stat,0", *filters]), passes=1)
+    (row,) = [line for line in lines if "<>" in line]
+    return [int(cell) for cell in row.strip("| ").split("|")[1::2]]
+
+
+def tshark_file(file: Path, *options: str, passes: int = 2) -> list[str]:
+    twice = ["-2"] if passes == 2 else []
+    command = ["tshark", *twice, "-X", f"lua_script:{script_file()}", "-r", str(file), "-n"]
     done = subprocess.run(
         [*command, *options], capture_output=True, text=True, check=False, timeout=100
     )
@@ -85,13 +108,17 @@ def tshark_file(file: Path, *options: str) -> list[str]:
 
 
 def shown(
-    folder: Path, frames: Sequence[bytes], names: Sequence[str], interface: int = 0
+    folder: Path,
+    frames: Sequence[bytes],
+    names: Sequence[str],
+    interface: int = 0,
+    passes: int = 2,
 ) -> list[dict[str, list[str]]]:
     """Return, for each frame, all values of each field; fail if a dissector has an error."""
     options = ["-T", "fields", "-E", f"aggregator={AGGREGATOR}", "-E", f"separator={SEPARATOR}"]
     for name in [*names, LUA_ERROR]:
         options += ["-e", name]
-    lines = tshark(folder, frames, *options, interface=interface)
+    lines = tshark(folder, frames, *options, interface=interface, passes=passes)
     assert len(lines) == len(frames)
     rows: list[dict[str, list[str]]] = []
     for line in lines:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from dissection import segment, shown, tshark
+from dissection import found, segment, shown, tshark
 from test_dissectors import SEED, SETUP, mutated, plain
 from test_qkd import GOLDEN, SEQUENCE, SESSION, TAG, WRONG, whole
 
@@ -80,21 +80,28 @@ def test_every_field_of_every_message_is_shown(tmp_path: Path) -> None:
         assert all(len(values) <= 1 for values in row.values())
 
 
-@pytest.mark.parametrize(
-    ("expression", "count"),
-    [
-        ("qkd", len(MESSAGES)),
-        ('qkd.kind == "Detections"', 2),
-        ('qkd.bound == "FINITE"', 1),
-        ('qkd.reason == "NOISY"', 2),
-        ("qkd.max_qber < 0.3", 1),
-        ("qkd.aborted", 3),
-        ('qmeta.topic == "KEYS" && !qkd.malformed', len(MESSAGES)),
-    ],
-)
-def test_filters_find_messages(tmp_path: Path, expression: str, count: int) -> None:
+FILTERS = {
+    "qkd": len(MESSAGES),
+    'qkd.kind == "Detections"': 2,
+    'qkd.bound == "FINITE"': 1,
+    'qkd.reason == "NOISY"': 2,
+    "qkd.max_qber < 0.3": 1,
+    "qkd.aborted": 3,
+    'qmeta.topic == "KEYS" && !qkd.malformed': len(MESSAGES),
+}
+
+
+@pytest.fixture(scope="module")
+def counts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, int]:
+    """Return how many messages each filter finds; one tshark says it of all."""
     frames = alone([whole(message) for message in MESSAGES])
-    assert len(tshark(tmp_path, frames, "-Y", expression)) == count
+    folder = tmp_path_factory.mktemp("filters")
+    return dict(zip(FILTERS, found(folder, frames, list(FILTERS)), strict=True))
+
+
+@pytest.mark.parametrize("expression", list(FILTERS))
+def test_filters_find_messages(counts: dict[str, int], expression: str) -> None:
+    assert counts[expression] == FILTERS[expression]
 
 
 def cut(draw: random.Random, stream: bytes, times: int) -> Iterator[bytes]:
@@ -196,7 +203,7 @@ def test_what_python_refuses_is_marked_as_malformed_and_nothing_else(tmp_path: P
     spoiled += with_other_values()
     spoiled += [whole(message) for message in WRONG]
     frames = alone(spoiled)
-    rows = shown(tmp_path, frames, ["qkd.malformed"])
+    rows = shown(tmp_path, frames, ["qkd.malformed"], passes=1)
     wanted = [refused(data) for data in spoiled]
     assert 0.2 < sum(wanted) / len(wanted) < 0.8
     wrong = [
@@ -207,23 +214,35 @@ def test_what_python_refuses_is_marked_as_malformed_and_nothing_else(tmp_path: P
     assert wrong == []
 
 
-@pytest.mark.parametrize(
-    ("width", "numbers"),
-    [
-        (1, [1, 0, 1, 1, 0, 0, 1, 0, 1]),
-        (2, [3, 1, 0, 2, 3]),
-        (8, [0, 255, 7]),
-        (32, [1, (1 << 32) - 1]),
-        (2, [1] * 100),
-        (1, []),
-    ],
-)
-def test_values_are_shown_one_by_one(tmp_path: Path, width: int, numbers: list[int]) -> None:
-    packed = "".join(f"{number:0{width}b}" for number in numbers)
-    packed += "0" * (-len(packed) % 8)
-    data = bytes(int(packed[start : start + 8], 2) for start in range(0, len(packed), 8))
-    message = Values(1, Topic.COUNTS, width, 3, len(numbers), data)
-    (row,) = shown(tmp_path, [segment(message.encode())], ["qmeta.value", "qmeta.malformed"])
+VALUES: list[tuple[int, list[int]]] = [
+    (1, [1, 0, 1, 1, 0, 0, 1, 0, 1]),
+    (2, [3, 1, 0, 2, 3]),
+    (8, [0, 255, 7]),
+    (32, [1, (1 << 32) - 1]),
+    (2, [1] * 100),
+    (1, []),
+]
+
+
+def packed(width: int, numbers: list[int]) -> bytes:
+    """Return a message of numbers that have so many bits each."""
+    bits = "".join(f"{number:0{width}b}" for number in numbers)
+    bits += "0" * (-len(bits) % 8)
+    data = bytes(int(bits[start : start + 8], 2) for start in range(0, len(bits), 8))
+    return Values(1, Topic.COUNTS, width, 3, len(numbers), data).encode()
+
+
+@pytest.fixture(scope="module")
+def values_shown(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, list[str]]]:
+    """Return what one tshark shows of all values, each on a connection of its own."""
+    frames = [segment(packed(*values), number) for number, values in enumerate(VALUES)]
+    folder = tmp_path_factory.mktemp("values")
+    return shown(folder, frames, ["qmeta.value", "qmeta.malformed"])
+
+
+@pytest.mark.parametrize("number", range(len(VALUES)))
+def test_values_are_shown_one_by_one(values_shown: list[dict[str, list[str]]], number: int) -> None:
+    row, (_width, numbers) = values_shown[number], VALUES[number]
     assert [int(text) for text in row["qmeta.value"]] == numbers[:32]
     assert not row["qmeta.malformed"]
 
