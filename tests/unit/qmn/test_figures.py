@@ -6,7 +6,7 @@ import matplotlib.image
 
 from qmn.sweeps.estimates import Estimate
 from qmn.sweeps.experiment import Measure
-from qmn.sweeps.figure import Picture, draw, residuals
+from qmn.sweeps.figure import Picture, Point, draw, residuals
 from qmn.sweeps.parameters import Parameter
 
 X = Parameter("x", 0.0)
@@ -17,7 +17,7 @@ def picture(*points: tuple[float, float, float], theory: bool = True) -> Picture
     measure = Measure(
         "y", "y", (lambda values: 2 * float(values["x"])) if theory else (lambda _: None)
     )
-    series = [({"x": x}, Estimate(value, error)) for x, value, error in points]
+    series: list[Point] = [({"x": x}, Estimate(value, error)) for x, value, error in points]
     return Picture("title", X, "x", measure, [("", series)])
 
 
