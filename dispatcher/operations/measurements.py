@@ -72,11 +72,7 @@ class Measurements:
             late_ps=pulses.late_ps(block.pulses, size, random),
             timed=True,
         )
-        told, wrong = (
-            imperfections.misread(layer, block, found.bits, "measure")
-            if block.kept
-            else (found.bits, 0)
-        )
+        told, wrong = imperfections.misread(layer, block, found.bits, "measure")
         incidents = found.incidents() | ({"misread": wrong} if wrong else {})
         detail = f"{tally(values, BASES)}: {tally(told, ('0', '1'))}" + listed(incidents)
         each = partial(outcome, told, ("0", "1"))

@@ -257,6 +257,7 @@ class Detectors:
     jitter_ps: float = parameter(0.0, 0.0, 1e9)  # rms
     encoding: str = choice(*ENCODINGS)  # of the qubits that they tell, also for a Bell analyser
     efficiency_mismatch: float = parameter(0.0, 0.0, 1.0)  # that of 1 has so much less of it
+    readout_error: float = parameter(0.0, 0.0, 0.5)  # of light: the bit told is the other one
 
     def check(self, where: str) -> None:
         """Raise BadParameter for what no detector is like."""
