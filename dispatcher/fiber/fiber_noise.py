@@ -5,6 +5,7 @@ Among them classical traffic in the same fibre: its light scatters into the quan
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from dispatcher.fiber.polarization_modes import (
 from dispatcher.switch.steps import Steps
 from wire.optical import DEFAULT_FREQUENCY_MHZ
 from wire.parameters.fiber import FiberOptics
+from wire.parameters.switch import QuantumSwitch
 
 PS_PER_S_AND_PPM = 1e6
 PLANCK_J_S = 6.626_070_15e-34
@@ -38,6 +40,18 @@ def models(optics: FiberOptics) -> dict[str, NoiseModel]:
     return {
         f"{number} {type(model).__name__}": model for number, model in enumerate(_models(optics))
     }
+
+
+@dataclass(frozen=True)
+class DepolarizingSwitch(Depolarizing):
+    """A switch that makes noise of some of what leaves it."""
+
+
+def of_switch(switch: QuantumSwitch) -> dict[str, NoiseModel]:
+    """Return the noise that light takes along from a switch into the fibres there."""
+    if not switch.depolarizing:
+        return {}
+    return {DepolarizingSwitch.__name__: DepolarizingSwitch(switch.depolarizing)}
 
 
 def _models(optics: FiberOptics) -> Iterator[NoiseModel]:
