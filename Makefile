@@ -12,11 +12,12 @@ PYTHON := .venv/bin/python
 AS_ROOT = $(if $(filter-out 0,$(shell id -u)),sudo env PYTHONDONTWRITEBYTECODE=1)
 PYTEST := env PYTHONPATH=tests $(PYTHON) -m pytest -p no:cacheprovider -p progress
 # A process for each processor, as long as all has room. Those that emulate networks have
-# namespaces of their own, because a network has fixed names and addresses. Unit tests spend a third
-# of their time waiting for other processes: they get two.
+# namespaces of their own, because a network has fixed names and addresses. Tests spend a third of
+# their time waiting for other processes: they get more, unit tests two.
 PROCESSES = $(shell n=$$(getconf _NPROCESSORS_ONLN); echo $$(( n < 8 ? n : 8 )))
 IN_PARALLEL = --numprocesses=$$(( 2 * $(PROCESSES) )) --dist=worksteal
-APART = --dist=worksteal --tx='$(PROCESSES)*popen//python=topologies/own_namespaces $(PYTHON)'
+EMULATIONS = $$(( 3 * $(PROCESSES) / 2 ))
+APART = --dist=worksteal --tx="$(EMULATIONS)*popen//python=topologies/own_namespaces $(PYTHON)"
 # Their files are in a folder with a short path, as sockets need; it stays if a test fails.
 in_folder = folder=$$(mktemp -d /tmp/qmn.XXXX) && \
     $1 $(PYTEST) --basetemp="$$folder" $2 && $1 rm -r "$$folder"

@@ -115,12 +115,13 @@ PROTOCOLS = [
     *(ROOT / "hosts" / "middleware" / "qkd").glob("[a-z]*.py"),
     *(
         ROOT / "hosts" / "middleware" / "session" / f"{name}.py"
-        for name in ("node_features", "blocks", "errors", "protocol", "station_words", "values")
+        for name in ("node_features", "blocks", "errors", "protocol", "values")
     ),
     SERVICES / "source.py",
     *(
         SERVICES / service / f"{name}.py"
         for service, names in {
+            "ghz": ("options", "protocol", "witness"),
             "distribution": ("fidelity", "pairs", "protocol", "purification", "sharing"),
             "interception": ("attacks", "passing"),
             "key_distribution": (
