@@ -11,6 +11,7 @@ from qmn.sweeps.detectors import DEAD, FRESH_OUTCOMES
 from qmn.sweeps.experiment import Experiment, Outcome
 from qmn.sweeps.gated_bell import GATED_BELL
 from qmn.sweeps.gated_swap import GATED_SWAP
+from qmn.sweeps.ghz import GHZ
 from qmn.sweeps.heralding import HERALDING
 from qmn.sweeps.interference import HOM
 from qmn.sweeps.light_sources import LIGHT_SOURCES
@@ -54,6 +55,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         MODES,
         TIMING,
         DELAY_LINE,
+        GHZ,
         HERALDING,
         CUTOFF_TIMES,
         LIGHT,
