@@ -13,7 +13,7 @@ ATTEMPTS = {
     "arp-spoofing": 10,
     "flow-table-flooding": 60,
     "set-up-flooding": 40,
-    "blind-rst": 2,
+    "blind-rst": 1,
     "lldp-spoofing": 20,
     "replay": 10,
 }
