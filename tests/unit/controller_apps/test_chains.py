@@ -1,4 +1,4 @@
-"""Which repeaters join two hosts, and what the arbiter makes of a request for a swap."""
+"""The repeaters that join two hosts, and what the arbiter makes of a request for a swap."""
 
 from dataclasses import replace
 from functools import partial

@@ -1,4 +1,4 @@
-"""What the user asks of a service is checked before anything starts."""
+"""The options of a service are checked before anything starts."""
 
 import pytest
 
