@@ -26,9 +26,8 @@ from controller_apps.sessions.actions import (
     Note,
 )
 from controller_apps.sessions.admission import Admission, admit, find_light
-from controller_apps.sessions.chains import links_of
-from controller_apps.sessions.closings import WINDOW, is_expected, position
-from controller_apps.sessions.handshakes import Handshakes
+from controller_apps.sessions.chains import beside, links_of
+from controller_apps.sessions.handshakes import WINDOW, Handshakes, is_expected, position
 from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.ordering import Ordering
 from controller_apps.sessions.recovery import Recovery
@@ -56,6 +55,7 @@ from wire.metadata import (
     refused,
     session_of,
 )
+from wire.parameters.network import ControllerSettings
 
 UNOPENED = Drop("unopened", "a set-up message on a connection that its other end has not opened")
 
@@ -67,7 +67,7 @@ class Arbiter:
     network: Network
     hold_timeout_s: float
     idle_timeout_s: float
-    loss_budget_db: float = 30.0  # of one light path
+    loss_budget_db: float = ControllerSettings().loss_budget_db  # of one light path
     queues: bool = False  # a request for light that is taken waits for it
     sessions: Sessions = field(default_factory=Sessions)
     forbid: Callable[[Setup, FiveTuple], Admission | None] = lambda _setup, _connection: None
@@ -485,6 +485,9 @@ class Arbiter:
                 continue
             silent = now - session.seen >= self.idle_timeout_s
             silent = silent and not links_of(session, self.sessions)  # its traffic is theirs
+            # A link waits until all of its chain stands, which takes a while if it is long.
+            links = beside(session, self.sessions) if silent else ()
+            silent = silent and all(now - link.seen >= self.idle_timeout_s for link in links)
             if silent and session.open and not session.bypassed:
                 actions += self.verdicts.tear_down(session, "idle", now)
         self.sessions.forget_retired_before(now - self.idle_timeout_s)

@@ -1,6 +1,6 @@
 """The resources of a host that its sessions share."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -9,8 +9,8 @@ from hosts.hardware.channels import carrying
 from hosts.hardware.qnic import Qnic
 from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.session.encoding import DISTINGUISHABLE_STATES
-from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.swap_orders import Swaps
+from hosts.middleware.session.values import Lifetimes
 from wire.features import NodeFeatures
 from wire.metadata import Pauli
 
@@ -29,6 +29,7 @@ class HostResources:
     multi_photon: float  # how likely a pulse of its source has several photons
     intensities: tuple[float, ...]  # mean photon numbers of its pulses: signal, then decoys
     lifetimes: Lifetimes  # of its memory
+    addresses: Callable[[], Mapping[str, str]]  # of all hosts by name, read when one is asked for
     channels_mhz: Mapping[str, int] = field(
         default_factory=dict
     )  # of its interfaces that are channels

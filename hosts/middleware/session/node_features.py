@@ -1,9 +1,9 @@
 """The features of both ends of a session, compared with those that its service needs."""
 
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.lifetimes import NUMBERS, Lifetimes
 from hosts.middleware.session.protocol import HostSide, OpenerSide, Say, Side, Steps
 from hosts.middleware.session.protocol import hear as hear_numbers
+from hosts.middleware.session.values import NUMBERS, Lifetimes
 from wire.features import STORE, Feature, NodeFeatures, names
 from wire.metadata import MalformedPacket, Reason, Service, Setup, Topic
 from wire.services import Role, needs
@@ -21,7 +21,7 @@ REMEDIES = {
     "its place, or give it some (detectors.efficiency)",
     Reason.CANNOT_HERALD: "has no memory whose qubits emit (feature herald): take another host in "
     "its place, or give it one (emitter.scheme)",
-    Reason.CANNOT_INTERFERE: "is no station in which light of others interferes (feature "
+    Reason.CANNOT_INTERFERE: "is not a station in which light of others interferes (feature "
     "interfere): take another host in its place, or give it an analyser (analyser.kind linear)",
 }
 

@@ -1,4 +1,4 @@
-"""What becomes of distributed pairs: used by number, and let go of, whatever happens."""
+"""Distributed pairs in sessions: used by number, and let go of, whatever happens."""
 
 import asyncio
 import re
@@ -16,8 +16,7 @@ from stacks_scene import DEADLINE_S, OWN_ADDRESS, Cut, arbitrated, network, refu
 from hosts.middleware.services.distribution import protocol
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.lifetimes import Lifetimes
-from hosts.middleware.session.values import expect, values
+from hosts.middleware.session.values import Lifetimes, expect, values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from wire.metadata import Finish, Message, Reason, Service, Setup, Topic, Values

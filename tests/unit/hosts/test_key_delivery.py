@@ -8,9 +8,8 @@ from uuid import UUID, uuid4
 
 import pytest
 
-from hosts.key_delivery.allowance import Allowance
 from hosts.key_delivery.delivery import KeyDelivery
-from hosts.key_delivery.refusals import NOT_FOUND, Refused, unavailable
+from hosts.key_delivery.refusals import NOT_FOUND, Allowance, Refused, unavailable
 from hosts.key_delivery.waiting import WaitingKeys
 from hosts.middleware.qkd.key_store import KeyStoreError, StoredKey
 from hosts.timeouts import FETCH_TIMEOUT_S
@@ -319,5 +318,5 @@ def test_files_of_keys_that_wait_are_private_and_what_is_unfinished_goes(tmp_pat
     assert not cut_short.exists()
     assert again.fetch("b", "a", [key.key_id]) == [key]
     file.write_text("{}")
-    with pytest.raises(KeyStoreError, match="is no assigned key"):
+    with pytest.raises(KeyStoreError, match="is not an assigned key"):
         WaitingKeys(lambda: 0.0, tmp_path / "assigned")

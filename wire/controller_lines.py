@@ -1,0 +1,73 @@
+"""The lines of JSON of the controller: its console's questions and answers, and its record.
+
+The lines of the controller's console: a request of JSON, and its answer, one a connection.
+
+{"command": "set", "device": "alice", "settings": {"rate_hz": 1000000}}  ->  {"result": ...}
+{"command": "nonsense"}                                                  ->  {"error": "no ..."}
+"""
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+from wire.metadata import MalformedPacket
+
+MAX_REQUEST = 4096  # bytes, the line end included
+RECORD = "controller.jsonl"
+EARLIER = ".1"  # behind the name: what was before, if there has been much
+
+
+class ConsoleError(Exception):
+    """The controller's refusal of a request, in its words."""
+
+
+def encode_request(command: str, **fields: Any) -> bytes:
+    """Return the line of a request."""
+    return json.dumps({"command": command, **fields}).encode() + b"\n"
+
+
+def decode_request(line: bytes) -> object:
+    """Return what a line asks for; raise MalformedPacket if it is too long, or not JSON."""
+    if len(line) > MAX_REQUEST or not line.endswith(b"\n"):
+        raise MalformedPacket(f"a request is one line of at most {MAX_REQUEST} bytes")
+    try:
+        return json.loads(line)
+    except (ValueError, RecursionError) as error:
+        raise MalformedPacket(f"the request is not JSON: {error}") from error
+
+
+def encode_result(result: Any) -> bytes:
+    """Return the line of an answer."""
+    return json.dumps({"result": result}).encode() + b"\n"
+
+
+def encode_error(text: str) -> bytes:
+    """Return the line of a refusal."""
+    return json.dumps({"error": text}).encode() + b"\n"
+
+
+def decode_answer(line: bytes) -> Any:
+    """Return the result; raise ConsoleError for a refusal, MalformedPacket for anything else."""
+    try:
+        answer = json.loads(line)
+    except (ValueError, RecursionError) as error:
+        raise MalformedPacket(f"the answer is not JSON: {error}") from error
+    match answer:
+        case {"result": result}:
+            return result
+        case {"error": str(text)}:
+            raise ConsoleError(text)
+    raise MalformedPacket("the answer has neither a result nor an error")
+
+
+def fact_line(event: str, **fields: Any) -> bytes:
+    """Return the line of a fact of this moment."""
+    return json.dumps({"time_ns": time.time_ns(), "event": event, **fields}).encode() + b"\n"
+
+
+def read_record(folder: Path) -> list[dict[str, Any]]:
+    """Return the facts that are kept, oldest first; a line still being written is left out."""
+    files = (folder / f"{RECORD}{EARLIER}", folder / RECORD)
+    text = "".join(file.read_text() for file in files if file.exists())
+    return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
