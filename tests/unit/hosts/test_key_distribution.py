@@ -160,7 +160,7 @@ def test_bits_that_detectors_tell_wrongly_are_errors(tmp_path: Path, protocol: s
     """Of BB84 with e; of BBM92 if one end is wrong and the other right, 2 e (1 - e)."""
     share = 0.03
     devices = dict.fromkeys(("alice", "bob"), Device(detectors=Detectors(readout_error=share)))
-    words = {"count": 100_000, "test_fraction": 0.5}
+    words: dict[str, Any] = {"count": 100_000, "test_fraction": 0.5}
     alice, _bob = distribute(tmp_path, protocol, physics={"devices": devices}, **words)
     qber = share if protocol == "bb84" else 2 * share * (1 - share)
     assert abs(alice["qber"] - qber) < 5 * sqrt(qber * (1 - qber) / alice["disclosed_bits"])
