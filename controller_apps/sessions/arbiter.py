@@ -27,8 +27,7 @@ from controller_apps.sessions.actions import (
 )
 from controller_apps.sessions.admission import Admission, admit, find_light
 from controller_apps.sessions.chains import links_of
-from controller_apps.sessions.closings import WINDOW, is_expected, position
-from controller_apps.sessions.handshakes import Handshakes
+from controller_apps.sessions.handshakes import WINDOW, Handshakes, is_expected, position
 from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.ordering import Ordering
 from controller_apps.sessions.recovery import Recovery

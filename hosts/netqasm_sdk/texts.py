@@ -213,7 +213,10 @@ class BroadcastChannel(BroadcastChannelBySockets):
         return Socket
 
     def recv(self, block: bool = True, timeout: float | None = None) -> tuple[str, str]:
-        """Return who has sent the next text, and the text; raise as Socket does."""
+        """Return who has sent the next text, and the text; raise as Socket does.
+
+        Who has ended may have said all that there was to say: others are waited for.
+        """
         deadline = None if timeout is None else time.monotonic() + timeout
         sockets: Sequence[Socket] = list(self._sockets.values())
         while True:
@@ -222,6 +225,10 @@ class BroadcastChannel(BroadcastChannelBySockets):
                     return each.remote_app_name, each.recv(block=False)
                 except RuntimeError:
                     continue
+                except ConnectionError:
+                    sockets = [other for other in sockets if other is not each]
+                    if not sockets:
+                        raise
             if not block:
                 raise RuntimeError("no text was broadcast yet")
             left_s = None if deadline is None else max(deadline - time.monotonic(), 0)

@@ -121,6 +121,7 @@ PROTOCOLS = [
     *(
         SERVICES / service / f"{name}.py"
         for service, names in {
+            "ghz": ("options", "protocol", "witness"),
             "distribution": ("fidelity", "pairs", "protocol", "purification", "sharing"),
             "interception": ("attacks", "passing"),
             "key_distribution": (

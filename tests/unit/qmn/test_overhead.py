@@ -3,8 +3,8 @@
 import numpy as np
 import stim
 
-from qmn.benchmarks.batch_sampler import CIRCUIT
 from qmn.benchmarks.overhead import (
+    CIRCUIT,
     EVERYTHING,
     KINDS,
     NOTHING,
