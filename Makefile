@@ -12,14 +12,15 @@ PYTHON := .venv/bin/python
 AS_ROOT = $(if $(filter-out 0,$(shell id -u)),sudo env PYTHONDONTWRITEBYTECODE=1)
 PYTEST := env PYTHONPATH=tests $(PYTHON) -m pytest -p no:cacheprovider -p progress
 # A process for each processor, as long as all has room. Those that emulate networks have
-# namespaces of their own, because a network has fixed names and addresses. Unit tests wait now and
-# then, for time or other processes: two processors get three. More would not do: each imports and
-# collects everything, which takes it as long as hundreds of tests.
+# namespaces of their own, because a network has fixed names and addresses. Tests wait now and then,
+# for time or other processes: two processors get three. More unit tests at a time would not do: each
+# process imports and collects everything, which takes it as long as hundreds of tests.
 PROCESSES = $(shell n=$$(getconf _NPROCESSORS_ONLN); echo $$(( n < 8 ? n : 8 )))
-IN_PARALLEL = --numprocesses=$$(( (3 * $(PROCESSES) + 1) / 2 )) --dist=worksteal
+MORE = $$(( (3 * $(PROCESSES) + 1) / 2 ))
+IN_PARALLEL = --numprocesses=$(MORE) --dist=worksteal
 # Half of that is to compile tests, unless they leave their byte code for the next time.
 WITH_BYTE_CODE = env PYTHONDONTWRITEBYTECODE=
-APART = --dist=worksteal --tx='$(PROCESSES)*popen//python=topologies/own_namespaces $(PYTHON)'
+APART = --dist=worksteal --tx="$(MORE)*popen//python=topologies/own_namespaces $(PYTHON)"
 # Their files are in a folder with a short path, as sockets need; it stays if a test fails.
 in_folder = folder=$$(mktemp -d /tmp/qmn.XXXX) && \
     $1 $(PYTEST) --basetemp="$$folder" $2 && $1 rm -r "$$folder"

@@ -18,12 +18,12 @@ from dispatcher.layer.ownership import BlockName
 from dispatcher.operations.blocks import Operations
 from dispatcher.operations.gathering import Gathering
 from dispatcher.operations.heralding import Heralding
+from dispatcher.operations.looking import Telling
 from dispatcher.operations.measurements import Measurements
 from dispatcher.operations.operation_handlers import Act, acts
 from dispatcher.operations.resending import Resending
 from dispatcher.operations.splitting import Splitting
 from dispatcher.operations.switching import Switching
-from dispatcher.operations.telling import Telling
 from dispatcher.operations.transport import Transport
 from dispatcher.sabot.backend import Bytes
 from dispatcher.timeouts import RECEIVE_TIMEOUT_S

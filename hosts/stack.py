@@ -15,11 +15,10 @@ from typing import Any
 from hosts.hardware.ports import read_ports
 from hosts.hardware.qnic import HardwareError, Qnic, release
 from hosts.middleware.device import Device
-from hosts.middleware.qkd.keyring import Keyring
-from hosts.middleware.qkd.pair_secrets import PairSecrets
+from hosts.middleware.qkd.keyring import Keyring, PairSecrets
 from hosts.middleware.services import KINDS, NAMES
 from hosts.middleware.services.interception.interception import Interception
-from hosts.middleware.services.interception.options import InterceptionOptions
+from hosts.middleware.services.interception.passing import InterceptionOptions
 from hosts.middleware.services.source import check_source, make_pairs
 from hosts.middleware.services.swapping.connections import serve_link
 from hosts.middleware.session.arrangement import Arrangement, Light
@@ -27,11 +26,11 @@ from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.ends import ConnectionEnd
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.host_resources import HostResources
-from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.node_features import refusal
 from hosts.middleware.session.offers import check_wavelength
 from hosts.middleware.session.session import AcceptingSession, OpeningSession, require_source
 from hosts.middleware.session.swap_orders import Swaps
+from hosts.middleware.session.values import Lifetimes
 from hosts.middleware.verdicts import Verdicts
 from hosts.processing_unit.pairs import Arriving, Sessions
 from hosts.processing_unit.unit import ProcessingUnit

@@ -41,6 +41,7 @@ VERBS = (  # each a module of qmn.verbs
     "replay",
     "share",
     "report",
+    "runs",
     "doctor",
     "clean",
     "bench",

@@ -13,9 +13,9 @@ from topologies.fiber import OPTICS as FIBER_OPTICS
 from topologies.fiber import FiberLink
 from topologies.nodes import OpticalSwitch, QuantumHost
 from topologies.nodes.quantum_host import device_of
+from topologies.switch_presets import optics_of
 from wire.parameters.fiber import FiberOptics, optics
 from wire.parameters.physics import Device
-from wire.parameters.switch import OPTICS as SWITCH_OPTICS
 from wire.parameters.switch import QuantumSwitch
 
 
@@ -60,10 +60,7 @@ def describe(topo: Topo) -> Description:
 
 def switch_of(name: str, info: Mapping[str, Any]) -> QuantumSwitch:
     """Return the optics of a quantum switch; raise BadParameter for what no switch can have."""
-    own = _own(info, SWITCH_OPTICS)
-    switch = QuantumSwitch(name, **{**own, "paths": list(own.get("paths", ()))})
-    switch.check()
-    return switch
+    return optics_of(name, info)
 
 
 def is_made(info: Mapping[str, Any], kind: type) -> bool:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from controller_apps.console import tapi
 from controller_apps.console.questions import Refused, ask
 from wire.device import setting_number
 
@@ -32,6 +33,11 @@ class Facts:
     def paths(self) -> Any:
         """Return the light paths that stand, and the fibres they can use."""
         return {"paths": ask(self.quantum, "paths"), "fibers": ask(self.quantum, "fibers")}
+
+    def tapi(self) -> Any:
+        """Return light paths in the terms of ONF's Transport API."""
+        told = self.paths()
+        return tapi.context(told["paths"], told["fibers"], self.sessions())
 
     def keys(self) -> Any:
         """Return the nodes with key managers: key links, and applications that have keys."""

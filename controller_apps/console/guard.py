@@ -13,7 +13,7 @@ from typing import Any
 Environment = dict[str, Any]  # of a request: PEP 3333
 StartResponse = Callable[[str, list[tuple[str, str]]], object]
 Application = Callable[[Environment, StartResponse], Iterable[bytes]]
-OURS = "/qmn/"
+OURS = "/qmn/", "/restconf/"
 JSON = "application/json"
 
 

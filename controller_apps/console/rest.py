@@ -1,6 +1,7 @@
 """The console's facts over HTTP, by Ryu's own WSGI server; os-ken has none.
 
 GET  /qmn/devices    GET  /qmn/paths    GET  /qmn/sessions    GET  /qmn/keys
+GET  /restconf/data/tapi-common:context (controller_apps.console.tapi)
 POST /qmn/devices/alice    {"rate_hz": 1000000, "fec": "golay"}
 """
 
@@ -8,11 +9,13 @@ import json
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+from controller_apps.console import tapi
 from controller_apps.console.facts import Facts, check_settings_request
 from controller_apps.console.questions import Refused
 from controller_apps.openflow.framework import App, app_manager, wsgi
 from wire.console import MAX_REQUEST
 
+YANG_DATA = "application/yang-data+json"  # RFC 8040, 11.3.2
 Handler = TypeVar("Handler", bound=Callable[..., Any])
 route: Callable[..., Callable[[Handler], Handler]] = wsgi().route
 
@@ -45,6 +48,17 @@ class Resources(wsgi().ControllerBase):  # type: ignore[misc]
         """Return every session."""
         return answer(lambda facts: facts.sessions())
 
+    @route("tapi", "/restconf/data/{path:.*}", methods=["GET"])
+    def tapi(self, request: Any, path: str, **_: Any) -> Any:
+        """Return what is there of ONF's Transport API."""
+        try:
+            found = tapi.resource(known_facts().tapi(), path)
+        except Refused as refused:
+            return response(503, {"error": str(refused)})
+        if found is None:
+            return response(404, tapi.not_found(path), YANG_DATA)
+        return response(200, found, YANG_DATA)
+
     @route("keys", "/qmn/keys", methods=["GET"])
     def keys(self, request: Any, **_: Any) -> Any:
         """Return key links and applications, in the words of ETSI GS QKD 015."""
@@ -66,15 +80,19 @@ class Resources(wsgi().ControllerBase):  # type: ignore[misc]
 
 def answer(call: Callable[[Facts], Any]) -> Any:
     """Return the facts, or 400 with the reason why not."""
-    names = "QuantumMetadata", "DeviceMonitor", "KeyRelays"
-    apps = [app_manager.lookup_service_brick(name) for name in names]
     try:
-        return response(200, call(Facts(*apps)))
+        return response(200, call(known_facts()))
     except Refused as refused:
         return response(400, {"error": str(refused)})
 
 
-def response(status: int, content: Any) -> Any:
+def known_facts() -> Facts:
+    """Return what the apps know."""
+    names = "QuantumMetadata", "DeviceMonitor", "KeyRelays"
+    return Facts(*(app_manager.lookup_service_brick(name) for name in names))
+
+
+def response(status: int, content: Any, kind: str = "application/json") -> Any:
     """Return a response in JSON."""
     body = json.dumps(content).encode()
-    return wsgi().Response(status=status, content_type="application/json", body=body)
+    return wsgi().Response(status=status, content_type=kind, body=body)

@@ -56,6 +56,7 @@ from wire.metadata import (
     refused,
     session_of,
 )
+from wire.parameters.network import ControllerSettings
 
 UNOPENED = Drop("unopened", "a set-up message on a connection that its other end has not opened")
 
@@ -67,7 +68,7 @@ class Arbiter:
     network: Network
     hold_timeout_s: float
     idle_timeout_s: float
-    loss_budget_db: float = 30.0  # of one light path
+    loss_budget_db: float = ControllerSettings().loss_budget_db  # of one light path
     queues: bool = False  # a request for light that is taken waits for it
     sessions: Sessions = field(default_factory=Sessions)
     forbid: Callable[[Setup, FiveTuple], Admission | None] = lambda _setup, _connection: None

@@ -11,7 +11,7 @@ from typing import TextIO
 
 from dispatcher.fiber.noise_history import NoiseHistory
 from dispatcher.layer.event_capture import EventCapture
-from dispatcher.layer.origin import causer
+from dispatcher.layer.journal import causer
 from wire.dispatcher_pb2 import Event
 from wire.events import DROPPED, UNWRITTEN, format_line
 

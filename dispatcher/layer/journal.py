@@ -1,4 +1,4 @@
-"""The order in which the dispatcher does things, written down so that it can be repeated.
+"""The order in which the dispatcher does things, and at whose request, written down.
 
 What changes the physical layer happens without a pause, from the beginning of a request or from
 the end of a wait until the next wait. The order of these stretches, and what the clock said in
@@ -6,10 +6,16 @@ them, decide all that happens; a journal is told of each. This one does not list
 """
 
 import asyncio
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextvars import ContextVar
 from typing import Any
 
+from dispatcher.layer.ownership import BlockName
+from wire.dispatcher_pb2 import BlockId
 from wire.network_time import REAL_TIME, NetworkTime
+
+_origin: ContextVar[str] = ContextVar("origin", default="")
 
 
 class Journal:
@@ -29,3 +35,35 @@ class Journal:
     def timeout(self, limit_s: float) -> asyncio.Timeout:
         """Return the time-out of a wait, in seconds of the network."""
         return asyncio.timeout(self._time.wall_s(limit_s))
+
+
+@contextmanager
+def caused_by(text: str) -> Iterator[None]:
+    """Let what is done meanwhile, and by tasks that are begun, have this origin."""
+    token = _origin.set(text)
+    try:
+        yield
+    finally:
+        _origin.reset(token)
+
+
+def origin() -> str:
+    """Return the origin of what is done just now, empty if nobody has said."""
+    return _origin.get()
+
+
+def causer() -> str:
+    """Return the node that has asked for what is done just now, empty if nobody has."""
+    return origin().partition(":")[0]
+
+
+def describe_request(node: str, kind: str, request: Any) -> str:
+    """Return a request of a host as the origin of what it asks for."""
+    act = f"{node}: {kind.replace('_', ' ')}"
+    if kind == "create":
+        return f"{act} block {request.number} of session {request.session:016x}"
+    for field in ("block", "first", "into"):
+        name = getattr(request, field, None)
+        if isinstance(name, BlockId):
+            return f"{act} {BlockName(name.session, name.number, name.half)}"
+    return act

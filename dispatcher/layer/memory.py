@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dispatcher.clock import Clock
-from dispatcher.devices import required_features
+from dispatcher.devices import hardware
 from dispatcher.devices.decay import LEAST, Decay, Each, Waits, decay
 from dispatcher.devices.hardware import Devices
 from dispatcher.layer import cutoff, drift, further
@@ -64,7 +64,7 @@ class Memories:
         cutoff.drop(self._sabot, block, self._clock.now_ns())
 
     def _put(self, block: Block, stored: dict[Block, int]) -> None:
-        required_features.require(self._devices, block.node, STORE)
+        hardware.require(self._devices, block.node, STORE)
         self.require_room(block.node, block.register.remaining)
         stored[block] = block.register.remaining
         block.stored_ns, block.stores = self._clock.now_ns(), block.stores + 1

@@ -1,6 +1,7 @@
 """Fibres and quantum switches, and which port light comes to from which."""
 
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from dispatcher.fiber import fiber_noise
@@ -41,9 +42,9 @@ class Network:
         self._lines: dict[FiberEnd, Line] = {}
         # By fibre and by where its light comes out: what is in each of its channels.
         self._strands: defaultdict[tuple[str, str], dict[int, Traffic]] = defaultdict(dict)
-        names = {switch.name for switch in switches}
+        named = {switch.name: switch for switch in switches}
         for fiber in fibers:
-            self._lay(fiber, names)
+            self._lay(fiber, named)
         self.switches = {switch.name: self._switch(switch) for switch in switches}
 
     @property
@@ -86,7 +87,7 @@ class Network:
         launched_dbm = switch.ports[int(line.far.port)].power_dbm.now if switch else 0.0
         return launched_dbm - line.fiber.loss_db
 
-    def _lay(self, fiber: Fiber, switches: set[str]) -> None:
+    def _lay(self, fiber: Fiber, switches: Mapping[str, QuantumSwitch]) -> None:
         try:
             fiber.check(f"fiber {_name(fiber.a)} to {_name(fiber.b)}")
         except BadParameter as error:
@@ -97,7 +98,9 @@ class Network:
                 raise BadConfig(f"two fibres end in port {near.port} of {near.node}")
             if near.node in switches and not near.port.isdecimal():
                 raise BadConfig(f"port {near.port} of switch {near.node} is not a port number")
-            self._lines[near] = self._line(near, far, fiber, noise)
+            left = switches.get(near.node)
+            switched = {} if left is None else fiber_noise.of_switch(left)
+            self._lines[near] = self._line(near, far, fiber, switched | noise)
 
     def _line(
         self, near: FiberEnd, far: FiberEnd, fiber: Fiber, noise: dict[str, NoiseModel]

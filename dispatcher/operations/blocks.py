@@ -6,12 +6,12 @@ from typing import NamedTuple
 import grpc
 import numpy as np
 
-from dispatcher.devices import required_features
+from dispatcher.devices import hardware
 from dispatcher.devices.source import most_further
 from dispatcher.layer import cutoff, drift, further
 from dispatcher.layer.layer import PhysicalLayer, block_name, tally
 from dispatcher.layer.ownership import Block, BlockName
-from dispatcher.operations import durations, gate_noise, limits, preparation, readout
+from dispatcher.operations import gate_noise, imperfections, limits, preparation
 from dispatcher.operations.emission import emit_into, emit_prepared
 from dispatcher.refusal import Refusal, exhausted, invalid
 from dispatcher.sabot.backend import Angle, Bytes, GateName
@@ -96,7 +96,7 @@ class Operations:
         text, halves = STATES[request.state]
         # Photons that leave are of a source; qubits that stay may be ions, too.
         makers = (EMIT,) if halves == PAIR else (EMIT, STORE)
-        required_features.require(layer.devices, node, *makers)
+        hardware.require(layer.devices, node, *makers)
         names = [BlockName(request.session, request.number, half) for half in range(halves)]
         source = layer.devices.of(node).source
         self._require_room(node, names, request.count, most_further(source, request.count))
@@ -121,14 +121,14 @@ class Operations:
         seconds = 0.0
         if request.state == CreateRequest.ZEROS:
             blocks[0].kept, seconds = True, layer.devices.of(node).gates.initialization_s
-            wrong = readout.misprepared(layer, blocks[0])
+            wrong = imperfections.misprepared(layer, blocks[0])
             told += f", in |1> {wrong}" if wrong else ""
         text += told
         if states is not None:
             text += f": {tally(states, preparation.STATES)}"
         each = None if states is None else lambda position: preparation.STATES[states[position]]
         layer.record(node, "create", blocks[0], detail=text, each=each)
-        return durations.lasts(layer.feedback(blocks[0]), seconds, blocks)
+        return imperfections.lasts(layer.feedback(blocks[0]), seconds, blocks)
 
     def _make(self, request: CreateRequest, states: Bytes | None) -> Sequence[Register]:
         """Return new registers, one for each half."""
@@ -145,7 +145,7 @@ class Operations:
         block = layer.ownership.require(block_name(request.block), node)
         planned = self._plan(node, block, request.gates)
         if planned:
-            required_features.require(layer.devices, node, GATE)
+            hardware.require(layer.devices, node, GATE)
         details = [gate.detail for gate in planned]
         values = limits.paulis(request, block.register.size)
         errors = 0
@@ -182,8 +182,8 @@ class Operations:
         if not all(each.kept for each in (block, *others)):
             return feedback
         singles = len(planned) - len(others) + int(values is not None and bool(values.any()))
-        seconds = durations.of_gates(layer.devices.of(node).gates, singles, len(others))
-        return durations.lasts(feedback, seconds, [block, *others])
+        seconds = imperfections.of_gates(layer.devices.of(node).gates, singles, len(others))
+        return imperfections.lasts(feedback, seconds, [block, *others])
 
     def store(self, node: str, name: BlockName, cutoff_s: float | None = None) -> Feedback:
         """Keep a block in the node's memory, and drop what is older than the cut-off."""

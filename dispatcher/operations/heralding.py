@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import grpc
 import numpy as np
 
-from dispatcher.devices import required_features
+from dispatcher.devices import hardware
 from dispatcher.devices.heralding import ENTANGLED, KINDS
 from dispatcher.layer import cutoff
 from dispatcher.layer.layer import PhysicalLayer, tally
@@ -55,7 +55,7 @@ class Heralding:
         layer = self._layer
         own_s = layer.devices.of(node).memory.cutoff_s
         cutoff_s = own_s if cutoff_s is None else cutoff.checked(cutoff_s)
-        required_features.require(layer.devices, node, HERALD)
+        hardware.require(layer.devices, node, HERALD)
         end = layer.network.require_port(node, port)
         if name.half not in HALVES:
             raise invalid(f"half {name.half} of a pair; name 0 or 1")
@@ -79,7 +79,7 @@ class Heralding:
     async def herald(self, node: str, request: HeraldRequest) -> Feedback:
         """Herald pairs of two nodes that attempt; return when all, or the time, have come."""
         layer = self._layer
-        required_features.require(layer.devices, node, INTERFERE)
+        hardware.require(layer.devices, node, INTERFERE)
         require_count(request.count)
         limit_s = limits.timeout(request.timeout_s)
         names = [BlockName(request.session, request.number, half) for half in HALVES]
@@ -140,7 +140,7 @@ class Heralding:
             )
         if one.emitter.scheme == "two-click":
             for device in (one, other):
-                required_features.require_encoding(layer.devices, node, device.source.encoding)
+                hardware.require_encoding(layer.devices, node, device.source.encoding)
         start_ns = layer.clock.now_ns()
         cutoff_ns = min(offer.cutoff_s for offer in offers) * 1e9
         station = layer.devices.of(node)

@@ -1,7 +1,7 @@
-"""A look at the state of a qubit, as only a simulation can give it: nothing happens to it.
+"""Looks at states, and the words of hosts about themselves: nothing happens to a qubit.
 
-A state is pure here, whatever noise there was: that has been drawn. A qubit that is entangled with
-others is in a mixed state by itself.
+Only a simulation can look so. A state is pure here, whatever noise there was: that has been drawn.
+A qubit that is entangled with others is in a mixed state by itself.
 """
 
 import numpy as np
@@ -11,11 +11,12 @@ from dispatcher.layer import drift
 from dispatcher.layer.layer import PhysicalLayer, block_name
 from dispatcher.refusal import exhausted, invalid, precondition
 from dispatcher.sabot.dense import Dense
-from wire.dispatcher_pb2 import LookReply, LookRequest
+from wire.dispatcher_pb2 import Feedback, LookReply, LookRequest, TellRequest
 
 MOST_QUBITS = 8  # of a state that is told
 
 Matrix = NDArray[np.complex128]
+MOST = 4000  # characters
 
 
 def look(layer: PhysicalLayer, node: str, request: LookRequest) -> LookReply:
@@ -49,3 +50,19 @@ def density(vector: Matrix, qubit: int, entangled: bool) -> Matrix:
     rows = first.reshape(-1, 1) if entangled else first.reshape(2, -1)
     matrix: Matrix = rows @ rows.conj().T
     return matrix
+
+
+class Telling:
+    """Records what hosts say; nothing of it is checked but its form."""
+
+    def __init__(self, layer: PhysicalLayer) -> None:
+        self._layer = layer
+
+    def tell(self, node: str, request: TellRequest) -> Feedback:
+        """Record a subroutine; refuse a text that would not be one line of a log."""
+        text = request.text
+        if not 0 < len(text) <= MOST or not (text.isascii() and text.isprintable()):
+            shown = text[:20]
+            raise invalid(f"text {shown!r}: 1 to {MOST} printable ASCII characters are told")
+        self._layer.record(node, "subroutine", detail=text)
+        return Feedback(time_ns=self._layer.clock.now_ns(), exact=True)

@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from dispatcher.devices import required_features
+from dispatcher.devices import hardware
 from dispatcher.devices.analyser import Analyser, Half
 from dispatcher.devices.detector import Train
 from dispatcher.devices.detectors import Told
@@ -12,7 +12,7 @@ from dispatcher.devices.overlap import Overlap, overlap
 from dispatcher.layer import drift, further, pulses
 from dispatcher.layer.layer import PhysicalLayer, tally
 from dispatcher.layer.ownership import Block, BlockName
-from dispatcher.operations import durations, gate_noise, readout
+from dispatcher.operations import gate_noise, imperfections
 from dispatcher.operations.blocks import require_pairs
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.refusal import invalid
@@ -40,8 +40,8 @@ class Measurements:
         """Measure and use up every photon, each in its basis."""
         layer = self._layer
         block = layer.ownership.require(name, node)
-        required_features.require(layer.devices, node, MEASURE)
-        required_features.require_encoding(layer.devices, node, block.pulses.encoding)
+        hardware.require(layer.devices, node, MEASURE)
+        hardware.require_encoding(layer.devices, node, block.pulses.encoding)
         size = block.register.size
         if basis not in MeasureRequest.Basis.values():
             raise invalid(f"basis {basis} is unknown; use {', '.join(BASES)}")
@@ -73,7 +73,9 @@ class Measurements:
             timed=True,
         )
         told, wrong = (
-            readout.misread(layer, block, found.bits, "measure") if block.kept else (found.bits, 0)
+            imperfections.misread(layer, block, found.bits, "measure")
+            if block.kept
+            else (found.bits, 0)
         )
         incidents = found.incidents() | ({"misread": wrong} if wrong else {})
         detail = f"{tally(values, BASES)}: {tally(told, ('0', '1'))}" + listed(incidents)
@@ -81,7 +83,7 @@ class Measurements:
         layer.record(node, "measure", block, detail=detail, each=each)
         feedback.clicks, feedback.outcomes = found.clicks, told.tobytes()
         seconds = layer.devices.of(node).gates.readout_s if block.kept else 0.0
-        return durations.lasts(feedback, seconds)
+        return imperfections.lasts(feedback, seconds)
 
     def bell_measure(
         self, node: str, names: tuple[BlockName, BlockName], packed: bool = False
@@ -90,9 +92,9 @@ class Measurements:
         layer = self._layer
         first, second = (layer.ownership.require(name, node) for name in names)
         require_pairs(first, second)
-        required_features.require(layer.devices, node, MEASURE)
+        hardware.require(layer.devices, node, MEASURE)
         for block in (first, second):
-            required_features.require_encoding(layer.devices, node, block.pulses.encoding)
+            hardware.require_encoding(layer.devices, node, block.pulses.encoding)
         layer.sabot.require_capacity(first.register, [GateStep("CX", second.register)])
         layer.take_up_pair(first, second)
         feedback = layer.feedback(first, second)
@@ -124,7 +126,7 @@ class Measurements:
         found = self._analyser(node).analyse(states, halves, random, matched, apart_ns * 1e3)
         outcomes = found.outcomes
         if by_gates:
-            outcomes, wrong = readout.misread(layer, first, outcomes, "Bell", bits=2)
+            outcomes, wrong = imperfections.misread(layer, first, outcomes, "Bell", bits=2)
             errors |= {"misread": wrong} if wrong else {}
         told = f"with {second.name.number}/{second.name.half}: {tally(outcomes, BELL_STATES)}"
         told += waited + listed(errors)
@@ -139,7 +141,7 @@ class Measurements:
         else:
             feedback.outcomes = outcomes.tobytes()
         gates = layer.devices.of(node).gates
-        return durations.lasts(feedback, durations.of_bell_measurement(gates) * by_gates)
+        return imperfections.lasts(feedback, imperfections.of_bell_measurement(gates) * by_gates)
 
     def _let_wait(
         self, like: BellAnalyser, matched: Overlap, halves: tuple[Block, Block]

@@ -5,13 +5,13 @@ from typing import Any
 
 from dispatcher.layer.layer import PhysicalLayer, block_name
 from dispatcher.operations.blocks import Operations
-from dispatcher.operations.durations import over
 from dispatcher.operations.gathering import Gathering
 from dispatcher.operations.heralding import Heralding
+from dispatcher.operations.imperfections import over
+from dispatcher.operations.looking import Telling
 from dispatcher.operations.measurements import Measurements
 from dispatcher.operations.resending import Resending
 from dispatcher.operations.splitting import Splitting
-from dispatcher.operations.telling import Telling
 from dispatcher.operations.transport import Transport
 from dispatcher.refusal import invalid
 from wire import dispatcher_pb2 as messages

@@ -12,11 +12,11 @@ from functools import partial
 
 import numpy as np
 
-from dispatcher.devices import required_features
+from dispatcher.devices import hardware
 from dispatcher.layer import drift, further, pulses
 from dispatcher.layer.layer import PhysicalLayer, tally
 from dispatcher.layer.ownership import Block, BlockName, Pulses
-from dispatcher.operations import durations, preparation, readout
+from dispatcher.operations import imperfections, preparation
 from dispatcher.operations.measurements import listed, outcome, train
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.refusal import exhausted, invalid
@@ -41,8 +41,8 @@ class Resending:
         """Measure the photons that have a basis, and replace them by what was found."""
         layer = self._layer
         block = layer.ownership.require(name, node)
-        required_features.require(layer.devices, node, MEASURE)
-        required_features.require_encoding(layer.devices, node, block.pulses.encoding)
+        hardware.require(layer.devices, node, MEASURE)
+        hardware.require_encoding(layer.devices, node, block.pulses.encoding)
         size = block.register.size
         values = _bases(bases, size)
         fresh = self._fresh(size)
@@ -70,7 +70,7 @@ class Resending:
         again = (outcomes != NO_CLICK) & free
         self._replace(block, fresh, again, values << np.uint8(1) | outcomes & np.uint8(1))
         told, wrong = (
-            readout.misread(layer, block, outcomes, "resend") if block.kept else (outcomes, 0)
+            imperfections.misread(layer, block, outcomes, "resend") if block.kept else (outcomes, 0)
         )
         incidents = found.incidents() | ({"misread": wrong} if wrong else {})
         detail = f"{tally(values, BASES)}: {tally(told, ('0', '1'))}{listed(incidents)}"
@@ -78,7 +78,7 @@ class Resending:
         feedback = layer.feedback(block)
         feedback.clicks, feedback.outcomes = found.clicks, told.tobytes()
         seconds = layer.devices.of(node).gates.readout_s if block.kept else 0.0
-        return durations.lasts(feedback, seconds, [block])
+        return imperfections.lasts(feedback, seconds, [block])
 
     def _fresh(self, size: int) -> Register:
         """Return new qubits, one for each place; refuse if there is no room for them."""

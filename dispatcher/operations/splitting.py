@@ -15,7 +15,7 @@ import grpc
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.devices import required_features
+from dispatcher.devices import hardware
 from dispatcher.layer import drift
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block, BlockName, Further
@@ -40,7 +40,7 @@ class Splitting:
         """Count the photons of each pulse; take one of those that have several into a new block."""
         layer = self._layer
         block = layer.ownership.require(name, node)
-        required_features.require(layer.devices, node, MEASURE)
+        hardware.require(layer.devices, node, MEASURE)
         if layer.ownership.taken(into, node):
             message = f"{into} exists, here or elsewhere; discard it or take another number"
             raise Refusal(grpc.StatusCode.ALREADY_EXISTS, message)

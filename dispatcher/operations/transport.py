@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 import grpc
 import numpy as np
 
-from dispatcher.devices import required_features
+from dispatcher.devices import hardware
 from dispatcher.fiber.noise import Pattern
 from dispatcher.layer import cutoff, drift, further, pulses
 from dispatcher.layer.layer import PhysicalLayer
@@ -52,7 +52,7 @@ class Transport:
         for block in blocks:
             limits.require_source_rate(block, rate_hz)
         if not all(block.fibers_passed for block in blocks):  # light that begins here
-            required_features.require(layer.devices, node, EMIT)
+            hardware.require(layer.devices, node, EMIT)
         layer.take_up(*blocks)
         start_ns = layer.clock.now_ns()
         # Halves of a block share a pattern, whose times are computed once.

@@ -6,7 +6,7 @@ from operator import xor
 
 import numpy as np
 
-from dispatcher.layer.origin import origin
+from dispatcher.layer.journal import origin
 from dispatcher.recording.writer import Chunk, QasmWriter
 from dispatcher.sabot.backend import Angle, Bytes, GateName
 from dispatcher.sabot.capacity import GateStep

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dispatcher.sabot.backend import Bytes, Generators, Randomness
 from dispatcher.sabot.factoring import Bits
-from dispatcher.sabot.named_gates import NamedGates
+from dispatcher.sabot.gates import NamedGates
 from dispatcher.sabot.tableau import Tableau
 
 

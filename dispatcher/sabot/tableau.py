@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dispatcher.sabot.backend import Bytes, Generators, Randomness
 from dispatcher.sabot.factoring import Bits, eliminate, independent_groups
-from dispatcher.sabot.named_gates import NamedGates
+from dispatcher.sabot.gates import NamedGates
 
 
 class Tableau(NamedGates):

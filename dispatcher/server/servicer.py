@@ -9,17 +9,17 @@ from typing import Any, TypeVar, cast
 
 import grpc
 
+from dispatcher.layer.journal import caused_by, describe_request
 from dispatcher.layer.layer import PhysicalLayer
-from dispatcher.layer.origin import caused_by, describe_request
 from dispatcher.operations.blocks import Operations
 from dispatcher.operations.gathering import Gathering
 from dispatcher.operations.heralding import Heralding
+from dispatcher.operations.looking import Telling
 from dispatcher.operations.measurements import Measurements
 from dispatcher.operations.operation_handlers import acts
 from dispatcher.operations.resending import Resending
 from dispatcher.operations.splitting import Splitting
 from dispatcher.operations.switching import Switching
-from dispatcher.operations.telling import Telling
 from dispatcher.operations.transport import Transport
 from dispatcher.refusal import Refusal, denied, exhausted
 from dispatcher.sabot.dense import TooLarge

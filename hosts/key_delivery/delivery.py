@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import Protocol
 from uuid import UUID, uuid4
 
-from hosts.key_delivery.allowance import Allowance
 from hosts.key_delivery.refusals import (
     NOT_MULTIPLE,
     NOT_SUPPORTED,
+    Allowance,
     Refused,
     bad_request,
     unauthorized,

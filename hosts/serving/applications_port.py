@@ -13,12 +13,9 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.session import OpeningSession
 from hosts.processing_unit.pairs import SERVICES, Arriving
 from hosts.processing_unit.unit import ProcessingUnit
-from hosts.serving.answering import reply
-from hosts.serving.event_watching import Watch, tell_events
 from hosts.serving.incoming import Incoming, failed
-from hosts.serving.intercepting import serve_interception
-from hosts.serving.opened_session import read_call, serve_session, stopped, unless_gone
-from hosts.serving.processing import serve_processing
+from hosts.serving.opened_session import read_call, reply, serve_session, stopped, unless_gone
+from hosts.serving.other_calls import Watch, serve_interception, serve_processing, tell_events
 from wire.metadata import MalformedPacket, Reason
 from wire.socket_calls import HEADER, Call, decode_fields, encode_fields
 

@@ -6,13 +6,12 @@ from collections.abc import Coroutine
 from typing import Any
 
 from hosts.hardware.qnic import HardwareError
-from hosts.middleware.session.ends import Carrier
+from hosts.middleware.session.ends import Answerer, Carrier
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.session import OpeningSession
-from hosts.serving.answering import reply
 from hosts.serving.incoming import failed
 from wire.metadata import Reason
-from wire.socket_calls import HEADER, Call, decode_header, encode_fields
+from wire.socket_calls import HEADER, Call, decode_fields, decode_header, encode_fields
 
 log = logging.getLogger("applications")
 Coming = asyncio.Task[tuple[Call, bytes]]  # the application's next call
@@ -123,3 +122,18 @@ async def stopped(task: asyncio.Task[Any]) -> None:
     """Cancel a task unless it is done; what becomes of it matters no more."""
     task.cancel()
     await asyncio.gather(task, return_exceptions=True)
+
+
+async def reply(answer: Answerer | None, question: bytes) -> bytes:
+    """Return the message that answers a question, or says why not; a refusal ends nothing.
+
+    Raise MalformedPacket for what is not a question.
+    """
+    fields = decode_fields(question)
+    try:
+        if answer is None:
+            raise SessionError(Reason.UNSUPPORTED, "there is nothing here to ask about, or not yet")
+        return encode_fields(Call.DONE, **await answer(fields))
+    except (SessionError, HardwareError) as error:
+        reason = error.reason if isinstance(error, SessionError) else Reason.HARDWARE
+        return encode_fields(Call.DONE, refused=str(error), reason=reason)

@@ -41,6 +41,12 @@ def announced_network(root: Path = RUNTIME_ROOT) -> RunningNetwork:
     raise NetworkError("no network has started on this machine; start one, as with `qmn cli sdc`")
 
 
+def announced_folders(root: Path = RUNTIME_ROOT) -> set[Path]:
+    """Return where the networks that run have their files."""
+    files = [folder / NETWORK for folder in folders_of_running(root)]
+    return {Path(json.loads(file.read_text())["folder"]) for file in files if file.exists()}
+
+
 def dispatcher_of_running_network(root: Path = RUNTIME_ROOT) -> DispatcherConfig:
     """Return the dispatcher's configuration; raise NetworkError if no network runs."""
     folders = folders_of_running(root)

@@ -3,11 +3,8 @@
 from math import cos, pi, sin
 from typing import Any
 
-import networkx as nx
-
 from qmn.reports.light_paths import fiber_name
-from qmn.reports.map_diagram import of_nodes, on_paper
-from qmn.reports.places import columns
+from qmn.reports.places import Place, columns, of_nodes, on_paper
 from qmn.results.network_facts import NetworkFacts
 
 WIDTH = 1000.0  # of the drawing, in its own units
@@ -16,7 +13,6 @@ MOST_IN_COLUMN = 24  # with more, nodes are placed by who is joined to whom
 PER_INCH = 120.0
 BETWEEN = 100.0  # hosts around a switch
 SPRING_ROUNDS = 60
-Place = tuple[float, float]
 QUANTUM, CLASSICAL, HOST = "quantum switch", "classical switch", "host"
 
 
@@ -81,6 +77,8 @@ def _on_map(facts: NetworkFacts) -> dict[str, Place]:
 
 def _by_neighbours(facts: NetworkFacts) -> dict[str, Place]:
     """Return switches where springs between joined ones would pull them, hosts around their own."""
+    import networkx as nx  # a second's loading, which few networks need
+
     quantum = [switch.name for switch in facts.switches]
     graph = nx.Graph()
     graph.add_nodes_from(quantum)

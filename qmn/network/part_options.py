@@ -32,7 +32,7 @@ SWITCH = {
     each.name: getattr(QuantumSwitch(""), each.name)
     for each in fields(QuantumSwitch)
     if each.name in SWITCH_OPTICS - {"paths"}
-}
+} | {"preset": ""}
 
 
 @dataclass(frozen=True)

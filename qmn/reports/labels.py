@@ -8,14 +8,13 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from qmn.reports.drawing import PAPER
+from qmn.reports.places import NODE_INCHES, Place
 
 BUNDLE_INCHES = 0.3  # of lines beside each other, at most
-NODE_INCHES = (0.95, 0.36)
 LETTER_INCHES, LINE_INCHES = 0.058, 0.15
 LABEL: dict[str, Any] = {"fontsize": 8, "va": "center", "zorder": 3}
 LABEL_SHARES = sorted(np.linspace(0.28, 0.74, 24).tolist(), key=lambda share: abs(share - 0.42))
 CLEAR_INCHES = 0.12  # between labels
-Place = tuple[float, float]
 
 
 class Labels:

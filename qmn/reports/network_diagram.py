@@ -9,13 +9,13 @@ from matplotlib.patches import FancyBboxPatch
 
 from qmn.reports import drawing
 from qmn.reports.drawing import GRID, INK, MUTED, PAPER, PATHS, QUANTUM
-from qmn.reports.labels import BUNDLE_INCHES, NODE_INCHES, Labels, Place
+from qmn.reports.labels import BUNDLE_INCHES, Labels
 from qmn.reports.light_paths import LightPath, fiber_name
-from qmn.reports.places import columns
+from qmn.reports.places import LEAST_HEIGHT_INCHES, NODE_INCHES, WIDTH_INCHES, Place, columns
 from qmn.results.network_facts import NetworkFacts
 from wire.parameters.fiber import Fiber
 
-WIDTH_INCHES, LEAST_HEIGHT_INCHES, NODE_ROW_INCHES = 8.6, 3.6, 0.72
+NODE_ROW_INCHES = 0.72
 BESIDE_INCHES, STROKE_INCHES = 0.22, 0.045  # between fibres; between paths in one
 AT_SWITCH = 0.5  # of their distance at a host: many meet there
 

@@ -1,13 +1,21 @@
-"""The places of a network's nodes in its drawing: columns from left to right.
+"""The places of a network's nodes in its drawing: on its map, or in columns from left to right.
 
 Classical switches, hosts, then quantum switches. A line of switches is one column; a ring has
 its far side in a second one; so has a fabric of two stages, leaves in the first.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from math import cos, radians
 
 from qmn.results.network_facts import NetworkFacts
 
+WIDTH_INCHES, NODE_INCHES = 8.6, (0.95, 0.36)  # of a drawing; of a node's box
+MARGIN_INCHES, LEAST_HEIGHT_INCHES, MOST_HEIGHT_INCHES = 0.6, 3.6, 9.0  # of a map
+BETWEEN_INCHES = 0.12  # boxes of a map, at least
+ROUNDS = 300  # in which boxes that overlap make room
+Place = tuple[float, float]
+Positions = Mapping[str, Place]  # degrees east and north
 Neighbours = Mapping[str, set[str]]
 
 
@@ -67,3 +75,58 @@ def _stages(neighbours: Neighbours, with_host: set[str]) -> tuple[list[str], lis
             waiting.append(other)
     near = [name for name in neighbours if stage.get(name, 0) % 2 == 0]
     return near, [name for name in neighbours if name not in near]
+
+
+def of_nodes(facts: NetworkFacts) -> dict[str, Place]:
+    """Return the position of each node that has light; of one that has none, its neighbour's."""
+    known = dict(facts.positions)
+    for fiber in facts.fibers:
+        for near, far in ((fiber.a.node, fiber.b.node), (fiber.b.node, fiber.a.node)):
+            if near not in known and far in facts.positions:
+                known[near] = facts.positions[far]
+    joined = {end.node for fiber in facts.fibers for end in (fiber.a, fiber.b)}
+    return {name: place for name, place in known.items() if name in joined}
+
+
+def on_paper(positions: Sequence[Place]) -> list[Place]:
+    """Return positions in inches from the top left: as on a map, boxes clear of each other."""
+    middle = sum(north for _, north in positions) / len(positions)
+    # A degree to the east is shorter where it is far north; on no sphere, nothing is that far.
+    shrink = cos(radians(middle)) if abs(middle) < 90 else 1.0
+    plain = [(east * shrink, -north) for east, north in positions]
+    left, top = (min(values) for values in zip(*plain, strict=True))
+    wide, high = (max(values) - min(values) for values in zip(*plain, strict=True))
+    room_x, most_y = WIDTH_INCHES - 2 * MARGIN_INCHES, MOST_HEIGHT_INCHES - 2 * MARGIN_INCHES
+    scale_x = room_x / wide if wide else 0.0
+    least_y = LEAST_HEIGHT_INCHES - 2 * MARGIN_INCHES
+    tall = min(max(high * scale_x, least_y), most_y) if high else 0.0
+    scale_y = tall / high if high else 0.0
+    return _apart(
+        [
+            (MARGIN_INCHES + (x - left) * scale_x, MARGIN_INCHES + (y - top) * scale_y)
+            for x, y in plain
+        ]
+    )
+
+
+def _apart(places: list[Place]) -> list[Place]:
+    """Return the places, moved until no boxes overlap, or as little as there is room for."""
+    width, height = (size + BETWEEN_INCHES for size in NODE_INCHES)
+    moved = [list(place) for place in places]
+    for _ in range(ROUNDS):
+        overlap = False
+        for one, two in combinations(moved, 2):
+            across, down = width - abs(one[0] - two[0]), height - abs(one[1] - two[1])
+            if across <= 0 or down <= 0:
+                continue
+            overlap = True
+            axis, by = (1, down) if down / height <= across / width else (0, across)
+            sign = 1 if two[axis] >= one[axis] else -1
+            one[axis] -= sign * by / 2
+            two[axis] += sign * by / 2
+        for place in moved:
+            place[0] = min(max(place[0], MARGIN_INCHES), WIDTH_INCHES - MARGIN_INCHES)
+        if not overlap:
+            break
+    top = min(y for _x, y in moved) - MARGIN_INCHES
+    return [(x, y - top) for x, y in moved]

@@ -1,4 +1,7 @@
-"""Figures: measured points with error bars, the line that theory draws, and a legend."""
+"""Figures: measured points with error bars, the line that theory draws, and a legend.
+
+Below them residuals, where there is theory: how many standard errors each point is above it.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -22,6 +25,8 @@ PREFIXED_UNITS = ("s", "Hz")  # written as ns or MHz
 LINE_WIDTH = 1.2
 SIZE_INCHES = (7.2, 4.6)
 DOTS_PER_INCH = 150
+RESIDUALS = 1.2  # so much higher is a figure with residuals
+BOUND = 5  # standard errors, beyond which a curve fails
 
 Point = tuple[Values, Estimate]
 
@@ -52,8 +57,12 @@ class Picture:
 def draw(picture: Picture, file: Path) -> None:
     """Write the figure as PNG."""
     mpl.rcParams.update({"font.size": 10, "axes.grid": True, "grid.alpha": 0.3})
-    figure = Figure(figsize=SIZE_INCHES, layout="constrained")
-    axes = figure.add_subplot()
+    apart = residuals(picture)
+    width, height = SIZE_INCHES
+    figure = Figure(figsize=(width, height * (RESIDUALS if apart else 1)), layout="constrained")
+    axes, *below = figure.subplots(
+        2 if apart else 1, sharex=True, squeeze=False, height_ratios=[4, 1] if apart else None
+    )[:, 0]
     lines = [
         _draw_series(axes, picture, number, label, points)
         for number, (label, points) in enumerate(picture.series)
@@ -72,7 +81,9 @@ def draw(picture: Picture, file: Path) -> None:
     for level, label in picture.levels:
         axes.axhline(level, color="k", linestyle=":", linewidth=LINE_WIDTH, label=label)
     axes.set_title(picture.title)
-    axes.set_xlabel(picture.x_label)
+    (below or [axes])[-1].set_xlabel(picture.x_label)
+    for panel in below:
+        _draw_residuals(panel, picture, apart)
     axes.set_ylabel(picture.measure.label)
     _scale(axes, picture)
     handles, _labels = axes.get_legend_handles_labels()
@@ -83,6 +94,39 @@ def draw(picture: Picture, file: Path) -> None:
     else:
         axes.legend(handles=handles, fontsize="small")
     figure.savefig(file, dpi=DOTS_PER_INCH)
+
+
+def residuals(picture: Picture) -> dict[int, list[tuple[Value, float]]]:
+    """Return, by series, how many standard errors above theory each point is, if there is any.
+
+    A point without an error has none.
+    """
+    found: dict[int, list[tuple[Value, float]]] = {}
+    for number, (_label, points) in enumerate(picture.series):
+        for values, estimate in points:
+            expected = picture.measure.theory(values)
+            if expected is not None and estimate.error > 0:
+                apart = (estimate.value - expected) / estimate.error
+                found.setdefault(number, []).append((values[picture.x.name], apart))
+    return found
+
+
+def _draw_residuals(
+    axes: Axes, picture: Picture, apart: dict[int, list[tuple[Value, float]]]
+) -> None:
+    for number, points in apart.items():
+        places, errors = zip(*points, strict=True)
+        axes.plot(
+            places, errors, MARKERS[number % len(MARKERS)], color=f"C{number}", markersize=3.5
+        )
+    for bound in (-BOUND, BOUND):
+        axes.axhline(bound, color="k", linestyle=":", linewidth=LINE_WIDTH)
+    axes.axhline(0, color="k", linewidth=LINE_WIDTH)
+    most = max(abs(error) for points in apart.values() for _place, error in points)
+    axes.set_ylim(-max(most, BOUND) * 1.2, max(most, BOUND) * 1.2)
+    axes.set_ylabel("std. errors", fontsize="small")
+    if picture.x.unit in PREFIXED_UNITS:
+        axes.xaxis.set_major_formatter(EngFormatter(unit=picture.x.unit))
 
 
 def _draw_series(

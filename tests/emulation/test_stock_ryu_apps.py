@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from conftest import nothing_left, wait_until
-from fabric_scene import running
+from fabric_scene import running, session
 
 from topologies.network import Network
 from topologies.runtime import free_port
@@ -93,6 +93,28 @@ def test_stock_apps_read_and_program_the_switch(http: Http, network: Network) ->
         lambda: re.search(rf"q1 +close .*{one}", events.read_text()), "the cross-connect is undone"
     )
     assert not [flow for flow in http.get(f"/stats/flow/{Q1}")[str(Q1)] if flow["priority"] == 500]
+
+
+def test_light_paths_are_connectivity_services_while_they_stand(
+    http: Http, network: Network
+) -> None:
+    context = "/restconf/data/tapi-common:context"
+    services = f"{context}/tapi-connectivity:connectivity-context/connectivity-service"
+    name = "tapi-connectivity:connectivity-service"
+    assert http.get(services) == {name: []}
+    with session(network, "alice", "bob") as opened:
+        assert opened.carry(b"x") == b"x"
+        told = http.get(services)[name]
+        ends = {tuple(end["local-id"] for end in each["end-point"]) for each in told}
+        assert ("charlie-q0", "alice-q0") in ends
+        assert {each["lifecycle-state"] for each in told} == {"INSTALLED"}
+        one = f"{services}={told[0]['uuid']}"
+        assert http.get(one) == {name: [told[0]]}
+    wait_until(lambda: http.get(services) == {name: []}, "the paths are closed")
+    with pytest.raises(urllib.error.HTTPError, match="404") as caught:
+        http.get(one)
+    with caught.value as error:
+        assert "ietf-restconf:errors" in json.load(error)
 
 
 def test_stock_apps_read_what_the_switch_is(http: Http) -> None:

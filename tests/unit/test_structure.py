@@ -122,7 +122,7 @@ PROTOCOLS = [
     *(ROOT / "hosts" / "middleware" / "qkd").glob("[a-z]*.py"),
     *(
         ROOT / "hosts" / "middleware" / "session" / f"{name}.py"
-        for name in ("node_features", "blocks", "errors", "protocol", "station_words", "values")
+        for name in ("node_features", "blocks", "errors", "protocol", "values")
     ),
     SERVICES / "source.py",
     *(

@@ -14,9 +14,10 @@ from topologies.nodes.classical_switch import ClassicalSwitch
 from topologies.nodes.reached import as_reached
 from topologies.programs import Program
 from topologies.runtime import DISPATCHER, free_port
+from topologies.switch_presets import optics_of
 from topologies.timeouts import READY_TIMEOUT_S, RECONNECT_MS
 from topologies.tls import certify_operator, credentials
-from wire.config import AgentConfig, QuantumSwitch
+from wire.config import AgentConfig
 from wire.credentials import Credentials
 from wire.parameters.physics import BadParameter
 from wire.parameters.switch import OPTICS
@@ -27,8 +28,9 @@ LOOPBACK = "127.0.0.1"
 class OpticalSwitch(ClassicalSwitch):
     """A quantum switch: a bridge with its agent between it and the controller.
 
-    Optics go by keyword, as the fields of wire.parameters.switch.QuantumSwitch; paths that
-    differ from the others are PathOptics there. Raise BadParameter for what no switch can have.
+    Optics go by keyword, as the fields of wire.parameters.switch.QuantumSwitch, or by the name of
+    a preset (topologies.switch_presets), from which what is given differs. Paths that differ from
+    the others are PathOptics. Raise BadParameter for what no switch can have.
     `hardware` is "" for the simulated switch, or names an instrument, as scpi://192.0.2.7:5025;
     `hardware_ports` are the instrument's [ingress, egress] of each port that is a fibre's.
     `controller_port` names another controller than c0, at this TCP port of 127.0.0.1, that
@@ -41,12 +43,12 @@ class OpticalSwitch(ClassicalSwitch):
         controller_port: int | None = None,
         hardware: str = "",
         hardware_ports: Mapping[int, Sequence[int]] | None = None,
+        preset: str = "",
         **params: Any,
     ) -> None:
         given = {each: params.pop(each) for each in OPTICS & params.keys()}
         refuse_unknown(name, params, type(self), also=sorted(OPTICS))
-        optics = QuantumSwitch(name, **{**given, "paths": list(given.get("paths", ()))})
-        optics.check()
+        optics = optics_of(name, {**given, "preset": preset})
         if controller_port is not None and not 0 < controller_port < 1 << 16:
             raise BadParameter(f"{name}: controller_port {controller_port} is not 1 to 65535")
         super().__init__(name, **params)

@@ -36,6 +36,8 @@ class QuantumSwitch:
     switching_time_s: float = parameter(100e-9, 0.0, 60.0)
     insertion_loss_db: float = parameter(0.0, *LOSS_DB)
     rotation: int = parameter(0, 0, 3, PAULIS)  # wire.metadata.Pauli that every path applies
+    # Of what leaves it, X, Y and Z each with p/4.
+    depolarizing: float = parameter(0.0, 0.0, 1.0)
     paths: list[PathOptics] = field(default_factory=list)  # that differ from the rest
     # None: none; else a photon strays with 10^(-dB/10).
     crosstalk_db: float | None = parameter(None, *LOSS_DB)

@@ -16,15 +16,14 @@ from collections import deque
 import numpy as np
 
 from hosts.middleware.qkd.amplification import seed_bits, toeplitz
+from hosts.middleware.qkd.authentication import key_tag
 from hosts.middleware.qkd.bits import pack, pack_levels, unpack
 from hosts.middleware.qkd.decoy import Decoys
 from hosts.middleware.qkd.end import End, SessionFailed, State, Terms, out_of_place
 from hosts.middleware.qkd.estimation import compare
-from hosts.middleware.qkd.parities import ReferenceKey
+from hosts.middleware.qkd.parities import ReferenceKey, to_query
 from hosts.middleware.qkd.public_randomness import SEED_BYTES
-from hosts.middleware.qkd.questions import to_query
 from hosts.middleware.qkd.sifting import Record, choose, sifted
-from hosts.middleware.qkd.verification import key_tag
 from wire.qkd import (
     AbortReason,
     Amplify,

@@ -7,15 +7,25 @@ probability 8 ceil(L / 16) / 2**106 at most, whatever the forger can compute. Th
 the pool fits only the next message: a replayed or reordered one does not pass.
 
 Each direction has a pool of its own, so that two ends that both speak never use the same pad.
+
+Verification: both ends hash their corrected keys; different keys differ in their tags.
+
+The hash is Poly1305 (Bernstein 2005, RFC 8439) with a key drawn at random after error
+correction and sent along: keys of n bits that differ have the same tag with probability
+8 ceil(n / 128) / 2**106 at most.
 """
 
 import hmac
 
 from cryptography.hazmat.primitives.poly1305 import Poly1305
 
+from hosts.middleware.qkd.bits import Bits, pack
+
 POINT_BYTES = 16  # taken from the pool once
 PAD_BYTES = 16  # taken from the pool for each message
 TAG_BYTES = 16
+HASH_KEY_BYTES = 32
+TAG_BITS = 128  # disclosed, so privacy amplification takes them away
 
 
 class KeyPoolExhausted(Exception):
@@ -85,3 +95,14 @@ class Authenticator:
         """Raise ForgedMessage unless this is the next message; its pad is used up either way."""
         if not hmac.compare_digest(self.tag(data), tag):
             raise ForgedMessage("the tag does not fit the message, or it is not the next one")
+
+
+def key_tag(key: Bits, hash_key: bytes) -> bytes:
+    """Return the tag of a corrected key, 16 bytes."""
+    return Poly1305.generate_tag(hash_key, key.size.to_bytes(8, "big") + pack(key))
+
+
+def collision_probability(key_bits: int) -> float:
+    """Return the greatest chance that two different keys have the same tag."""
+    blocks = -(-(64 + key_bits) // 128)
+    return float(8 * blocks / 2**106)

@@ -12,15 +12,15 @@ What travels to alice is on the left of an arrow, what comes from her on the rig
 from collections import deque
 
 from hosts.middleware.qkd.amplification import seed_bits, toeplitz
+from hosts.middleware.qkd.authentication import HASH_KEY_BYTES, key_tag
 from hosts.middleware.qkd.bits import Bits, pack, unpack, unpack_levels
 from hosts.middleware.qkd.cascade import Cascade
 from hosts.middleware.qkd.decoy import Decoys
 from hosts.middleware.qkd.end import End, SessionFailed, State, Terms, out_of_place
 from hosts.middleware.qkd.estimation import compare
 from hosts.middleware.qkd.ldpc_decoding import LdpcDecoding
-from hosts.middleware.qkd.questions import to_message
+from hosts.middleware.qkd.parities import to_message
 from hosts.middleware.qkd.sifting import Record, sifted
-from hosts.middleware.qkd.verification import HASH_KEY_BYTES, key_tag
 from wire.qkd import (
     AbortReason,
     Amplify,

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from math import floor
 
+from hosts.middleware.qkd.authentication import TAG_BITS, collision_probability
 from hosts.middleware.qkd.decoy import Decoys, Sifted, bounds, key_length
 from hosts.middleware.qkd.key_length import (
     ZERO_RATE_QBER,
@@ -10,7 +11,6 @@ from hosts.middleware.qkd.key_length import (
     finite_key_length,
     most_tagged,
 )
-from hosts.middleware.qkd.verification import TAG_BITS, collision_probability
 from wire.qkd import MAX_KEY_BITS, Bound, Proposal, Reconciliation
 
 

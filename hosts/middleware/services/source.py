@@ -10,7 +10,7 @@ from hosts.hardware.qnic import HardwareError, Qnic
 from hosts.middleware.session.errors import SessionError, unexpected
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.middleware.session.protocol import HearNext, Say, Side, Steps, do
-from hosts.middleware.session.station_words import words_of
+from hosts.middleware.session.values import words_of
 from hosts.timeouts import MAX_BLOCK_S
 from wire.metadata import Emit, MemoryState, Reason, Setup
 

@@ -8,7 +8,7 @@ from hosts.hardware.qnic import HardwareError, Heralds
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.offers import at_wavelength
-from hosts.middleware.session.station_words import heralds_of
+from hosts.middleware.session.values import heralds_of
 from hosts.network_loop import now_s, wall_sleep
 from hosts.timeouts import (
     ANSWER_TIMEOUT_S,

@@ -26,10 +26,9 @@ from hosts.middleware.session import protocol
 from hosts.middleware.session.arrangement import Arrangement
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.host_resources import HostResources
-from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.performing import Performer
 from hosts.middleware.session.protocol import HostSide, Light, OpenerSide, Order, Side
-from hosts.middleware.session.values import Numbers
+from hosts.middleware.session.values import Lifetimes, Numbers
 from hosts.timeouts import ANSWER_TIMEOUT_S, LIGHT_TIMEOUT_S
 from wire.features import NodeFeatures
 from wire.metadata import Answer, Handshake, Reason, Service, Setup, Values

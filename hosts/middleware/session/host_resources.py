@@ -9,8 +9,8 @@ from hosts.hardware.channels import carrying
 from hosts.hardware.qnic import Qnic
 from hosts.middleware.qkd.keyring import Keyring
 from hosts.middleware.session.encoding import DISTINGUISHABLE_STATES
-from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.swap_orders import Swaps
+from hosts.middleware.session.values import Lifetimes
 from wire.features import NodeFeatures
 from wire.metadata import Pauli
 

@@ -1,9 +1,9 @@
 """The features of both ends of a session, compared with those that its service needs."""
 
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.lifetimes import NUMBERS, Lifetimes
 from hosts.middleware.session.protocol import HostSide, OpenerSide, Say, Side, Steps
 from hosts.middleware.session.protocol import hear as hear_numbers
+from hosts.middleware.session.values import NUMBERS, Lifetimes
 from wire.features import STORE, Feature, NodeFeatures, names
 from wire.metadata import MalformedPacket, Reason, Service, Setup, Topic
 from wire.services import Role, needs

@@ -26,8 +26,7 @@ from numpy.typing import ArrayLike
 
 from hosts.hardware.qnic import BlockName, Heralds, Qnic, Stored
 from hosts.middleware.session.errors import SessionError, unexpected
-from hosts.middleware.session.lifetimes import Lifetimes
-from hosts.middleware.session.values import Numbers, expect, values
+from hosts.middleware.session.values import Lifetimes, Numbers, expect, values
 from hosts.timeouts import ANSWER_TIMEOUT_S, GRACE_S, LIGHT_TIMEOUT_S
 from wire.features import NodeFeatures
 from wire.metadata import Answer, Finish, Message, Reason, Setup, Topic, Values

@@ -20,10 +20,10 @@ from hosts.middleware.session.ends import (
 )
 from hosts.middleware.session.errors import SessionError, SilentPeer, unexpected
 from hosts.middleware.session.host_resources import HostResources
-from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.offers import at_wavelength, check_light
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.middleware.session.service_options import SessionOptions
+from hosts.middleware.session.values import Lifetimes
 from hosts.timeouts import IDLE_TIMEOUT_S, REPORT_TIMEOUT_S
 from wire.features import NOTHING, NodeFeatures
 from wire.metadata import Answer, Finish, Handshake, MemoryState, Reason, Service, Setup

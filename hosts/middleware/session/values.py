@@ -1,12 +1,29 @@
-"""Arrays of small numbers as they travel between the ends of a session (wire.metadata.Values)."""
+"""Values as they travel between the ends of a session (wire.metadata.Values).
+
+Arrays of small numbers, the lifetimes of a memory, and what a station tells of a block that it was
+asked to herald:
+
+opener                                station
+  | Emit(block, pairs) ---------------> |  heralds until it has as many, or its time is over
+  | <----------------------- Answer(OK) |
+  | <------- Values(COUNTS): attempts   |  high and low 32 bits
+  | <------- Values(HERALDED): n states |
+"""
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hosts.hardware.qnic import Heralds
 from hosts.middleware.session.errors import SAME_VERSION, SessionError
-from wire.metadata import Reason, Topic, Values
+from wire.metadata import Answer, Reason, Topic, Values
 
 Numbers = NDArray[np.uint32]
+WORD = 32  # bits of a count
+MAX_WORD = (1 << WORD) - 1
+MAX_STATE = 3
+NUMBERS = 4  # that lifetimes travel as
 
 
 def values(session: int, topic: int, block: int, numbers: ArrayLike, width: int) -> Values:
@@ -64,3 +81,45 @@ def expect(message: Values, topic: int, block: int, count: int | None, most: int
 def _named(topic: int) -> str:
     known = {each.value: each.name for each in Topic}
     return f"{topic} ({known[topic]})" if topic in known else str(topic)
+
+
+def words_of(session: int, block: int, heralds: Heralds) -> tuple[Answer, Values, Values]:
+    """Return what tells the opener what has been heralded of a block."""
+    counts = [heralds.attempts >> WORD, heralds.attempts & MAX_WORD]
+    return (
+        Answer(session, Reason.OK),
+        values(session, Topic.COUNTS, block, counts, WORD),
+        values(session, Topic.HERALDED, block, heralds.states, 2),
+    )
+
+
+def heralds_of(counts: Values, told: Values, block: int, most: int) -> Heralds:
+    """Return what a station tells behind its answer; SessionError for more pairs than that."""
+    high, low = expect(counts, Topic.COUNTS, block, 2, MAX_WORD).tolist()
+    states = expect(told, Topic.HERALDED, block, None, MAX_STATE).astype("u1")
+    if states.size > most:
+        text = f"{states.size} pairs of block {block} heralded, {most} were asked for"
+        raise SessionError(Reason.PROTOCOL, text)
+    return Heralds(states, (high << WORD) + low)
+
+
+class Lifetimes(NamedTuple):
+    """T1, T2, the time of depolarising, and the cut-off, in seconds; infinite: there is none."""
+
+    t1_s: float
+    t2_s: float
+    depolarizing_s: float
+    cutoff_s: float  # what is older is dropped
+
+    def numbers(self) -> list[int]:
+        """Return them as whole numbers of 32 bits: IEEE 754, single precision."""
+        return [int(bits) for bits in np.array(self, np.float32).view(np.uint32)]
+
+    @classmethod
+    def of(cls, numbers: list[int], peer: str) -> "Lifetimes":
+        """Return what another end has told; SessionError for what no memory has."""
+        times = cls(*np.array(numbers, np.uint32).view(np.float32).tolist())
+        if not all(time_s > 0 for time_s in times):  # also what is not a number
+            told = ", ".join(f"{name} {value}" for name, value in times._asdict().items())
+            raise SessionError(Reason.PROTOCOL, f"{peer} has a memory with {told}")
+        return times

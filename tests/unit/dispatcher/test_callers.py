@@ -10,8 +10,8 @@ import grpc
 import pytest
 from dispatcher_network import JumpingClock, configuration, running
 
-from dispatcher.server import challenges
-from dispatcher.server.challenges import Challenges
+from dispatcher.server import callers
+from dispatcher.server.callers import Challenges
 from topologies.certificates import CertificateAuthority
 from topologies.runtime import free_port
 from wire.credentials import Credentials
@@ -121,8 +121,8 @@ def test_the_proof_is_golden() -> None:
 
 
 def test_nobody_crowds_out_the_challenges_of_another(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(challenges, "MAX_OF_ONE", 3)
-    monkeypatch.setattr(challenges, "MAX_CHALLENGES", 5)
+    monkeypatch.setattr(callers, "MAX_OF_ONE", 3)
+    monkeypatch.setattr(callers, "MAX_CHALLENGES", 5)
     given = Challenges()
     mine = given.give("ipv4:10.0.0.1:40000")
     others = [given.give(f"ipv4:10.0.0.2:{port}") for port in range(10)]

@@ -5,7 +5,7 @@ import pytest
 from noise_cases import COUNT, START_NS, passage, within
 
 from dispatcher.fiber import fiber_noise
-from dispatcher.fiber.classical_light import ClassicalLight
+from dispatcher.fiber.fiber_noise import ClassicalLight
 from dispatcher.fiber.noise import (
     Dephasing,
     Depolarizing,

@@ -11,7 +11,7 @@ from dispatcher_network import Bench, JumpingClock, block, configuration, runnin
 
 from dispatcher.build import LEAST_BLOCKS, LEAST_SHARE, equal_share
 from dispatcher.layer.history import History
-from dispatcher.layer.origin import caused_by
+from dispatcher.layer.journal import caused_by
 from dispatcher.layer.ownership import MAX_BLOCKS
 from wire.config import QuantumSwitch
 from wire.dispatcher_pb2 import DiscardRequest, Event

@@ -20,9 +20,8 @@ from hosts.middleware.services.distribution.protocol import Opening, follow
 from hosts.middleware.services.distribution.sharing import make, share
 from hosts.middleware.session import protocol
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.protocol import HostSide, Light, OpenerSide, Order, Steps
-from hosts.middleware.session.values import values
+from hosts.middleware.session.values import Lifetimes, values
 from wire.features import EVERYTHING, NodeFeatures
 from wire.metadata import Handshake, Message, Service, Setup, Topic, decode
 

@@ -16,8 +16,7 @@ from stacks_scene import DEADLINE_S, OWN_ADDRESS, Cut, arbitrated, network, refu
 from hosts.middleware.services.distribution import protocol
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.lifetimes import Lifetimes
-from hosts.middleware.session.values import expect, values
+from hosts.middleware.session.values import Lifetimes, expect, values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from wire.metadata import Finish, Message, Reason, Service, Setup, Topic, Values

@@ -8,9 +8,8 @@ from uuid import UUID, uuid4
 
 import pytest
 
-from hosts.key_delivery.allowance import Allowance
 from hosts.key_delivery.delivery import KeyDelivery
-from hosts.key_delivery.refusals import NOT_FOUND, Refused, unavailable
+from hosts.key_delivery.refusals import NOT_FOUND, Allowance, Refused, unavailable
 from hosts.key_delivery.waiting import WaitingKeys
 from hosts.middleware.qkd.key_store import KeyStoreError, StoredKey
 from hosts.timeouts import FETCH_TIMEOUT_S

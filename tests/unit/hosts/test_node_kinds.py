@@ -13,9 +13,8 @@ from chain_scene import chain
 from stacks_scene import RELAYED, ask, grant, network, refusal, requested
 from test_distribution_sessions import failed, inside
 
-from hosts.middleware.services.distribution import distribute
-from hosts.middleware.session.lifetimes import Lifetimes
-from hosts.middleware.session.values import values
+from hosts.middleware.services.distribution import protocol
+from hosts.middleware.session.values import Lifetimes, values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from topologies.node_kinds import ION_TRAP, node_device
@@ -215,7 +214,7 @@ def test_the_last_places_of_a_memory_are_enough_to_purify_and_to_estimate(tmp_pa
 def test_purification_that_memories_have_no_room_for_is_given_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(distribute, "LEAST_JUDGED", 100)  # as there is room to sample one at a time
+    monkeypatch.setattr(protocol, "LEAST_JUDGED", 100)  # as there is room to sample one at a time
     small = replace(IONS, memory=replace(IONS.memory, capacity=16), gates=Gates())
     physics = scene(OWN, **everyone(small))
     options: dict[str, Any] = {"count": 15, "block_pairs": 16, "fidelity": 0.999}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hosts.middleware.services.distribution.fidelity import Estimate
-from hosts.middleware.session.lifetimes import Lifetimes
+from hosts.middleware.session.values import Lifetimes
 
 Z, X, Y = 0, 1, 2
 NO_CLICK = 3

@@ -7,11 +7,10 @@ from itertools import combinations, pairwise, product
 
 import pytest
 
-from qmn.reports.labels import NODE_INCHES
 from qmn.reports.light_paths import Hop, LightPath, fiber_name
-from qmn.reports.map_diagram import in_a_line, map_diagram, of_nodes, on_paper
-from qmn.reports.network_diagram import WIDTH_INCHES, network_diagram
-from qmn.reports.places import columns
+from qmn.reports.map_diagram import in_a_line, map_diagram
+from qmn.reports.network_diagram import network_diagram
+from qmn.reports.places import NODE_INCHES, WIDTH_INCHES, columns, of_nodes, on_paper
 from qmn.results.network_facts import NetworkFacts
 from topologies.maps import read_map
 from wire.config import QuantumSwitch

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hosts.hardware.qnic import Symbols
-from hosts.middleware.session.lifetimes import Lifetimes
+from hosts.middleware.session.values import Lifetimes
 
 DIFFER = 2  # the basis in which the halves of Phi+ give different outcomes
 NORMAL_95 = 1.959964  # 95 % of a normal distribution is within so many standard deviations

@@ -25,8 +25,8 @@ from hosts.middleware.session.blocks import (
     take,
 )
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.lifetimes import Lifetimes
 from hosts.middleware.session.protocol import HostSide, Now, Steps, do, hear
+from hosts.middleware.session.values import Lifetimes
 from wire.metadata import Reason, Topic
 from wire.outcomes import BASES
 

@@ -14,9 +14,8 @@ from hosts.middleware.services.distribution.pairs import Pairs
 from hosts.middleware.services.distribution.purification import PHOTONS, Protocol
 from hosts.middleware.session import node_features
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.lifetimes import NUMBERS, Lifetimes
 from hosts.middleware.session.protocol import HostSide, Now, OpenerSide, Steps, Tell, hear, request
-from hosts.middleware.session.values import expect
+from hosts.middleware.session.values import NUMBERS, Lifetimes, expect
 from hosts.timeouts import MAX_BLOCK_S
 from wire.features import GATE, MEASURE
 from wire.metadata import Reason, Topic, Values

@@ -9,8 +9,7 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 from hosts.hardware.qnic import Qnic
-from hosts.middleware.services.interception.options import InterceptionOptions
-from hosts.middleware.services.interception.passing import Passing
+from hosts.middleware.services.interception.passing import InterceptionOptions, Passing
 from hosts.middleware.session.performing import Performer
 
 Tell = Callable[..., Awaitable[None]]

@@ -14,8 +14,7 @@ Where no light comes the session ends with an error: a fibre that is cut is no s
 protocol.py decides; here it is carried out.
 """
 
-from hosts.middleware.services.sealing.options import SealOptions
-from hosts.middleware.services.sealing.protocol import Watch, answer
+from hosts.middleware.services.sealing.protocol import SealOptions, Watch, answer
 from hosts.middleware.session.ends import AcceptorEnd, OpenerEnd, ServiceKind
 from wire.metadata import Service
 

@@ -5,7 +5,7 @@ import asyncio
 import numpy as np
 
 from hosts.hardware.qnic import NoLight, Symbols
-from hosts.middleware.services.superdense.halves import arrival_ports
+from hosts.middleware.services.superdense.options import arrival_ports
 from hosts.middleware.services.superdense.receiver import (
     Collect,
     Discard,

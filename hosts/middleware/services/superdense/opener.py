@@ -20,8 +20,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 
 from hosts.hardware.qnic import BlockName, NoLight, Symbols
-from hosts.middleware.services.superdense.halves import sent_half
-from hosts.middleware.services.superdense.options import SEQUENTIAL, SuperdenseOptions
+from hosts.middleware.services.superdense.options import SEQUENTIAL, SuperdenseOptions, sent_half
 from hosts.middleware.services.superdense.per_pair import Agreed, PerPair, cancelled
 from hosts.middleware.services.superdense.sender import Light, Sender, Singles
 from hosts.middleware.session.ends import Carrier, OpenerEnd

@@ -1,5 +1,6 @@
 """The choices of an application for superdense coding."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +14,7 @@ from hosts.middleware.session.options import (
 )
 from hosts.middleware.session.service_options import SessionOptions
 from hosts.timeouts import MAX_BLOCK_S
-from wire.metadata import FEC_NAMES, Handshake, Reason
+from wire.metadata import FEC_NAMES, Handshake, Reason, Service, Setup
 
 DEFAULT_BLOCK_PAIRS = 131_072
 SEQUENTIAL = "sequential"
@@ -63,3 +64,17 @@ class SuperdenseOptions(SessionOptions):
         check_whole("frame_bytes", self.frame_bytes, 1, MAX_FRAME_BYTES)
         check_whole("block_pairs", self.block_pairs, MIN_BLOCK_PAIRS, MAX_BLOCK_PAIRS)
         super().check()
+
+
+def sent_half(setup: Setup) -> int:
+    """Return which half of each pair comes to the sender, by its first fibre."""
+    return int(setup.service == Service.SDC_RETURN)
+
+
+def arrival_ports(setup: Setup, ports: Sequence[str]) -> tuple[str, str]:
+    """Return where halves 0 and 1 arrive at the receiver.
+
+    What the sender passes on comes by the second fibre, the other half by the first one.
+    """
+    first, second = ports[:2]
+    return (second, first) if sent_half(setup) == 0 else (first, second)

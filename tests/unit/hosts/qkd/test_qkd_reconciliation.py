@@ -20,8 +20,9 @@ from hosts.middleware.qkd.parities import (
     ReferenceKey,
     Syndrome,
     shuffled,
+    to_message,
+    to_query,
 )
-from hosts.middleware.qkd.questions import to_message, to_query
 from wire.qkd import AskBlocks, AskIntervals, AskSyndrome
 
 SEED = bytes(range(32))

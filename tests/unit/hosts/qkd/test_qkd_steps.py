@@ -8,6 +8,7 @@ import pytest
 from qkd_ends import bb84, random_bits
 
 from hosts.middleware.qkd.amplification import seed_bits, toeplitz
+from hosts.middleware.qkd.authentication import collision_probability, key_tag
 from hosts.middleware.qkd.bits import Bits, pack, unpack
 from hosts.middleware.qkd.estimation import Estimate, compare, sample_mask, sample_size
 from hosts.middleware.qkd.key_length import (
@@ -21,7 +22,6 @@ from hosts.middleware.qkd.key_length import (
 )
 from hosts.middleware.qkd.public_randomness import mixed, permutation, subset
 from hosts.middleware.qkd.sifting import Record, choose, sifted
-from hosts.middleware.qkd.verification import collision_probability, key_tag
 from wire.outcomes import NO_CLICK
 
 

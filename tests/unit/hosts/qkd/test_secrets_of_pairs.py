@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from hosts.middleware.qkd.pair_secrets import PairSecrets
+from hosts.middleware.qkd.keyring import PairSecrets
 from wire.pair_secrets import SECRET_BYTES
 
 HOSTS = ("alice", "bob", "charlie")

@@ -4,8 +4,14 @@ Pure functions on numpy arrays: no frame, no symbol, no light. Each code is a `C
 in CODES by its number on the wire; `interleaving` spreads a codeword over many symbols.
 """
 
-from hosts.middleware.services.superdense.coding.code import Bits, Code, Mask, Uncoded
-from hosts.middleware.services.superdense.coding.interleaving import deinterleave, interleave
+from hosts.middleware.services.superdense.coding.code import (
+    Bits,
+    Code,
+    Mask,
+    Uncoded,
+    deinterleave,
+    interleave,
+)
 from hosts.middleware.services.superdense.coding.perfect import GOLAY, HAMMING, REPETITION
 from hosts.middleware.services.superdense.coding.reed_solomon import ReedSolomon
 from wire.metadata import FEC_NAMES, Fec

@@ -1,0 +1,84 @@
+"""A run as one file: a zip of its files but for what is secret, and what is read back of one."""
+
+import re
+import shutil
+import zipfile
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from qmn.kept_runs.shared_copy import FILE_MODE, CannotShare, share
+from qmn.live.event_sources import RESULT
+from qmn.results.run_folder import PRIVATE, give, give_tree
+
+NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,99}")
+OWN_MODE = 0o600
+MOST_FILES, MOST_BYTES = 10_000, 64 << 30  # of a file that somebody else has made
+
+
+class BadArchive(Exception):
+    """A run that cannot be written as a file, or a file that is none; the text says why."""
+
+
+def exported(run: Path, file: Path, whole: bool = False) -> list[str]:
+    """Write a run as a new file; return the names of what was left out as secret.
+
+    Whole: leave nothing out, and let nobody else read the file.
+    """
+    with TemporaryDirectory(prefix="qmn-export-") as folder:
+        copy, left_out = run, list[str]()
+        if not whole:
+            copy = Path(folder) / run.name
+            try:
+                left_out = share(run, copy)
+            except CannotShare as error:
+                raise BadArchive(str(error)) from error
+        try:
+            file.touch(OWN_MODE if whole else FILE_MODE, exist_ok=False)
+        except FileExistsError as error:
+            raise BadArchive(f"{file} is there already: choose another name") from error
+        with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+            for each in sorted(copy.iterdir()):
+                if each.is_file() and not each.is_symlink():
+                    archive.write(each, f"{run.name}/{each.name}")
+    give(file)
+    return left_out
+
+
+def imported(file: Path, runs: Path) -> Path:
+    """Make a run of a file that `exported` wrote; return its folder, which did not exist before.
+
+    Raise BadArchive, and leave nothing, for a file that holds anything else.
+    """
+    try:
+        with zipfile.ZipFile(file) as archive:
+            members = archive.infolist()
+            name = _checked(file, members)
+            folder = runs.resolve() / name
+            if folder.exists():
+                raise BadArchive(f"{folder} is there already: rename it to import another")
+            folder.mkdir(mode=PRIVATE, parents=True)
+            try:
+                for member in members:
+                    target = folder / Path(member.filename).name
+                    with archive.open(member) as packed, target.open("xb") as written:
+                        shutil.copyfileobj(packed, written)
+            except BaseException:
+                shutil.rmtree(folder)
+                raise
+    except (zipfile.BadZipFile, EOFError, NotImplementedError, RuntimeError) as error:
+        raise BadArchive(f"{file} is not a run as `qmn runs export` writes it: {error}") from error
+    give_tree(folder)
+    return folder
+
+
+def _checked(file: Path, members: list[zipfile.ZipInfo]) -> str:
+    """Return the name of the run in an archive whose members are files of one plain folder."""
+    names = [member.filename.split("/") for member in members]
+    plain = all(len(parts) == 2 and all(map(NAME.fullmatch, parts)) for parts in names)
+    folders = {parts[0] for parts in names}
+    inside = {parts[-1] for parts in names}
+    if not plain or len(folders) != 1 or RESULT not in inside or len(inside) != len(names):
+        raise BadArchive(f"{file} is not a run as `qmn runs export` writes it")
+    if len(members) > MOST_FILES or sum(member.file_size for member in members) > MOST_BYTES:
+        raise BadArchive(f"{file} holds more than {MOST_FILES} files or {MOST_BYTES >> 30} GiB")
+    return folders.pop()

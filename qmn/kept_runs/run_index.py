@@ -1,0 +1,160 @@
+"""The runs of a folder, in a table of SQLite beside them that is made anew if it is lost.
+
+What is in the table follows from the folders alone. A run is read again when its result has
+changed, and leaves the table when its folder has gone.
+"""
+
+import json
+import os
+import sqlite3
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from hosts.middleware.services import NAMES
+from qmn.jobs.run_options import RunOptions
+from qmn.live.event_sources import RESULT
+from qmn.network.options import NetworkOptions
+from qmn.results.run_folder import give
+
+INDEX = ".index.sqlite"
+COLUMNS = (
+    "name TEXT PRIMARY KEY, result_ns INTEGER, began TEXT, what TEXT, changed TEXT, outcome TEXT, "
+    "bytes INTEGER"
+)
+ALWAYS = ("sender", "receiver", "opener", "acceptor")  # who, not how
+
+
+@dataclass(frozen=True)
+class Run:
+    """A folder of a run, as its result tells."""
+
+    name: str
+    result_ns: int  # when the result was written; 0: there is none
+    began: str  # 2026-11-22 11:45:24
+    what: str  # service and topology
+    changed: str  # parameters that are not the default, as JSON
+    outcome: str  # done, not done: …, no result
+    bytes: int  # of all its files
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """Return the parameters that are not the default."""
+        found: dict[str, Any] = json.loads(self.changed)
+        return found
+
+
+def runs_in(folder: Path) -> list[Run]:
+    """Return the runs of a folder, oldest first, and bring its index up to date.
+
+    Raise OSError if the folder cannot be read.
+    """
+    found = {path.name: path for path in folder.iterdir() if is_run(path)}
+    with _opened(folder / INDEX) as index:
+        known = {row[0]: Run(*row) for row in index.execute("SELECT * FROM runs")}
+        stale = [
+            name
+            for name, path in found.items()
+            if name not in known
+            or known[name].result_ns != _result_ns(path)
+            or not _result_ns(path)
+        ]
+        gone = [(name,) for name in known if name not in found]
+        index.executemany("DELETE FROM runs WHERE name = ?", gone)
+        made = {name: read_run(found[name]) for name in stale}
+        _store(index, made.values())
+    current = {**{name: run for name, run in known.items() if name in found}, **made}
+    return sorted(current.values(), key=lambda run: (run.began, run.name))
+
+
+def is_run(path: Path) -> bool:
+    """Return whether a folder is that of a run: by its name, and by a log or a result in it."""
+    stamped = path.name[:8].isdecimal() and path.name[8:9] == "T"
+    return stamped and path.is_dir() and not path.is_symlink()
+
+
+def read_run(path: Path) -> Run:
+    """Return what a folder tells of its run."""
+    stamp = path.name[:15]
+    began = f"{stamp[:4]}-{stamp[4:6]}-{stamp[6:8]} {stamp[9:11]}:{stamp[11:13]}:{stamp[13:15]}"
+    size = sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
+    try:
+        result = json.loads((path / RESULT).read_text())
+    except (OSError, ValueError):
+        return Run(path.name, 0, began, path.name[16:], "{}", "no result", size)
+    what = " ".join(filter(None, [result.get("service", "network"), result.get("topology") or ""]))
+    changed = json.dumps(differing(result))
+    return Run(path.name, _result_ns(path), began, what, changed, outcome(result), size)
+
+
+def differing(result: dict[str, Any]) -> dict[str, Any]:
+    """Return the parameters of a run that say something: those that are not the default."""
+    defaults = {
+        each.name: each.default for kind in _kinds(result) for each in fields(kind) if each.init
+    }
+    return {
+        name: value
+        for name, value in result.get("parameters", {}).items()
+        if name not in ALWAYS
+        and value not in ([], "", None)
+        and not (name in defaults and value == defaults[name])
+    }
+
+
+def _kinds(result: dict[str, Any]) -> Iterator[type[Any]]:
+    """Yield the dataclasses of what a run could be told."""
+    yield from (NetworkOptions, RunOptions)
+    if "load" in result:
+        from qmn.jobs.load import LoadRequest  # which takes a moment to load
+
+        yield LoadRequest
+    elif kind := NAMES.get(result.get("service", "")):
+        yield kind.options
+
+
+def outcome(result: dict[str, Any]) -> str:
+    """Return what became of a run, in a few words."""
+    if error := result.get("error"):
+        return f"not done: {error}"
+    return {True: "done", False: "not done", None: "ended"}[result.get("delivered")]
+
+
+def _result_ns(path: Path) -> int:
+    file = path / RESULT
+    return file.stat().st_mtime_ns if file.exists() else 0
+
+
+@contextmanager
+def _opened(file: Path) -> Iterator[sqlite3.Connection]:
+    """Open the index; one that is none is made anew, one that cannot be written is not kept."""
+    writable = os.access(file if file.exists() else file.parent, os.W_OK)
+    index = _connected(file if writable else Path(":memory:"))
+    try:
+        with index:
+            yield index
+    finally:
+        index.close()
+    if writable:
+        give(file)
+
+
+def _connected(file: Path) -> sqlite3.Connection:
+    index = sqlite3.connect(file)
+    try:
+        index.execute(f"CREATE TABLE IF NOT EXISTS runs ({COLUMNS})")
+        found = [row[1] for row in index.execute("PRAGMA table_info(runs)")]
+    except sqlite3.DatabaseError:
+        found = []
+    if found == [each.name for each in fields(Run)]:
+        return index
+    index.close()
+    file.unlink()
+    return _connected(file)
+
+
+def _store(index: sqlite3.Connection, runs: Iterable[Run]) -> None:
+    names = [each.name for each in fields(Run)]
+    marks = ", ".join(f":{name}" for name in names)
+    index.executemany(f"INSERT OR REPLACE INTO runs VALUES ({marks})", map(asdict, runs))  # noqa: S608

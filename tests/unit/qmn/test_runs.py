@@ -1,0 +1,206 @@
+"""The runs of a folder: listed, compared, pruned, as one file."""
+
+import json
+import os
+import time
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+from recorded_run import record_run
+
+from qmn.__main__ import described
+from qmn.kept_runs import run_index
+from qmn.kept_runs.run_archive import BadArchive, imported
+from qmn.kept_runs.run_index import INDEX, Run, runs_in
+from qmn.verbs import runs as verb
+
+OLD, NEW = "20260101T100000-chain", "20260301T100000-chain-1"
+
+
+@pytest.fixture
+def runs(tmp_path: Path) -> Path:
+    """A folder with two runs, of which the second was not done, and what is none."""
+    folder = tmp_path / "runs"
+    for name, delivered in ((OLD, True), (NEW, False)):
+        (folder / name).mkdir(parents=True)
+        record_run(folder / name, delivered=delivered)
+    (folder / "latest").symlink_to(NEW)
+    (folder / "notes").mkdir()
+    return folder
+
+
+def change(run: Path, **facts: Any) -> None:
+    """Let a result say something else, at another time."""
+    result = run / "result.json"
+    known = json.loads(result.read_text())
+    known["parameters"] |= facts
+    result.write_text(json.dumps(known))
+    os.utime(result, ns=(1, result.stat().st_mtime_ns + 1))
+
+
+def called(runs: Path, *words: str) -> int:
+    """Run the verb."""
+    arguments = described(["runs"]).parse_args(["runs", "--runs", str(runs), *words])
+    status: int = arguments.call(arguments)
+    return status
+
+
+def test_runs_are_listed_with_what_is_not_the_default(runs: Path) -> None:
+    old, new = runs_in(runs)
+    assert (old.name, old.began, old.what) == (OLD, "2026-01-01 10:00:00", "network chain")
+    assert (old.outcome, new.outcome) == ("done", "not done")
+    assert old.parameters == {"fec": "none <&>"}  # the loss budget and the port are as always
+    assert old.bytes == sum(file.stat().st_size for file in (runs / OLD).iterdir())
+
+
+def test_a_result_that_has_changed_is_read_again_and_others_are_not(
+    runs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs_in(runs)
+    read = run_index.read_run
+    seen: list[str] = []
+
+    def noted(path: Path) -> Run:
+        seen.append(path.name)
+        return read(path)
+
+    monkeypatch.setattr(run_index, "read_run", noted)
+    change(runs / NEW, loss_budget_db=3.0)
+    assert runs_in(runs)[1].parameters == {"fec": "none <&>", "loss_budget_db": 3.0}
+    assert seen == [NEW]
+
+
+@pytest.mark.parametrize("spoiled", [None, b"rubbish" * 1000, b""])
+def test_an_index_that_is_lost_or_spoiled_is_made_anew(runs: Path, spoiled: bytes | None) -> None:
+    before = runs_in(runs)
+    (runs / INDEX).unlink()
+    if spoiled is not None:
+        (runs / INDEX).write_bytes(spoiled)
+    assert runs_in(runs) == before
+    assert (runs / INDEX).stat().st_size > 0
+
+
+def test_a_run_without_a_result_is_listed_as_such(runs: Path) -> None:
+    (runs / NEW / "result.json").unlink()
+    assert [run.outcome for run in runs_in(runs)] == ["done", "no result"]
+
+
+def test_a_run_that_has_gone_leaves_the_list(runs: Path) -> None:
+    runs_in(runs)
+    (runs / NEW).rename(runs.parent / "elsewhere")
+    assert [run.name for run in runs_in(runs)] == [OLD]
+
+
+def test_two_runs_are_compared(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    change(runs / NEW, loss_budget_db=3.0)
+    assert called(runs, "compare", OLD, "latest") == 0
+    told = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["loss", "budget", "db", "30", "3"] in told
+    assert ["bell", "pairs", "100", "100"] in told
+    assert ["bell-measure", "3.000", "3.000"] in told  # 5 ms, and paths opened at 2 ms
+    assert not any(words[:1] == ["fec"] for words in told)
+
+
+def test_what_cannot_be_compared_is_named(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert called(runs, "compare", OLD, "nothing") == 1
+    assert "nothing: no result of a run" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("older_than_s", "keep_gb", "doomed"),
+    [
+        (None, None, []),
+        (150.0, None, ["a"]),
+        (50.0, None, ["a", "b"]),
+        (None, 3e-9, []),
+        (None, 2.5e-9, ["a"]),
+        (None, 0.0, ["a", "b", "c"]),
+        (150.0, 1e-9, ["a", "b"]),
+    ],
+)
+def test_the_oldest_are_pruned(
+    older_than_s: float | None, keep_gb: float | None, doomed: list[str]
+) -> None:
+    """Three runs of a byte, 200, 100 and 0 s old."""
+    began = ["2026-01-01 10:00:00", "2026-01-01 10:01:40", "2026-01-01 10:03:20"]
+    listed = [
+        Run(name, 1, moment, "", "{}", "done", 1) for name, moment in zip("abc", began, strict=True)
+    ]
+    now = time.mktime(time.strptime(began[2], "%Y-%m-%d %H:%M:%S"))
+    assert [run.name for run in verb.to_prune(listed, older_than_s, keep_gb, now)] == doomed
+
+
+def test_pruning_removes_runs_and_nothing_else(runs: Path) -> None:
+    assert called(runs, "prune", "--keep-gb", "0", "--dry-run") == 0
+    assert {path.name for path in runs.iterdir()} == {OLD, NEW, "latest", "notes", INDEX}
+    (runs / OLD / "result.json").unlink()  # has changed now: it may go on
+    assert called(runs, "prune", "--keep-gb", "0") == 0
+    assert {path.name for path in runs.iterdir()} == {OLD, "notes", INDEX}
+
+
+def test_a_prune_of_everything_is_not_guessed(
+    runs: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert called(runs, "prune") == 1
+    assert "--older-than 30d" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        called(runs, "prune", "--older-than", "3")
+
+
+def test_a_run_travels_as_one_file(runs: Path, tmp_path: Path) -> None:
+    file = tmp_path / "run.zip"
+    assert called(runs, "export", OLD, str(file)) == 0
+    assert called(tmp_path / "other", "import", str(file)) == 0
+    copy = tmp_path / "other" / OLD
+    assert (copy / "result.json").read_bytes() == (runs / OLD / "result.json").read_bytes()
+    # What it was of is not said in its result: it may have made keys.
+    assert not (copy / "quantum.pcapng").exists()
+    assert [run.name for run in runs_in(tmp_path / "other")] == [OLD]
+    for words in (("export", OLD, str(file)), ("import", str(file))):
+        assert called(tmp_path / "other", *words) == 1  # neither is written over
+
+
+def test_a_whole_run_is_for_its_owner_alone(runs: Path, tmp_path: Path) -> None:
+    file = tmp_path / "run.zip"
+    assert called(runs, "export", OLD, str(file), "--whole") == 0
+    assert file.stat().st_mode & 0o777 == 0o600
+    copy = imported(file, tmp_path / "other")
+    names = {path.name for path in (runs / OLD).iterdir()}
+    assert {path.name for path in copy.iterdir()} == names
+    assert copy.stat().st_mode & 0o777 == 0o700
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["../result.json"],
+        ["a/result.json", "b/result.json"],
+        ["/a/result.json"],
+        ["a/../result.json"],
+        ["a/b/result.json"],
+        ["a/result.json", "a/.hidden"],
+        ["a/other"],
+        [],
+    ],
+)
+def test_a_file_that_is_no_run_is_refused_and_leaves_nothing(
+    tmp_path: Path, names: list[str]
+) -> None:
+    file = tmp_path / "hostile.zip"
+    with zipfile.ZipFile(file, "w") as archive:
+        for name in names:
+            archive.writestr(name, "{}")
+    with pytest.raises(BadArchive, match="is not a run"):
+        imported(file, tmp_path / "runs")
+    assert [path.name for path in tmp_path.iterdir()] == ["hostile.zip"]
+
+
+@pytest.mark.parametrize("data", [b"", b"PK\x03\x04", b"no zip"])
+def test_what_is_no_zip_is_refused(tmp_path: Path, data: bytes) -> None:
+    file = tmp_path / "broken.zip"
+    file.write_bytes(data)
+    with pytest.raises(BadArchive):
+        imported(file, tmp_path / "runs")
+    assert not (tmp_path / "runs").exists()
