@@ -16,11 +16,11 @@ PYTEST := env PYTHONPATH=tests $(PYTHON) -m pytest -p no:cacheprovider -p progre
 # for time or other processes: two processors get three. More unit tests at a time would not do: each
 # process imports and collects everything, which takes it as long as hundreds of tests.
 PROCESSES = $(shell n=$$(getconf _NPROCESSORS_ONLN); echo $$(( n < 8 ? n : 8 )))
-MORE = $$(( (3 * $(PROCESSES) + 1) / 2 ))
-IN_PARALLEL = --numprocesses=$(MORE) --dist=worksteal
+AT_A_TIME = $$(( (3 * $(PROCESSES) + 1) / 2 ))
+IN_PARALLEL = --numprocesses=$(AT_A_TIME) --dist=worksteal
 # Half of that is to compile tests, unless they leave their byte code for the next time.
 WITH_BYTE_CODE = env PYTHONDONTWRITEBYTECODE=
-APART = --dist=worksteal --tx="$(MORE)*popen//python=topologies/own_namespaces $(PYTHON)"
+APART = --dist=worksteal --tx="$(AT_A_TIME)*popen//python=topologies/own_namespaces $(PYTHON)"
 # Their files are in a folder with a short path, as sockets need; it stays if a test fails.
 in_folder = folder=$$(mktemp -d /tmp/qmn.XXXX) && \
     $1 $(PYTEST) --basetemp="$$folder" $2 && $1 rm -r "$$folder"
