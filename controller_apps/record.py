@@ -1,10 +1,10 @@
-"""The file of the controller's record (wire/controller_record.py)."""
+"""The file of the controller's record (wire/controller_lines.py)."""
 
 import os
 import threading
 from typing import Any
 
-from wire.controller_record import EARLIER, fact_line
+from wire.controller_lines import EARLIER, fact_line
 
 MOST_BYTES = 32 << 20  # twice: in the file, and before that in the one with the earlier facts
 

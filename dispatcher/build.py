@@ -8,8 +8,7 @@ from typing import TextIO
 from dispatcher.clock import Clock
 from dispatcher.devices.hardware import Devices
 from dispatcher.layer import freed_memory
-from dispatcher.layer.event_capture import EventCapture
-from dispatcher.layer.history import MOST_EVENTS, History
+from dispatcher.layer.history import MOST_EVENTS, EventCapture, History
 from dispatcher.layer.journal import Journal
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.memory import Memories

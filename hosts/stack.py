@@ -70,6 +70,7 @@ class Stack:
             config.multi_photon,
             tuple(config.intensities),
             Lifetimes(config.t1_s, config.t2_s, config.depolarizing_s, config.cutoff_s),
+            lambda: config.hosts,
             config.channels_mhz,
         )
         self._cut_off(None)

@@ -9,7 +9,7 @@ from topologies.machines.machine import Machine
 from topologies.programs import Program, stop_all
 from topologies.runtime import Runtime
 from topologies.timeouts import POLL_S, READY_TIMEOUT_S, SETTLE_S
-from wire.pcap_clock import with_clock
+from wire.pcapng import with_clock
 
 BUFFER_KIB = 16_384  # in the kernel, for each capture
 MAX_PACKET_BYTES = 65_600  # TCP hands over up to 64 KiB at once, and its headers

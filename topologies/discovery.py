@@ -11,7 +11,7 @@ from topologies.programs import NetworkError
 from topologies.runtime import Runtime
 from topologies.timeouts import CUT_S, DISCOVERY_TIMEOUT_S, POLL_S
 from wire.config import Fiber
-from wire.controller_record import read_record
+from wire.controller_lines import read_record
 
 MESSAGES_OF_A_START = 40
 LEAST_FIBERS_PER_S = 20  # that a controller finds beside the first

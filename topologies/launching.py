@@ -14,7 +14,7 @@ from topologies.machines.machine import Machine
 from topologies.programs import NetworkError, Program, python
 from topologies.runtime import Runtime, metrics_listener
 from wire.config import Config, ControllerConfig, HostConfig, MeasuredConfig
-from wire.pair_secrets import secret_file
+from wire.credentials import secret_file
 
 
 def launch(

@@ -48,6 +48,7 @@ class Service(IntEnum):
     LINK = 8  # between neighbours of such a chain: the opener makes pairs and keeps half of each
     SDC_RETURN = 9  # superdense coding back to the opener of a session of it, with its light
     SEAL = 10  # pairs that watch a fibre
+    GHZ = 11  # states of several hosts: this is between two neighbours of their line
     E91 = 12  # quantum key distribution by entangled pairs, with a CHSH test
 
 
@@ -76,6 +77,7 @@ class Topic(IntEnum):
     # Of the acceptor, before all else: pairs in a block at most, its features (wire.features), and
     # how many qubits its memory takes.
     NODE_FEATURES = 13
+    HOSTS = 15  # names of those behind the acceptor, in a line, UTF-8 with commas between
     KEPT = 14  # the opener holds the key of this number (block) in its store; no values
     PURIFY = 32  # protocol (1 BBPSSW, 2 DEJMPS) and seed of the twirl, of a round of a block
     # Of a station, or passed on by the opener: the Bell state of each heralded pair, as 0 Phi+,

@@ -31,6 +31,10 @@ _PACKET_BODY = struct.Struct("<IIIII")
 _PACKET_HEAD = struct.Struct("<IIIIIII")  # of the block and of its body
 TRAILER_BYTES = _LENGTH.size  # of a packet's block, behind data and padding
 _PADDING = (b"", b"\0\0\0", b"\0\0", b"\0")
+_HEADER = struct.Struct("<IHHiIII")
+_RECORD = struct.Struct("<IIII")
+_MAGIC, _MAJOR, _MINOR = 0xA1B23C4D, 2, 4  # with nanoseconds
+_SECOND_NS = 1_000_000_000
 
 
 class Interface(NamedTuple):
@@ -194,3 +198,12 @@ def _block(kind: int, body: bytes) -> bytes:
 
 def _option(code: int, value: bytes = b"") -> bytes:
     return struct.pack("<HH", code, len(value)) + value + _PADDING[len(value) & 3]
+
+
+def with_clock(source: IO[bytes], target: IO[bytes], ahead_ns: int) -> None:
+    """Copy a pcap file whose clock was ahead by so much; raise MalformedPacket if it is none."""
+    reader = PcapReader(source)
+    target.write(_HEADER.pack(_MAGIC, _MAJOR, _MINOR, 0, 0, MAX_PACKET_BYTES, reader.link_type))
+    for packet in reader.packets():
+        time = divmod(packet.time_ns - ahead_ns, _SECOND_NS)
+        target.write(_RECORD.pack(*time, len(packet.data), packet.length) + packet.data)

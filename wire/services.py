@@ -67,6 +67,7 @@ LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
         Service.BB84: (Beam(FiberOf(OPENER, 0), FiberOf(ACCEPTOR, 0)),),
         Service.SWAP: (),  # its links have it
         Service.LINK: (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),),
+        Service.GHZ: (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),),
         # Its pairs come by the light of the session that it goes back on: either half of them
         # is at hand at either host, and who sends passes its own on.
         Service.SDC_RETURN: (Beam(FiberOf(OPENER, 0), FiberOf(ACCEPTOR, 1)),),
@@ -106,6 +107,7 @@ NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
         Service.SEAL: {SOURCE: EMIT, OPENER: MEASURE, ACCEPTOR: MEASURE},
         Service.E91: {SOURCE: EMIT, OPENER: MEASURE, ACCEPTOR: MEASURE},
         Service.BB84: {OPENER: EMIT, ACCEPTOR: MEASURE},
+        Service.GHZ: {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: STORE | MEASURE},
         Service.SWAP: {
             OPENER: EMIT | STORE,
             ACCEPTOR: STORE,

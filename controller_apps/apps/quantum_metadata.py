@@ -34,8 +34,7 @@ from controller_apps.openflow.framework import (
     on,
 )
 from controller_apps.openflow.identities import Identities
-from controller_apps.openflow.mac_table import MacTable
-from controller_apps.openflow.stations import filter_entries
+from controller_apps.openflow.mac_table import MacTable, filter_entries
 from controller_apps.packets.segments import FiveTuple, is_tcp
 from controller_apps.policy.policy import DEFAULT, BadPolicy, read_policy, require_switches
 from controller_apps.record import Record

@@ -1,4 +1,4 @@
-"""The controller's console, on a Unix socket for its owner alone (wire/console.py)."""
+"""The controller's console, on a Unix socket for its owner alone (wire/controller_lines.py)."""
 
 import logging
 import os
@@ -10,7 +10,7 @@ from controller_apps.console.facts import Facts, perform
 from controller_apps.console.questions import Refused
 from controller_apps.openflow.framework import EndOnFault, hub
 from controller_apps.timeouts import REQUEST_TIMEOUT_S
-from wire.console import MAX_REQUEST, decode_request, encode_error, encode_result
+from wire.controller_lines import MAX_REQUEST, decode_request, encode_error, encode_result
 from wire.metadata import MalformedPacket
 
 BACKLOG = 16

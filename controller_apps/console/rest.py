@@ -13,7 +13,7 @@ from controller_apps.console import tapi
 from controller_apps.console.facts import Facts, check_settings_request
 from controller_apps.console.questions import Refused
 from controller_apps.openflow.framework import App, app_manager, wsgi
-from wire.console import MAX_REQUEST
+from wire.controller_lines import MAX_REQUEST
 
 YANG_DATA = "application/yang-data+json"  # RFC 8040, 11.3.2
 Handler = TypeVar("Handler", bound=Callable[..., Any])

@@ -1,23 +1,60 @@
 """The history of the qubits: remembered, written to the event log, and told to watchers.
 
 Noise models remember fibres to the same depth (dispatcher/fiber/noise_history.py).
+
+In a capture every event is a packet on the interface where it happened. Interfaces are the fibres,
+named `fiber alice-q0` after their host's end, or after both ends between two switches; what happens
+at no fibre is on the interface `dispatcher`.
 """
 
 import asyncio
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TextIO
+from typing import IO, TextIO
 
 from dispatcher.fiber.noise_history import NoiseHistory
-from dispatcher.layer.event_capture import EventCapture
 from dispatcher.layer.journal import causer
+from wire.config import Fiber
 from wire.dispatcher_pb2 import Event
-from wire.events import DROPPED, UNWRITTEN, format_line
+from wire.events import DROPPED, UNWRITTEN, encode_record, format_line
+from wire.pcapng import LINKTYPE_USER0, Interface, Packet, Writer
 
 WATCHER_DEPTH = 10_000
 MOST_EVENTS = 32_000_000  # written of all: some 8 GB
 WATCHED_PHOTONS = 1_000  # of a block, for a watcher who asks for them
+ELSEWHERE = "dispatcher"
+
+
+class EventCapture:
+    """A capture file that grows with every event."""
+
+    def __init__(self, file: IO[bytes], fibers: Sequence[Fiber]) -> None:
+        """Write the file's header."""
+        names = [ELSEWHERE, *(fiber_name(fiber) for fiber in fibers)]
+        self._file = file
+        self._writer = Writer(file, [Interface(name, LINKTYPE_USER0) for name in names])
+        self._interfaces = {
+            (end.node, end.port): number
+            for number, fiber in enumerate(fibers, 1)
+            for end in (fiber.a, fiber.b)
+        }
+        file.flush()
+
+    def record(self, *events: Event) -> None:
+        """Write events; a reader sees them at once."""
+        for event in events:
+            data = encode_record(event)
+            interface = self._interfaces.get((event.node, event.port), 0)
+            self._writer.write(Packet(event.time_ns, data, len(data), interface))
+        self._file.flush()
+
+
+def fiber_name(fiber: Fiber) -> str:
+    """Return what the fibre's interface is called."""
+    hosts = [end.port for end in (fiber.a, fiber.b) if not end.port.isdigit()]
+    ends = hosts or [f"{end.node}:{end.port}" for end in (fiber.a, fiber.b)]
+    return f"fiber {' '.join(ends)}"
 
 
 class Watcher:

@@ -10,7 +10,7 @@ from qmn.timeouts import ATTACK_TIMEOUT_S, QUIET_S, TOLD_TIMEOUT_S
 from topologies.network import Network
 from topologies.programs import NetworkError, python
 from topologies.timeouts import POLL_S
-from wire.controller_record import read_record
+from wire.controller_lines import read_record
 
 FRAMES = [python(), "-m", "qmn.attacks.frames"]
 ATTACKER, VICTIM, POSED = "charlie", "bob", "alice"

@@ -11,7 +11,7 @@ from topologies import openvswitch
 from topologies.network import Network
 from topologies.programs import NetworkError, Program, python
 from topologies.runtime import free_port
-from wire.controller_record import read_record
+from wire.controller_lines import read_record
 
 BRIDGE = "qmn-baseline"
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from rich.console import Console
 
 from controller_apps.policy.schedules import PARALLEL, SCHEDULES
+from hosts.middleware.services.ghz.options import GhzOptions
 from hosts.middleware.services.teleportation import qubit_states
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.service_options import ServiceOptions
@@ -74,6 +75,12 @@ class ServiceRequest:
         """The host that is asked."""
         return self.options.host
 
+    @property
+    def others(self) -> tuple[str, ...]:
+        """Further hosts that take part."""
+        names = self.options.names if isinstance(self.options, GhzOptions) else []
+        return tuple(names[2:])
+
 
 def run(request: ServiceRequest, signals: Signals, console: Console) -> int:
     """Do the whole run and return its exit status."""
@@ -118,6 +125,7 @@ def job(request: ServiceRequest, network: NetworkDescription) -> runner.Job:
         options=options,
         opener=request.sender,
         acceptor=request.receiver,
+        others=request.others,
         parameters={
             **ends,
             "eve": request.eve,
@@ -127,12 +135,18 @@ def job(request: ServiceRequest, network: NetworkDescription) -> runner.Job:
             "purify": request.purify,
             **{name: getattr(options, name) for name in own},
         },
-        said=f"{service} from {request.sender} to {request.receiver}: {options.count:,} {named}",
+        said=f"{service} {_between(request)}: {options.count:,} {named}",
         unit=named,
         total=options.count,
         done=lambda line: line.get(verb.unit, 0),
         eve=attack_of(request, network),
     )
+
+
+def _between(request: ServiceRequest) -> str:
+    if request.others:
+        return f"of {', '.join((request.sender, request.receiver, *request.others))}"
+    return f"from {request.sender} to {request.receiver}"
 
 
 def attack_of(request: ServiceRequest, network: NetworkDescription) -> Attack | None:
@@ -168,6 +182,9 @@ def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription
         request = replace(request, network=eavesdropping.with_eve(request.network))
     network, ends = describe_network(request.network), (request.sender, request.receiver)
     check_two_hosts(*ends, network.hosts)
+    for name in request.others:
+        if name not in network.hosts:
+            raise BadInput(f"--line {name}: choose of {', '.join(network.hosts)}")
     check_source(request.options, network.hosts)
     check_network(request.network)
     check_ranges(request.run)

@@ -25,7 +25,7 @@ from qmn.traffic.plan import MODELS, MOST_SESSIONS, BadTraffic, Planned, Traffic
 from qmn.traffic.session import ACCEPTED, Wanted
 from qmn.traffic.summary import listed, summary
 from topologies.network import Network, Signals, require_root
-from wire.controller_record import read_record
+from wire.controller_lines import read_record
 from wire.parameters.option import option
 
 BYTES = "sdc"  # the service that carries some

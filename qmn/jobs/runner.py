@@ -3,7 +3,7 @@
 import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,7 @@ class Job:
     options: SessionOptions  # what the opener asks for, checked
     opener: str
     acceptor: str
+    others: tuple[str, ...] = field(default=(), kw_only=True)  # hosts that wait, too
     parameters: Mapping[str, Any]  # that the result keeps as such
     said: str  # when it begins
     unit: str  # what it is about, as people call it
@@ -84,10 +85,14 @@ def _use(
     source = ["--file", str(job.file)] if job.file else []
     try:
         asked = _start(network, job, job.acceptor, "asked", output)
-        asked.wait_for("listening", START_TIMEOUT_S)
+        others = [_start(network, job, host, "asked", output) for host in job.others]
+        for waiting in (asked, *others):
+            waiting.wait_for("listening", START_TIMEOUT_S)
         asking = _start(network, job, job.opener, "asking", [*address, *source])
         progress(follow(network, asking, progress))
         facts["asked"] = follow(network, asked, lambda _line: None)
+        for waiting in others:
+            follow(network, waiting, lambda _line: None)
     except (TransferError, NetworkError):
         network.explain()
         raise

@@ -26,6 +26,7 @@ class Verb:
     source: bool = False  # whether the host that makes pairs can be chosen
     scheduled: bool = False  # whether repeaters take turns
     keys: bool = False  # whether it leaves keys
+    line: bool = False  # whether its hosts are named together, in an order
 
 
 # What the services that leave pairs in memory can be told.
@@ -63,6 +64,18 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
             PAIRS,
             topology="repeaters",
             scheduled=True,
+        ),
+        "ghz": Verb(
+            "make GHZ states of several hosts, and tell their fidelity",
+            "states",
+            {
+                "line": {
+                    "metavar": "A,B,C",
+                    "help": "hosts in the order of their links: each makes pairs with the next "
+                    "(alice,bob,charlie)",
+                }
+            },
+            line=True,
         ),
         "teleport": Verb(
             "teleport states",

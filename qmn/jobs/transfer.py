@@ -9,7 +9,7 @@ from qmn.timeouts import STALL_TIMEOUT_S
 from topologies.network import Network
 from topologies.programs import NetworkError, Program
 from topologies.timeouts import POLL_S
-from wire.controller_record import read_record
+from wire.controller_lines import read_record
 from wire.metadata import Reason
 
 APPLICATION_PORT = 7

@@ -7,7 +7,7 @@ from typing import Any
 
 from qmn.live.event_sources import RESULT, recorded
 from topologies.runtime import EVENT_CAPTURE
-from wire.controller_record import read_record
+from wire.controller_lines import read_record
 
 Row = tuple[str, str, str]
 FROM_THE_START = ("open", "create", "send", "arrive", "store", "measure", "bell-measure", "close")

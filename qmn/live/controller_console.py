@@ -10,7 +10,7 @@ from rich.console import Console
 
 from qmn.timeouts import CONSOLE_TIMEOUT_S
 from topologies.runtime import CONSOLE, RUNTIME_ROOT, folders_of_running
-from wire.console import ConsoleError, decode_answer, encode_request
+from wire.controller_lines import ConsoleError, decode_answer, encode_request
 from wire.metadata import MalformedPacket
 
 CHUNK = 1 << 16

@@ -17,7 +17,7 @@ from qmn.timeouts import LIVE_DEVICES_S, LIVE_POLL_S
 from topologies.programs import NetworkError
 from topologies.runtime import EVENT_CAPTURE
 from wire.config import DispatcherConfig
-from wire.controller_record import RECORD, read_record
+from wire.controller_lines import RECORD, read_record
 from wire.dispatcher_pb2 import WatchRequest
 from wire.events import to_json
 

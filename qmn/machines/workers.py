@@ -1,6 +1,10 @@
 """The workers of a Dask cluster as machines of a network, and the hosts that are placed on them."""
 
+import asyncio
+import json
 import logging
+import os
+import subprocess
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from urllib.parse import urlsplit
@@ -8,16 +12,47 @@ from urllib.parse import urlsplit
 import dask
 from distributed import Client
 
-from qmn.machines.agents import begin_agent, end_agent
 from qmn.options import BadInput
-from qmn.timeouts import CLUSTER_TIMEOUT_S, WORKERS_TIMEOUT_S
+from qmn.timeouts import AGENT_END_TIMEOUT_S, CLUSTER_TIMEOUT_S, WORKERS_TIMEOUT_S
+from topologies.apart import OWN_NAMESPACES
+from topologies.machines.agent import MODULE
 from topologies.machines.gathering import gathered
 from topologies.machines.machine import Machine
-from topologies.programs import NetworkError
+from topologies.programs import ROOT, NetworkError, python
 
+_agents: dict[str, subprocess.Popen[str]] = {}  # of this worker, by where their runner listens
 FIRST = "m1"  # the machine of the runner
 SCHEDULER = "scheduler-address"  # Dask's own setting: DASK_SCHEDULER_ADDRESS
 LOG_LEVEL = 50  # critical: what concerns the user is raised
+
+
+def begin_agent(name: str, runner: str, certificates: dict[str, str]) -> None:
+    """Begin one; it ends with this worker at the latest, with all that it has started."""
+    command = [str(OWN_NAMESPACES), "--network-of-machine", python(), "-P", "-m", MODULE]
+    process = subprocess.Popen(
+        ["setpriv", "--pdeathsig", "KILL", *command, name, runner],
+        stdin=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        text=True,
+        start_new_session=True,
+    )
+    assert process.stdin is not None
+    process.stdin.write(json.dumps(certificates))
+    process.stdin.close()
+    _agents[runner] = process
+
+
+async def end_agent(runner: str) -> bool:
+    """Wait until one has ended, as it does when its runner has gone; return whether it has."""
+    process = _agents.pop(runner, None)
+    if process is None:
+        return True
+    try:
+        await asyncio.to_thread(process.wait, AGENT_END_TIMEOUT_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        return False
+    return True
 
 
 @contextmanager

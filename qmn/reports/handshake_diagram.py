@@ -6,9 +6,9 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
 from qmn.reports import drawing
-from qmn.reports import steps as layers
+from qmn.reports import sequence as layers
 from qmn.reports.drawing import BAD, GRID, METADATA, MUTED, OPENFLOW, QUANTUM
-from qmn.reports.steps import Step
+from qmn.reports.sequence import Step
 
 COLOURS = {layers.METADATA: METADATA, layers.OPENFLOW: OPENFLOW, layers.QUANTUM: QUANTUM}
 ROW_INCHES, LANE_INCHES, TIMES_INCHES, HEAD_INCHES = 0.24, 1.75, 0.75, 0.45

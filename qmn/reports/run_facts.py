@@ -12,7 +12,7 @@ from qmn.live.event_sources import RESULT, recorded
 from qmn.results.network_facts import NetworkFacts
 from qmn.results.result import carries_bytes
 from topologies.runtime import EVENT_CAPTURE
-from wire.controller_record import read_record
+from wire.controller_lines import read_record
 from wire.dispatcher_pb2 import Event
 
 SENDER_LOG = "asking.log"

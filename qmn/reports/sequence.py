@@ -4,13 +4,13 @@ All times are on one clock: that of the captures, to which the dispatcher's is a
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from itertools import islice
+from dataclasses import dataclass, replace
+from itertools import groupby, islice
 from pathlib import Path
 from types import MappingProxyType
 
 from qmn.reports.packets import Flight, flights, holds_setup, openflow
 from qmn.reports.places import columns
-from qmn.reports.steps import METADATA, OPENFLOW, QUANTUM, Step, together
 from qmn.reports.streams import Flow
 from qmn.results.network_facts import NetworkFacts
 from wire.dispatcher_pb2 import Event
@@ -31,6 +31,7 @@ from wire.metadata import (
     Verdict,
 )
 
+METADATA, OPENFLOW, QUANTUM = "metadata", "openflow", "quantum"
 CONTROLLER, CLASSICAL_SWITCH = "c0", "s1"
 CODED = (Service.SDC, Service.PAIR_SOURCE)
 MAX_MOMENTS = 64
@@ -39,6 +40,43 @@ BARRIER, BARRIER_REPLY = 20, 21  # types of OpenFlow messages
 HOLDING = (10, 13)  # packet-in and packet-out
 PROGRAMMING = MappingProxyType({14: "FLOW_MOD", 34: "bundled FLOW_MOD"})
 Spoken = tuple[int, Flow, bytes]
+
+
+@dataclass(frozen=True)
+class Step:
+    """Something at one node, or on its way from one to another."""
+
+    layer: str
+    lane: str
+    time_ns: int
+    text: str
+    to_lane: str = ""
+    arrival_ns: int | None = None
+
+    @property
+    def moments(self) -> int:
+        """How many times on the clock it has."""
+        return 2 if self.arrival_ns is not None else 1
+
+
+def together(steps: Iterable[Step]) -> list[Step]:
+    """Return the steps, what was said or done at one time as often as that in one step."""
+    found: list[Step] = []
+    for (step, text), same in groupby(steps, lambda each: (replace(each, text=""), _kind(each))):
+        texts = [each.text for each in same]
+        if len(set(texts)) > 1:  # ways through a switch
+            words = text + ", ".join(each.removeprefix(text) for each in texts)
+        else:
+            words = texts[0] + (f" × {len(texts)}" if len(texts) > 1 else "")  # noqa: RUF001
+        found.append(replace(step, text=words))
+    return found
+
+
+def _kind(step: Step) -> str:
+    """Return what the texts of steps that can be one have in common."""
+    if step.layer == QUANTUM and not step.to_lane and "→" in step.text:
+        return "".join(f"{word} " for word in step.text.split()[:2])  # as q1 open
+    return step.text
 
 
 def handshake(

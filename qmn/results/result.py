@@ -12,7 +12,7 @@ from qmn.results import message_result, service_result, software_share
 from qmn.results.message_result import RECEIVED as RECEIVED
 from qmn.results.schema import RunFacts, SetUpTimes
 from topologies.runtime import EVENT_LOG
-from wire.controller_record import read_record
+from wire.controller_lines import read_record
 
 EXACTNESS = {True: "exact", False: "with approximations", None: "exactness unknown"}
 

@@ -1,24 +1,72 @@
-"""One timeline of a run: all packets and all quantum events in one file, in time order."""
+"""One timeline of a run: all packets and all quantum events in one file, in time order.
 
+Packets of several captures in the order of time, in memory that does not grow with their number.
+
+Where each packet is gets noted in 32 bytes; so many notes at a time are sorted and put into a file,
+and the sorted parts are then read beside each other.
+"""
+
+import heapq
 import os
+import struct
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
+from itertools import islice, pairwise
 from pathlib import Path
-from typing import IO
+from typing import IO, NamedTuple
 
-from qmn.results.time_order import Place, in_time_order
 from topologies.runtime import EVENT_CAPTURE
 from topologies.tls import KEY_LOG
 from wire.dissection.dissectors import install
 from wire.metadata import MalformedPacket
 from wire.pcapng import TRAILER_BYTES, Interface, Packet, PcapReader, Reader, Writer
 
+# Big-endian, so that the bytes of notes sort as their fields do.
+NOTE = struct.Struct("!QIIQII")
+SORTED_AT_ONCE = 50_000  # notes: some 6 MB
 TIMELINE = "all.pcapng"
 MERGE_AT_MOST_BYTES = 500_000_000  # of captures, at the end of a run: a few seconds
 WHOLE_AT_MOST_BYTES = 4_000_000  # of captures: of more, the timeline has the heads of packets
 HEAD_BYTES = 128  # headers, and what quantum metadata begins with
 LEAST_PCAP_BYTES = 24  # its header; a capture that was killed at its start has less
+
+
+class Place(NamedTuple):
+    """Where a packet's bytes are; places sort by time, then by order of interfaces."""
+
+    time_ns: int
+    interface: int
+    file: int
+    offset: int
+    size: int  # bytes there
+    length: int  # of the packet, before it was cut
+
+
+def in_time_order(
+    places: Iterable[Place], file: IO[bytes], at_once: int = SORTED_AT_ONCE
+) -> Iterator[Place]:
+    """Return places by time; all have been read when it returns.
+
+    The file, which is empty, holds those that memory shall not, and is read as they are yielded.
+    """
+    notes = (NOTE.pack(*place) for place in places)
+    begins = [0]
+    while part := sorted(islice(notes, at_once)):
+        file.write(b"".join(part))
+        begins.append(begins[-1] + len(part))
+    each = max(1, at_once // len(begins))  # of each part: together as many as before
+    parts = [_read(file, begin, end, each) for begin, end in pairwise(begins)]
+    return (Place(*NOTE.unpack(note)) for note in heapq.merge(*parts))
+
+
+def _read(file: IO[bytes], begin: int, end: int, at_once: int) -> Iterator[bytes]:
+    """Yield the notes of a sorted part, read a few at a time."""
+    for first in range(begin, end, at_once):
+        file.seek(first * NOTE.size)
+        data = file.read(min(at_once, end - first) * NOTE.size)
+        for offset in range(0, len(data), NOTE.size):
+            yield data[offset : offset + NOTE.size]
 
 
 class NoCaptures(Exception):

@@ -5,13 +5,13 @@ import asyncio
 from qmn.sweeps.bell_test import CHSH
 from qmn.sweeps.contention import LIGHT
 from qmn.sweeps.cutoff import CUTOFF_TIMES
-from qmn.sweeps.dead_time import DEAD
 from qmn.sweeps.decoy_states import DECOY_STATES
 from qmn.sweeps.delay_line import DELAY_LINE
+from qmn.sweeps.detectors import DEAD, FRESH_OUTCOMES
 from qmn.sweeps.experiment import Experiment, Outcome
-from qmn.sweeps.fresh_outcomes import FRESH_OUTCOMES
 from qmn.sweeps.gated_bell import GATED_BELL
 from qmn.sweeps.gated_swap import GATED_SWAP
+from qmn.sweeps.ghz import GHZ
 from qmn.sweeps.heralding import HERALDING
 from qmn.sweeps.interference import HOM
 from qmn.sweeps.light_sources import LIGHT_SOURCES
@@ -55,6 +55,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         MODES,
         TIMING,
         DELAY_LINE,
+        GHZ,
         HERALDING,
         CUTOFF_TIMES,
         LIGHT,

@@ -397,6 +397,22 @@ SHEETS = (
         ],
     ),
     Sheet(
+        "ghz",
+        "ghz",
+        {"depolarizing": "0:0.2:6", "hosts": [3, 4, 6], "pairs": 60_000},
+        [
+            Curve(
+                "ghz",
+                "GHZ states by fusing pairs: ((1 - p/2)^n + (1 - p)^n)/2 of n links",
+                "depolarizing",
+                "depolarising p of each link",
+                "fidelity",
+                by=["hosts"],
+                levels=[(0.5, "no witness of entanglement among all")],
+            )
+        ],
+    ),
+    Sheet(
         "pair-keys",
         "pair-keys",
         {"length_km": "0:60:4", "protocol": ["bbm92", "e91"], "pairs": 8_000_000},

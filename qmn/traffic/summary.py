@@ -15,7 +15,7 @@ SHARES = {"p50": 0.5, "p90": 0.9, "p99": 0.99}
 def summary(
     outcomes: Sequence[Outcome], record: Iterable[dict[str, Any]], scale: float = 1.0
 ) -> dict[str, Any]:
-    """Return all that is counted; `record` are the controller's facts (wire.controller_record).
+    """Return all that is counted; `record` are the controller's facts (wire.controller_lines).
 
     `scale` is how long a second of the network takes on their clock.
     """

@@ -14,7 +14,7 @@ from qmn.jobs.load import LoadRequest
 from qmn.jobs.passing_eavesdropper import PassingEve
 from qmn.jobs.run_context import guarded
 from qmn.jobs.run_options import MACHINES, RunOptions
-from qmn.jobs.service_verbs import SERVICE_PORT, VERBS, Verb
+from qmn.jobs.service_verbs import SERVICE_PORT, VERBS, Verb, verb_of
 from qmn.jobs.superdense import SuperdenseRequest
 from qmn.jobs.transfer import APPLICATION_PORT
 from qmn.jobs.vpn import VpnRequest
@@ -113,6 +113,7 @@ def _add_service(jobs: Any, name: str, verb: Verb) -> None:
     block = f"pairs in a block ({session.block_pairs}, or what is made in {MAX_BLOCK_S:g} s)"
     absent = dict.fromkeys(("eve", "eve_attack", "eve_hides_db"), not verb.eavesdropper)
     absent["schedule"] = absent["purify"] = not verb.scheduled
+    absent["sender"] = verb.line
     add_options(
         parser,
         ServiceRequest,
@@ -135,6 +136,8 @@ def _session_words(session: Any, verb: Verb) -> dict[str, Any]:
         "count": {"metavar": "N", "help": f"{verb.unit.replace('_', ' ')} ({session.count})"},
         **verb.options,
     }
+    if verb.line:
+        del words["host"]
     if verb.source:
         text = "host that makes the pairs, perhaps the one that asks (the network's)"
         words["source"] = {"metavar": "HOST", "help": text}
@@ -147,10 +150,17 @@ def _call_service(arguments: argparse.Namespace) -> int:
 
 def service_request(arguments: argparse.Namespace) -> ServiceRequest:
     """Return what the command line asks for."""
+    kind, ends = NAMES[arguments.service].options, {}
+    if verb_of(arguments.service).line:
+        first, second, *_others = f"{arguments.line},".split(",")
+        arguments, ends = (
+            argparse.Namespace(**{**vars(arguments), "sender": first}),
+            {"host": second},
+        )
     return read(
         ServiceRequest,
         arguments,
-        options=read(NAMES[arguments.service].options, arguments, port=SERVICE_PORT),
+        options=read(kind, arguments, port=SERVICE_PORT, **ends),
         network=read(NetworkOptions, arguments),
         run=read(RunOptions, arguments),
     )

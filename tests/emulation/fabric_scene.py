@@ -14,7 +14,7 @@ from mininet.topo import Topo
 from hosts.quantum_socket import QuantumSocket
 from topologies.network import Network, Signals
 from topologies.runtime import Runtime
-from wire.controller_record import read_record
+from wire.controller_lines import read_record
 from wire.parameters.network import NetworkSettings
 
 TIMEOUT_S = 40.0

@@ -21,6 +21,7 @@ PROTOCOLS = {  # programs of hosts.qubits, and where they run beside alice
     "ghz": ("bob", "charlie"),
     "e91": ("bob",),
     "teleported_cnot": ("bob",),
+    "position": ("charlie", "bob"),
 }
 
 
@@ -119,6 +120,17 @@ def test_a_cnot_between_two_hosts_is_one(protocols: Any) -> None:
     # Twenty by chance: all the same in one run of half a million.
     assert len(ours) == 40
     assert len(set(ours[2::4] + ours[3::4])) == 2
+
+
+def test_who_measures_before_the_bases_are_told_is_not_where_he_should_be(protocols: Any) -> None:
+    """Of 120 outcomes along bases by chance, a quarter is wrong."""
+    line = " ".join(protocols["position"]["charlie"])
+    found = re.findall(r"(in place|elsewhere): (\d+) of (\d+) wrong, ([\d.]+) ms, (\d+) km", line)
+    (_place, wrong, pairs, *_), (_other, guessed, *_rest) = found
+    assert (int(wrong), int(pairs)) == (0, 120)
+    assert abs(int(guessed) - 30) < 5 * np.sqrt(120 * 0.25 * 0.75)
+    for _place, _wrong, _pairs, elapsed_ms, km in found:
+        assert abs(float(elapsed_ms) / 2e3 * 204_000 - float(km)) < 12  # as far as it is rounded
 
 
 def test_where_nobody_listens_the_example_says_so_in_a_line(tmp_path: Path) -> None:

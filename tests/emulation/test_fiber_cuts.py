@@ -7,7 +7,7 @@ from conftest import wait_until
 
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
 from topologies.network import Network
-from wire.controller_record import read_record
+from wire.controller_lines import read_record
 from wire.metadata import Reason
 
 

@@ -137,11 +137,44 @@ def test_a_state_comes_over_and_nobody_knows_from_whom(tmp_path: Path) -> None:
     words = ["--topology", "tapped", "--place", "david=eve"]
     for given in ("alice.sender=true", f"alice.phi={phi}", f"alice.theta={theta}"):
         words += ["--input", given]
+    words += ["--rounds", "4"]  # one in four would be right without corrections
     result = run(tmp_path, "anonymous_transmission", *words, "--input", "charlie.receiver=true")
-    (outputs,) = result["outputs"]
     state = cos(theta / 2), cmath.exp(1j * phi) * sin(theta / 2)
-    rows = outputs["charlie"]["qubit_state"]
-    fidelity = sum(
+    for outputs in result["outputs"]:
+        fidelity = overlap(outputs["charlie"]["qubit_state"], state)
+        assert abs(fidelity - 1) < 1e-6  # the SDK meets an angle to 1e-4 of pi
+
+
+def test_anonymous_transmission_is_as_good_as_the_pairs_of_its_ghz_states(tmp_path: Path) -> None:
+    """Pairs of alice and bob pass four fibres, those that charlie makes of his own two: W1, W2, W3.
+
+    A pair that is fully mixed is a random Pauli operator. An X of it flips all GHZ qubits behind
+    it, a Z the phase of the whole. So of the two bits that are told by the parity of a GHZ state
+    each is wrong with (1 - W1 W2 W3) / 2. The pair that alice and charlie get out of the first one
+    is flipped by X of the two links between them, and by Z of all three.
+    """
+    rounds, w, phi, theta = 24, 0.7, 0.7, 1.1
+    w1, w2, w3 = w**2, w, w
+    of_x, of_z = (w1 * w2) * (w1 * w2 * w3), (w1 * w2 * w3) ** 2  # mean signs of both flips
+    of_both = (w1 * w2) * w3 * (w1 * w2 * w3) ** 2
+    bloch = sin(theta) * cos(phi), sin(theta) * sin(phi), cos(theta)
+    kept = of_z, of_both, of_x  # of the state along X, Y and Z
+    expected = (1 + sum(n**2 * each for n, each in zip(bloch, kept, strict=True))) / 2
+    words = ["--topology", "tapped", "--place", "david=eve", "--rounds", str(rounds)]
+    words += ["--depolarizing", str(1 - sqrt(w)), "--captures", "none", "--no-events"]
+    for given in ("alice.sender=true", f"alice.phi={phi}", f"alice.theta={theta}"):
+        words += ["--input", given]
+    result = run(tmp_path, "anonymous_transmission", *words, "--input", "charlie.receiver=true")
+    state = cos(theta / 2), cmath.exp(1j * phi) * sin(theta / 2)
+    found = [overlap(each["charlie"]["qubit_state"], state) for each in result["outputs"]]
+    assert len(found) == rounds
+    bound = 4 * sqrt(expected * (1 - expected) / rounds)
+    assert bound < 1 - expected
+    assert abs(sum(found) / rounds - expected) < bound
+
+
+def overlap(rows: Any, state: tuple[complex, ...]) -> float:
+    """Return the fidelity of a density matrix of JSON with a state."""
+    return sum(
         state[i].conjugate() * complex(*rows[i][j]) * state[j] for i in (0, 1) for j in (0, 1)
-    )
-    assert abs(fidelity - 1) < 1e-6  # the SDK meets an angle to 1e-4 of pi
+    ).real

@@ -15,7 +15,7 @@ from loaded import run_qmn
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from topologies.repeaters import RepeatersTopo
-from wire.controller_record import read_record
+from wire.controller_lines import read_record
 
 
 def run(runs: Path, *options: str) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from qmn.live.dispatcher_calls import held_blocks, status
 from topologies.network import Network
-from wire.controller_record import read_record
+from wire.controller_lines import read_record
 from wire.metadata import (
     HEADER,
     METADATA_PORT,

@@ -29,7 +29,7 @@ from wire import (
     announcement as host_seal,
 )
 from wire import (
-    console,
+    controller_lines,
     device,
     dispatcher_record,
     events,
@@ -284,15 +284,15 @@ TARGETS: dict[str, Target] = {
         spoiled_json,
     ),
     "console": Target(
-        [console.encode_request("set", device="alice", settings={"rate_hz": 1})],
-        console.decode_request,
+        [controller_lines.encode_request("set", device="alice", settings={"rate_hz": 1})],
+        controller_lines.decode_request,
         spoil=lambda data, random: spoiled_json(data, random) + b"\n",
     ),
     "console's answer": Target(
-        [console.encode_result([1]), console.encode_error("no")],
-        console.decode_answer,
+        [controller_lines.encode_result([1]), controller_lines.encode_error("no")],
+        controller_lines.decode_answer,
         spoil=spoiled_json,
-        refusals=(MalformedPacket, console.ConsoleError),
+        refusals=(MalformedPacket, controller_lines.ConsoleError),
     ),
     "request for keys": Target(
         _key_texts(

@@ -18,7 +18,7 @@ from topologies.runtime import CONSOLE
 from topologies.timeouts import READY_TIMEOUT_S
 from topologies.tls import ENTRANCE, certify_bridges, entrance
 from wire.config import ControllerConfig
-from wire.controller_record import RECORD
+from wire.controller_lines import RECORD
 from wire.parameters.network import ControllerSettings, part
 
 LOOPBACK, ANYWHERE = "127.0.0.1", "0.0.0.0"  # noqa: S104 (of its own namespace)

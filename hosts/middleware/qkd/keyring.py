@@ -13,7 +13,7 @@ from uuid import UUID
 from hosts.middleware.qkd.authentication import KeyPool, pool_bytes
 from hosts.middleware.qkd.bits import Bits
 from hosts.middleware.qkd.key_store import KeyStore, KeyStoreError, cut
-from wire.pair_secrets import secret_file
+from wire.credentials import secret_file
 
 MESSAGES = 8192  # of one direction of a session, at most
 CAPACITY = 262_144  # keys shared with one other host
@@ -100,7 +100,7 @@ class Keyring:
 class PairSecrets(Mapping[str, str]):
     """The secrets of one host by other host, in hex.
 
-    They are files in a private folder (wire/pair_secrets.py).
+    They are files in a private folder (wire/credentials.py).
     """
 
     def __init__(self, host: str, folder: str, hosts: Callable[[], Collection[str]]) -> None:

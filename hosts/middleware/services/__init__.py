@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from hosts.middleware.services.distribution import distribute
+from hosts.middleware.services.ghz import ghz
 from hosts.middleware.services.key_distribution import protocols
 from hosts.middleware.services.sealing import seal
 from hosts.middleware.services.superdense import superdense
@@ -22,6 +23,7 @@ KINDS: Mapping[Service, ServiceKind] = MappingProxyType(
             protocols.BBM92,
             protocols.E91,
             distribute.KIND,
+            ghz.KIND,
             seal.KIND,
             swap.KIND,
             teleport.KIND,

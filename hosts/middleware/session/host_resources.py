@@ -1,6 +1,6 @@
 """The resources of a host that its sessions share."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -29,6 +29,7 @@ class HostResources:
     multi_photon: float  # how likely a pulse of its source has several photons
     intensities: tuple[float, ...]  # mean photon numbers of its pulses: signal, then decoys
     lifetimes: Lifetimes  # of its memory
+    addresses: Callable[[], Mapping[str, str]]  # of all hosts by name, read when one is asked for
     channels_mhz: Mapping[str, int] = field(
         default_factory=dict
     )  # of its interfaces that are channels

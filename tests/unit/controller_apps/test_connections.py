@@ -24,7 +24,7 @@ from controller_apps.sessions.actions import (
     OpenPaths,
 )
 from controller_apps.sessions.arbiter import Arbiter
-from controller_apps.sessions.closings import WINDOW
+from controller_apps.sessions.handshakes import WINDOW
 from controller_apps.timeouts import COUNTING_S, HELD_UP_S
 from wire.metadata import METADATA_PORT, SETUP_LENGTH
 

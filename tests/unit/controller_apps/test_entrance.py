@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from controller_apps.tls.entrance import Entrance
-from controller_apps.tls.switch_messages import Impostor, SwitchMessages
+from controller_apps.tls.entrance import Entrance, Impostor, SwitchMessages
 from topologies.certificates import CertificateAuthority
 from topologies.runtime import free_port
 from wire.config import EntranceConfig

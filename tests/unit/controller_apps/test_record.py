@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from controller_apps.record import Record
-from wire.controller_record import RECORD, read_record
+from wire.controller_lines import RECORD, read_record
 
 
 def test_a_flood_of_facts_keeps_the_newest(tmp_path: Path) -> None:

@@ -7,10 +7,9 @@ import networkx
 import pytest
 from metadata_scene import frame
 
-from controller_apps.light.bounds import bounds_to
 from controller_apps.light.optics import SwitchOptics, SwitchPort
 from controller_apps.light.paths import HostPort, Network
-from controller_apps.light.routing import Leg, Limits, cheapest_path
+from controller_apps.light.routing import Leg, Limits, bounds_to, cheapest_path
 from controller_apps.sessions.actions import Action, Note, OpenPaths
 from controller_apps.sessions.admission import find_light
 from controller_apps.sessions.arbiter import Arbiter

@@ -1,4 +1,4 @@
-"""What a dispatcher holds, as the runner may ask it."""
+"""The status of a dispatcher, as the runner may ask for it."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence

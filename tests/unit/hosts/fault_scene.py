@@ -33,10 +33,15 @@ SESSIONS: dict[str, dict[str, Any]] = {
     "bb84": KEYS,
     "bbm92": KEYS,
     "e91": KEYS,
+    "ghz": {"count": 600, "block_pairs": 300, "line": "alice,bob"},
     "seal": {"count": 900, "block_pairs": 500},
 }
 SERVICES = list(SESSIONS)
-PATHS = {"sdc": [(4, 1), (1, 3), (5, 2)], "bb84": [(1, 2)]}  # of all others: pairs to both ends
+PATHS = {
+    "sdc": [(4, 1), (1, 3), (5, 2)],
+    "bb84": [(1, 2)],
+    "ghz": [(1, 2)],
+}  # of all others: pairs to both ends
 PAIRS = [(4, 1), (5, 2)]
 NOBODY = "there was no session"
 

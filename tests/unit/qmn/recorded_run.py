@@ -9,11 +9,11 @@ from scapy.layers.inet import IP, TCP
 from scapy.layers.l2 import Ether
 from scapy.utils import PcapWriter
 
-from dispatcher.layer.event_capture import EventCapture
+from dispatcher.layer.history import EventCapture
 from qmn.results.network_facts import NetworkFacts
 from qmn.results.result import complete
 from wire.config import PathOptics, QuantumSwitch
-from wire.controller_record import RECORD
+from wire.controller_lines import RECORD
 from wire.dispatcher_pb2 import BlockId, Event
 from wire.metadata import Answer, Handshake, Reason, Service, Setup, Verdict
 from wire.parameters.fiber import Fiber, FiberEnd

@@ -1,4 +1,4 @@
-"""What `qmn cli` and scripts leave in their folder, also where the network failed."""
+"""The files of `qmn cli` and scripts in their folder, also where the network failed."""
 
 import json
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from dispatcher.layer.event_capture import EventCapture
+from dispatcher.layer.history import EventCapture
 from qmn.live.event_sources import RESULT
 from qmn.network.options import NetworkOptions
 from qmn.reports.report_file import NoReport, made_report

@@ -19,8 +19,16 @@ from recorded_run import (
 )
 
 from qmn.reports.packets import Flight, flights, messages
-from qmn.reports.sequence import describe, handshake, lanes
-from qmn.reports.steps import METADATA, OPENFLOW, QUANTUM, Step, together
+from qmn.reports.sequence import (
+    METADATA,
+    OPENFLOW,
+    QUANTUM,
+    Step,
+    describe,
+    handshake,
+    lanes,
+    together,
+)
 from wire.metadata import (
     KINDS,
     Block,

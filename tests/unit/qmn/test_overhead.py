@@ -1,10 +1,10 @@
-"""What the rates of runs come down to, and that no kind of run always has the same place."""
+"""Rates of runs compared, and that no kind of run always has the same place."""
 
 import numpy as np
 import stim
 
-from qmn.benchmarks.batch_sampler import CIRCUIT
 from qmn.benchmarks.overhead import (
+    CIRCUIT,
     EVERYTHING,
     KINDS,
     NOTHING,

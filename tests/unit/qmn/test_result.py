@@ -8,7 +8,7 @@ import pytest
 
 from qmn.results.message_result import coding
 from qmn.results.result import complete, emulation, percentiles
-from wire.controller_record import RECORD, read_record
+from wire.controller_lines import RECORD, read_record
 
 
 def test_percentiles_of_nothing_of_one_and_of_many() -> None:

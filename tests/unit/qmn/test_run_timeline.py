@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from scapy.utils import PcapWriter
 
-from dispatcher.layer.event_capture import EventCapture
+from dispatcher.layer.history import EventCapture
 from qmn.live.event_sources import recorded
 from qmn.results.timeline import (
     WHOLE_AT_MOST_BYTES,

@@ -27,6 +27,13 @@ def complete(experiment: str, given: Values) -> Values:
     return EXPERIMENTS[experiment].complete({"pairs": PAIRS, **given})
 
 
+@pytest.mark.parametrize(("hosts", "p", "fidelity"), [(3, 0.1, 0.85625), (5, 0.3, 0.3810531)])
+def test_ghz_states_over_links_that_depolarise(hosts: int, p: float, fidelity: float) -> None:
+    """(.95^2 + .9^2)/2 and (.85^4 + .7^4)/2: half the mean of stabilisers of either kind."""
+    told = measured("ghz", "fidelity", hosts=hosts, depolarizing=p)
+    assert abs(told - fidelity) < 5 * sqrt(1.25 / (PAIRS / 2))  # of a coherence, and half a share
+
+
 @pytest.mark.parametrize("protocol", ["bbm92", "e91"])
 def test_pairs_are_seen_as_often_and_err_as_often_as_an_enumeration_has_it(protocol: str) -> None:
     """At 20 km each arm sees .1 10^(-.2) of the photons, or 6e-7 dark counts in either detector."""

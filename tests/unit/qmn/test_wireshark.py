@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from dispatcher.layer.event_capture import EventCapture
+from dispatcher.layer.history import EventCapture
 from qmn.verbs import wireshark
 from topologies.runtime import EVENT_CAPTURE
 from wire.dispatcher_pb2 import Event

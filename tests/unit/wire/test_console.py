@@ -2,7 +2,7 @@
 
 import pytest
 
-from wire.console import (
+from wire.controller_lines import (
     MAX_REQUEST,
     ConsoleError,
     decode_answer,

@@ -9,7 +9,7 @@ from scapy.layers.l2 import Ether
 from scapy.utils import RawPcapReader
 
 from wire.metadata import MalformedPacket
-from wire.pcap_clock import with_clock
+from wire.pcapng import with_clock
 
 FRAME = bytes(Ether(dst="02:00:00:00:00:01", src="02:00:00:00:00:02") / b"light")
 SECONDS, NANOSECONDS = 1_700_000_000, 5

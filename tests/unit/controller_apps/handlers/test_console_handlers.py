@@ -12,7 +12,7 @@ from controller_apps.console import console
 from controller_apps.console.console import Console
 from controller_apps.console.facts import Facts, perform
 from controller_apps.console.questions import EventQuestion, Refused
-from wire.console import MAX_REQUEST
+from wire.controller_lines import MAX_REQUEST
 
 
 class Known:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from hosts.middleware.qkd.keyring import PairSecrets
-from wire.pair_secrets import SECRET_BYTES
+from wire.credentials import SECRET_BYTES
 
 HOSTS = ("alice", "bob", "charlie")
 

@@ -1,17 +1,18 @@
-"""Clicks of a detector with a dead time, from a train of pulses with one photon each."""
+"""Detectors: clicks with a dead time, and outcomes of blocks of one name."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
 from dispatcher.laboratory import Laboratory
 from qmn.sweeps import theory
-from qmn.sweeps.estimates import ratio
+from qmn.sweeps.estimates import proportion, ratio
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, number, pairs_parameter
 from qmn.sweeps.link import TESTED, configuration, fiber
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.sweeps.superdense import blocks
-from wire.dispatcher_pb2 import CreateRequest
+from wire.dispatcher_pb2 import CreateRequest, MeasureRequest
 from wire.outcomes import NO_CLICK
 from wire.parameters.physics import Detectors, Device
 
@@ -19,6 +20,8 @@ EFFICIENCY = Parameter("efficiency", 1.0)
 DEAD_TIME = Parameter("dead_time_s", 0.0, 0.0, 1.0, "s")
 RATE = Parameter("rate_hz", 100_000_000, 1_000, 4_000_000_000, "Hz")
 SAME_PULSE = 1e-9  # by which rounding may miss it
+USES = Parameter("uses", 2, 2, 1_000)
+FAIR = 0.5
 
 
 async def count(values: Values, seed: int) -> Outcome:
@@ -56,4 +59,27 @@ DEAD = Experiment(
     (EFFICIENCY, DEAD_TIME, RATE, pairs_parameter()),
     (Measure("clicks", "clicks per pulse", clicks),),
     count,
+)
+
+
+async def use_again(values: Values, seed: int) -> Outcome:
+    """Measure half of each pair in X; count how often two blocks in a row say the same."""
+    alice = Laboratory(configuration(seed, [])).host("alice")
+    uses = int(values[USES.name])
+    size = int(values["pairs"]) // uses
+    found = []
+    for _ in range(uses):
+        await alice.create(size)
+        found.append(await alice.measure((0, 0), MeasureRequest.X))
+        await alice.discard((0, 1))
+    equal = sum(np.count_nonzero(a == b) for a, b in pairwise(found))
+    return {"equal": proportion(int(equal), size * (uses - 1))}
+
+
+FRESH_OUTCOMES = Experiment(
+    "fresh-outcomes",
+    "outcomes of blocks that have the same name, one after the other",
+    (USES, pairs_parameter()),
+    (Measure("equal", "how often two in a row are equal", lambda _values: FAIR),),
+    use_again,
 )

@@ -1,15 +1,21 @@
-"""The lines of the controller's console: a request of JSON, and its answer, one a connection.
+"""The lines of JSON of the controller: its console's questions and answers, and its record.
+
+The lines of the controller's console: a request of JSON, and its answer, one a connection.
 
 {"command": "set", "device": "alice", "settings": {"rate_hz": 1000000}}  ->  {"result": ...}
 {"command": "nonsense"}                                                  ->  {"error": "no ..."}
 """
 
 import json
+import time
+from pathlib import Path
 from typing import Any
 
 from wire.metadata import MalformedPacket
 
 MAX_REQUEST = 4096  # bytes, the line end included
+RECORD = "controller.jsonl"
+EARLIER = ".1"  # behind the name: what was before, if there has been much
 
 
 class ConsoleError(Exception):
@@ -53,3 +59,15 @@ def decode_answer(line: bytes) -> Any:
         case {"error": str(text)}:
             raise ConsoleError(text)
     raise MalformedPacket("the answer has neither a result nor an error")
+
+
+def fact_line(event: str, **fields: Any) -> bytes:
+    """Return the line of a fact of this moment."""
+    return json.dumps({"time_ns": time.time_ns(), "event": event, **fields}).encode() + b"\n"
+
+
+def read_record(folder: Path) -> list[dict[str, Any]]:
+    """Return the facts that are kept, oldest first; a line still being written is left out."""
+    files = (folder / f"{RECORD}{EARLIER}", folder / RECORD)
+    text = "".join(file.read_text() for file in files if file.exists())
+    return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]

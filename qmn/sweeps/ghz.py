@@ -1,0 +1,80 @@
+"""GHZ states of a line of hosts, by fusing pairs over links that depolarise."""
+
+from itertools import pairwise
+
+import numpy as np
+
+from dispatcher.laboratory import Laboratory, LaboratoryHost, block_id
+from dispatcher.sabot.backend import Bytes
+from hosts.middleware.services.ghz.witness import Tally, chosen_bases
+from qmn.sweeps.estimates import Estimate, proportion
+from qmn.sweeps.experiment import Experiment, Measure, Outcome, number, pairs_parameter
+from qmn.sweeps.link import configuration, fiber
+from qmn.sweeps.parameters import Parameter, Values
+from qmn.sweeps.superdense import blocks
+from wire.dispatcher_pb2 import Gate
+
+NOISE = Parameter("depolarizing", 0.0, 0.0, 1.0)
+HOSTS = Parameter("hosts", 3, 3, 8)
+
+
+async def fuse(values: Values, seed: int) -> Outcome:
+    """Send half of each pair to the next host, fuse where two pairs meet, measure stabilisers."""
+    names = [f"h{each}" for each in range(int(values[HOSTS.name]))]
+    noise = number(values, NOISE.name)
+    ways = [(f"{a}-q1", f"{b}-q0") for a, b in pairwise(names)]
+    fibers = [fiber(*way, depolarizing=noise) for way in ways]
+    laboratory = Laboratory(configuration(seed, fibers))
+    hosts = [laboratory.host(name) for name in names]
+    random, tally = np.random.default_rng(seed), Tally()
+    for block, size in enumerate(blocks(int(values["pairs"]))):
+        first = block * len(ways)
+        for place, way in enumerate(ways):
+            await hosts[place].create(size, first + place)
+            await hosts[place].send({(first + place, 1): way[0]})
+            await hosts[place + 1].receive((first + place, 1), way[1])
+        flips = np.zeros(size, dtype=np.uint8)
+        for place, host in enumerate(hosts[1:]):
+            flips = await _joined(host, first + place, flips, place + 2 == len(hosts))
+        bases = chosen_bases(random, len(hosts), size)
+        kept = [(first, 0), *((first + place, 1) for place in range(len(ways)))]
+        found = [
+            await host.measure(name, bases=own)
+            for host, name, own in zip(hosts, kept, bases, strict=True)
+        ]
+        tally.add(bases, np.vstack(found))
+    equal, right = proportion(tally.equal, tally.in_z), proportion(tally.right, tally.in_x)
+    error = float(np.hypot(equal.error / 2, right.error))
+    return {"fidelity": Estimate(float(tally.summary()["fidelity"]), error), "equal": equal}
+
+
+async def _joined(host: LaboratoryHost, pair: int, flips: Bytes, last: bool) -> Bytes:
+    """Fuse the half that came with the next pair, and correct it; return what those behind need."""
+    bits = np.zeros_like(flips)
+    if not last:
+        cx = Gate(name=Gate.CX, target=block_id((pair + 1, 0)))
+        await host.apply((pair, 1), gates=[cx])
+        bits = await host.measure((pair + 1, 0))
+    await host.apply((pair, 1), paulis=flips)
+    return flips ^ bits
+
+
+def _fidelity(values: Values) -> float:
+    p, links = number(values, NOISE.name), number(values, HOSTS.name) - 1
+    return float(((1 - p / 2) ** links + (1 - p) ** links) / 2)
+
+
+def _equal(values: Values) -> float:
+    return float((1 - number(values, NOISE.name) / 2) ** (number(values, HOSTS.name) - 1))
+
+
+GHZ = Experiment(
+    "ghz",
+    "GHZ states of a line of hosts",
+    (NOISE, HOSTS, pairs_parameter(40_000)),
+    (
+        Measure("fidelity", "fidelity to GHZ", _fidelity),
+        Measure("equal", "outcomes in Z that are equal", _equal),
+    ),
+    fuse,
+)
