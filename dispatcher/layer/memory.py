@@ -65,12 +65,12 @@ class Memories:
 
     def _put(self, block: Block, stored: dict[Block, int]) -> None:
         hardware.require(self._devices, block.node, STORE)
-        self.require_room(block.node, block.register.remaining)
+        self.require_capacity(block.node, block.register.remaining)
         stored[block] = block.register.remaining
         block.stored_ns, block.stores = self._clock.now_ns(), block.stores + 1
         block.kept = True
 
-    def require_room(self, node: str, more: int) -> None:
+    def require_capacity(self, node: str, more: int) -> None:
         """Refuse so many more qubits if a node's memory has no room for them."""
         capacity = self._devices.of(node).memory.capacity
         used = sum(self._stored.get(node, {}).values())

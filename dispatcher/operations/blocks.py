@@ -99,7 +99,7 @@ class Operations:
         hardware.require(layer.devices, node, *makers)
         names = [BlockName(request.session, request.number, half) for half in range(halves)]
         source = layer.devices.of(node).source
-        self._require_room(node, names, request.count, most_further(source, request.count))
+        self._require_capacity(node, names, request.count, most_further(source, request.count))
         states = limits.states(request)
         levels = limits.levels(request, len(source.intensities))
         registers = self._make(request, states)
@@ -230,7 +230,9 @@ class Operations:
             self._layer.record(block.node, "discard", block, port=block.port)
         return feedback
 
-    def _require_room(self, node: str, names: list[BlockName], count: int, further: int) -> None:
+    def _require_capacity(
+        self, node: str, names: list[BlockName], count: int, further: int
+    ) -> None:
         """Refuse a block that may be too large, with its further pairs, or whose name is taken."""
         layer = self._layer
         require_count(count)

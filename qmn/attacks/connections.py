@@ -79,10 +79,10 @@ def opener_port(network: Network) -> int:
 
 def lldp_spoofing(network: Network, announcements: int) -> int:
     """Announce fibres as bob's on charlie's; return how many of them the controller believes."""
-    before, victim = places(network), network.host(VICTIM)
+    before, victim = lies(network), network.host(VICTIM)
     words = [fiber_of(network), str(announcements), VICTIM, victim.IP()]
     run_frames(network, "announcements", *words, count=announcements)
-    return believed(network, before)
+    return settled(network, lambda: lies(network)) - before
 
 
 def replay(network: Network, frames: int) -> int:
@@ -90,10 +90,10 @@ def replay(network: Network, frames: int) -> int:
 
     Somebody who has tapped bob's fibres has given charlie an announcement of each.
     """
-    before = places(network)
+    before = lies(network)
     heard = [recorded(network, port) for port in fibers_of(network, VICTIM)]
     run_frames(network, "repeated", fiber_of(network), str(frames), *heard, count=frames)
-    return believed(network, before)
+    return settled(network, lambda: lies(network)) - before
 
 
 def recorded(network: Network, port: str) -> str:
@@ -117,20 +117,21 @@ def fiber_of(network: Network) -> str:
     return fibers_of(network, ATTACKER)[0]
 
 
+def lies(network: Network) -> int:
+    """Return how often the controller has taken a port for bob's that is another's."""
+    own = places(network)
+    facts = [fact for fact in facts_of(network, "fiber") if fact["host"] == VICTIM]
+    return sum((fact["dpid"], fact["at"]) not in own for fact in facts)
+
+
 def places(network: Network) -> set[tuple[int, int]]:
-    """Return at which ports of switches bob has been."""
-    facts = facts_of(network, "fiber")
-    return {(fact["dpid"], fact["at"]) for fact in facts if fact["host"] == VICTIM}
-
-
-def believed(network: Network, before: set[tuple[int, int]]) -> int:
-    """Return how often the controller has since taken a port for bob's that is another's."""
-
-    def count() -> int:
-        facts = [fact for fact in facts_of(network, "fiber") if fact["host"] == VICTIM]
-        return sum((fact["dpid"], fact["at"]) not in before for fact in facts)
-
-    return settled(network, count)
+    """Return at which ports of switches bob's fibres are."""
+    ids, found = network.runtime.datapath_ids, set()
+    for fiber in network.runtime.fibers:
+        for near, far in ((fiber.a, fiber.b), (fiber.b, fiber.a)):
+            if near.node == VICTIM and far.node in ids:
+                found.add((ids[far.node], int(far.port)))
+    return found
 
 
 def run_frames(network: Network, what: str, *words: str, count: int) -> None:

@@ -1,4 +1,4 @@
-"""What attacks come to with their defence off, and with it on."""
+"""Attacks with their defence off, and with it on."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ ATTEMPTS = {
     "arp-spoofing": 10,
     "flow-table-flooding": 60,
     "set-up-flooding": 40,
-    "blind-rst": 2,
+    "blind-rst": 1,
     "lldp-spoofing": 20,
     "replay": 10,
 }
