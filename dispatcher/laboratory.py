@@ -20,7 +20,7 @@ from dispatcher.operations.gathering import Gathering
 from dispatcher.operations.heralding import Heralding
 from dispatcher.operations.looking import Telling
 from dispatcher.operations.measurements import Measurements
-from dispatcher.operations.operation_handlers import Act, acts
+from dispatcher.operations.operation_handlers import Handler, operation_handlers
 from dispatcher.operations.resending import Resending
 from dispatcher.operations.splitting import Splitting
 from dispatcher.operations.switching import Switching
@@ -103,7 +103,7 @@ class Laboratory:
         operations, measurements = Operations(self.layer), Measurements(self.layer)
         rest = Gathering(self.layer), Resending(self.layer), Splitting(self.layer)
         heralding = Heralding(self.layer)
-        self._acts = acts(
+        self._handlers = operation_handlers(
             self.layer, operations, measurements, transport, *rest, heralding, Telling(self.layer)
         )
 
@@ -122,8 +122,8 @@ class Laboratory:
 
     async def act(self, node: str, operation: str, request: Request) -> Feedback:
         """Do what a host asks; raise Refusal as the dispatcher's service would."""
-        act: Act = self._acts[operation]
-        feedback = await act(node, request)
+        handle: Handler = self._handlers[operation]
+        feedback = await handle(node, request)
         if self._errors:  # flights are tasks of their own
             raise self._errors[0]
         return feedback

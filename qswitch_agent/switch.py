@@ -85,7 +85,7 @@ class Switch:
         self.ports: set[int] = set()  # all that the bridge has
         self._condition = Condition()
         self._known = asyncio.Event()
-        self._judging = asyncio.Lock()
+        self._checking = asyncio.Lock()
         self._newest: tuple[int, Readings] = 0, Readings()  # when they were asked for
 
     async def started(self) -> None:
@@ -116,7 +116,7 @@ class Switch:
 
         What controllers have asked for before is in it, whether they waited for it or not.
         """
-        async with self._judging:
+        async with self._checking:
             waited = [
                 other
                 for other in list(self.connections)

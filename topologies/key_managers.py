@@ -115,7 +115,7 @@ def check(service: KeyService, saes: Mapping[str, str], hosts: Mapping[str, obje
     unknown = {*saes.values(), *(host for pair in service.pairs for host in pair)} - hosts.keys()
     if unknown:
         raise NetworkError(
-            f"{min(unknown)} is no host with a key manager: choose one of {', '.join(hosts)}"
+            f"{min(unknown)} is not a host with a key manager: choose one of {', '.join(hosts)}"
         )
     for sae in service.saes:
         if not sae.isascii() or not sae.replace("-", "").isalnum() or sae.startswith("kme-"):

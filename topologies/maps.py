@@ -75,7 +75,7 @@ def read_map(name: str) -> Map:
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         if isinstance(error, BadMap):
             raise
-        raise BadMap(f"{name} is no map of its kind: {type(error).__name__} {error}") from error
+        raise BadMap(f"{name} is not a map of its kind: {type(error).__name__} {error}") from error
     return _checked(_known(name))
 
 

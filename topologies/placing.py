@@ -15,12 +15,12 @@ def place(topo: Topo, places: Mapping[str, Machine]) -> None:
     for name, machine in places.items():
         if name not in topo.hosts():
             raise NetworkError(
-                f"{name} is no host of this network: place {', '.join(topo.hosts())}"
+                f"{name} is not a host of this network: place {', '.join(topo.hosts())}"
             )
         info = topo.nodeInfo(name)
         kind = info.get("cls")
         if not isinstance(kind, type) or not issubclass(kind, ClassicalHost):
-            raise NetworkError(f"{name} is no host of ours: it is on the first machine")
+            raise NetworkError(f"{name} is not a host of ours: it is on the first machine")
         if issubclass(kind, DispatcherHost):
             raise NetworkError(f"{name} has the dispatcher, which is on the first machine")
         info["cls"] = elsewhere(kind, machine)

@@ -166,10 +166,10 @@ def decode_base64(text: object) -> bytes:
     """Return the bytes of a base64 string; raise MalformedPacket if it is none."""
     try:
         if not isinstance(text, str):
-            raise MalformedPacket("key is no string")
+            raise MalformedPacket("key is not a string")
         return base64.b64decode(text, validate=True)
     except ValueError as error:
-        raise MalformedPacket(f"key is no base64: {error}") from error
+        raise MalformedPacket(f"key is not base64: {error}") from error
 
 
 def decode_id(text: object) -> UUID:

@@ -42,7 +42,7 @@ def decode_header(data: bytes) -> Header:
     except (ValueError, RecursionError) as error:
         raise MalformedPacket(f"a header that is not JSON: {error}") from error
     if not isinstance(header, dict):
-        raise MalformedPacket(f"a header that is no object: {str(header)[:40]}")
+        raise MalformedPacket(f"a header that is not an object: {str(header)[:40]}")
     return header
 
 

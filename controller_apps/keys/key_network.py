@@ -67,7 +67,7 @@ class KeyNetwork:
         """Return the route for a request, and the keys of its poorest link; or raise NoRoute."""
         target = request.target
         if target not in self.names or target == host:
-            raise NoRoute(f"{target} is no other host with a key manager")
+            raise NoRoute(f"{target} is not another host with a key manager")
         ends = frozenset((self.names[host], self.names[target]))
 
         def may_pass(node: str) -> bool:

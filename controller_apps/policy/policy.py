@@ -265,7 +265,7 @@ def require_switches(policy: Policy, known: Collection[str]) -> None:
     for name in sorted(frozenset().union(*policy.closed) - set(known)):
         listed = ", ".join(sorted(known)) or "none"
         raise BadPolicy(
-            f"closed: {name!r} is no quantum switch of this network: choose of {listed}"
+            f"closed: {name!r} is not a quantum switch of this network: choose of {listed}"
         )
 
 

@@ -1,4 +1,4 @@
-"""The begin of a controller that comes after another: reads what that one has kept."""
+"""The start of a controller that comes after another: reads what that one has kept."""
 
 from logging import Logger
 

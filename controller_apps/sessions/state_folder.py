@@ -1,4 +1,4 @@
-"""The private folder in which a controller keeps what the next one shall know; see kept.py.
+"""The private folder in which a controller keeps what the next one shall know; see snapshot.py.
 
 One file a session, one for the hosts. A file is replaced whole, so that a controller may be
 killed at any moment, and deleted with its session, so that the folder does not grow.

@@ -8,7 +8,7 @@ import numpy as np
 
 from dispatcher.devices import hardware
 from dispatcher.devices.source import most_further
-from dispatcher.layer import cutoff, drift, further
+from dispatcher.layer import cutoff, drift, further, part_noise
 from dispatcher.layer.layer import PhysicalLayer, block_name, tally
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations import gate_noise, imperfections, limits, preparation
@@ -99,7 +99,7 @@ class Operations:
         hardware.require(layer.devices, node, *makers)
         names = [BlockName(request.session, request.number, half) for half in range(halves)]
         source = layer.devices.of(node).source
-        self._require_room(node, names, request.count, most_further(source, request.count))
+        self._require_capacity(node, names, request.count, most_further(source, request.count))
         states = limits.states(request)
         levels = limits.levels(request, len(source.intensities))
         registers = self._make(request, states)
@@ -118,6 +118,8 @@ class Operations:
             self.pairs_created += pairs
         else:
             told = emit_prepared(blocks[0], states, levels, layer)
+        if request.state != CreateRequest.ZEROS:
+            self._own_noise_of_source(blocks)
         seconds = 0.0
         if request.state == CreateRequest.ZEROS:
             blocks[0].kept, seconds = True, layer.devices.of(node).gates.initialization_s
@@ -129,6 +131,18 @@ class Operations:
         each = None if states is None else lambda position: preparation.STATES[states[position]]
         layer.record(node, "create", blocks[0], detail=text, each=each)
         return imperfections.lasts(layer.feedback(blocks[0]), seconds, blocks)
+
+    def _own_noise_of_source(self, blocks: Sequence[Block]) -> None:
+        """Let a model of the user's own say what is wrong with new pairs, at half 0, or photons."""
+        layer, first = self._layer, blocks[0]
+        own = layer.devices, layer.draws, first, "source", "source", "made"
+        effect = part_noise.of_part(*own, first.start_ns)
+        if effect is None:
+            return
+        layer.photons_lost += part_noise.meet(layer.sabot, first, effect)
+        for other in blocks[1:]:
+            other.pulses.exact &= effect.exact
+            layer.photons_lost += part_noise.meet(layer.sabot, other, effect._replace(paulis=None))
 
     def _make(self, request: CreateRequest, states: Bytes | None) -> Sequence[Register]:
         """Return new registers, one for each half."""
@@ -216,7 +230,9 @@ class Operations:
             self._layer.record(block.node, "discard", block, port=block.port)
         return feedback
 
-    def _require_room(self, node: str, names: list[BlockName], count: int, further: int) -> None:
+    def _require_capacity(
+        self, node: str, names: list[BlockName], count: int, further: int
+    ) -> None:
         """Refuse a block that may be too large, with its further pairs, or whose name is taken."""
         layer = self._layer
         require_count(count)

@@ -85,7 +85,7 @@ class Heralding:
         names = [BlockName(request.session, request.number, half) for half in HALVES]
         offers = self._offered(names)
         link = self._link(node, request.ports, offers)
-        self._require_room(offers, request.count)
+        self._require_capacity(offers, request.count)
         for name in names:
             del self._offers[name]
         rounds = max(round(limit_s * 1e9) // link.period_ns, 1)
@@ -152,11 +152,11 @@ class Heralding:
             )
         return link
 
-    def _require_room(self, offers: tuple[Offer, Offer], count: int) -> None:
+    def _require_capacity(self, offers: tuple[Offer, Offer], count: int) -> None:
         """Refuse, before any attempt, what the memories or the dispatcher cannot hold."""
         layer = self._layer
         for offer in offers:
-            layer.memories.require_room(offer.end.node, count)
+            layer.memories.require_capacity(offer.end.node, count)
         limits.require_blocks(layer, 1, *(offer.end.node for offer in offers))
         live, most = layer.sabot.live_qubits, layer.max_live_qubits
         if live + 2 * count > most:

@@ -17,10 +17,10 @@ from dispatcher.refusal import invalid
 from wire import dispatcher_pb2 as messages
 from wire.optical import DEFAULT_FREQUENCY_MHZ
 
-Act = Callable[[str, Any], Awaitable[messages.Feedback]]
+Handler = Callable[[str, Any], Awaitable[messages.Feedback]]
 
 
-def acts(
+def operation_handlers(
     layer: PhysicalLayer,
     operations: Operations,
     measurements: Measurements,
@@ -30,8 +30,8 @@ def acts(
     splitting: Splitting,
     heralding: Heralding,
     telling: Telling,
-) -> dict[str, Act]:
-    """Return the act for each operation of a Step, called with node and request."""
+) -> dict[str, Handler]:
+    """Return the handler of each operation of a Step, called with node and request."""
 
     async def create(node: str, request: messages.CreateRequest) -> messages.Feedback:
         return await over(layer, node, operations.create(node, request))

@@ -14,7 +14,7 @@ from wire import dispatcher_pb2 as messages
 
 Change = Callable[[str, Any], Awaitable[Any]]
 
-# What each recorded request is decoded as, those that dispatcher.acts does included.
+# What each recorded request is decoded as, those that operation_handlers does included.
 REQUESTS: dict[str, type[Any]] = {
     "create": messages.CreateRequest,
     "apply": messages.ApplyRequest,

@@ -16,7 +16,7 @@ from dispatcher.operations.gathering import Gathering
 from dispatcher.operations.heralding import Heralding
 from dispatcher.operations.looking import Telling
 from dispatcher.operations.measurements import Measurements
-from dispatcher.operations.operation_handlers import acts
+from dispatcher.operations.operation_handlers import operation_handlers
 from dispatcher.operations.resending import Resending
 from dispatcher.operations.splitting import Splitting
 from dispatcher.operations.switching import Switching
@@ -71,7 +71,7 @@ class Service(DispatcherServicer):
         self.switching = Switching(layer)
         self._operations = Operations(layer)
         parts = self._operations, Measurements(layer), self.transport, Gathering(layer)
-        self._acts = acts(
+        self._handlers = operation_handlers(
             layer, *parts, Resending(layer), Splitting(layer), Heralding(layer), Telling(layer)
         )
         self._changes = changes(layer, self.switching)
@@ -197,7 +197,7 @@ class Service(DispatcherServicer):
 
     async def change(self, node: str, kind: str, request: Any) -> Any:
         """Do what a caller may ask for, and what may change something; return the answer."""
-        change = self._acts.get(kind) or self._changes[kind]
+        change = self._handlers.get(kind) or self._changes[kind]
         try:
             with (
                 self.layer.journal.request(node, kind, request),

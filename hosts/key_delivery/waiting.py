@@ -128,7 +128,7 @@ def _read(file: Path) -> tuple[UUID, _Waiting]:
     try:
         return UUID(file.name), _Waiting.decode(file.read_text())
     except (KeyError, ValueError, TypeError) as error:
-        raise KeyStoreError(f"{file} is no assigned key ({error}): take it away") from error
+        raise KeyStoreError(f"{file} is not an assigned key ({error}): take it away") from error
 
 
 def _sync(folder: Path) -> None:

@@ -73,7 +73,7 @@ class Qubits:
         """Put a qubit into |0>, whatever it was in."""
         block = self._block(qubit)
         if self._last(block) != Kind.ZERO:
-            self._let_go(block)
+            self._discard(block)
             self._blocks[qubit] = block = self.new_block()
             self._do(Kind.ZERO, block)
 
@@ -81,7 +81,7 @@ class Qubits:
         """Let go of a qubit."""
         block = self._block(qubit)
         del self._blocks[qubit]
-        self._let_go(block)
+        self._discard(block)
 
     def gate(self, name: str, qubit: int) -> None:
         """Do a gate on one qubit."""
@@ -164,7 +164,7 @@ class Qubits:
             return self._operations[-1].kind
         return None
 
-    def _let_go(self, block: BlockName) -> None:
+    def _discard(self, block: BlockName) -> None:
         """Discard a qubit; one that has just been measured is used up by the measurement."""
         if self._last(block) in OUTCOMES:
             self._operations[-1] = Operation(Kind.MEASURE, block)

@@ -1,4 +1,4 @@
-"""What is on this machine beside a run: seen with the machine's own tools, none of ours."""
+"""The machine beside a run: seen with the machine's own tools, none of ours."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""What is struck, and how: any process of a run, a daemon of Open vSwitch, a fibre, the runner."""
+"""Faults that strike a run: any process of it, a daemon of Open vSwitch, a fibre, the runner."""
 
 import os
 import re

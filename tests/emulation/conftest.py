@@ -1,4 +1,4 @@
-"""What the emulation tests share: a running network, and proof that nothing is left."""
+"""The parts that emulation tests share: a running network, and proof that nothing is left."""
 
 import os
 import re

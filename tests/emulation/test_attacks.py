@@ -1,4 +1,4 @@
-"""What attacks come to with their defence off, and with it on."""
+"""Attacks with their defence off, and with it on."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What the controller knows of devices and paths, and how it sets hosts."""
+"""The controller's knowledge of devices and paths, and how it sets hosts."""
 
 import json
 import subprocess

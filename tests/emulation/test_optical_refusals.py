@@ -1,4 +1,4 @@
-"""What light cannot do is refused with the fitting OpenFlow error, alone and in a bundle."""
+"""Light is refused what it cannot do, with the fitting OpenFlow error, alone and in a bundle."""
 
 from collections.abc import Iterator
 from pathlib import Path

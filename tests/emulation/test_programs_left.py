@@ -1,4 +1,4 @@
-"""Which programs a test is held to account for: its own, wherever they are, and no others."""
+"""A test is held to account for its own programs, wherever they are, and for no others."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""What a run's report shows of a real network."""
+"""The report of a run over a real network."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""What whole runs leave in result.json is what its schema says."""
+"""The result.json of whole runs is as its schema says."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What a run leaves for Wireshark: one timeline that tshark reads with our dissectors."""
+"""The traces of a run for Wireshark: one timeline that tshark reads with our dissectors."""
 
 import json
 import re

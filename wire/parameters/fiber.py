@@ -137,7 +137,7 @@ class FiberOptics:
     def _check_channels(self, where: str) -> None:
         if self.grid_mhz % CHANNEL_MHZ:
             raise BadParameter(
-                f"{where}: grid_ghz {self.grid_ghz!r} is no multiple of {CHANNEL_MHZ / 1e3:g}"
+                f"{where}: grid_ghz {self.grid_ghz!r} is not a multiple of {CHANNEL_MHZ / 1e3:g}"
             )
         if self.channel_mhz(self.channels) > HIGHEST_CHANNEL_MHZ:
             most = (HIGHEST_CHANNEL_MHZ - DEFAULT_FREQUENCY_MHZ) // self.grid_mhz + 1

@@ -21,7 +21,7 @@ REMEDIES = {
     "its place, or give it some (detectors.efficiency)",
     Reason.CANNOT_HERALD: "has no memory whose qubits emit (feature herald): take another host in "
     "its place, or give it one (emitter.scheme)",
-    Reason.CANNOT_INTERFERE: "is no station in which light of others interferes (feature "
+    Reason.CANNOT_INTERFERE: "is not a station in which light of others interferes (feature "
     "interfere): take another host in its place, or give it an analyser (analyser.kind linear)",
 }
 

@@ -1,4 +1,4 @@
-"""What the learning switch remembers."""
+"""The memory of the learning switch."""
 
 from controller_apps.openflow.mac_table import MAX_STATIONS, MacTable
 

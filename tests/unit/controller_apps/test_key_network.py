@@ -73,7 +73,7 @@ def test_a_host_that_is_silent_or_unknown_relays_nothing() -> None:
     with pytest.raises(NoRoute, match="no chain of key links that are in use joins h1 and h3"):
         known.route(a, request(b, 1), SILENT_S + 1)
     for target in ("10.9.9.9", a):
-        with pytest.raises(NoRoute, match="is no other host with a key manager"):
+        with pytest.raises(NoRoute, match="is not another host with a key manager"):
             known.route(a, request(target, 1), 0.0)
 
 

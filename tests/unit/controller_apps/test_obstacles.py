@@ -1,4 +1,4 @@
-"""What is cut or stuck is named in the refusal of light."""
+"""A refusal of light names what is cut or stuck."""
 
 from metadata_scene import rotating
 

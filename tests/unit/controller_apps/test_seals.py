@@ -1,4 +1,4 @@
-"""What the controller lets on carries its seal, which the receiving host checks."""
+"""The controller's seal is on what it lets on, and the receiving host checks it."""
 
 from dataclasses import replace
 

@@ -134,5 +134,7 @@ def test_what_is_closed_is_between_two_switches(between: str) -> None:
 def test_a_switch_that_there_is_not_is_named() -> None:
     policy = parse_policy(CLOSED)
     require_switches(policy, ["q1", "q2"])
-    with pytest.raises(BadPolicy, match="'q2' is no quantum switch of this network: choose of q1"):
+    with pytest.raises(
+        BadPolicy, match="'q2' is not a quantum switch of this network: choose of q1"
+    ):
         require_switches(policy, ["q1", "q3"])

@@ -1,4 +1,4 @@
-"""What a controller keeps, as bytes and as files: read back whole or not at all."""
+"""The snapshots of a controller, as bytes and as files: read back whole or not at all."""
 
 import random
 import struct

@@ -1,4 +1,4 @@
-"""What console and REST show of sessions, paths and fibres."""
+"""The views of console and REST on sessions, paths and fibres."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""What entanglement can and cannot do, by the dispatcher's own operations.
+"""Entanglement: what it can and cannot do, by the dispatcher's own operations.
 
 CHSH reaches 2 sqrt 2 (4F - 1) / 3 for Werner pairs of fidelity F (Horodecki et al. 1995); Pauli
 settings stop at 2; nobody learns from his own photons what is done to those elsewhere.

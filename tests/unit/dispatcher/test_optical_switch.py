@@ -1,4 +1,4 @@
-"""What light undergoes in a quantum switch, over a real gRPC server with real clients."""
+"""Light in a quantum switch, over a real gRPC server with real clients."""
 
 import asyncio
 import math

@@ -1,4 +1,4 @@
-"""What light carries besides its qubits, through fibres and a switch; 5 sigma, seed 1."""
+"""The properties of light besides its qubits, through fibres and a switch; 5 sigma, seed 1."""
 
 import asyncio
 from collections.abc import Awaitable, Callable

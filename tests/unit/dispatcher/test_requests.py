@@ -1,4 +1,4 @@
-"""What each caller may ask, and that a refused request changes nothing."""
+"""The rights of each caller, and that a refused request changes nothing."""
 
 import asyncio
 from collections.abc import Awaitable, Callable

@@ -1,4 +1,4 @@
-"""What one node has made leaves room for what others make."""
+"""One node's blocks leave room for those of others."""
 
 import asyncio
 import io

@@ -1,4 +1,4 @@
-"""What sources emit, against closed forms within 5 standard errors; the seed is 1."""
+"""The light of sources, against closed forms within 5 standard errors; the seed is 1."""
 
 import numpy as np
 import pytest

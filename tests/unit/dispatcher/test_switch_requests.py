@@ -1,4 +1,4 @@
-"""What may be asked of a switch and by whom, and who hears of its condition."""
+"""Requests to a switch: by whom, and who hears of its condition."""
 
 import asyncio
 from collections.abc import Awaitable, Callable

@@ -1,4 +1,4 @@
-"""What hosts tell those who watch: one line each, and nothing that could pass for another."""
+"""The words of hosts to those who watch: one line each, and nothing that could pass for another."""
 
 import asyncio
 

@@ -1,4 +1,4 @@
-"""What a switch's cross-connects did to light that came at a time."""
+"""The cross-connects of a switch at the time when light came."""
 
 import numpy as np
 

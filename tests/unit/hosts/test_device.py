@@ -1,4 +1,4 @@
-"""What a device counts and is set to, and its node agent over real datagrams."""
+"""The counts and settings of a device, and its node agent over real datagrams."""
 
 import asyncio
 import time

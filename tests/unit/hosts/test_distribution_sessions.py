@@ -1,4 +1,4 @@
-"""What becomes of distributed pairs: used by number, and let go of, whatever happens."""
+"""Distributed pairs in sessions: used by number, and let go of, whatever happens."""
 
 import asyncio
 import re

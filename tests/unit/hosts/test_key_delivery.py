@@ -318,5 +318,5 @@ def test_files_of_keys_that_wait_are_private_and_what_is_unfinished_goes(tmp_pat
     assert not cut_short.exists()
     assert again.fetch("b", "a", [key.key_id]) == [key]
     file.write_text("{}")
-    with pytest.raises(KeyStoreError, match="is no assigned key"):
+    with pytest.raises(KeyStoreError, match="is not an assigned key"):
         WaitingKeys(lambda: 0.0, tmp_path / "assigned")

@@ -1,4 +1,4 @@
-"""What a receiver refuses before it begins: it never ignores what a set-up asks for."""
+"""The refusals of a receiver before it begins: it never ignores what a set-up asks for."""
 
 from dataclasses import replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""What every session has, whichever service it is of; superdense coding is one of them."""
+"""The one life cycle of sessions, whichever service they are of; superdense coding is one."""
 
 import asyncio
 from collections.abc import Callable

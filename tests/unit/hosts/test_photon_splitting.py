@@ -171,7 +171,7 @@ def test_what_has_no_room_in_the_memory_is_let_go(tmp_path: Path) -> None:
             return summary
 
     eve = asyncio.run(run())
-    assert eve["multi_photon"] - 1000 <= eve["let_go"] <= eve["multi_photon"]
+    assert eve["multi_photon"] - 1000 <= eve["discarded"] <= eve["multi_photon"]
 
 
 def test_a_host_without_a_memory_cannot_split(tmp_path: Path) -> None:

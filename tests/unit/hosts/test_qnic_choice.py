@@ -1,4 +1,4 @@
-"""Which hardware a host's configuration names."""
+"""The hardware that a host's configuration names."""
 
 import asyncio
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What becomes of swapped pairs and of chains that break: nothing is left on any node."""
+"""Swapped pairs in sessions, and chains that break: nothing is left on any node."""
 
 import asyncio
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""What `qmn cli` and scripts leave in their folder, also where the network failed."""
+"""The files of `qmn cli` and scripts in their folder, also where the network failed."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What the verbs that ask the controller print."""
+"""The output of the verbs that ask the controller."""
 
 import json
 import socket

@@ -1,4 +1,4 @@
-"""What `--eve` asks for: a topology that has her, and a policy that puts her on the fibre."""
+"""The option `--eve`: a topology that has her, and a policy that puts her on the fibre."""
 
 from pathlib import Path
 

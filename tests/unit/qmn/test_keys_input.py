@@ -1,4 +1,4 @@
-"""What `qmn run keys` can be told, and what it refuses before anything starts."""
+"""The input of `qmn run keys`, and what it refuses before anything starts."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Which light paths a run had, from its cross-connects and fibres."""
+"""The light paths that a run had, from its cross-connects and fibres."""
 
 import pytest
 from recorded_run import NETWORK, events

@@ -1,4 +1,4 @@
-"""Which hosts go to which machine."""
+"""The placing of hosts on machines."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What many times come down to, and what proves that a path was made."""
+"""Statistics of many times, and proofs that a path was made."""
 
 import io
 import socket

@@ -1,4 +1,4 @@
-"""What `qmn netqasm` takes of a folder and of the command line, before anything is started."""
+"""The input of `qmn netqasm`, of a folder and of the command line, before anything is started."""
 
 import argparse
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What a person, and a program that asks for the status, are told of a run."""
+"""The outcome of a run, as a person is told, and a program that asks for the status."""
 
 import json
 from io import StringIO

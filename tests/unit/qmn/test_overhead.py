@@ -1,4 +1,4 @@
-"""What the rates of runs come down to, and that no kind of run always has the same place."""
+"""Rates of runs compared, and that no kind of run always has the same place."""
 
 import numpy as np
 import stim

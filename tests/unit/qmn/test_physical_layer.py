@@ -1,4 +1,4 @@
-"""What `make bench` measures of the physical layer is superdense coding indeed."""
+"""The physical layer as `make bench` measures it is superdense coding indeed."""
 
 import asyncio
 

@@ -1,4 +1,4 @@
-"""What `--q0` asks for, and of which network."""
+"""The option `--q0`, and the networks it is for."""
 
 import argparse
 

@@ -1,4 +1,4 @@
-"""What `qmn run qkd` can be told, and what it refuses before anything starts."""
+"""The input of `qmn run qkd`, and what it refuses before anything starts."""
 
 from pathlib import Path
 

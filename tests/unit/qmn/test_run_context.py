@@ -1,4 +1,4 @@
-"""What a run leaves and says when it fails."""
+"""A run that fails: what it leaves and says."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What the user asks for is checked before anything starts."""
+"""The input of a user is checked before anything starts."""
 
 import os
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What `--schedule` asks for: a policy in which the controller finds it."""
+"""The option `--schedule`: a policy in which the controller finds it."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Which cross-connects a flow table asks for, and what a FLOW_MOD makes of it."""
+"""The cross-connects that a flow table asks for, and what a FLOW_MOD makes of it."""
 
 import itertools
 from typing import Any

@@ -1,4 +1,4 @@
-"""What light cannot do: each refusal by itself, with the error's type and code."""
+"""Refusals of what light cannot do, each by itself, with the error's type and code."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Which driver a configuration asks for."""
+"""The driver that a configuration asks for."""
 
 import asyncio
 from dataclasses import replace

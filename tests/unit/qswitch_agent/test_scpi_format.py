@@ -1,4 +1,4 @@
-"""What a matrix switch says, read strictly."""
+"""The words of a matrix switch, read strictly."""
 
 import random
 import re

@@ -1,4 +1,4 @@
-"""What tcpdump says of itself at its end."""
+"""The last words of tcpdump about itself."""
 
 from pathlib import Path
 

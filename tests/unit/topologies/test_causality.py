@@ -1,4 +1,4 @@
-"""What could outrun light is found, with the worst case."""
+"""News that could outrun light is found, with the worst case."""
 
 from collections.abc import Iterator
 

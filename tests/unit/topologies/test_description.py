@@ -1,4 +1,4 @@
-"""What a topology describes, whoever has written it."""
+"""The description of a topology, whoever has written it."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""What a run writes is bounded: logs that somebody floods, and the disk that it must not fill."""
+"""The bounds of what a run writes: logs that somebody floods, the disk that it must not fill."""
 
 import shutil
 import sys

@@ -116,8 +116,8 @@ def test_sequence_s_metres_are_kilometres_here(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "text"),
     [
-        ("{}", "is no map of its kind: KeyError 'nodes'"),
-        ("[]", "is no map of its kind"),
+        ("{}", "is not a map of its kind: KeyError 'nodes'"),
+        ("[]", "is not a map of its kind"),
         ('{"nodes": []}', "has no places"),
         ('{"nodes": [{"name": "a"}, {"name": "b"}]}', "no way from ha to hb|no way from a to b"),
         (

@@ -1,4 +1,4 @@
-"""What nodes are made of, and what no node is made of."""
+"""The parameters of kinds of nodes, and what no node is made of."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""What a network keeps on the machine."""
+"""The traces of a network on the machine."""
 
 import os
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""What a host announces that it can do: golden bytes, and everything else refused."""
+"""The features that a host announces: golden bytes, and everything else refused."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""What Prometheus is answered, and that it is answered on a real socket."""
+"""The answers to Prometheus, also on a real socket."""
 
 import asyncio
 import socket

@@ -1,4 +1,4 @@
-"""What devices may be like: everything else is refused with host, name, value and range."""
+"""The ranges of devices: everything else is refused with host, name, value and range."""
 
 import json
 import re

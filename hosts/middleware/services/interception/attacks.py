@@ -128,7 +128,7 @@ class Split:
     multi_photon: int = 0  # with several photons
     single_photon: int = 0
     held_back: int = 0  # of both
-    let_go: int = 0  # photons that were kept, and had to make room
+    discarded: int = 0  # photons that were kept, and had to make room
 
 
 class PhotonSplitting:
@@ -163,21 +163,21 @@ class PhotonSplitting:
     def end(self) -> Steps[None]:
         """Let go of the photons that are kept."""
         while self._kept:
-            yield from self._let_go()
+            yield from self._discard()
 
     def _keep(self, block: BlockName, photons: int) -> Steps[None]:
         """Store photons that were split off; those that came first make room for them."""
         kept = sum(count for _block, count in self._kept) + photons
         while self._kept and kept > self._room:
-            gone = yield from self._let_go()
-            kept, self._split.let_go = kept - gone, self._split.let_go + gone
+            gone = yield from self._discard()
+            kept, self._split.discarded = kept - gone, self._split.discarded + gone
         self._kept.append((block, photons))
         if photons > self._room:
-            self._split.let_go += yield from self._let_go()
+            self._split.discarded += yield from self._discard()
             return
         yield from do(Qnic.store, block)
 
-    def _let_go(self) -> Steps[int]:
+    def _discard(self) -> Steps[int]:
         block, photons = self._kept.popleft()
         yield from do(Qnic.discard_block, block.session, block.number)
         return photons

@@ -95,7 +95,7 @@ class Sender:
     ) -> None:
         """Teleport so many states of this name, where these Bell states are told apart."""
         self._setup, self._state, self._count, self._draws = setup, state, count, draws
-        self._told_apart = list(distinguishable_states)
+        self._distinguishable = list(distinguishable_states)
         self._number = self._size = 0  # of the block under way
         self._states: States | None = None  # of the block under way
         self.tally = Tally()
@@ -114,7 +114,7 @@ class Sender:
         assert self._states is not None
         if outcomes is None:
             outcomes = np.full(self._size, NO_COINCIDENCE, dtype=np.uint8)
-        seen = np.isin(outcomes, self._told_apart)
+        seen = np.isin(outcomes, self._distinguishable)
         session, number = self._setup.session, self._number
         return [
             values(session, Topic.ARRIVED, number, seen, 1),

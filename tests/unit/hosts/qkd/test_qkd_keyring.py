@@ -1,4 +1,4 @@
-"""What hosts share: authentication keys that both derive and use once, and keys kept by both."""
+"""Secrets of pairs of hosts: keys that authenticate, used once, and keys that both keep."""
 
 from pathlib import Path
 
