@@ -1,6 +1,7 @@
 """A repeater that swaps by gates, which err and take time, as its readings do."""
 
 import math
+from typing import Any
 
 from dispatcher.laboratory import Laboratory
 from qmn.sweeps import theory
@@ -23,7 +24,8 @@ WAYS = {"alice": ("r1-q0", "alice-q0"), "bob": ("r1-q1", "bob-q0")}
 async def swap(values: Values, seed: int) -> Outcome:
     """Join pairs r1-alice and r1-bob; measure the fidelity of alice-bob with Phi+."""
     given = (ONE, TWO, TWO_S, READOUT_S, MISREAD)
-    gates = Gates("any", **{each.name: number(values, each.name) for each in given})
+    like: dict[str, Any] = {each.name: number(values, each.name) for each in given}
+    gates = Gates("any", **like)
     end = Device(memory=Memory(t2_s=number(values, T2.name)))
     devices = {"alice": end, "bob": end, "r1": Device(gates=gates, analyser=BellAnalyser("gates"))}
     fibers = [fiber(*way, length_km=0.0) for way in WAYS.values()]
