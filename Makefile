@@ -12,12 +12,15 @@ PYTHON := .venv/bin/python
 AS_ROOT = $(if $(filter-out 0,$(shell id -u)),sudo env PYTHONDONTWRITEBYTECODE=1)
 PYTEST := env PYTHONPATH=tests $(PYTHON) -m pytest -p no:cacheprovider -p progress
 # A process for each processor, as long as all has room. Those that emulate networks have
-# namespaces of their own, because a network has fixed names and addresses. Tests spend a third of
-# their time waiting for other processes: they get more, unit tests two.
+# namespaces of their own, because a network has fixed names and addresses. Tests wait now and then,
+# for time or other processes: two processors get three. More unit tests at a time would not do: each
+# process imports and collects everything, which takes it as long as hundreds of tests.
 PROCESSES = $(shell n=$$(getconf _NPROCESSORS_ONLN); echo $$(( n < 8 ? n : 8 )))
-IN_PARALLEL = --numprocesses=$$(( 2 * $(PROCESSES) )) --dist=worksteal
-EMULATIONS = $$(( 3 * $(PROCESSES) / 2 ))
-APART = --dist=worksteal --tx="$(EMULATIONS)*popen//python=topologies/own_namespaces $(PYTHON)"
+AT_A_TIME = $$(( (3 * $(PROCESSES) + 1) / 2 ))
+IN_PARALLEL = --numprocesses=$(AT_A_TIME) --dist=worksteal
+# Half of that is to compile tests, unless they leave their byte code for the next time.
+WITH_BYTE_CODE = env PYTHONDONTWRITEBYTECODE=
+APART = --dist=worksteal --tx="$(AT_A_TIME)*popen//python=topologies/own_namespaces $(PYTHON)"
 # Their files are in a folder with a short path, as sockets need; it stays if a test fails.
 in_folder = folder=$$(mktemp -d /tmp/qmn.XXXX) && \
     $1 $(PYTEST) --basetemp="$$folder" $2 && $1 rm -r "$$folder"
@@ -74,9 +77,9 @@ types: setup ## Check types
 	$(PYTHON) -m mypy
 
 unit: setup browser ## Run the unit tests (no root)
-	@$(call in_folder,,$(IN_PARALLEL) tests/unit)
+	@$(call in_folder,$(WITH_BYTE_CODE),$(IN_PARALLEL) tests/unit)
 	@echo 'unit: handlers of the controller on os-ken, too: a process loads one framework'
-	QMN_CONTROLLER_FRAMEWORK=os-ken $(PYTEST) tests/unit/controller_apps/handlers
+	@QMN_CONTROLLER_FRAMEWORK=os-ken $(WITH_BYTE_CODE) $(PYTEST) tests/unit/controller_apps/handlers
 
 emulation: setup strongswan ## Run the emulation tests (root, Open vSwitch)
 	@$(call in_folder,$(AS_ROOT),$(APART) tests/emulation)

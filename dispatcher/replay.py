@@ -98,7 +98,9 @@ def replay(file: BinaryIO, event_log: TextIO, allow_code: bool = False) -> int:
     """
     entries = dispatcher_record.read(file)
     config = _config(next(entries, None))
-    code = sorted({fiber.noise for fiber in config.fibers if fiber.noise})
+    named = {fiber.noise for fiber in config.fibers if fiber.noise}
+    named |= {noise for device in config.devices.values() for noise, _ in device.noises.values()}
+    code = sorted(named)
     if code and not allow_code:
         raise NamesCode(f"it names code, which would be run: {', '.join(code)}")
     return asyncio.run(_play(entries, config, event_log))

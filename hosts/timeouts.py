@@ -33,9 +33,9 @@ DISCOVERY_TIMEOUT_S = 3.0  # until the controller has seen all fibres
 FREEING_TIMEOUT_S = 1.0  # until the controller has heard that a session is over
 RETRY_PAUSE_S = 0.1  # by the wall: between two requests for a light path
 ORDER_TIMEOUT_S = 5.0  # until the controller's order for a chain is here
-LINK_TIMEOUT_S = 10.0  # until the last repeater of a chain has opened its link
+LINK_TIMEOUT_S = 60.0  # until all links of a chain are open, each of which waits for the next one
 BITS_TIMEOUT_S = 30.0  # until swaps are told: they may pass many nodes over a slow network
-UNUSED_S = 30.0  # an order that nobody has asked for so long is of a session that broke before
+UNUSED_S = LINK_TIMEOUT_S + 30.0  # an order that nobody has asked for so long is of one that broke
 
 # Beside the sessions, by the wall
 DISPATCHER_TIMEOUT_S = 20.0  # until the dispatcher answers an order

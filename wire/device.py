@@ -59,7 +59,7 @@ TRAILER = struct.Struct("!32sQ")
 TAG_BYTES = 16
 UNSET = 0xFFFFFFFF
 PORT = struct.Struct("!15s?")
-MAX_REPEATERS = 16  # in one chain
+MAX_REPEATERS = 64  # in one chain
 MAX_LEVEL_ROUNDS = 8  # of purification, of each span
 NOBODY = str(IPv4Address(0))  # no host's address
 

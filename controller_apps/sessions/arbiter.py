@@ -26,7 +26,7 @@ from controller_apps.sessions.actions import (
     Note,
 )
 from controller_apps.sessions.admission import Admission, admit, find_light
-from controller_apps.sessions.chains import links_of
+from controller_apps.sessions.chains import beside, links_of
 from controller_apps.sessions.handshakes import WINDOW, Handshakes, is_expected, position
 from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.ordering import Ordering
@@ -485,6 +485,9 @@ class Arbiter:
                 continue
             silent = now - session.seen >= self.idle_timeout_s
             silent = silent and not links_of(session, self.sessions)  # its traffic is theirs
+            # A link waits until all of its chain stands, which takes a while if it is long.
+            links = beside(session, self.sessions) if silent else ()
+            silent = silent and all(now - link.seen >= self.idle_timeout_s for link in links)
             if silent and session.open and not session.bypassed:
                 actions += self.verdicts.tear_down(session, "idle", now)
         self.sessions.forget_retired_before(now - self.idle_timeout_s)

@@ -203,3 +203,14 @@ def links_of(session: Session, sessions: Sessions) -> list[Session]:
     numbers = ((session.number + 1 + place) % (1 << 64) for place in range(len(session.chain) - 1))
     found = (sessions.by_number.get(number) for number in numbers)
     return [link for link in found if link and link.setup.service == Service.LINK]
+
+
+def beside(link: Session, sessions: Sessions) -> list[Session]:
+    """Return the links of the chain that a session is a link of, itself too; none if it is none."""
+    if link.setup.service != Service.LINK:
+        return []
+    for place in range(MAX_REPEATERS + 1):
+        whole = sessions.by_number.get((link.number - 1 - place) % (1 << 64))
+        if whole is not None and place + 1 < len(whole.chain):
+            return links_of(whole, sessions)
+    return []

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 from dispatcher.devices.detectors import DetectorPair
+from dispatcher.devices.part_noise import PartNoise
 from dispatcher.refusal import precondition
 from wire.features import EMIT, GATE, HERALD, INTERFERE, MEASURE, STORE, Feature
 from wire.parameters.physics import Device
@@ -23,15 +24,24 @@ class Devices:
     """The devices of all hosts; a host that is not listed has ideal ones."""
 
     def __init__(self, listed: Mapping[str, Device]) -> None:
-        """Have these; raise BadParameter for what no device is like."""
+        """Have these; raise BadParameter for what no device is like, BadConfig for its noise."""
         for host, device in listed.items():
             device.check(host)
         self._listed = dict(listed)
         self._detectors: dict[tuple[str, str], DetectorPair] = {}
+        self._noises = {
+            (host, part): PartNoise(*noise)
+            for host, device in listed.items()
+            for part, noise in device.noises.items()
+        }
 
     def of(self, node: str) -> Device:
         """Return what a host's device is like."""
         return self._listed.get(node, IDEAL)
+
+    def noise(self, node: str, part: str) -> PartNoise | None:
+        """Return the noise model of a user's own that a part of a host's device has."""
+        return self._noises.get((node, part))
 
     def detectors(self, node: str, arm: str) -> DetectorPair:
         """Return the two detectors in one arm of a host's set-up, always the same two."""

@@ -16,7 +16,7 @@ from dispatcher.clock import Clock
 from dispatcher.devices import hardware
 from dispatcher.devices.decay import LEAST, Decay, Each, Waits, decay
 from dispatcher.devices.hardware import Devices
-from dispatcher.layer import cutoff, drift, further
+from dispatcher.layer import cutoff, drift, further, part_noise
 from dispatcher.layer.ownership import Block
 from dispatcher.layer.software_time import SoftwareTime
 from dispatcher.photon_random import PhotonRandom
@@ -132,6 +132,10 @@ class Memories:
             block.way_ns, block.retimed = 0, True
         counts["lost"] = self._lose(block, memory, waits, random, leaves)
         counts |= self._decay(block, memory, waits, random)
+        if self._devices.noise(block.node, "memory") is not None:
+            waited_s = waits.of(np.arange(waits.qubits))
+            own = self._devices, self._draws, block, "memory", "memory", where, now_ns, waited_s
+            counts["lost"] += part_noise.meet(self._sabot, block, part_noise.of_part(*own))
         if not leaves:
             block.stored_ns, block.stores = now_ns, block.stores + 1
         told = "".join(f" {name}={count}" for name, count in counts.items() if count)

@@ -8,7 +8,7 @@ import numpy as np
 
 from dispatcher.devices import hardware
 from dispatcher.devices.source import most_further
-from dispatcher.layer import cutoff, drift, further
+from dispatcher.layer import cutoff, drift, further, part_noise
 from dispatcher.layer.layer import PhysicalLayer, block_name, tally
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations import gate_noise, imperfections, limits, preparation
@@ -118,6 +118,8 @@ class Operations:
             self.pairs_created += pairs
         else:
             told = emit_prepared(blocks[0], states, levels, layer)
+        if request.state != CreateRequest.ZEROS:
+            self._own_noise_of_source(blocks)
         seconds = 0.0
         if request.state == CreateRequest.ZEROS:
             blocks[0].kept, seconds = True, layer.devices.of(node).gates.initialization_s
@@ -129,6 +131,18 @@ class Operations:
         each = None if states is None else lambda position: preparation.STATES[states[position]]
         layer.record(node, "create", blocks[0], detail=text, each=each)
         return imperfections.lasts(layer.feedback(blocks[0]), seconds, blocks)
+
+    def _own_noise_of_source(self, blocks: Sequence[Block]) -> None:
+        """Let a model of the user's own say what is wrong with new pairs, at half 0, or photons."""
+        layer, first = self._layer, blocks[0]
+        own = layer.devices, layer.draws, first, "source", "source", "made"
+        effect = part_noise.of_part(*own, first.start_ns)
+        if effect is None:
+            return
+        layer.photons_lost += part_noise.meet(layer.sabot, first, effect)
+        for other in blocks[1:]:
+            other.pulses.exact &= effect.exact
+            layer.photons_lost += part_noise.meet(layer.sabot, other, effect._replace(paulis=None))
 
     def _make(self, request: CreateRequest, states: Bytes | None) -> Sequence[Register]:
         """Return new registers, one for each half."""

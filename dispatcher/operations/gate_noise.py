@@ -10,7 +10,7 @@ after the H flips the bit of the phase alone, which in front of both gates is Z.
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.layer import drift, further
+from dispatcher.layer import drift, further, part_noise
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block
 from dispatcher.photon_random import PhotonRandom
@@ -27,7 +27,9 @@ FLIPS_BIT, FLIPS_PHASE = np.uint8(1), np.uint8(2)  # X, Z
 def after_gate(layer: PhysicalLayer, block: Block, mask: Mask | None = None) -> int:
     """Let noise follow a gate on the photons of a block, or those of a mask; return the errors."""
     met = block.register.present if mask is None else block.register.present & mask
-    return _hit(layer, block, *_one_qubit_errors(layer, block, met))
+    errors = _hit(layer, block, *_one_qubit_errors(layer, block, met))
+    _own_noise(layer, block, 1, met)
+    return errors
 
 
 def after_pair_gate(layer: PhysicalLayer, first: Block, second: Block) -> int:
@@ -39,6 +41,10 @@ def after_pair_gate(layer: PhysicalLayer, first: Block, second: Block) -> int:
     products = 1 + random.which("which product", errors.size, np.ones(TWO_QUBIT_ERRORS))
     _hit(layer, first, errors, products & np.uint8(3))
     _hit(layer, second, errors, products >> np.uint8(2))
+    if layer.devices.noise(first.node, "gates") is not None:
+        both = first.register.present & second.register.present
+        for block in (first, second):
+            _own_noise(layer, block, 2, both)
     return errors.size
 
 
@@ -48,6 +54,20 @@ def before_bell_measurement(layer: PhysicalLayer, first: Block, second: Block) -
     at, paulis = _one_qubit_errors(layer, first, first.register.present)
     errors += _hit(layer, first, at, (paulis & FLIPS_BIT) * FLIPS_PHASE)
     return {"gate-errors": errors} if errors else {}
+
+
+def _own_noise(layer: PhysicalLayer, block: Block, qubits: int, met: Mask) -> None:
+    """Let a model of the user's own say what else a gate of so many qubits does to each."""
+    if layer.devices.noise(block.node, "gates") is None:
+        return
+    block.gates += 1
+    own = layer.devices, layer.draws, block, "gate", "gates", f"gate {block.gates}"
+    effect = part_noise.of_part(*own, layer.clock.now_ns(), qubits=qubits)
+    if effect is not None and effect.paulis is not None:
+        effect = effect._replace(paulis=effect.paulis * met)
+    if effect is not None and effect.lost is not None:
+        effect = effect._replace(lost=effect.lost & met)
+    layer.photons_lost += part_noise.meet(layer.sabot, block, effect)
 
 
 def _one_qubit_errors(layer: PhysicalLayer, block: Block, met: Mask) -> tuple[Positions, Bytes]:

@@ -9,7 +9,7 @@ from dispatcher.devices.analyser import Analyser, Half
 from dispatcher.devices.detector import Train
 from dispatcher.devices.detectors import Told
 from dispatcher.devices.overlap import Overlap, overlap
-from dispatcher.layer import drift, further, pulses
+from dispatcher.layer import drift, further, part_noise, pulses
 from dispatcher.layer.layer import PhysicalLayer, tally
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations import gate_noise, imperfections
@@ -77,6 +77,10 @@ class Measurements:
             if block.kept
             else (found.bits, 0)
         )
+        own = layer.devices, layer.draws, block, "detectors", "detectors", "measure"
+        effect = part_noise.of_part(*own, layer.clock.now_ns())
+        feedback.exact &= effect is None or effect.exact
+        told = part_noise.told(told, effect)
         incidents = found.incidents() | ({"misread": wrong} if wrong else {})
         detail = f"{tally(values, BASES)}: {tally(told, ('0', '1'))}" + listed(incidents)
         each = partial(outcome, told, ("0", "1"))
@@ -124,7 +128,10 @@ class Measurements:
         for block in (first, second):
             layer.ownership.remove(block)
         found = self._analyser(node).analyse(states, halves, random, matched, apart_ns * 1e3)
-        outcomes = found.outcomes
+        own = layer.devices, layer.draws, first, "detectors", "detectors", "Bell"
+        effect = part_noise.of_part(*own, layer.clock.now_ns())
+        feedback.exact &= effect is None or effect.exact
+        outcomes = part_noise.told(found.outcomes, effect, part_noise.BELL_STATE)
         if by_gates:
             outcomes, wrong = imperfections.misread(layer, first, outcomes, "Bell", bits=2)
             errors |= {"misread": wrong} if wrong else {}

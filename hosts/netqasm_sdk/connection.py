@@ -110,7 +110,9 @@ def _register(number: int) -> Register:
 def get_qubit_state(qubit: Any, reduced_dm: bool = True) -> NDArray[np.complex128]:
     """Return the density matrix of a qubit; not reduced: of all that it is entangled with, too.
 
-    The qubit is the first of these. Raise QuantumSocketError where nobody may look.
+    The qubit is the first of these. Gates that the program has asked for are done first: anonymous
+    transmission does not flush its corrections. Raise QuantumSocketError where nobody may look.
     """
+    qubit.connection.flush()
     matrix: NDArray[np.complex128] = qubit.connection.look(qubit.qubit_id, not reduced_dm)
     return matrix

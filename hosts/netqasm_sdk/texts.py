@@ -9,7 +9,7 @@ import socket
 import threading
 import time
 import weakref
-from collections import defaultdict, deque
+from collections import Counter, defaultdict, deque
 from collections.abc import Sequence
 from typing import Any
 
@@ -169,11 +169,6 @@ class Socket(BaseSocket):
         """Return what select can wait for."""
         return self._socket.fileno()
 
-    @property
-    def has_text(self) -> bool:
-        """Return whether something has come that was not looked at yet."""
-        return bool(self._coming)
-
     def _ready(self, timeout_s: float | None) -> bool:
         return bool(select.select([self], [], [], timeout_s)[0])
 
@@ -208,6 +203,11 @@ class Socket(BaseSocket):
 class BroadcastChannel(BroadcastChannelBySockets):
     """A way for texts to all other programs of an application."""
 
+    def __init__(self, app_name: str, remote_app_names: list[str], **options: Any) -> None:
+        """Connect to all others, as Socket does."""
+        super().__init__(app_name, remote_app_names, **options)
+        self._heard: Counter[str] = Counter()  # texts, by program
+
     @property
     def _socket_class(self) -> type[Socket]:
         return Socket
@@ -215,14 +215,18 @@ class BroadcastChannel(BroadcastChannelBySockets):
     def recv(self, block: bool = True, timeout: float | None = None) -> tuple[str, str]:
         """Return who has sent the next text, and the text; raise as Socket does.
 
-        Who has ended may have said all that there was to say: others are waited for.
+        Of those who have said something it is who was heard least: programs count texts, and
+        somebody may be a round ahead. Who has ended may have said all that there was to say:
+        others are waited for.
         """
         deadline = None if timeout is None else time.monotonic() + timeout
         sockets: Sequence[Socket] = list(self._sockets.values())
         while True:
-            for each in sorted(sockets, key=lambda each: not each.has_text):
+            for each in sorted(sockets, key=lambda each: self._heard[each.remote_app_name]):
                 try:
-                    return each.remote_app_name, each.recv(block=False)
+                    text = each.recv(block=False)
+                    self._heard[each.remote_app_name] += 1
+                    return each.remote_app_name, text
                 except RuntimeError:
                     continue
                 except ConnectionError:

@@ -80,6 +80,8 @@ def differences(device: Device) -> dict[str, dict[str, Any]]:
 def _value(word: str, text: str, default: Any) -> Any:
     """Return a parameter's value as the kind of its default."""
     try:
-        return tuple(json.loads(text)) if default is None else type(default)(text)
+        if default is None:
+            return tuple(json.loads(text))
+        return dict(json.loads(text)) if isinstance(default, dict) else type(default)(text)
     except (TypeError, ValueError) as error:
         raise BadParameter(f"--device {word}: {error}") from error

@@ -73,7 +73,7 @@ class NetworkOptions(NetworkSettings):
         None, "have hosts that can be repeaters (all)", metavar=PLACES
     )
     fibers: int | None = option(None, "between neighbouring quantum switches (2)", metavar="N")
-    repeaters: int | None = option(None, "of a chain of them, 1 to 16", metavar="N")
+    repeaters: int | None = option(None, "of a chain of them, 1 to 64", metavar="N")
     stations: bool = option(False, "between repeaters, which herald pairs of memories that emit")
     hosts: int | None = option(None, "of a tree of switches, 2 to 1024 (16)", metavar="N")
     switches: int | None = option(None, "quantum switches of a chain, ring or tree", metavar="N")

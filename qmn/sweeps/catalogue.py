@@ -8,7 +8,8 @@ from qmn.sweeps.cutoff import CUTOFF_TIMES
 from qmn.sweeps.decoy_states import DECOY_STATES
 from qmn.sweeps.detectors import DEAD, FRESH_OUTCOMES
 from qmn.sweeps.experiment import Experiment, Outcome
-from qmn.sweeps.gated_swap import GATED_BELL, GATED_SWAP
+from qmn.sweeps.gated_bell import GATED_BELL
+from qmn.sweeps.gated_swap import GATED_SWAP
 from qmn.sweeps.ghz import GHZ
 from qmn.sweeps.heralding import HERALDING
 from qmn.sweeps.interference import HOM

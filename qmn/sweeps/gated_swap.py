@@ -1,26 +1,19 @@
-"""A repeater that swaps by gates, which err and take time, as its readings do.
-
-A Bell measurement of Phi+ by gates with depolarising noise: a CX, an H, two readings.
-"""
+"""A repeater that swaps by gates, which err and take time, as its readings do."""
 
 import math
-from functools import partial
-
-import numpy as np
+from typing import Any
 
 from dispatcher.laboratory import Laboratory
 from qmn.sweeps import theory
 from qmn.sweeps.estimates import proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, number, pairs_parameter
+from qmn.sweeps.gated_bell import ONE, TWO
 from qmn.sweeps.link import configuration, fiber
 from qmn.sweeps.parameters import Parameter, Values
-from qmn.sweeps.superdense import blocks
 from qmn.sweeps.teleportation import BASES, fidelity_of
 from wire.dispatcher_pb2 import MeasureRequest
 from wire.parameters.physics import BellAnalyser, Device, Gates, Memory
 
-ONE, TWO = (Parameter(f"{gate}_qubit_depolarizing", 0.0) for gate in ("one", "two"))
-STATES = {"psi_plus": 1, "phi_minus": 2, "psi_minus": 3}  # what is told wrongly
 TWO_S = Parameter("two_qubit_s", 0.0, 0.0, 10.0, "s")
 READOUT_S = Parameter("readout_s", 0.0, 0.0, 10.0, "s")
 MISREAD = Parameter("readout_error", 0.0, 0.0, 0.5)
@@ -28,40 +21,11 @@ T2 = Parameter("t2_s", 0.1, 1e-12, math.inf, "s")
 WAYS = {"alice": ("r1-q0", "alice-q0"), "bob": ("r1-q1", "bob-q0")}
 
 
-async def tell(values: Values, seed: int) -> Outcome:
-    """Measure perfect pairs; count which Bell states are told."""
-    gates = Gates("any", number(values, ONE.name), number(values, TWO.name))
-    device = Device(gates=gates, analyser=BellAnalyser("gates"))
-    alice = Laboratory(configuration(seed, [], {"alice": device})).host("alice")
-    told = np.zeros(4, np.int64)
-    for block, size in enumerate(blocks(int(values["pairs"]))):
-        await alice.create(size, block)
-        told += np.bincount(await alice.bell_measure((block, 0), (block, 1)), minlength=4)
-    pairs = int(told.sum())
-    return {name: proportion(int(told[state]), pairs) for name, state in STATES.items()}
-
-
-def expected(state: int, values: Values) -> float:
-    """Return how often theory has a Bell state told."""
-    return theory.gated_bell_outcomes(number(values, ONE.name), number(values, TWO.name))[state]
-
-
-GATED_BELL = Experiment(
-    "gated-bell",
-    "a Bell measurement of Phi+ by gates with noise",
-    (ONE, TWO, pairs_parameter()),
-    tuple(
-        Measure(name, f"how often {name.replace('_', ' ')} is told", partial(expected, state))
-        for name, state in STATES.items()
-    ),
-    tell,
-)
-
-
 async def swap(values: Values, seed: int) -> Outcome:
     """Join pairs r1-alice and r1-bob; measure the fidelity of alice-bob with Phi+."""
     given = (ONE, TWO, TWO_S, READOUT_S, MISREAD)
-    gates = Gates("any", **{each.name: number(values, each.name) for each in given})
+    like: dict[str, Any] = {each.name: number(values, each.name) for each in given}
+    gates = Gates("any", **like)
     end = Device(memory=Memory(t2_s=number(values, T2.name)))
     devices = {"alice": end, "bob": end, "r1": Device(gates=gates, analyser=BellAnalyser("gates"))}
     fibers = [fiber(*way, length_km=0.0) for way in WAYS.values()]

@@ -12,6 +12,7 @@ Open vSwitch is not touched. It looks at a run from outside, with none of its co
 import argparse
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -128,6 +129,8 @@ def main() -> int:
 
 def strike_on(arguments: argparse.Namespace) -> None:
     """Make every n-th strike, as one of n who do; tell each outcome as a line of JSON."""
+    # Below nohup it would be ignored, by all runs too, and no strike.
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
     deadline = time.monotonic() + 60 * arguments.minutes
     last = arguments.first + arguments.strikes
     for number in range(arguments.first, last, arguments.at_once):

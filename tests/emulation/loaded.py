@@ -5,6 +5,7 @@ or signals starts `qmn` itself, as a user does, and so do the examples and the d
 """
 
 import os
+import signal
 import subprocess
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -119,6 +120,10 @@ class Loaded(ForkServer):
             process = self._fork(command, asked, files)
             try:
                 status = process.wait(timeout_s)
+            except subprocess.TimeoutExpired:
+                process.send_signal(signal.SIGTERM)  # it cleans up, for the tests behind this one
+                process.wait(END_TIMEOUT_S)
+                raise
             finally:
                 process.kill()
             return subprocess.CompletedProcess(command, status, read(out), read(err))

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from conftest import wait_until
 from fabric_scene import Session, facts, light_paths, running, session
+from loaded import forks
 
 from hosts.quantum_socket import QuantumSocketError
 from topologies.network import Network
@@ -31,7 +32,9 @@ def start_again(network: Network) -> None:
     (c0,) = network.net.controllers
     before = len(facts(network, "switch"))
     config = network.runtime.folder / "c0.json"
-    c0.program.start([python(), "-m", "controller_apps", "--config", str(config)], c0.pid)
+    command = [python(), "-m", "controller_apps", "--config", str(config)]
+    command += ["--framework", network.runtime.settings.controller]
+    c0.program.start(command, c0.pid, forks=forks())
     switches = len(network.net.switches)
     wait_until(
         lambda: len(facts(network, "switch")) == before + switches,
@@ -161,7 +164,8 @@ def test_a_framed_session_outlives_an_agent_that_is_killed(tmp_path: Path, frame
         wait_until(lambda: len(bypasses(network)) == 2, "data has followed the set-up")
         agent.kill()
         config = network.runtime.folder / "q1-agent.json"
-        agent.start([python(), "-m", "qswitch_agent", "--config", str(config)])
+        command = [python(), "-m", "qswitch_agent", "--config", str(config)]
+        agent.start(command, forks=forks())
         wait_until(lambda: len(facts(network, "switch")) > switches, "q1 is here again")
         assert light_paths("q1") == before
         assert opened.sending

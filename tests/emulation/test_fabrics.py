@@ -9,6 +9,7 @@ import grpc
 import pytest
 from conftest import wait_until
 from fabric_scene import Session, facts, light_paths, running, session, switches_on_the_way
+from loaded import forks
 from mininet.topo import Topo
 
 from hosts.quantum_socket import QuantumSocketError
@@ -114,7 +115,8 @@ def test_a_session_outlives_the_agent_of_its_switch(tmp_path: Path, framework: s
         before = light_paths("q1")
         agent.stop()
         config = network.runtime.folder / "q1-agent.json"
-        agent.start([python(), "-m", "qswitch_agent", "--config", str(config)])
+        command = [python(), "-m", "qswitch_agent", "--config", str(config)]
+        agent.start(command, forks=forks())
         wait_until(lambda: len(facts(network, "switch")) == 3, "q1 is here again")
         assert light_paths("q1") == before
         assert opened.carry(DATA) == DATA

@@ -13,9 +13,8 @@ from fabric_scene import running
 from scapy.utils import rdpcap
 
 from topologies.certificates import CertificateFiles
-from topologies.key_managers import MODULE, KeyManagers, KeyService, start_key_managers
+from topologies.key_managers import KeyManagers, KeyService, start_key_managers
 from topologies.network import Network
-from topologies.programs import python
 from topologies.sdc import SdcTopo
 from wire.key_manager import KeyLink
 
@@ -192,20 +191,3 @@ def test_stores_are_filled_again_to_the_mark(scene: Scene) -> None:
     status, _got = scene.curl("alice", f"sae-bob/enc_keys?number={count}")
     assert status == 200
     wait_until(lambda: scene.stored() >= HIGH, "the store is filled to its high mark", 20.0)
-
-
-def test_an_assigned_key_survives_a_restart_of_the_key_manager(tmp_path: Path) -> None:
-    with running(SdcTopo, tmp_path) as network:
-        scene = Scene(network, start_key_managers(network, KeyService([("alice", "bob")], LINK)))
-        wait_until(lambda: scene.stored() >= LOW, "keys of alice and bob", 20.0)
-        _status, got = scene.curl("alice", "sae-bob/enc_keys?number=2")
-        first, second = got["keys"]
-        path = "sae-alice/dec_keys?key_ID="
-        assert scene.curl("bob", f"{path}{first['key_ID']}") == (200, {"keys": [first]})
-        manager, runtime = scene.managers.programs["bob"], network.runtime
-        manager.kill()
-        command = [python(), "-m", MODULE, "--config", str(runtime.folder / "kme-bob.json")]
-        manager.start(command, network.host("bob").pid, (), runtime.forks())
-        manager.wait_for("ready", 20.0, network.check)
-        assert scene.curl("bob", f"{path}{first['key_ID']}")[0] == 400  # it was handed out
-        assert scene.curl("bob", f"{path}{second['key_ID']}") == (200, {"keys": [second]})

@@ -31,12 +31,19 @@ def parsed(file: Path) -> ast.Module:
     return ast.parse(file.read_text())
 
 
+@cache
+def statements(file: Path) -> list[ast.Import | ast.ImportFrom]:
+    """Return where a file imports something, wherever it does so."""
+    nodes = ast.walk(parsed(file))
+    return [node for node in nodes if isinstance(node, ast.Import | ast.ImportFrom)]
+
+
 def imports(file: Path) -> Iterator[str]:
-    """Yield the name of every module that a file imports, wherever it does so."""
-    for node in ast.walk(parsed(file)):
+    """Yield the name of every module that a file imports."""
+    for node in statements(file):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
+        else:
             yield node.module or ""
 
 
@@ -97,7 +104,7 @@ def arrows() -> dict[str, set[str]]:
 def members(file: Path) -> Iterator[str]:
     """Yield what a file imports, also as members of modules, which may be modules themselves."""
     yield from imports(file)
-    for node in ast.walk(parsed(file)):
+    for node in statements(file):
         if isinstance(node, ast.ImportFrom):
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
 

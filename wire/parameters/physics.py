@@ -48,6 +48,7 @@ def choice(default: str, *others: str) -> Any:
 
 def check(where: str, parameters: Any) -> None:
     """Raise BadParameter for a field out of its range; one whose default is None may be None."""
+    _check_noise(where, parameters)
     for each in fields(parameters):
         value = getattr(parameters, each.name)
         if value is None and each.default is None:
@@ -59,6 +60,15 @@ def check(where: str, parameters: Any) -> None:
             least, most = each.metadata["range"]
             meaning = each.metadata["meaning"]
             _check_range(f"{where}: {each.name}", value, least, most, meaning)
+
+
+def _check_noise(where: str, parameters: Any) -> None:
+    noise, keywords = getattr(parameters, "noise", ""), getattr(parameters, "noise_parameters", {})
+    if not isinstance(noise, str) or not isinstance(keywords, dict):
+        raise BadParameter(
+            f"{where}: noise {noise!r} with noise_parameters {keywords!r}; give FILE.py:CLASS and "
+            "a dictionary of keywords"
+        )
 
 
 def _check_range(what: str, value: object, least: float, most: float, meaning: str) -> None:
@@ -94,6 +104,10 @@ class PairSource:
     # Of photons that the host prepares, halves of pairs: a detector of this efficiency looks at the
     # other halves, and what it does not herald is not let out. 0: nothing is heralded.
     heralding_efficiency: float = parameter(0.0, 0.0, 1.0)
+
+    # "path/to/file.py:ClassName" of a noise model of one's own, and keywords for it.
+    noise: str = ""
+    noise_parameters: dict[str, Any] = field(default_factory=dict)
 
     def check(self, where: str) -> None:
         """Raise BadParameter for what no source is like."""
@@ -190,6 +204,10 @@ class Memory:
     cutoff_s: float = parameter(float("inf"), 1e-9, float("inf"))
     capacity: int = parameter(4_000_000, 0, 4_000_000)  # qubits
 
+    # "path/to/file.py:ClassName" of a noise model of one's own, and keywords for it.
+    noise: str = ""
+    noise_parameters: dict[str, Any] = field(default_factory=dict)
+
     @property
     def decays(self) -> bool:
         """Whether waiting changes what it keeps."""
@@ -234,6 +252,10 @@ class Gates:
     initialization_error: float = parameter(0.0, 0.0, 0.5)  # it is in |1>
     readout_error: float = parameter(0.0, 0.0, 0.5)  # what is told is not what was found
 
+    # "path/to/file.py:ClassName" of a noise model of one's own, and keywords for it.
+    noise: str = ""
+    noise_parameters: dict[str, Any] = field(default_factory=dict)
+
     @property
     def take_time(self) -> bool:
         """Whether anything takes time."""
@@ -257,6 +279,10 @@ class Detectors:
     jitter_ps: float = parameter(0.0, 0.0, 1e9)  # rms
     encoding: str = choice(*ENCODINGS)  # of the qubits that they tell, also for a Bell analyser
     efficiency_mismatch: float = parameter(0.0, 0.0, 1.0)  # that of 1 has so much less of it
+
+    # "path/to/file.py:ClassName" of a noise model of one's own, and keywords for it.
+    noise: str = ""
+    noise_parameters: dict[str, Any] = field(default_factory=dict)
 
     def check(self, where: str) -> None:
         """Raise BadParameter for what no detector is like."""
@@ -330,6 +356,15 @@ class Device:
             INTERFERE: self.detectors.efficiency > 0 and self.analyser.kind != "gates",
         }
         return reduce(or_, (feature for feature, has in there.items() if has), NOTHING)
+
+    @property
+    def noises(self) -> dict[str, tuple[str, dict[str, Any]]]:
+        """Return the noise models of one's own by the parts that have them, with their keywords."""
+        parts = {each.name: getattr(self, each.name) for each in fields(self)}
+        named = {name: getattr(part, "noise", "") for name, part in parts.items()}
+        return {
+            name: (noise, parts[name].noise_parameters) for name, noise in named.items() if noise
+        }
 
     @property
     def is_station(self) -> bool:

@@ -52,8 +52,8 @@ class Arrangement:
         """Open a further connection to the other end, without light paths of its own."""
         return await MetadataChannel.connect(*self._peer)
 
-    async def open(self) -> Answer:
-        """Arrange light paths; return what the peer accepts, or raise SessionError.
+    async def open(self, timeout_s: float = ANSWER_TIMEOUT_S) -> Answer:
+        """Arrange light paths; return what the peer accepts in time, or raise SessionError.
 
         Fibres that the controller is still discovering are waited for, and so is light that this
         host has only just let go: the controller may hear of that after the next request.
@@ -65,7 +65,7 @@ class Arrangement:
         while True:
             channel = await MetadataChannel.connect(*self._peer)
             try:
-                answer = await channel.request(self._setup)
+                answer = await channel.request(self._setup, timeout_s)
                 self._setup = at_wavelength(self._setup, answer)
             except BaseException as error:
                 channel.close()

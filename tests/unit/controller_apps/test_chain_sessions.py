@@ -223,6 +223,16 @@ def test_a_chain_and_its_links_that_fall_silent_end_once_each() -> None:
     assert not state.sessions.by_number
 
 
+def test_a_link_waits_for_the_rest_of_its_chain_however_long_that_takes_to_stand() -> None:
+    state = linked(chained())
+    late = IDLE_S - 5
+    actions = ask_link(state, SECOND, CHARLIE, BOB, now=late)
+    state.barrier_passed(Q1, opened(actions).transaction, late)
+    assert notes(state.tick(IDLE_S + 1)) == []
+    assert list(state.sessions.by_number) == [7, 8, 9]
+    assert notes(state.tick(late + IDLE_S)).count("torn_down") == 2
+
+
 def test_links_are_allowed_with_their_chain_and_count_for_nothing() -> None:
     state = arbiter()
     policy = "default = 'deny'\n[[rule]]\naction = 'allow'\nfrom = 'alice'\nmax_sessions = 2"

@@ -68,6 +68,7 @@ def test_what_programs_of_this_machine_ask_is_served(changes: dict[str, str | No
         ({"CONTENT_TYPE": "text/plain"}, "415", "Content-Type is 'text/plain': send application/j"),
         ({"CONTENT_TYPE": None}, "415", "Content-Type is ''"),
         ({"HTTP_AUTHORIZATION": None}, "401", "Authorization: Bearer"),
+        ({"PATH_INFO": "/restconf/data/x", "HTTP_AUTHORIZATION": None}, "401", "Bearer"),
         ({"HTTP_AUTHORIZATION": "Bearer wrong"}, "401", "rest-token"),
         ({"HTTP_AUTHORIZATION": "Bearer \xff"}, "401", "rest-token"),
     ],

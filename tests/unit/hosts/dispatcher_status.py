@@ -1,7 +1,8 @@
 """The status of a dispatcher, as the runner may ask for it."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import grpc
@@ -13,22 +14,37 @@ from wire.dispatcher_service import metadata
 HOSTS = ("alice", "bob", "charlie")
 
 
-def status(folder: Path, node: str) -> StatusReply:
-    """Return what the dispatcher knows of a node."""
+Ask = Callable[[str], StatusReply]
+
+
+@contextmanager
+def asking(folder: Path) -> Iterator[Ask]:
+    """Give what asks the dispatcher what it knows of a node, over one connection."""
     with grpc.insecure_channel(f"unix:{folder / 'dispatcher.sock'}") as channel:
         stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
-        reply: StatusReply = stub.Status(
-            StatusRequest(blocks_at=node), metadata=metadata("token of runner"), timeout=5
-        )
-        return reply
+
+        def ask(node: str) -> StatusReply:
+            reply: StatusReply = stub.Status(
+                StatusRequest(blocks_at=node), metadata=metadata("token of runner"), timeout=5
+            )
+            return reply
+
+        yield ask
+
+
+def status(folder: Path, node: str) -> StatusReply:
+    """Return what the dispatcher knows of a node."""
+    with asking(folder) as ask:
+        return ask(node)
 
 
 def require_nothing_left(folder: Path, nodes: Sequence[str] = HOSTS) -> None:
     """Wait until all hosts have let go of all photons."""
     deadline = time.monotonic() + 5
-    while any(status(folder, node).blocks for node in nodes) or status(folder, "").live_qubits:
-        assert time.monotonic() < deadline, [status(folder, node) for node in nodes]
-        time.sleep(0.02)
+    with asking(folder) as ask:
+        while any(ask(node).blocks for node in nodes) or ask("").live_qubits:
+            assert time.monotonic() < deadline, [ask(node) for node in nodes]
+            time.sleep(0.02)
 
 
 def held(folder: Path, node: str) -> list[HeldBlock]:

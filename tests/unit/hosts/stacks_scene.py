@@ -66,7 +66,7 @@ PORTS = {
     "eve-q1": 7,
 }
 PATHS = [(4, 1), (1, 3), (5, 2)]
-REPEATERS = tuple(f"r{number}" for number in range(1, 17))
+REPEATERS = tuple(f"r{number}" for number in range(1, 65))
 # Every stack listens at the same port: each process of tests has addresses of its own.
 NUMBERS = dict(zip((*QNICS, *REPEATERS), range(11, 99), strict=False))
 WORKER = os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")

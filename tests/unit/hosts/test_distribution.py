@@ -126,7 +126,7 @@ def test_two_rounds_of_dejmps_gain_more(tmp_path: Path) -> None:
 def test_two_rounds_of_bbpssw_are_those_of_werner_pairs(tmp_path: Path) -> None:
     twice, _success = bbpssw(bbpssw(0.8)[0])
     options: dict[str, Any] = {
-        "count": COUNT // 2,  # one round, .838, would still be seen
+        "count": COUNT,
         "sample": SAMPLE,
         "rounds": 2,
         "purification": "bbpssw",

@@ -2,7 +2,6 @@
 
 from ipaddress import IPv4Address
 
-from os_ken.lib.packet import ethernet, lldp, packet
 from scapy.contrib.lldp import LLDPDUGenericOrganisationSpecific, LLDPDUManagementAddress
 from scapy.layers.l2 import Ether
 
@@ -38,6 +37,8 @@ def test_a_sealed_frame_has_these_bytes() -> None:
 
 def test_os_ken_reads_what_was_meant() -> None:
     able = NodeFeatures(EVERYTHING, 1 << 31)
+    from os_ken.lib.packet import ethernet, lldp, packet  # all protocols there are: half a second
+
     read = packet.Packet(announcement("bob", "b" * 255, "10.0.1.255", MAC, 65_535, able))
     assert read.get_protocol(ethernet.ethernet).src == "02:00:00:00:01:00"
     host, port, ttl, management, ours, end = read.get_protocol(lldp.lldp).tlvs

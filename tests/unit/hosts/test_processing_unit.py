@@ -157,25 +157,25 @@ def test_pairs_that_are_measured_at_once_are_phi_plus(tmp_path: Path, basis: Epr
     def alice(app_config: Any = None) -> list[int]:
         pairs = EPRSocket("bob")
         with connection("alice", app_config, epr_sockets=[pairs]):
-            told = pairs.create_measure(40, basis_local=basis, basis_remote=EprMeasBasis.MZ)
-            again = pairs.create_measure(40, basis_local=basis, basis_remote=basis)
+            told = pairs.create_measure(20, basis_local=basis, basis_remote=EprMeasBasis.MZ)
+            again = pairs.create_measure(20, basis_local=basis, basis_remote=basis)
         return [int(each.raw_measurement_outcome) for each in (*told, *again)]
 
     def bob(app_config: Any = None) -> list[int]:
         pairs = EPRSocket("alice")
         with connection("bob", app_config, epr_sockets=[pairs]):
-            told = [*pairs.recv_measure(40), *pairs.recv_measure(40)]
+            told = [*pairs.recv_measure(20), *pairs.recv_measure(20)]
         return [int(each.raw_measurement_outcome) for each in told]
 
     (told,) = outputs(tmp_path, {"alice": alice, "bob": bob}, TWO)
     ours, theirs = np.array(told["alice"]), np.array(told["bob"])
     flip = basis.name in ("Y", "MY")  # of Phi+ the outcomes in Y differ
-    assert (ours[40:] ^ theirs[40:] == flip).all()
-    crossed = ours[:40] ^ theirs[:40]  # with the opposite of Z
+    assert (ours[20:] ^ theirs[20:] == flip).all()
+    crossed = ours[:20] ^ theirs[:20]  # with the opposite of Z
     if basis.name in ("Z", "MZ"):
         assert (crossed == (basis.name == "Z")).all()
     else:
-        assert {0, 1} == set(crossed)  # 40 coins are alike once in 5e11 times
+        assert {0, 1} == set(crossed)  # 20 coins are alike once in 5e5 times
 
 
 @pytest.mark.parametrize("basis", EprMeasBasis)

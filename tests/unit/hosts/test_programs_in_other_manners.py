@@ -60,3 +60,20 @@ def test_a_broadcast_is_heard_after_another_program_has_ended(tmp_path: Path) ->
     (told,) = outputs(tmp_path, programs, {"a": "alice", "b": "bob", "c": "charlie"})
     assert told["b"] == "first,go on"
     assert told["c"] == ["a", "first", "b", "last"]
+
+
+def test_who_looks_sees_what_was_asked_for_before(tmp_path: Path) -> None:
+    """As a program does that does not flush its corrections."""
+
+    def flips(app_config: Any) -> Any:
+        from netqasm.sdk import Qubit
+        from netqasm.sdk.external import NetQASMConnection, get_qubit_state
+
+        with NetQASMConnection("a") as connection:
+            qubit = Qubit(connection)
+            connection.flush()
+            qubit.X()
+            return get_qubit_state(qubit)
+
+    (told,) = outputs(tmp_path, {"a": flips}, {"a": "alice"}, looking=True)
+    assert np.allclose(told["a"], [[0, 0], [0, 1]])

@@ -70,6 +70,17 @@ def test_noisy_links_make_the_pairs_of_the_pauli_convolution(
     assert bob["fidelity"] == alice["fidelity"]
 
 
+def test_pairs_of_65_links_are_those_of_werner(tmp_path: Path) -> None:
+    """Of Werner links with weight w = (4 F - 1) / 3 each, w^65 is left: F = (1 + 3 w^65) / 4."""
+    device = Device(source=PairSource(fidelity=0.998))
+    physics = {"devices": dict.fromkeys(nodes(64), device)}
+    alice, bob = swapped(tmp_path, 64, physics=physics, count=1000, sample=SAMPLE)
+    weight = (4 * 0.998 - 1) / 3
+    one, other = (1 + 3 * weight**65) / 4, (1 - weight**65) / 4
+    assert near(alice, (one, other, other, other))
+    assert bob["fidelity"] == alice["fidelity"]
+
+
 def test_the_pairs_of_a_chain_are_purified_until_they_are_as_good_as_is_asked(
     tmp_path: Path,
 ) -> None:

@@ -14,6 +14,7 @@ from dispatcher.clock import NetworkClock
 from dispatcher.server.server import build_service
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import BlockId, CreateRequest, Launch, MeasureRequest, SendRequest
+from wire.parameters.physics import Device, PairSource
 
 DEADLINE_S = 30
 
@@ -24,16 +25,20 @@ def run_folder(tmp_path: Path) -> Path:
     return recorded_run(tmp_path)
 
 
-def recorded_run(tmp_path: Path, **optics: str) -> Path:
+IDEAL = Device()
+
+
+def recorded_run(tmp_path: Path, alice: Device = IDEAL, **optics: str) -> Path:
     """Have a small network do something; return the folder of the run."""
     fiber = Fiber(FiberEnd("alice", "a0"), FiberEnd("bob", "b0"), depolarizing=0.2, **optics)  # type: ignore[arg-type]
     config = DispatcherConfig(
         listen="",
         socket="",
         seed=4,
-        tokens={},
+        tokens={"alice": "token"},
         fibers=[fiber],
         switches=[],
+        devices={"alice": alice},
         event_log=str(tmp_path / "quantum.log"),
         record=str(tmp_path / "dispatcher.record"),
     )
@@ -99,10 +104,15 @@ class Mine:
 """
 
 
-def test_code_that_a_record_names_is_run_only_if_that_is_allowed(tmp_path: Path) -> None:
+@pytest.mark.parametrize("of", ["a fibre", "a source"])
+def test_code_that_a_record_names_is_run_only_if_that_is_allowed(tmp_path: Path, of: str) -> None:
     model, proof = tmp_path / "model.py", tmp_path / "proof"
     model.write_text(OWN_MODEL.replace("PROOF", str(proof)))
-    run = recorded_run(tmp_path, noise=f"{model}:Mine")
+    noise = f"{model}:Mine"
+    if of == "a fibre":
+        run = recorded_run(tmp_path, noise=noise)
+    else:
+        run = recorded_run(tmp_path, Device(source=PairSource(noise=noise)))
     proof.unlink()
     done = replay(run)
     assert done.returncode == 2

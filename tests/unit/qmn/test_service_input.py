@@ -55,8 +55,8 @@ def test_a_swap_goes_over_as_many_repeaters_as_are_wanted() -> None:
 
 
 def test_more_repeaters_than_a_chain_may_have_are_refused() -> None:
-    with pytest.raises(BadTopology, match="17 repeaters: choose 1 to 16"):
-        options_of("swap", "--repeaters", "17")
+    with pytest.raises(BadTopology, match="65 repeaters: choose 1 to 64"):
+        options_of("swap", "--repeaters", "65")
 
 
 def test_the_defaults_of_the_command_line_are_those_of_the_service() -> None:

@@ -37,6 +37,7 @@ from qswitch_agent.openflow.refusals import Refusal
 from wire.metadata import MalformedPacket
 
 COUNT = 10_000
+THROUGH_THE_AGENT = 4_000
 ROUND = 20  # messages of a controller on one connection
 FEW = 5  # of a bridge, whose first malformed one ends the connection
 DEADLINE_S = 60.0
@@ -380,7 +381,7 @@ def test_spoiled_requests_open_no_path_and_stop_nothing() -> None:
         failures: list[Any] = []
         watched(failures)
         random = Random(2026)
-        for _round in range(COUNT // ROUND):
+        for _round in range(THROUGH_THE_AGENT // ROUND):
             await one_round(random)
             assert failures == []
         gc.collect()
@@ -389,10 +390,10 @@ def test_spoiled_requests_open_no_path_and_stop_nothing() -> None:
 
     requests_of_a_controller = requests()
     play(scene(), DEADLINE_S)
-    assert taken[ofp.OFPT_FLOW_MOD] > 500
-    assert taken[ofp.OFPT_BUNDLE_ADD_MESSAGE] > 500
-    assert told[ofp.OFPT_ERROR] > 500
-    assert opened > 10
+    assert taken[ofp.OFPT_FLOW_MOD] > 200
+    assert taken[ofp.OFPT_BUNDLE_ADD_MESSAGE] > 200
+    assert told[ofp.OFPT_ERROR] > 200
+    assert opened > 4
 
 
 def test_spoiled_replies_open_no_path_and_stop_nothing() -> None:
@@ -419,7 +420,7 @@ def test_spoiled_replies_open_no_path_and_stop_nothing() -> None:
         watched(failures)
         random = Random(2027)
         async with stage() as now:
-            for _connection in range(COUNT // FEW):
+            for _connection in range(THROUGH_THE_AGENT // FEW):
                 await one_connection(now, random)
                 assert failures == []
             gc.collect()
@@ -429,5 +430,5 @@ def test_spoiled_replies_open_no_path_and_stop_nothing() -> None:
 
     replies_of_a_bridge = replies()
     play(scene(), DEADLINE_S)
-    assert told[ofp.OFPT_MULTIPART_REPLY] > 400
-    assert told[ofp.OFPT_PACKET_IN] > 400
+    assert told[ofp.OFPT_MULTIPART_REPLY] > 160
+    assert told[ofp.OFPT_PACKET_IN] > 160

@@ -137,20 +137,20 @@ def test_another_key_and_the_other_direction_are_refused() -> None:
         SetDevice(1, DeviceSettings(fec=256)),
         SetDevice(1, DeviceSettings(interleave=2)),
         SetDevice(1, DeviceSettings(wavelength_pm=10)),
-        SwapOrder(1, 7, 17, "10.0.0.9", 0, 1),
+        SwapOrder(1, 7, 65, "10.0.0.9", 0, 1),
         SwapOrder(1, 7, 1, "10.0.0.9", 0, 1, station="10.0.0.9"),
         SwapOrder(1, 7, 2, station="10.0.0.9"),
         SwapOrder(1, 7, 2, "10.0.0.9", 1, 1),  # light out of a fibre into the same
-        SwapOrder(1, 7, 18),
+        SwapOrder(1, 7, 66),
         SwapOrder(1, 7, 0),
         SwapOrder(1, 7, 0, "10.0.0.9", 0, 1, 0, 1, 0, 1),  # only repeaters swap
         SwapOrder(1, 7, 3, after_left=1),
         SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, after_left=2),
         SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, after_right=2, notices=1),
-        SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, after_right=17, notices=1),
+        SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, after_right=65, notices=1),
         SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, after_right=3),  # without a notice
         SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, tell_left=2),
-        SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, notices=15),
+        SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, notices=63),
         SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, spans_left=1),  # without rounds
         SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, protocol=3, rounds=1, spans_left=1, spans_right=1),
         SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, protocol=1, rounds=9, spans_left=1, spans_right=1),

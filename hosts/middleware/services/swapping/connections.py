@@ -17,6 +17,7 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.offers import check_wavelength
 from hosts.middleware.session.session import making, require_fibers
+from hosts.timeouts import LINK_TIMEOUT_S
 from wire.device import SwapOrder
 from wire.metadata import MemoryState, Setup
 from wire.services import Role
@@ -36,7 +37,7 @@ class OpenedLink(ConnectionEnd):
         setup = setup_of_link(order, asked, address)
         arrangement = Arrangement(setup, (order.right, order.right), setup.source, Light())
         try:
-            await arrangement.open()
+            await arrangement.open(LINK_TIMEOUT_S)
             if setup.memory == MemoryState.HERALDED:
                 await arrangement.engage_source()
         except BaseException:

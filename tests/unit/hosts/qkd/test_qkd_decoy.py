@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from qkd_ends import SHORT, make_ends, measured, random_bits
-from scipy.optimize import minimize
 
 from hosts.middleware.qkd.bits import pack_levels, unpack_levels
 from hosts.middleware.qkd.decoy import Bounds, Decoys, Sifted, bounds, key_length
@@ -92,6 +91,8 @@ def published_rate(block: float, length_km: float) -> float:
 
     starts = np.random.default_rng(1).uniform(LEAST, MOST, (3, 5))
     starts = np.append(starts, [FAR], axis=0)
+    from scipy.optimize import minimize  # takes a second, which only this test needs
+
     found = [minimize(lambda x: -rate(x), start, method="Nelder-Mead").fun for start in starts]
     best = -float(min(found))
     return 2 ** (best - 100) if best > 0 else 0.0

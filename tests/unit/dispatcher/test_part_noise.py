@@ -1,0 +1,149 @@
+"""Noise models of one's own for parts of devices, beside closed forms; 5 sigma, seed 1."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from math import exp
+from pathlib import Path
+from typing import Any
+
+import pytest
+from five_sigma import within
+
+from dispatcher.laboratory import Laboratory
+from wire.config import BadConfig, DispatcherConfig
+from wire.dispatcher_pb2 import CreateRequest, Gate, MeasureRequest
+from wire.outcomes import NO_CLICK
+from wire.parameters.physics import BadParameter, Detectors, Device, Gates, Memory, PairSource
+
+X, ZEROS = MeasureRequest.X, CreateRequest.ZEROS
+COUNT = 4_000
+MODEL = """
+from dataclasses import dataclass
+import numpy as np
+from dispatcher.fiber.noise import Effect
+
+@dataclass(frozen=True)
+class Sometimes:
+    pauli: int = 0
+    chance: float = 0.0
+    lost: float = 0.0
+    only: str = ""
+
+    def effect(self, moment):
+        if self.only and self.only != f"{moment.what} {moment.qubits}":
+            return Effect()
+        paulis = moment.happens("pauli", self.chance) * np.uint8(self.pauli)
+        return Effect(lost=moment.happens("loss", self.lost), paulis=paulis)
+
+class Late:
+    def effect(self, moment):
+        return Effect(delays_ps=np.zeros(moment.photons))
+
+class Wrong:
+    def effect(self, moment):
+        return Effect(paulis=np.full(moment.photons, 7, np.uint8))
+"""
+AGEING = str(Path(__file__).parents[3] / "examples" / "ageing.py") + ":Ageing"
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> str:
+    """Return a file with models."""
+    (tmp_path / "models.py").write_text(MODEL)
+    return f"{tmp_path / 'models.py'}"
+
+
+def at_alice(act: Callable[[Laboratory], Awaitable[None]], device: Device) -> None:
+    """Let something happen at alice."""
+
+    async def inside() -> None:
+        config = DispatcherConfig("", "", 1, {"alice": ""}, [], [], devices={"alice": device})
+        await act(Laboratory(config))
+
+    asyncio.run(inside())
+
+
+def sometimes(model: str, **parameters: Any) -> dict[str, Any]:
+    """Return the noise of a part."""
+    return {"noise": f"{model}:Sometimes", "noise_parameters": parameters}
+
+
+def test_a_memory_ages_as_its_model_says() -> None:
+    """The example: after t, X and X agree with (1 + exp(-(t / T)^2))/2 of one half that waits."""
+
+    async def act(laboratory: Laboratory) -> None:
+        alice = laboratory.host("alice")
+        await alice.create(COUNT)
+        await alice.store((0, 0))
+        await laboratory.wait(0.03)
+        agree = (await alice.measure((0, 0), X)) == (await alice.measure((0, 1), X))
+        assert within(int(agree.sum()), COUNT, (1 + exp(-((0.03 / 0.05) ** 2))) / 2)
+
+    memory = Memory(noise=AGEING, noise_parameters={"time_s": 0.05})
+    at_alice(act, Device(memory=memory))
+
+
+def test_a_source_errs_and_is_dark_as_its_model_says(model: str) -> None:
+    async def act(laboratory: Laboratory) -> None:
+        alice = laboratory.host("alice")
+        await alice.create(COUNT)
+        mine, yours = await alice.measure((0, 0)), await alice.measure((0, 1))
+        assert ((mine == NO_CLICK) == (yours == NO_CLICK)).all()  # pairs are made, or not
+        made = int((mine != NO_CLICK).sum())
+        assert within(made, COUNT, 0.7)
+        assert within(int(((mine ^ yours) == 1).sum()), made, 0.2)
+
+    source = PairSource(**sometimes(model, pauli=1, chance=0.2, lost=0.3))
+    at_alice(act, Device(source=source))
+
+
+@pytest.mark.parametrize(("only", "flipped"), [("gate 1", 0.2), ("gate 2", 0.0)])
+def test_gates_err_as_their_model_says(model: str, only: str, flipped: float) -> None:
+    """X behind S: of one qubit, which is in |0>."""
+
+    async def act(laboratory: Laboratory) -> None:
+        alice = laboratory.host("alice")
+        await alice.create(COUNT, 0, ZEROS)
+        await alice.apply((0, 0), gates=[Gate(name=Gate.S)])
+        assert within(int((await alice.measure((0, 0))).sum()), COUNT, flipped)
+
+    at_alice(act, Device(gates=Gates(**sometimes(model, pauli=1, chance=0.2, only=only))))
+
+
+def test_detectors_err_and_miss_as_their_model_says(model: str) -> None:
+    """Of Phi+ X is told as Psi+, and what is lost is no coincidence."""
+
+    async def act(laboratory: Laboratory) -> None:
+        alice = laboratory.host("alice")
+        await alice.create(COUNT, 0, ZEROS)
+        told = await alice.measure((0, 0))
+        assert within(int((told == NO_CLICK).sum()), COUNT, 0.25)
+        assert within(int((told == 1).sum()), int((told != NO_CLICK).sum()), 0.1)
+        await alice.create(COUNT, 1)
+        states = await alice.bell_measure((1, 0), (1, 1))
+        assert set(states.tolist()) == {0, 1, NO_CLICK}
+        assert within(int((states == 1).sum()), int((states != NO_CLICK).sum()), 0.1)
+
+    detectors = Detectors(**sometimes(model, pauli=1, chance=0.1, lost=0.25))
+    at_alice(act, Device(detectors=detectors))
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"), [("Late", "delays_ps is of fibres"), ("Wrong", "Pauli 7 is not 0 to 3")]
+)
+def test_an_answer_that_no_part_can_follow_is_refused(model: str, kind: str, words: str) -> None:
+    async def act(laboratory: Laboratory) -> None:
+        with pytest.raises(BadConfig, match=words):
+            await laboratory.host("alice").create(10)
+
+    at_alice(act, Device(source=PairSource(noise=f"{model}:{kind}")))
+
+
+def test_a_model_that_is_not_there_is_named_before_anything_runs(model: str) -> None:
+    async def nothing(_laboratory: Laboratory) -> None:
+        pytest.fail("it runs")
+
+    with pytest.raises(BadConfig, match="has no class Missing"):
+        at_alice(nothing, Device(gates=Gates(noise=f"{model}:Missing")))
+    with pytest.raises(BadParameter, match=r"give FILE\.py:CLASS"):
+        at_alice(nothing, Device(gates=Gates(noise=7)))  # type: ignore[arg-type]
