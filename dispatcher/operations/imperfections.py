@@ -47,8 +47,13 @@ async def over(layer: PhysicalLayer, node: str, feedback: Feedback) -> Feedback:
 def misread(
     layer: PhysicalLayer, block: Block, found: Bytes, what: str, bits: int = 1
 ) -> tuple[Bytes, int]:
-    """Return what a node tells, of so many bits each, and how many outcomes of it are wrong."""
-    error = layer.devices.of(block.node).gates.readout_error
+    """Return what a node tells, of so many bits each, and how many outcomes of it are wrong.
+
+    Two bits are of a Bell measurement by gates; one is of a qubit that is kept, or of light.
+    """
+    device = layer.devices.of(block.node)
+    by_gates = block.kept or bits > 1
+    error = device.gates.readout_error if by_gates else device.detectors.readout_error
     if not error:
         return found, 0
     place = block.draws_for(f"readout, {what} {block.resends}")

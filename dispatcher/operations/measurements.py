@@ -72,11 +72,7 @@ class Measurements:
             late_ps=pulses.late_ps(block.pulses, size, random),
             timed=True,
         )
-        told, wrong = (
-            imperfections.misread(layer, block, found.bits, "measure")
-            if block.kept
-            else (found.bits, 0)
-        )
+        told, wrong = imperfections.misread(layer, block, found.bits, "measure")
         own = layer.devices, layer.draws, block, "detectors", "detectors", "measure"
         effect = part_noise.of_part(*own, layer.clock.now_ns())
         feedback.exact &= effect is None or effect.exact

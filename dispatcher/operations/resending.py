@@ -68,10 +68,9 @@ class Resending:
         )
         outcomes = found.bits | (~chosen * np.uint8(NO_CLICK))
         again = (outcomes != NO_CLICK) & free
-        self._replace(block, fresh, again, values << np.uint8(1) | outcomes & np.uint8(1))
-        told, wrong = (
-            imperfections.misread(layer, block, outcomes, "resend") if block.kept else (outcomes, 0)
-        )
+        told, wrong = imperfections.misread(layer, block, outcomes, "resend")
+        left = outcomes if block.kept else told  # new light is as what was told
+        self._replace(block, fresh, again, values << np.uint8(1) | left & np.uint8(1))
         incidents = found.incidents() | ({"misread": wrong} if wrong else {})
         detail = f"{tally(values, BASES)}: {tally(told, ('0', '1'))}{listed(incidents)}"
         layer.record(node, "resend", block, detail=detail, each=partial(_each, chosen, told))

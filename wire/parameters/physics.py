@@ -279,6 +279,7 @@ class Detectors:
     jitter_ps: float = parameter(0.0, 0.0, 1e9)  # rms
     encoding: str = choice(*ENCODINGS)  # of the qubits that they tell, also for a Bell analyser
     efficiency_mismatch: float = parameter(0.0, 0.0, 1.0)  # that of 1 has so much less of it
+    readout_error: float = parameter(0.0, 0.0, 0.5)  # of light: the bit told is the other one
 
     # "path/to/file.py:ClassName" of a noise model of one's own, and keywords for it.
     noise: str = ""

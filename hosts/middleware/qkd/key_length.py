@@ -2,10 +2,12 @@
 
 Finite keys: Tomamichel, Lim, Gisin, Renner, "Tight finite-key analysis for quantum
 cryptography", Nature Communications 3, 634 (2012), arXiv:1103.4130, equation 2, for ideal
-preparation (q = 1). The bound is for a sample drawn at random and bases drawn uniformly and
-independently for every photon (Tomamichel and Leverrier, Quantum 1, 14 (2017)); other
-distributions of bases are not covered. The observed error rate takes the place of the
-tolerated one (variable length: Tupkary, Tan, Luetkenhaus, Phys. Rev. Research 6, 023002, 2024).
+preparation (q = 1), but for the error rate of the key: where that is less than Serfling's bound of
+the tail, that of Hoeffding (J. Am. Stat. Assoc. 58, 13 (1963), theorems 1 and 4) takes its place,
+with the same probability of failure. The bound is for a sample drawn at random and bases drawn
+uniformly and independently for every photon (Tomamichel and Leverrier, Quantum 1, 14 (2017)); other
+distributions of bases are not covered. The observed error rate takes the place of the tolerated
+one (variable length: Tupkary, Tan, Luetkenhaus, Phys. Rev. Research 6, 023002, 2024).
 
 Pulses of several photons, whose number nobody knows: Gottesman, Lo, Luetkenhaus, Preskill,
 Quantum Information and Computation 4, 325 (2004). An eavesdropper may keep one photon of each, let
@@ -13,8 +15,9 @@ all of them arrive, and suppress others in their place: as many bits count as kn
 were such pulses in the right basis, and all errors as those of the other bits.
 """
 
-from math import floor, log, log2, sqrt
+from math import floor, inf, log, log2, sqrt
 
+BISECTIONS = 60  # of an interval of 1: as fine as numbers are
 ZERO_RATE_QBER = 0.1100  # 1 - 2 h(Q) is zero here (Shor and Preskill 2000)
 
 
@@ -62,6 +65,29 @@ def sampling_deviation(key_bits: int, sample_bits: int, eps_sec: float) -> float
     return sqrt((n + k) / (n * k) * (k + 1) / k * log(4 / eps_sec))
 
 
+def most_errors(key_bits: int, sample_bits: int, qber: float, eps_sec: float) -> float:
+    """Return the error rate of a key that is exceeded with probability (eps_sec / 4)^2 at most.
+
+    Given that of a sample, which then is q or less of a population with p: exp(-k D(q || p)) bounds
+    how likely that is, with the relative entropy D, as it does if bits are put back.
+    """
+    n, k = key_bits, sample_bits
+    least, most = qber, 1.0
+    for _ in range(BISECTIONS):
+        p = (least + most) / 2
+        if k * _relative_entropy(qber, p) < 2 * log(4 / eps_sec):
+            least = p
+        else:
+            most = p
+    return min(most + k / n * (most - qber), qber + sampling_deviation(n, k, eps_sec), 1.0)
+
+
+def _relative_entropy(q: float, p: float) -> float:
+    """Return D(q || p) in nats, for q < p."""
+    right = (1 - q) * log((1 - q) / (1 - p)) if p < 1 else inf
+    return right + (q * log(q / p) if q else 0.0)
+
+
 def finite_key_length(
     key_bits: int,
     sample_bits: int,
@@ -79,6 +105,6 @@ def finite_key_length(
     """
     if key_bits < 1 or sample_bits < 1:
         return 0
-    errors = min(1.0, qber + sampling_deviation(key_bits, sample_bits, eps_sec))
+    errors = most_errors(key_bits, sample_bits, qber, eps_sec)
     secret = key_bits * secret_share(errors, 1 - tagged_bits / key_bits)
     return max(0, floor(secret - leaked_bits - log2(2 / (eps_sec**2 * eps_cor))))

@@ -31,7 +31,7 @@ from hosts.stack_socket import QuantumSocketError
 from wire import qkd
 from wire.config import PathOptics
 from wire.metadata import Envelope, Message, Pauli, Setup, Topic, Values
-from wire.parameters.physics import Device, PairSource
+from wire.parameters.physics import Detectors, Device, PairSource
 
 PATHS = {"bb84": [(1, 2)], "bbm92": [(4, 1), (5, 2)]}
 FIBERS = {"bb84": 2, "bbm92": 4}  # that two correlated outcomes have passed together
@@ -153,6 +153,17 @@ def test_the_error_rate_of_depolarised_light_is_that_of_theory(
         error = sqrt(qber * (1 - qber) / summary["disclosed_bits"])
         assert abs(summary["qber"] - qber) < 5 * error
         assert summary["qber_low"] < summary["qber"] < summary["qber_high"]
+
+
+@protocols
+def test_bits_that_detectors_tell_wrongly_are_errors(tmp_path: Path, protocol: str) -> None:
+    """Of BB84 with e; of BBM92 if one end is wrong and the other right, 2 e (1 - e)."""
+    share = 0.03
+    devices = dict.fromkeys(("alice", "bob"), Device(detectors=Detectors(readout_error=share)))
+    words: dict[str, Any] = {"count": 100_000, "test_fraction": 0.5}
+    alice, _bob = distribute(tmp_path, protocol, physics={"devices": devices}, **words)
+    qber = share if protocol == "bb84" else 2 * share * (1 - share)
+    assert abs(alice["qber"] - qber) < 5 * sqrt(qber * (1 - qber) / alice["disclosed_bits"])
 
 
 @protocols

@@ -1,11 +1,12 @@
 """The steps of key distribution one by one, against formulas and slow ways to do the same."""
 
 from itertools import product
-from math import exp, lgamma, log, log1p
+from math import ceil, exp, lgamma, log, log1p
 
 import numpy as np
 import pytest
 from qkd_ends import bb84, random_bits
+from scipy.stats import hypergeom
 
 from hosts.middleware.qkd.amplification import seed_bits, toeplitz
 from hosts.middleware.qkd.authentication import collision_probability, key_tag
@@ -17,6 +18,7 @@ from hosts.middleware.qkd.key_length import (
     asymptotic_key_length,
     binary_entropy,
     finite_key_length,
+    most_errors,
     most_tagged,
     sampling_deviation,
 )
@@ -105,11 +107,42 @@ def test_the_asymptotic_fraction_is_zero_at_eleven_percent() -> None:
 
 
 def test_the_finite_key_bound_is_that_of_tomamichel_and_others() -> None:
-    """Equation 2 of arXiv:1103.4130, worked out with decimal numbers of 40 digits."""
+    """Equations 1 and 2 of arXiv:1103.4130, worked out with decimal numbers of 40 digits.
+
+    No error in 10,000 of 100,000 bits: (1 - e^(-2 ln(4/eps) / 10,000)) 10/9 of the others at most.
+    """
     deviation = sampling_deviation(90_000, 10_000, 1e-10)
     assert deviation == pytest.approx(0.0520838923, abs=1e-10)
-    assert binary_entropy(0.03 + deviation) == pytest.approx(0.4094796853, abs=1e-10)
-    assert finite_key_length(90_000, 10_000, 0.03, 19_000, 1e-10, 1e-15) == 34_029
+    errors = most_errors(90_000, 10_000, 0.0, 1e-10)
+    assert errors == pytest.approx(0.0054116993064295888, abs=1e-15)
+    assert binary_entropy(errors) == pytest.approx(0.0485347541657412, abs=1e-13)
+    assert finite_key_length(90_000, 10_000, 0.0, 19_000, 1e-10, 1e-15) == 66_514
+
+
+@pytest.mark.parametrize(
+    ("key_bits", "sample_bits", "errors"),
+    [(90_000, 10_000, 300), (900_000, 100_000, 1000), (27_000, 3000, 0), (9000, 1000, 50)],
+)
+def test_the_error_rate_of_a_key_is_bounded_by_the_hypergeometric_distribution(
+    key_bits: int, sample_bits: int, errors: int
+) -> None:
+    """scipy sums its tail: below the chance that is allowed, and not below that by much."""
+    eps = 1e-10
+    bound = most_errors(key_bits, sample_bits, errors / sample_bits, eps)
+
+    def tail(in_key: int) -> float:
+        bits = key_bits + sample_bits
+        return float(hypergeom.logcdf(errors, bits, in_key + errors, sample_bits))
+
+    allowed = 2 * log(eps / 4)
+    assert tail(ceil(bound * key_bits)) <= allowed < tail(int(0.9 * bound * key_bits))
+    assert bound < errors / sample_bits + sampling_deviation(key_bits, sample_bits, eps)
+
+
+def test_of_a_sample_that_is_most_of_the_bits_serflings_bound_is_the_less() -> None:
+    sample, key = 90_000, 10_000
+    deviation = sampling_deviation(key, sample, 1e-10)
+    assert most_errors(key, sample, 0.05, 1e-10) == 0.05 + deviation
 
 
 def test_there_is_no_finite_key_of_few_bits_or_much_noise() -> None:
@@ -163,8 +196,8 @@ def test_no_finite_key_is_made_of_bits_that_are_all_known() -> None:
     assert finite_key_length(90_000, 10_000, 0.0, 0, 1e-10, 1e-15, tagged_bits=90_000) == 0
     assert finite_key_length(90_000, 10_000, 0.0, 0, 1e-10, 1e-15, tagged_bits=1e6) == 0
     some = finite_key_length(90_000, 10_000, 0.0, 0, 1e-10, 1e-15, tagged_bits=9_000)
-    # .9 (1 - h(.0520838923 / .9)) of 90,000, less log2(2 / 1e-35): h(.0578709914) = .3189349.
-    assert some == pytest.approx(81_000 * (1 - 0.3189349) - 117.27, abs=2)
+    # .9 (1 - h(.0054116993 / .9)) of 90,000, less log2(2 / 1e-35): h(.0060129992) = .0530109.
+    assert some == pytest.approx(81_000 * (1 - 0.0530109) - 117.27, abs=2)
 
 
 def naive_toeplitz(key: Bits, seed: Bits, length: int) -> Bits:
