@@ -1,11 +1,14 @@
-"""Tells other hosts' key managers, over mutual TLS, what keys were assigned, and hands keys on."""
+"""Tells other hosts' key managers, over mutual TLS, what keys were assigned, and hands keys on.
+
+By mutual TLS: who calls is who the certificate names, and its authority is ours.
+"""
 
 import ssl
+from typing import Any
 
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.simple_httpclient import SimpleAsyncHTTPClient
 
-from hosts.key_delivery.certificates import calling
 from hosts.key_delivery.refusals import BAD_REQUEST, unavailable
 from hosts.timeouts import ANSWER_TIMEOUT_S, CONNECT_TIMEOUT_S
 from wire.key_assignment import ASSIGNMENT_PATH, Assignment
@@ -14,6 +17,33 @@ from wire.key_manager import KeyManagerConfig, manager_name
 from wire.key_relay import RELAY_PATH
 from wire.key_routes import MAX_HOPS
 from wire.metadata import MalformedPacket
+
+LEAST = ssl.TLSVersion.TLSv1_2
+
+
+def serving(config: KeyManagerConfig) -> ssl.SSLContext:
+    """Return what serves with the manager's certificate, to callers that have one."""
+    return _own(ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), config)
+
+
+def calling(config: KeyManagerConfig) -> ssl.SSLContext:
+    """Return what calls another manager with it, whose address its certificate must have."""
+    return _own(ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT), config)
+
+
+def _own(context: ssl.SSLContext, config: KeyManagerConfig) -> ssl.SSLContext:
+    context.minimum_version = LEAST
+    context.verify_mode = ssl.CERT_REQUIRED
+    context.load_verify_locations(config.authority)
+    context.load_cert_chain(config.certificate, config.private_key)
+    return context
+
+
+def named(certificate: dict[str, Any]) -> str | None:
+    """Return the one common name of a peer's certificate, as the ssl module tells it."""
+    subject = certificate.get("subject", ())
+    names = [str(value) for part in subject for name, value in part if name == "commonName"]
+    return names[0] if len(names) == 1 else None
 
 
 class OtherManagers:

@@ -8,8 +8,8 @@ from uuid import UUID
 from tornado.httpserver import HTTPServer
 from tornado.web import Application, HTTPError, RequestHandler
 
-from hosts.key_delivery.certificates import named, serving
 from hosts.key_delivery.delivery import KeyDelivery
+from hosts.key_delivery.other_managers import named, serving
 from hosts.key_delivery.refusals import BAD_REQUEST, UNAUTHORIZED, Refused, unauthorized
 from hosts.timeouts import ANSWER_TIMEOUT_S, CLIENT_IDLE_S
 from wire import key_delivery as bodies

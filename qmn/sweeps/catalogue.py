@@ -2,11 +2,10 @@
 
 import asyncio
 
-from qmn.sweeps.bell_test import CHSH
+from qmn.sweeps.bell_measurements import CHSH, DELAY_LINE
 from qmn.sweeps.contention import LIGHT
 from qmn.sweeps.cutoff import CUTOFF_TIMES
 from qmn.sweeps.decoy_states import DECOY_STATES
-from qmn.sweeps.delay_line import DELAY_LINE
 from qmn.sweeps.detectors import DEAD, FRESH_OUTCOMES
 from qmn.sweeps.experiment import Experiment, Outcome
 from qmn.sweeps.gated_bell import GATED_BELL

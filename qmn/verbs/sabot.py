@@ -18,9 +18,8 @@ from dispatcher.sabot.circuits.circuit import (
     Circuit,
     CircuitError,
 )
-from dispatcher.sabot.circuits.counting import count
 from dispatcher.sabot.circuits.interpreter import run_circuit
-from dispatcher.sabot.circuits.reading import Format, read_circuit
+from dispatcher.sabot.circuits.reading import Format, count, read_circuit
 from dispatcher.sabot.circuits.source import read_source
 from qmn.options import add_options, read
 from wire.parameters.option import option

@@ -17,9 +17,9 @@ from dispatcher.sabot.circuits.circuit import (
     Measure,
     Operation,
 )
-from dispatcher.sabot.circuits.counting import count
 from dispatcher.sabot.circuits.interpreter import PAULIS, run_circuit
 from dispatcher.sabot.circuits.qasm import read_qasm
+from dispatcher.sabot.circuits.reading import count
 from dispatcher.sabot.circuits.source import Source
 
 QUBITS, BITS = 5, 10
