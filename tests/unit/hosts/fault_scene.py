@@ -135,8 +135,8 @@ def session(
 
 def _ask(folder: Path, service: str, sockets: Sockets, options: Fields) -> Told:
     with ServiceSocket(folder / "alice.sock") as alice:
-        sockets["alice"] = alice
         alice.settimeout(DEADLINE_S)
+        sockets["alice"] = alice
         try:
             list(alice.request(service, ("bob", PORT), **options))
             alice.shutdown()
@@ -160,9 +160,9 @@ def _accept(
         bob = _connection(listener)
         if bob is None:
             return Told(QuantumSocketError(NOBODY), {})
-        sockets["bob"] = bob
+        bob.settimeout(DEADLINE_S)
+        sockets["bob"] = bob  # which may be closed from now on
         with bob:
-            bob.settimeout(DEADLINE_S)
             try:
                 while not bob.over:
                     list(bob.results())
@@ -173,8 +173,8 @@ def _accept(
 
 def _send(folder: Path, _service: str, sockets: Sockets, options: Fields) -> Told:
     with QuantumSocket(folder / "alice.sock") as alice:
-        sockets["alice"] = alice
         alice.settimeout(DEADLINE_S)
+        sockets["alice"] = alice
         try:
             data = options.pop("data", DATA)
             alice.connect(("bob", PORT), **options)
@@ -201,10 +201,10 @@ def _receive(
         bob = _connection(listener)
         if bob is None:
             return Told(QuantumSocketError(NOBODY), {})
+        bob.settimeout(DEADLINE_S)
         sockets["bob"] = bob
         got = b""
         with bob:
-            bob.settimeout(DEADLINE_S)
             try:
                 while data := bob.recv(1 << 16):
                     got += data

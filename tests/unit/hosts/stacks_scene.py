@@ -82,7 +82,9 @@ Changes = asyncio.Queue[asyncio.Task[Changed] | None]
 
 
 def grant(setup: Setup) -> Setup:
-    return replace(setup, verdict=Verdict.GRANTED)
+    """Return a set-up as the controller grants it, at a wavelength if that is left to it."""
+    wavelength_pm = setup.wavelength_pm or Setup.wavelength_pm
+    return replace(setup, verdict=Verdict.GRANTED, wavelength_pm=wavelength_pm)
 
 
 def sealed(setup: Setup, host: str, connection: Connection) -> Setup:

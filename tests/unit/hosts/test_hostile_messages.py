@@ -72,4 +72,4 @@ def test_changed_bytes_leave_nothing_behind(tmp_path: Path, service: str) -> Non
         return texts
 
     texts = asyncio.run(run())
-    assert sum(map(bool, texts)) > SESSIONS / 3
+    assert sum(map(bool, texts)) >= SESSIONS / 3

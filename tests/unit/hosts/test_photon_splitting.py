@@ -139,7 +139,7 @@ def test_where_pulses_of_several_photons_are_all_that_is_seen_there_is_no_key(
 
 def test_decoys_find_her_where_there_is_a_key_without_her(tmp_path: Path) -> None:
     """At 4 dB the weak pulses are seen too rarely; s1 / n of endless keys by eq. 3 of 1311.7129."""
-    spied, alone = tmp_path / "spied", tmp_path / "alone"
+    spied, alone = tmp_path / "1", tmp_path / "2"
     for folder in (spied, alone):
         folder.mkdir()
     options: dict[str, Any] = {"count": 50_000, "bound": "asymptotic"}

@@ -311,7 +311,7 @@ def test_a_loop_without_end_keeps_nobody_waiting(tmp_path: Path) -> None:
                 outcome = qubit.measure()
             unit.setblocking(False)
             said = unit.recv(1 << 16)
-            assert len(said) < 1000
+            assert len(said) < 4096  # who is there, and no more
             assert b"never end" not in said  # the circle still turns
         return int(outcome)
 

@@ -10,8 +10,8 @@ import pytest
 from fault_scene import DATA, PORT, SERVICES, Once, require_no_session, running, session
 from stacks_scene import DEADLINE_S, OWN_ADDRESS, arbitrated, grant
 
+from hosts.middleware.services.key_distribution import acceptor as key_acceptor
 from hosts.middleware.services.key_distribution import light as key_light
-from hosts.middleware.services.key_distribution import messages as key_messages
 from hosts.middleware.session import protocol
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError
@@ -208,7 +208,7 @@ def _short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let nobody wait long for what does not come."""
     monkeypatch.setattr(protocol.hear, "__defaults__", (0.3,))
     monkeypatch.setattr(key_light, "KEY_GRACE_S", 0.1)
-    monkeypatch.setattr(key_messages, "KEYS_TIMEOUT_S", 0.3)
+    monkeypatch.setattr(key_acceptor, "KEYS_TIMEOUT_S", 0.3)
 
 
 @pytest.mark.usefixtures("_short_waits")

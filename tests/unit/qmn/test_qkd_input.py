@@ -46,7 +46,7 @@ def test_options_reach_the_service() -> None:
     ("words", "text"),
     [
         (["qkd", "--max-qber", "0.3"], "at 0.11 no key is secret"),
-        (["qkd", "--count", "2000000"], "count is 2000000: choose 1 to 1000000"),
+        (["qkd", "--count", "200000000"], "count is 200000000: choose 1 to 100000000"),
         (["qkd", "--to", "alice"], "sender and receiver are both alice"),
         (["teleport", "--count", "0"], "count is 0"),
     ],

@@ -25,7 +25,10 @@ PAGE = Path(__file__).resolve().parents[3] / "docs" / "physical-layer.md"
         ({"polarization_drift_time_s": 0}, "polarization_drift_time_s 0 is not 1e-09 to 1e"),
         ({"kind": "glass"}, "kind 'glass' is unknown; choose ideal, smf, pm, custom"),
         ({"lenght_km": 1, "loss": 2}, "it has no lenght_km, loss; choose of kind, length_km"),
-        ({"noise": "a.py:B", "noise_parameters": [1]}, "dictionary of noise_parameters"),
+        (
+            {"noise": "a.py:B", "noise_parameters": [1]},
+            "noise_parameters [1]; give FILE.py:CLASS and a dictionary",
+        ),
     ],
 )
 def test_what_no_fibre_is_like_is_refused_with_name_value_and_range(

@@ -1,6 +1,7 @@
 """Capture files, checked by Wireshark's own tools."""
 
 import io
+import struct
 import subprocess
 from collections import Counter
 from pathlib import Path
@@ -22,6 +23,7 @@ from wire.pcapng import (
 )
 
 TIME_NS = 1_700_000_000_123_456_789
+DECRYPTION_SECRETS = 0xA  # type of the block, draft-ietf-opsawg-pcapng, 4.7
 INTERFACES = [Interface("s1-eth1", LINKTYPE_ETHERNET), Interface("fiber alice-q0", LINKTYPE_USER0)]
 FRAME = bytes(Ether(src="02:00:00:00:00:01", dst="02:00:00:00:00:02") / IP() / UDP() / b"x")
 PACKETS = [
@@ -166,11 +168,18 @@ def test_a_cut_pcap_gives_its_whole_packets(tmp_path: Path) -> None:
 
 
 def test_a_key_log_is_where_wireshark_looks_for_it(tmp_path: Path) -> None:
+    """The block of secrets is that which Wireshark's own program writes."""
     secrets = b"CLIENT_RANDOM " + 64 * b"a" + b" " + 96 * b"b" + b"\n"
-    file, found = tmp_path / "a.pcapng", tmp_path / "keys"
-    with file.open("wb") as output:
-        Writer(output, INTERFACES, secrets).write(PACKETS[0])
-    tool("editcap", "--extract-secrets", str(file), str(found))
-    assert found.read_bytes() == secrets
+    file, plain, theirs = (tmp_path / name for name in ("a.pcapng", "b.pcapng", "c.pcapng"))
+    (tmp_path / "keys").write_bytes(secrets)
+    for made, told in ((file, [secrets]), (plain, list[bytes]())):
+        with made.open("wb") as output:
+            Writer(output, INTERFACES, *told).write(PACKETS[0])
+    tool("editcap", "--inject-secrets", f"tls,{tmp_path / 'keys'}", str(plain), str(theirs))
+    whole = theirs.read_bytes()
+    begin = whole.index(struct.pack("<I", DECRYPTION_SECRETS))
+    (length,) = struct.unpack_from("<I", whole, begin + 4)
+    assert secrets in (block := whole[begin : begin + length])
+    assert block in file.read_bytes()
     with file.open("rb") as opened:
         assert list(Reader(opened).packets()) == PACKETS[:1]
