@@ -9,7 +9,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, TSHARK, qmn, qmn_command, typed, verb, wait_until
+from conftest import ROOT, TSHARK, qmn, typed, verb, wait_until
 
 from topologies.runtime import RUNTIME_ROOT
 from wire.dissection.dissectors import search_path
@@ -111,14 +111,22 @@ def test_the_scapy_lines_of_the_documentation_show_what_was_sent(run: Path) -> N
     assert "quantum device datagram" in said
 
 
-def test_a_spy_sees_every_event_of_a_run_and_ends_with_it(tmp_path: Path) -> None:
+def test_a_spy_sees_every_event_of_a_network_and_ends_with_it(tmp_path: Path) -> None:
     spy = [sys.executable, "-m", "qmn", "spy", "--history", "--json"]
+    cli = [sys.executable, "-m", "qmn", "cli", "sdc", "--runs", str(tmp_path)]
     pipe = subprocess.PIPE
-    with subprocess.Popen([*qmn_command(tmp_path), "--message", "spied"], stdout=pipe) as run:
-        wait_until(lambda: list(RUNTIME_ROOT.glob("*/dispatcher.json")), "a dispatcher", 30)
+    with subprocess.Popen(cli, cwd=ROOT, stdin=pipe, stdout=pipe, text=True) as network:
+        wait_until(lambda: list(RUNTIME_ROOT.glob("*/network.json")), "a network", 30)
         with subprocess.Popen(spy, cwd=ROOT, stdout=pipe, stderr=pipe, text=True) as process:
-            run.communicate(timeout=60)
-            lines, said = process.communicate(timeout=30)
+            assert network.stdin is not None
+            assert process.stdout is not None
+            assert process.stderr is not None
+            network.stdin.write("alice qsend bob spied\n")
+            network.stdin.flush()
+            first = process.stdout.readline()  # somebody watches
+            network.communicate("exit\n", timeout=60)
+            lines = first + process.stdout.read()
+            said = process.stderr.read()
     assert process.returncode == 0, said
     seen = [json.loads(line) for line in lines.splitlines()]
     log = (tmp_path / "latest" / "quantum.log").read_text().splitlines()
