@@ -228,8 +228,9 @@ def test_a_connection_that_ends_within_a_message_is_told(
 ) -> None:
     cut = Once(moment, lambda message: Last(message.encode()[:size]))
     alice, bob = broken(tmp_path, service, cut)
-    for told in (alice, bob):
-        assert "is gone: " in told.text
+    assert "is gone: " in alice.text
+    # Bob's application may be so slow to accept that all is over before.
+    assert "is gone: " in bob.text or bob.text == NOBODY
 
 
 @pytest.mark.parametrize(
