@@ -18,7 +18,7 @@ BLOCKS = 1
 WRITTEN_PHOTONS = 5
 MESSAGE = ["--message", "x" * (BLOCKS * PAIRS // 4), "--frame-bytes", str(PAIRS // 4)]
 # Slow enough that the spy is there before bob's part begins.
-PACE = ["--block-pairs", str(PAIRS), "--rate-hz", str(PAIRS)]
+PACE = ["--block-pairs", str(PAIRS), "--rate-hz", str(PAIRS // 4)]  # four seconds
 SPY = [sys.executable, "-m", "qmn", "spy", "--json"]
 Happening = tuple[object, ...]  # what happened where to which half of a block
 

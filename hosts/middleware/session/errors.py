@@ -28,7 +28,7 @@ REMEDIES = {
     Reason.SWITCH_TIMEOUT: "the quantum switch was not ready in time; is its agent running?",
     Reason.NODE_SILENT: "a node of the chain has not answered the controller's order; is its "
     "stack running?",
-    Reason.NO_CHAIN: "no chain of 1 to 16 repeaters joins these hosts; a repeater is a host with "
+    Reason.NO_CHAIN: "no chain of 1 to 64 repeaters joins these hosts; a repeater is a host with "
     "two whole fibres at least, and light to its neighbours within the loss budget",
 }
 
