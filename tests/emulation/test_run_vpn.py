@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -228,6 +229,15 @@ def wrong_key_in_wireguard(network: Network) -> None:
     assert " 0% packet loss" in alice.cmd(ping)
 
 
+def listening(network: Network, host: str) -> set[str]:
+    """Return the TCP sockets of a host that listen, a line each."""
+    return {" ".join(line.split()) for line in network.host(host).cmd("ss -Hltn").splitlines()}
+
+
+def more_listening(network: Network, host: str, before: set[str]) -> bool:
+    return bool(listening(network, host) - before)
+
+
 def test_without_the_same_psk_tls_gives_up(tmp_path: Path) -> None:
     script = tmp_path / "end.py"
     script.write_text(TLS_END)
@@ -235,13 +245,14 @@ def test_without_the_same_psk_tls_gives_up(tmp_path: Path) -> None:
     right, wrong = "0b" * 32, "0c" * 32
     with running(SdcTopo, tmp_path) as network:
         for key, answer, lost in ((wrong, "False", "100%"), (right, "True", " 0%")):
-            ends = [
-                network.run_on(host, f"{host}-{answer}", [sys.executable, str(script), *words])
-                for host, words in (
-                    ("bob", ("10.0.0.2", "10.0.0.1", "192.168.77.2", "192.168.77.1", right)),
-                    ("alice", ("10.0.0.1", "10.0.0.2", "192.168.77.1", "192.168.77.2", key)),
-                )
-            ]
+            before, ends = listening(network, "bob"), []
+            for host, words in (
+                ("bob", ("10.0.0.2", "10.0.0.1", "192.168.77.2", "192.168.77.1", right)),
+                ("alice", ("10.0.0.1", "10.0.0.2", "192.168.77.1", "192.168.77.2", key)),
+            ):
+                command = [sys.executable, str(script), *words]
+                ends.append(network.run_on(host, f"{host}-{answer}", command))
+                wait_until(partial(more_listening, network, "bob", before), "bob's server", 30)
             ends[1].wait_for("handshake", 30.0, network.check)
             assert ends[1].said().split("handshake ")[1].strip() == answer
             assert f"{lost} packet loss" in network.host("alice").cmd(ping)
