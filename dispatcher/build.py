@@ -8,7 +8,7 @@ from typing import TextIO
 from dispatcher.clock import Clock
 from dispatcher.devices.hardware import Devices
 from dispatcher.layer import freed_memory
-from dispatcher.layer.history import MOST_EVENTS, EventCapture, History
+from dispatcher.layer.history import MOST_EVENTS, WRITING_DELAY_S, EventCapture, History
 from dispatcher.layer.journal import Journal
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.memory import Memories
@@ -38,6 +38,7 @@ def build_layer(
     sabot: Simulation | None = None,
     journal: Journal | None = None,
     capture: EventCapture | None = None,
+    writing_delay_s: float = 0.0,
 ) -> PhysicalLayer:
     """Return the physical layer that the configuration describes.
 
@@ -62,6 +63,7 @@ def build_layer(
             capture,
             config.per_qubit,
             equal_share(config, MOST_EVENTS, LEAST_EVENTS),
+            writing_delay_s,
         ),
         devices=devices,
         memories=Memories(devices, clock, sabot, draws, software),
@@ -102,7 +104,10 @@ def open_layer(
         journal = Recorder(stack.enter_context(open_private(config.record)), config)
         clock = RecordedClock(clock, journal)
     capture = stack.enter_context(event_capture(config))
-    return build_layer(config, clock, event_log, sabot, journal, capture)
+    built = config, clock, event_log, sabot, journal, capture
+    layer = build_layer(*built, WRITING_DELAY_S)
+    stack.callback(layer.history.write_out)
+    return layer
 
 
 @contextmanager

@@ -11,8 +11,10 @@ MESSAGE_LIMITS = [
     ("grpc.max_receive_message_length", MAX_MESSAGE_BYTES),
     ("grpc.max_send_message_length", MAX_MESSAGE_BYTES),
 ]
+# Without its probes of bandwidth and delay: a PING and its answer for almost each message.
+FLOW_CONTROL = [("grpc.http2.bdp_probe", 0), ("grpc.http2.lookahead_bytes", MAX_MESSAGE_BYTES)]
 # A proxy that the environment names is of no use inside the network.
-CHANNEL_OPTIONS = [*MESSAGE_LIMITS, ("grpc.enable_http_proxy", 0)]
+CHANNEL_OPTIONS = [*MESSAGE_LIMITS, *FLOW_CONTROL, ("grpc.enable_http_proxy", 0)]
 
 
 def metadata(token: str) -> tuple[tuple[str, str]]:

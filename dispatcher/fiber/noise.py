@@ -49,7 +49,7 @@ class Schedule:
 
     def __getitem__(self, photon: int) -> int:
         """When one photon is there; -1 is the last."""
-        return self.time_ns(photon if photon >= 0 else photon + self.pattern.photons)
+        return self.last_ns if photon == -1 else self.time_ns(photon)
 
     def __array__(self, dtype: None = None, copy: bool | None = None) -> NDArray[np.int64]:
         """When each photon is there, shape (k,)."""

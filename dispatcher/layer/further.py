@@ -41,6 +41,7 @@ def lit(block: Block) -> Mask:
     """Return in which pulses of a block there is light: a photon of its own, or another."""
     light = pulses.lit(block)
     if block.further is not None:
+        light = light.copy()
         light[block.further.pulses[block.further.register.present]] = True
     return light
 
@@ -49,6 +50,7 @@ def held(block: Block) -> Mask:
     """Return in which pulses there is a photon with a state, its own or another."""
     present = block.register.present
     if block.further is not None:
+        present = present.copy()
         present[block.further.pulses[block.further.register.present]] = True
     return present
 
@@ -225,7 +227,7 @@ def _take(
     """Take photons out of further ones; return the pulses of those left that are there."""
     if light is None:
         return np.zeros(0, np.int64), None
-    rest = light.register.present
+    rest = light.register.present.copy()
     rest[places] = False
     if not places.size:
         return light.pulses[rest], None

@@ -24,6 +24,8 @@ WATCHER_DEPTH = 10_000
 MOST_EVENTS = 32_000_000  # written of all: some 8 GB
 WATCHED_PHOTONS = 1_000  # of a block, for a watcher who asks for them
 ELSEWHERE = "dispatcher"
+WRITING_DELAY_S = 0.003
+MOST_UNWRITTEN = 1_000
 
 
 class EventCapture:
@@ -120,12 +122,18 @@ class History:
         capture: EventCapture | None = None,
         photons: int = 0,
         share: int = MOST_EVENTS,
+        delay_s: float = 0.0,
     ) -> None:
         """Remember `depth` events; write each to `log` as a line, to `capture` as a packet.
+
+        With a delay they are written a moment later, when those who wait have their answers: of an
+        event loop, whose last ones `write_out` writes.
 
         The events of the first `photons` photons of each block are written, too. Of what one node
         causes, at any node, at most `share` events are written, and then a last one that says so.
         """
+        self._unwritten: list[Event] = []  # yet
+        self._fault: OSError | None = None  # in writing
         self._share, self._written = share, Counter[str]()  # events, by who has caused them
         self._photons = photons
         self.count = self.dropped = 0  # all events, and those that slow watchers have lost
@@ -134,9 +142,10 @@ class History:
         self._pasts: dict[tuple[str, ...], NoiseHistory] = {}
         self._watchers: set[Watcher] = set()
         self._log, self._capture = log, capture
+        self._delay_s = delay_s
 
     def record(self, *events: Event) -> None:
-        """Add events."""
+        """Add events; raise OSError if earlier ones could not be written."""
         self.count += len(events)
         self._events += events
         self._write(events)
@@ -159,11 +168,33 @@ class History:
     def _write(self, events: Sequence[Event]) -> None:
         if self._log is None and self._capture is None:
             return
+        if self._fault is not None:
+            raise self._fault
         events = self._within_share(events)
-        if self._log is not None and events:
+        if not events:
+            return
+        self._unwritten += events
+        if self._delay_s and len(self._unwritten) < MOST_UNWRITTEN:
+            if len(self._unwritten) == len(events):
+                asyncio.get_running_loop().call_later(self._delay_s, self._write_soon)
+        else:
+            self.write_out()
+
+    def _write_soon(self) -> None:
+        try:
+            self.write_out()
+        except OSError as error:
+            self._fault = error  # of the next event
+
+    def write_out(self) -> None:
+        """Write all events that there are into log and capture; raise OSError if that fails."""
+        events, self._unwritten = self._unwritten, []
+        if not events:
+            return
+        if self._log is not None:
             self._log.write("".join(f"{format_line(event)}\n" for event in events))
             self._log.flush()
-        if self._capture is not None and events:
+        if self._capture is not None:
             self._capture.record(*events)
 
     def _within_share(self, events: Sequence[Event]) -> Sequence[Event]:

@@ -9,13 +9,13 @@ import asyncio
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
-from typing import Any
+from typing import Any, NamedTuple
 
 from dispatcher.layer.ownership import BlockName
 from wire.dispatcher_pb2 import BlockId
 from wire.network_time import REAL_TIME, NetworkTime
 
-_origin: ContextVar[str] = ContextVar("origin", default="")
+_origin: ContextVar["Origin | None"] = ContextVar("origin", default=None)
 
 
 class Journal:
@@ -37,10 +37,18 @@ class Journal:
         return asyncio.timeout(self._time.wall_s(limit_s))
 
 
+class Origin(NamedTuple):
+    """A node, what it asks for, and the request."""
+
+    node: str
+    kind: str
+    request: Any
+
+
 @contextmanager
-def caused_by(text: str) -> Iterator[None]:
+def caused_by(node: str, kind: str, request: Any) -> Iterator[None]:
     """Let what is done meanwhile, and by tasks that are begun, have this origin."""
-    token = _origin.set(text)
+    token = _origin.set(Origin(node, kind, request))
     try:
         yield
     finally:
@@ -49,16 +57,17 @@ def caused_by(text: str) -> Iterator[None]:
 
 def origin() -> str:
     """Return the origin of what is done just now, empty if nobody has said."""
-    return _origin.get()
+    found = _origin.get()
+    return "" if found is None else _described(*found)
 
 
 def causer() -> str:
     """Return the node that has asked for what is done just now, empty if nobody has."""
-    return origin().partition(":")[0]
+    found = _origin.get()
+    return "" if found is None else found.node
 
 
-def describe_request(node: str, kind: str, request: Any) -> str:
-    """Return a request of a host as the origin of what it asks for."""
+def _described(node: str, kind: str, request: Any) -> str:
     act = f"{node}: {kind.replace('_', ' ')}"
     if kind == "create":
         return f"{act} block {request.number} of session {request.session:016x}"

@@ -3,6 +3,7 @@
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 from dispatcher.fiber import fiber_noise
 from dispatcher.fiber.channels import ChannelCrosstalk, Traffic
@@ -28,7 +29,7 @@ class Line:
         fixed_mhz = self.fiber.fixed_mhz
         return fixed_mhz is None or 2 * abs(frequency_mhz - fixed_mhz) < self.fiber.grid_mhz
 
-    @property
+    @cached_property
     def delay_ns(self) -> int:
         """How long light takes to the far end."""
         return round(self.fiber.delay_s * 1e9)

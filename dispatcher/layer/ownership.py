@@ -166,6 +166,11 @@ class Ownership:
         """Return all live parts of a block, wherever they are."""
         return list(self._by_name.get(name, ()))
 
+    def rest_flies(self, block: Block) -> bool:
+        """Return whether other parts of a block are in fibres, from where they may join it."""
+        parts = self._by_name[block.name]
+        return len(parts) > 1 and any(not p.node and p.maker == block.maker for p in parts)
+
     def at(self, name: BlockName, node: str, port: str = "") -> Block | None:
         """Return the block of this name at a port of the node, or at the node itself."""
         for block in self._by_name.get(name, ()):

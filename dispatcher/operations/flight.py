@@ -27,7 +27,7 @@ from dispatcher.layer.network import Line
 from dispatcher.layer.ownership import Block
 from dispatcher.operations.ways import MAX_FIBERS, way_of
 from dispatcher.photon_random import PhotonRandom
-from dispatcher.sabot.registers import Mask
+from dispatcher.sabot.registers import Mask, everything
 from dispatcher.switch.optical_switch import Light, OpticalSwitch
 from wire.config import FiberEnd
 
@@ -46,7 +46,7 @@ class Departure:
     @property
     def last_ns(self) -> int:
         """Return when the last photon leaves."""
-        return self.after(0).last_ns
+        return self.start_ns + int((self.pattern.photons - 1) * self.pattern.interval_ns)
 
     def after(self, delay_ns: int) -> Schedule:
         """Return when the photons are where they come to after a delay."""
@@ -98,8 +98,8 @@ class Flight:
 
     def launch(self, end: FiberEnd) -> None:
         """Let the light into the fibre that begins at a port."""
-        everything = np.ones(self._departure.pattern.photons, dtype=bool)
-        self._enter(end, Beam(everything, self._block.fibers_passed))
+        members = everything(self._departure.pattern.photons)
+        self._enter(end, Beam(members, self._block.fibers_passed))
 
     def announce(self, end: FiberEnd) -> None:
         """Let other channels know of light that leaves a port, on the way that it has just now."""
@@ -136,8 +136,9 @@ class Flight:
             self._layer.sabot.pauli(block.register, noise ^ (photons * np.uint8(beam.rotation)))
         elif beam.rotation:
             self._layer.sabot.pauli(block.register, photons * np.uint8(beam.rotation))
-        turn = Effect(paulis=beam.members * np.uint8(beam.rotation))
-        further.meet(self._layer.sabot, block, beam.members, turn, alone=False)
+        if block.further is not None:
+            turn = Effect(paulis=beam.members * np.uint8(beam.rotation))
+            further.meet(self._layer.sabot, block, beam.members, turn, alone=False)
         schedule = self._departure.after(beam.delay_ns)
         way = end, beam.members, schedule, beam.fibers_passed
         turned = beam.rotation, beam.turn, beam.dispersion_ps_per_nm

@@ -21,6 +21,7 @@ Positions = NDArray[np.int64]
 
 ONE_QUBIT_ERRORS, TWO_QUBIT_ERRORS = 3, 15
 IDENTITY = np.uint8(0)
+NOBODY, NOTHING = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.uint8)
 FLIPS_BIT, FLIPS_PHASE = np.uint8(1), np.uint8(2)  # X, Z
 
 
@@ -74,6 +75,8 @@ def _one_qubit_errors(layer: PhysicalLayer, block: Block, met: Mask) -> tuple[Po
     """Draw which qubits, of those that a gate has met, it has hit, and with what."""
     p = layer.devices.of(block.node).gates.one_qubit_depolarizing
     random = _chance(layer, block)
+    if not p:
+        return NOBODY, NOTHING
     errors = random.events("one qubit", p * ONE_QUBIT_ERRORS / 4)
     errors = errors[met[errors]]
     return errors, 1 + random.which("which Pauli", errors.size, np.ones(ONE_QUBIT_ERRORS))

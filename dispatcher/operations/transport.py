@@ -4,7 +4,6 @@ import asyncio
 from collections.abc import Callable, Sequence
 
 import grpc
-import numpy as np
 
 from dispatcher.devices import hardware
 from dispatcher.fiber.noise import Pattern
@@ -19,7 +18,7 @@ from wire.dispatcher_pb2 import Feedback
 from wire.features import EMIT
 from wire.optical import DEFAULT_FREQUENCY_MHZ
 
-Place = tuple[BlockName, str, str]  # a block at a port of a node
+TURNS_OF_SENDER = 6  # of the event loop, from the end of a flight to the sender's answer
 
 
 class Transport:
@@ -30,7 +29,7 @@ class Transport:
         self._layer = layer
         self._failed = failed
         self._flights: set[asyncio.Task[None]] = set()
-        self._waiting: dict[Place, list[asyncio.Future[None]]] = {}
+        self._waiting: dict[BlockName, list[asyncio.Future[None]]] = {}
 
     async def send(
         self,
@@ -71,13 +70,13 @@ class Transport:
         return layer.mark(feedback, blocks)
 
     async def receive(self, node: str, name: BlockName, port: str, timeout_s: float) -> Feedback:
-        """Wait for a block at a port of the node and take it from there."""
+        """Wait for a block at a port of the node until all has come, and take it from there."""
         layer = self._layer
         layer.network.require_port(node, port)
         limit_s = limits.timeout(timeout_s)
         try:
             async with layer.journal.timeout(limit_s):
-                block = await self._arrived((name, node, port))
+                block = await self._arrived(name, node, port)
         except TimeoutError:
             message = f"{name} did not arrive at {port} of {node} within {limit_s:g} s"
             raise Refusal(grpc.StatusCode.DEADLINE_EXCEEDED, message) from None
@@ -135,6 +134,7 @@ class Transport:
             layer.record(end.node, "dark", block, end.port, "no light came out")
         if left:
             layer.drop(block)
+            self._wake(block.name)
 
     def _part(self, block: Block, arrival: Arrival) -> Block:
         layer = self._layer
@@ -159,7 +159,8 @@ class Transport:
         block.way_ns += arrival.way_ns
         block.pulses.dispersion_ps_per_nm += arrival.dispersion_ps_per_nm
         block.start_ns = arrival.schedule.first_ns
-        first, last = np.flatnonzero(further.lit(block))[[0, -1]].tolist()
+        lit = further.lit(block)
+        first, last = int(lit.argmax()), lit.size - 1 - int(lit[::-1].argmax())
         block.first_ns = arrival.schedule.time_ns(first)
         block.last_ns = arrival.schedule.time_ns(last)
         end = arrival.end
@@ -169,11 +170,9 @@ class Transport:
         layer.record(end.node, "arrive", block, end.port, detail, block.last_ns)
         if layer.ownership.is_closed(end.node, block.name.session):
             layer.drop(block)
-            return
-        self._bring(block, end.node, end.port)
-        for waiter in self._waiting.get((block.name, end.node, end.port), ()):
-            if not waiter.done():
-                waiter.set_result(None)
+        else:
+            self._bring(block, end.node, end.port)
+        self._wake(block.name)
 
     def _bring(self, block: Block, node: str, port: str) -> None:
         """Bring a block to a place, where it joins a part of the same block."""
@@ -199,17 +198,26 @@ class Transport:
         there.gates = max(there.gates, block.gates)
         layer.ownership.remove(block)
 
-    async def _arrived(self, place: Place) -> Block:
-        name, node, port = place
-        while (block := self._layer.ownership.at(name, node, port)) is None:
+    def _wake(self, name: BlockName) -> None:
+        """Let those look again who wait for a block of this name."""
+        for waiter in self._waiting.get(name, ()):
+            if not waiter.done():
+                waiter.set_result(None)
+
+    async def _arrived(self, name: BlockName, node: str, port: str) -> Block:
+        ownership = self._layer.ownership
+        while (block := ownership.at(name, node, port)) is None or ownership.rest_flies(block):
             waiter = asyncio.get_running_loop().create_future()
-            waiters = self._waiting.setdefault(place, [])
+            waiters = self._waiting.setdefault(name, [])
             waiters.append(waiter)
             try:
                 await waiter
             finally:
                 waiters.remove(waiter)
                 if not waiters:
-                    del self._waiting[place]
+                    del self._waiting[name]
+            # Who has sent it is answered first: others wait for word of it from there.
+            for _ in range(TURNS_OF_SENDER):
+                await asyncio.sleep(0)
             await self._layer.journal.resumed()
         return block

@@ -66,8 +66,9 @@ class Sabot:
     def bell_pairs(self, count: int) -> tuple[Register, Register]:
         """Return the halves of `count` pairs in (|00> + |11>)/sqrt 2."""
         first, second = self._create(count, 2)
-        self.gate("H", first)
-        self.gate("CX", first, second)
+        (share,) = first.shares
+        share.component.state.gate("H", 0)
+        share.component.state.gate("CX", 0, 1)
         return first, second
 
     def pauli(self, register: Register, paulis: Bytes) -> None:
@@ -256,9 +257,10 @@ class Sabot:
             bits[share.positions], _determined = component.state.measure(
                 qubit, draws.at(share.positions)
             )
-            component.state.discard(qubit)
             del component.shares[qubit]
-            self._link_parts(component)
+            if component.shares:
+                component.state.discard(qubit)
+                self._link_parts(component)
         self._store.forget(register)
         return bits
 

@@ -11,6 +11,7 @@ into another come to other positions; dispatcher.sabot.joining brings together w
 """
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +25,14 @@ Mask = NDArray[np.bool_]
 Positions = NDArray[np.uint32] | slice
 
 WHOLE = slice(None)
+
+
+@lru_cache(maxsize=16)
+def everything(size: int) -> Mask:
+    """Return a mask of so many that are all true, which nobody can write into."""
+    mask = np.ones(size, dtype=bool)
+    mask.setflags(write=False)
+    return mask
 
 
 @dataclass(eq=False, slots=True)
@@ -41,8 +50,8 @@ class Register:
 
     @property
     def present(self) -> Mask:
-        """Return which qubits are there, shape (k,)."""
-        return np.ones(self.size, dtype=bool) if self.lost is None else ~self.lost
+        """Return which qubits are there, shape (k,); not to be written into."""
+        return everything(self.size) if self.lost is None else ~self.lost
 
     @property
     def remaining(self) -> int:

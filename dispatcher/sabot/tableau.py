@@ -152,8 +152,8 @@ class Tableau(NamedGates):
         for row in np.flatnonzero(self._z[count:, qubit]):
             if row != pivot:
                 self._signs[row] ^= self._signs[pivot]
-        kept = np.delete(np.arange(count), pivot)
-        self._restrict(kept, np.delete(np.arange(count), qubit))
+        every = np.arange(count)
+        self._restrict(every[every != pivot], every[every != qubit])
 
     def tensor(self, other: Self) -> Self:
         """Return the joint state of both; the other's qubits follow this one's."""
@@ -198,8 +198,8 @@ class Tableau(NamedGates):
 
     def _restrict(self, rows: NDArray[np.intp], qubits: NDArray[np.intp]) -> None:
         both = np.concatenate((rows, rows + self.qubits))
-        self._x = self._x[np.ix_(both, qubits)]
-        self._z = self._z[np.ix_(both, qubits)]
+        self._x = self._x[both[:, None], qubits]
+        self._z = self._z[both[:, None], qubits]
         self._signs = self._signs[rows]
 
     def _flip(self, rows: Bits) -> None:

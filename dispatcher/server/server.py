@@ -19,7 +19,7 @@ from dispatcher.server.servicer import Failed, Service
 from dispatcher.timeouts import STOP_GRACE_S, STOP_TIMEOUT_S
 from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_pb2_grpc import add_DispatcherServicer_to_server
-from wire.dispatcher_service import MESSAGE_LIMITS, cross_connects_socket
+from wire.dispatcher_service import FLOW_CONTROL, MESSAGE_LIMITS, cross_connects_socket
 
 MAX_SOCKET_PATH_BYTES = 100
 
@@ -60,7 +60,8 @@ class Server:
 
     def __init__(self, config: DispatcherConfig, service: Service) -> None:
         """Bind the configured sockets; raise BadConfig if one cannot be had."""
-        options = [*MESSAGE_LIMITS, ("grpc.so_reuseport", 0)]  # a taken port must be an error
+        # A taken port must be an error.
+        options = [*MESSAGE_LIMITS, *FLOW_CONTROL, ("grpc.so_reuseport", 0)]
         self._grpc = grpc.aio.server(options=options)
         add_DispatcherServicer_to_server(service, self._grpc)  # type: ignore[no-untyped-call]
         self._cross_connects = CrossConnects(service.change, service.callers, service.failed)

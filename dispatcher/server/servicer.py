@@ -9,7 +9,7 @@ from typing import Any, TypeVar, cast
 
 import grpc
 
-from dispatcher.layer.journal import caused_by, describe_request
+from dispatcher.layer.journal import caused_by
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.operations.blocks import Operations
 from dispatcher.operations.gathering import Gathering
@@ -201,7 +201,7 @@ class Service(DispatcherServicer):
         try:
             with (
                 self.layer.journal.request(node, kind, request),
-                caused_by(describe_request(node, kind, request)),
+                caused_by(node, kind, request),
             ):
                 return await change(node, request)
         except TooLarge as error:

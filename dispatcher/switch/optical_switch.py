@@ -6,7 +6,7 @@
 Everything that changes is kept over time, because light is resolved when it has passed.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.registers import Mask
 from dispatcher.switch.steps import Steps
-from dispatcher.switch.timeline import Circuit, Timeline, Times
+from dispatcher.switch.timeline import Circuit, Interval, Timeline, Times
 from wire.config import PathOptics, QuantumSwitch
 from wire.optical import DEFAULT_FREQUENCY_MHZ
 
 MAX_POWER_DBM = 0.0
 BIAS_AT_THRESHOLD_MA = 10.0
 BIAS_PER_MW_MA = 10.0
+Met = tuple[slice, Interval]  # part of light, and the connection that it met
 
 
 @dataclass(frozen=True)
@@ -121,7 +122,8 @@ class OpticalSwitch:
         """
         times_ns = light.times_ns
         entered = self._filtered(light.pulses, in_port, light)
-        leaving = self._route(in_port, entered, times_ns)
+        met = list(self.timeline.passages(in_port, times_ns))
+        leaving = _route(met, entered)
         if self.config.crosstalk_db is not None:
             leaving = self._stray(leaving, times_ns, random)
         passed = {}
@@ -130,10 +132,10 @@ class OpticalSwitch:
             loss_db = self._loss_db(in_port, out_port, times_ns)
             transmission = 10 ** (-loss_db / 10)
             photons = pulses & light.photons
-            if np.any(loss_db):
+            if loss_db.any() if isinstance(loss_db, np.ndarray) else loss_db:
                 photons &= random.happens("pass", transmission)
             passed[out_port] = Passed(pulses, photons, transmission)
-        self._count(in_port, light, passed)
+        self._count(in_port, light, passed, met)
         return passed
 
     def transmission(
@@ -174,18 +176,11 @@ class OpticalSwitch:
         port = self.ports[number]
         filter_mhz = port.tx_mhz if leaving else port.rx_mhz
         grid_mhz = port.channel.grid_mhz if port.channel else self.config.grid_mhz
-        passes = np.abs(filter_mhz.at(light.times_ns) - light.frequency_mhz) < grid_mhz / 2
-        if not np.ndim(passes):  # the same for all of them, as mostly
-            return pulses if passes else np.zeros_like(pulses)
-        return pulses & passes
-
-    def _route(self, in_port: int, photons: Mask, times_ns: Times) -> dict[int, Mask]:
-        """Send photons by the paths that were open."""
-        leaving: dict[int, Mask] = {}
-        for part, interval in self.timeline.passages(in_port, times_ns):
-            mask = leaving.setdefault(interval.out_port, np.zeros(len(photons), dtype=bool))
-            mask[part] = photons[part]
-        return leaving
+        middle_mhz = filter_mhz.at(light.times_ns)
+        if isinstance(middle_mhz, np.ndarray):
+            return pulses & (np.abs(middle_mhz - light.frequency_mhz) < grid_mhz / 2)
+        passes = abs(middle_mhz - light.frequency_mhz) < grid_mhz / 2  # all or none, as mostly
+        return pulses if passes else np.zeros_like(pulses)
 
     def _stray(
         self, leaving: dict[int, Mask], times_ns: Times, random: PhotonRandom
@@ -215,7 +210,9 @@ class OpticalSwitch:
         hot = self._hot.at(times_ns)
         return path.insertion_loss_db + self.config.hot_loss_db * hot + attenuation_db
 
-    def _count(self, in_port: int, light: Light, passed: dict[int, Passed]) -> None:
+    def _count(
+        self, in_port: int, light: Light, passed: dict[int, Passed], met: Sequence[Met]
+    ) -> None:
         came = int(np.count_nonzero(light.photons))
         left = 0
         for out_port, leaving in passed.items():
@@ -225,9 +222,18 @@ class OpticalSwitch:
         self.ports[in_port].photons_in += came
         self.ports[in_port].photons_lost += came - left
         # In an interval a photon of this input by this output has not strayed.
-        for part, interval in self.timeline.passages(in_port, light.times_ns):
+        for part, interval in met:
             counted = passed[interval.out_port].photons[part]
             interval.circuit.count(counted, light.times_ns, part.start)
+
+
+def _route(met: Sequence[Met], photons: Mask) -> dict[int, Mask]:
+    """Send photons by the paths that were open."""
+    leaving: dict[int, Mask] = {}
+    for part, interval in met:
+        mask = leaving.setdefault(interval.out_port, np.zeros(len(photons), dtype=bool))
+        mask[part] = photons[part]
+    return leaving
 
 
 def nearest_channel(config: QuantumSwitch, frequency_mhz: int) -> int:

@@ -35,6 +35,8 @@ class Steps:
 
         Times must have passed by less than what is remembered.
         """
+        if len(self._values) == 1:
+            return self.now
         first, last = (bisect_right(self._since_ns, int(times_ns[i])) - 1 for i in (0, -1))
         if first == last:
             return self._values[first]

@@ -142,7 +142,7 @@ class Qnic(Protocol):
     ) -> Coincidences:
         """Make Bell measurements on the halves 0 and 1 that arrive at two ports.
 
-        Raise NoLight if no photon of a half arrives; what came of the other is let go.
+        Raise NoLight if no photon of a half arrives; what came of the other is here still.
         """
 
     async def prepare(

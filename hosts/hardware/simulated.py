@@ -20,7 +20,6 @@ from hosts.hardware.qnic import (
     HardwareError,
     Heralds,
     LocalGate,
-    NoLight,
     Positions,
     Received,
     Stored,
@@ -168,11 +167,7 @@ class SimulatedQnic:
             for name, port in zip(names, ports, strict=True)
         ]
         measure = BellMeasureRequest(first=names[0], second=names[1], packed=True)
-        try:
-            found = await self._orders.perform(*receive, Step(bell_measure=measure))
-        except NoLight:
-            await self.discard_block(session, number)
-            raise
+        found = await self._orders.perform(*receive, Step(bell_measure=measure))
         return _coincidences(found[-1])
 
     async def prepare(

@@ -6,7 +6,7 @@ The defaults are ideal devices. A topology file names what differs, beside host 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from functools import reduce
+from functools import cached_property, reduce
 from operator import or_
 from typing import Any, Self
 
@@ -345,7 +345,7 @@ class Device:
     gates: Gates = Gates()
     emitter: Emitter = Emitter()
 
-    @property
+    @cached_property
     def features(self) -> Feature:
         """Return what a host with this device can do; it follows from the parts alone."""
         there = {

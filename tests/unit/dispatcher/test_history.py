@@ -1,6 +1,8 @@
 """Events: the log, the watchers, and that a seed gives the same log again."""
 
 import asyncio
+import errno
+import io
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -215,5 +217,43 @@ def test_events_carry_the_wall_clock_and_answers_the_time_of_the_network(tmp_pat
             event = await stream.read()
             assert event.kind == "create"
             assert event.time_ns == since_ns + 10 * (told.time_ns - since_ns)
+
+    asyncio.run(run())
+
+
+class FullDisk(io.StringIO):
+    """A log that cannot be written."""
+
+    def write(self, _text: str) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_events_are_written_a_moment_later_and_in_the_end() -> None:
+    async def run() -> None:
+        log = io.StringIO()
+        history = History(10, log, delay_s=0.001)
+        history.record(Event(node="alice"))
+        assert not log.getvalue()  # who asked has its answer first
+        async with asyncio.timeout(10):
+            while "alice" not in log.getvalue():
+                await asyncio.sleep(0)
+        history.record(Event(node="bob"))
+        history.write_out()  # as at the end of the dispatcher
+        assert [line.split()[1] for line in log.getvalue().splitlines()] == ["alice", "bob"]
+
+    asyncio.run(run())
+
+
+def test_what_cannot_be_written_is_an_error_at_the_next_event() -> None:
+    async def run() -> None:
+        history = History(10, FullDisk(), delay_s=0.001)
+
+        async def go_on() -> None:
+            while True:
+                history.record(Event(node="alice"))
+                await asyncio.sleep(0)
+
+        with pytest.raises(OSError, match="No space left"):
+            await asyncio.wait_for(go_on(), 10)
 
     asyncio.run(run())

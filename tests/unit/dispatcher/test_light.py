@@ -8,6 +8,7 @@ import grpc
 import numpy as np
 import pytest
 from dispatcher_network import (
+    DEADLINE_S,
     DELAY_NS,
     START_NS,
     Bench,
@@ -20,6 +21,7 @@ from dispatcher_network import (
 )
 
 from dispatcher.layer.network import Network
+from dispatcher.layer.ownership import BlockName
 from wire.config import BadConfig, DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.dispatcher_pb2 import ApplyRequest, BellMeasureRequest, CreateRequest, Feedback
 
@@ -177,6 +179,18 @@ async def cut_in_the_middle(bench: Bench, clock: ManualClock, *then: tuple[int, 
     await sending
 
 
+async def first_part_at(bench: Bench, port: str) -> None:
+    """Return when a part of the block has come to a port, and whoever waits for it could know."""
+    async with asyncio.timeout(DEADLINE_S):
+        while True:
+            parts = bench.layer.ownership.parts(BlockName(7, 0, 0))
+            if any(part.port == port for part in parts):
+                break
+            await bench.runner.status()
+    for _ in range(3):
+        await bench.runner.status()
+
+
 def outcomes_present(outcomes: bytes) -> list[int]:
     """Return the positions of the photons that clicked."""
     return [position for position, outcome in enumerate(outcomes) if outcome != NO_CLICK]
@@ -218,6 +232,29 @@ def test_a_path_that_moves_divides_the_block(tmp_path: Path) -> None:
                     assert ours.outcomes[position] != outcome
                 elif position >= 600:
                     assert theirs.outcomes[position] == outcome
+
+    asyncio.run(run())
+
+
+def test_who_waits_for_a_block_has_the_parts_that_come_later_too(tmp_path: Path) -> None:
+    """The second part goes round by 10 km of fibre, which takes some 49,000 ns."""
+    config = configuration(tmp_path)
+    round_by = Fiber(FiberEnd("q1", "6"), FiberEnd("q1", "7"), length_km=10)
+    config.fibers.append(round_by)
+
+    async def run() -> None:
+        clock = ManualClock()
+        async with running(config, clock) as bench:
+            waiting = asyncio.ensure_future(bench.alice.receive(block(), "alice-q0"))
+            sending = asyncio.ensure_future(cut_in_the_middle(bench, clock, (1, 6), (7, 3)))
+            await first_part_at(bench, "alice-q0")
+            assert not waiting.done()
+            await clock.waiters(1)
+            await clock.set(START_NS + 200_000)
+            await sending
+            assert (await waiting).photons == 1000
+            measured = await bench.alice.measure(block())
+            assert outcomes_present(measured.outcomes) == [*range(500), *range(600, 1000)]
 
     asyncio.run(run())
 

@@ -1,11 +1,15 @@
-"""The acceptor of superdense coding: it receives bytes, as receiver.py says; opener.py's mirror."""
+"""The acceptor of superdense coding: it receives bytes, as receiver.py says; opener.py's mirror.
+
+Its analyser waits for the light of the next block before there is word of it, as detectors do.
+"""
 
 import asyncio
 
 import numpy as np
 
-from hosts.hardware.qnic import NoLight, Symbols
+from hosts.hardware.qnic import Coincidences, NoLight, Symbols
 from hosts.middleware.services.superdense.options import arrival_ports
+from hosts.middleware.services.superdense.per_pair import cancelled
 from hosts.middleware.services.superdense.receiver import (
     Collect,
     Discard,
@@ -14,13 +18,22 @@ from hosts.middleware.services.superdense.receiver import (
     answer_to,
     check_offer,
 )
+from hosts.middleware.session.blocks import RESERVED
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.encoding import DISTINGUISHABLE_STATES
 from hosts.middleware.session.ends import AcceptorEnd
 from hosts.middleware.session.errors import SessionError, unexpected
 from hosts.middleware.session.host_resources import HostResources
-from hosts.timeouts import ARRIVED_TIMEOUT_S, PAIR_TIMEOUT_S
-from wire.metadata import Answer, Block, Finish, Reason, Setup
+from hosts.timeouts import (
+    ARRIVED_TIMEOUT_S,
+    EXPECTED_TIMEOUT_S,
+    OUTCOME_TIMEOUT_S,
+    PAIR_TIMEOUT_S,
+)
+from wire.metadata import Answer, Block, Finish, Handshake, Reason, Setup
+
+FIRST_BLOCK = 1
+Ahead = asyncio.Task[Coincidences | None]
 
 
 def accepted(resources: HostResources, setup: Setup) -> Answer:
@@ -48,14 +61,17 @@ class Acceptor:
         symbols = DISTINGUISHABLE_STATES[end.resources.analyser]
         self.receiver = Receiver(end.setup, symbols, end.channel.peer)
         self._singles: dict[int, asyncio.Task[Symbols]] = {}
+        self._expected: tuple[int, Ahead] | None = None  # a block, and its light
         end.counts, end.join = self.receiver.counts, self.one_pair
 
     async def run(self) -> None:
         """Receive until the sender has finished; raise SessionError if it does not."""
+        self._expect(FIRST_BLOCK)
         while True:
             message = await self._channel.next()
             if isinstance(message, Block):
                 symbols = await self._carry_out(self.receiver.block(message))
+                self._expect(message.block + 1)
                 data, report = self.receiver.arrived(symbols)
                 if data:
                     await self._end.deliver(data)
@@ -70,6 +86,8 @@ class Acceptor:
         """Let go of handshakes under way."""
         for task in self._singles.values():
             task.cancel()
+        if self._expected is not None:
+            self._expected[1].cancel()
 
     async def one_pair(self, channel: MetadataChannel, setup: Setup) -> None:
         """Serve the handshake of a single pair: accept, wait for its end, measure."""
@@ -86,18 +104,61 @@ class Acceptor:
             case Collect():
                 return await self._collect(order.numbers)
             case Discard():
+                light = self._taken(order.block)
+                if light is not None:
+                    await cancelled([light])
                 await self._qnic.discard_block(self._setup.session, order.block)
                 return np.empty(0, dtype=np.uint8)
 
-    async def _measure(self, order: Measure) -> Symbols:
-        ports = arrival_ports(self._setup, self._qnic.ports)
+    def _expect(self, block: int) -> None:
+        """Begin to wait for the light of a block; single pairs have handshakes of their own."""
+        if self._setup.handshake == Handshake.FRAMED and block < RESERVED:
+            self._expected = block, asyncio.create_task(self._ahead(block))
+
+    async def _ahead(self, block: int) -> Coincidences | None:
+        """Return what comes of a block of which nobody has told yet; None: nothing for long."""
         try:
-            found = await self._qnic.detect_pairs(
-                self._setup.session, order.block, ports, ARRIVED_TIMEOUT_S
-            )
+            return await self._light(block, EXPECTED_TIMEOUT_S)
         except NoLight:
+            return None
+
+    async def _measure(self, order: Measure) -> Symbols:
+        try:
+            found = await self._found(order.block)
+        except NoLight:
+            await self._qnic.discard_block(self._setup.session, order.block)
             return self.receiver.read(order, None)
         return self.receiver.read(order, found.outcomes)
+
+    async def _found(self, block: int) -> Coincidences:
+        """Return what has come of a block, whose light is here or lost: the other end says so."""
+        light = self._taken(block)
+        if light is None:
+            return await self._light(block, ARRIVED_TIMEOUT_S)
+        await asyncio.wait([light], timeout=OUTCOME_TIMEOUT_S)
+        if light.done() and (found := light.result()) is not None:
+            return found
+        # If light was here, its outcome comes before what is asked now is answered.
+        asked = asyncio.create_task(self._light(block, ARRIVED_TIMEOUT_S))
+        try:
+            await asyncio.wait([light, asked], return_when=asyncio.FIRST_COMPLETED)
+            return (light.result() if light.done() else None) or await asked
+        finally:
+            await cancelled([light, asked])
+
+    def _taken(self, block: int) -> Ahead | None:
+        """Return the light of a block if it is expected; nothing is any more then."""
+        if self._expected is None:
+            return None
+        (number, light), self._expected = self._expected, None
+        if number != block:
+            light.cancel()
+            return None
+        return light
+
+    async def _light(self, block: int, timeout_s: float) -> Coincidences:
+        ports = arrival_ports(self._setup, self._qnic.ports)
+        return await self._qnic.detect_pairs(self._setup.session, block, ports, timeout_s)
 
     async def _single(self, channel: MetadataChannel, answer: Answer, order: Measure) -> Symbols:
         channel.send(answer)

@@ -16,7 +16,8 @@ paths stay up only as long as that connection (paper, figure "handshaking").
 
 import asyncio
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
 from dataclasses import asdict
 
 from hosts.hardware.qnic import BlockName, NoLight, Symbols
@@ -81,38 +82,46 @@ class Opener:
 
     async def _carry_out(self, order: Light | Singles, before: asyncio.Task[None] | None) -> None:
         """Make light, and tell the receiver of it; blocks keep their order."""
-        try:
-            if isinstance(order, Light):
-                emitted_ns = await self._light_of(order, before)
+        if isinstance(order, Singles):
+            self._tell(await self._per_pair.send(order))
+            return
+        async with self._emission(order.block, order.paulis.size) as emission:
+            try:
+                emitted_ns = await self._light_of(order, before, emission)
+            except NoLight as error:
+                self._channel.send(self._sender.dark(str(error)))
             else:
-                emitted_ns = await self._per_pair.send(order)
-        except NoLight as error:
-            message = self._sender.dark(str(error))
-        else:
-            message = self._sender.lit(emitted_ns)
-        self._channel.send(message)
+                self._tell(emitted_ns)
 
-    async def _light_of(self, order: Light, before: asyncio.Task[None] | None) -> int:
-        """Have a block made while the one before it is being sent on, then send it on."""
-        emission = asyncio.create_task(self._end.arrangement.emit(order.block, order.paulis.size))
+    def _tell(self, emitted_ns: int) -> None:
+        self._channel.send(self._sender.lit(emitted_ns))
+
+    @asynccontextmanager
+    async def _emission(self, block: int, pairs: int) -> AsyncIterator[asyncio.Task[None]]:
+        """Have the source make a block meanwhile, and wait for its answer in the end."""
+        emission = asyncio.create_task(self._end.arrangement.emit(block, pairs))
         try:
-            if before is not None:
-                await asyncio.shield(before)
-            if self._sender.is_called_off(order.block):
-                await emission
-                await self._qnic.discard_block(self._setup.session, order.block)
-                raise NoLight(f"block {order.block} is called off")
-            return await self._light(order.block, order.paulis, emission)
+            yield emission
+            await emission
         finally:
             await cancelled([emission])
+
+    async def _light_of(
+        self, order: Light, before: asyncio.Task[None] | None, emission: asyncio.Task[None]
+    ) -> int:
+        """Send a block on that is being made, once the one before it has been sent on."""
+        if before is not None:
+            await asyncio.shield(before)
+        if self._sender.is_called_off(order.block):
+            await emission
+            await self._qnic.discard_block(self._setup.session, order.block)
+            raise NoLight(f"block {order.block} is called off")
+        return await self._light(order.block, order.paulis, emission)
 
     async def _pair(self, number: int, pauli: Symbols) -> int:
         """Have one pair made, modulate this host's half and send it on."""
-        emission = asyncio.create_task(self._end.arrangement.emit(number, pauli.size))
-        try:
+        async with self._emission(number, pauli.size) as emission:
             return await self._light(number, pauli, emission)
-        finally:
-            await cancelled([emission])
 
     async def _light(self, number: int, paulis: Symbols, emission: asyncio.Task[None]) -> int:
         """Modulate this host's halves of a block that is being made, and send them on."""
@@ -123,6 +132,10 @@ class Opener:
             self._qnic.modulate(half, paulis, port, rate_hz, wavelength_pm, LIGHT_TIMEOUT_S)
         )
         try:
+            # The light may be on its way again before the source has answered.
+            await asyncio.wait([emission, light], return_when=asyncio.FIRST_COMPLETED)
+            if light.done():
+                return await light
             await emission
             # The source has answered: its light has arrived, or never will.
             async with asyncio.timeout(GRACE_S + paulis.size / rate_hz):
