@@ -1,4 +1,4 @@
-"""Idle fibres as sensors: seals watch two ways, and an alarm closes the one that somebody taps.
+"""Idle fibres as sensors: seals watch two ways, and the controller closes the one that is tapped.
 
     alice --- q1 ====== q2 === charlie    alice watches her way to charlie, charlie his to bob;
               ||        ||                messages from alice to bob go by both, and come first
@@ -14,14 +14,15 @@ from pathlib import Path
 
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
-from qmn.live.controller_console import ask
 from qmn.live.fiber_order import send as order
 from qmn.live.running import dispatcher_of_running_network
 from qmn.scripting import QuantumNetwork, start
+from wire.controller_lines import read_record
 from wire.dispatcher_pb2 import AdjustFiberRequest
 from wire.metadata import Reason
 
-WAYS = {("alice", "charlie"): ("q1", "q2"), ("charlie", "bob"): ("q2", "q3")}
+POLICY = 'default = "allow"\n[seal]\nalarm = "close"\n'
+WAYS = ("alice", "charlie"), ("charlie", "bob")
 PORT, PAIRS, PAUSE_S, LONGEST_S = 20, 2000, 0.2, 60.0
 TAPPED, MESSAGE = 0.5, bytes(200_000)
 BEGUN = time.monotonic()
@@ -68,12 +69,13 @@ def watch(network: QuantumNetwork, opener: str, acceptor: str) -> str:
     return verdict
 
 
-def close(policy: Path, one: str, other: str) -> None:
-    """Have the controller send no light between two switches any more."""
-    with policy.open("a") as file:
-        file.write(f'[[closed]]\nbetween = ["{one}", "{other}"]\n')
-    ask("reload-policy")
-    say(f"closed: {one} to {other}")
+def closed(network: QuantumNetwork) -> list[str]:
+    """Wait until the controller has heard of the alarm; return the fibres that it has closed."""
+    while not (alarms := [f for f in read_record(network.runtime.logs) if f["event"] == "alarm"]):
+        if time.monotonic() - BEGUN > LONGEST_S:
+            raise TimeoutError(f"the controller has not heard of the alarm in {LONGEST_S:g} s")
+        time.sleep(PAUSE_S)
+    return [str(way) for fact in alarms if fact["closed"] for way in fact["watched"]]
 
 
 def tap(one: str, other: str) -> None:
@@ -95,9 +97,7 @@ def main(policy: Path) -> None:
                 tap("q2", "q3")
                 tapped = True
             time.sleep(PAUSE_S)
-        for ends, switches in WAYS.items():
-            if found[ends] == "ALARM":
-                close(policy, *switches)
+        say("closed: " + " ".join(closed(network)))
         result = network.send("alice", "bob", MESSAGE)
         say(f"message arrived: {result.data == MESSAGE}, errors {result.symbol_error_rate:g}")
         for path in network.trace("alice", "bob"):
@@ -106,5 +106,5 @@ def main(policy: Path) -> None:
 
 with tempfile.TemporaryDirectory() as folder:
     file = Path(folder) / "policy.toml"
-    file.write_text('default = "allow"\n')
+    file.write_text(POLICY)
     main(file)

@@ -183,7 +183,7 @@ class DeviceReport(Message):
     """The state of a host. Counts are since its stack started."""
 
     KIND = 35
-    FIELDS = struct.Struct(f"!HHHQQQQQQIIIIIIII{_SETTINGS.size}s")
+    FIELDS = struct.Struct(f"!HHHQQQQQQIIIIIIIIQ{_SETTINGS.size}s")
 
     sending: int = 0  # sessions that run
     receiving: int = 0
@@ -202,6 +202,7 @@ class DeviceReport(Message):
     period_ms: int = 0  # the subscription in force; 0: none
     lost_ppm: int = 0
     symbol_error_ppm: int = 0
+    alarm: int = 0  # the session of the seal of this host that has ended in an alarm last
     settings: DeviceSettings = DeviceSettings()  # the overrides in force
     ports: tuple[DevicePort, ...] = ()
 

@@ -16,7 +16,12 @@ from dataclasses import dataclass, fields, replace
 from math import ceil, inf
 from typing import Any
 
-from controller_apps.apps.swap_orders import EventNodeAnswered, EventSwapsOrdered, SwapOrders
+from controller_apps.apps.swap_orders import (
+    EventAlarm,
+    EventNodeAnswered,
+    EventSwapsOrdered,
+    SwapOrders,
+)
 from controller_apps.console.questions import EventQuestion, Refused, reply
 from controller_apps.devices.device_view import host_view, switch_view
 from controller_apps.devices.hosts_state import Hosts, Place, Told
@@ -220,6 +225,8 @@ class DeviceMonitor(App):
             self.logger.warning("%s: %s", host, told.answer.text)
             self._settle(host, Refused(f"{host}: {told.answer.text}"))
         state = self.hosts.states[host]
+        if told.alarm:
+            self.send_event(METADATA, EventAlarm(told.alarm, host, state.place.address))
         if told.answer is not None:
             self._order_answered(state.place.address, told.answer)
         if state.report.settings == self.hosts.wanted.get(host, DeviceSettings()):

@@ -9,7 +9,7 @@ from collections import Counter
 from itertools import count
 from typing import Any
 
-from controller_apps.apps.swap_orders import EventNodeAnswered, EventSwapsOrdered
+from controller_apps.apps.swap_orders import EventAlarm, EventNodeAnswered, EventSwapsOrdered
 from controller_apps.console.questions import EventQuestion, Refused, reply
 from controller_apps.console.views import (
     fibers_view,
@@ -36,7 +36,13 @@ from controller_apps.openflow.framework import (
 from controller_apps.openflow.identities import Identities
 from controller_apps.openflow.mac_table import MacTable, filter_entries
 from controller_apps.packets.segments import FiveTuple, is_tcp
-from controller_apps.policy.policy import DEFAULT, BadPolicy, read_policy, require_switches
+from controller_apps.policy.policy import (
+    CLOSE,
+    DEFAULT,
+    BadPolicy,
+    read_policy,
+    require_switches,
+)
 from controller_apps.record import Record
 from controller_apps.sessions.actions import (
     Action,
@@ -56,6 +62,7 @@ from controller_apps.sessions.admission import Admission
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.permission import Permission
 from controller_apps.sessions.restore import take_over
+from controller_apps.sessions.seals import Seals
 from controller_apps.sessions.snapshot import encode_hosts
 from controller_apps.sessions.state_folder import StateFolder
 from controller_apps.timeouts import SESSION_TICK_S
@@ -106,6 +113,7 @@ class QuantumMetadata(App):
         require_switches(policy, names.values())
         self.permission = Permission(policy, self.network, self.arbiter.sessions)
         self.arbiter.forbid = self._forbid
+        self.seals = Seals(self.network)
         self.stations = config.stations
         self.datapaths: dict[int, Any] = {}
         self._follow_policy()
@@ -322,6 +330,20 @@ class QuantumMetadata(App):
         session, node = event.session, event.node
         self._do(self.arbiter.node_answered(session, node, event.reason, self._now()))
 
+    @on(EventAlarm)
+    def seal_alarmed(self, event: Any) -> None:
+        """Close the way on which a seal has found somebody, if the policy says so."""
+        ways = self.seals.alarmed(event.session, event.address)
+        closes = self.permission.policy.alarm == CLOSE and bool(ways)
+        watched = sorted("-".join(sorted(way)) for way in ways)
+        self.logger.warning("%s: alarm of its seal %016x on %s", event.host, event.session, watched)
+        facts = {"session": f"{event.session:016x}", "host": event.host, "watched": watched}
+        self.record.write("alarm", **facts, closed=closes)
+        if closes:
+            self.seals.close(ways)
+            self._follow_policy()
+            self._do(self.arbiter.network_changed(self._now()))
+
     @on(EventQuestion)
     def asked(self, question: Any) -> None:
         """Answer what another thread wants to know."""
@@ -350,6 +372,7 @@ class QuantumMetadata(App):
         except BadPolicy as error:
             raise Refused(f"{error}; the policy before stays in force") from error
         self.permission.policy = policy
+        self.seals.closed = frozenset()
         self._follow_policy()
         self.record.write("policy", path=self.policy_path)
         self._do(self.arbiter.network_changed(self._now()))
@@ -364,7 +387,7 @@ class QuantumMetadata(App):
         self.arbiter.needs_sequence = policy.filter.sequences
         self.fibers.needs_seal = policy.filter.announcements
         self.mac_table.place(self.stations if policy.filter.addresses else [])
-        self.network.closed = policy.closed
+        self.network.closed = policy.closed | self.seals.closed
         for dpid, datapath in self.datapaths.items():
             if dpid not in self.quantum_switches:
                 self._filter(datapath)
@@ -431,6 +454,8 @@ class QuantumMetadata(App):
             fields["detail"] = note.detail
         if note.event == "refused":  # the rest is in the record, a line for every pair
             self.logger.info("session %016x: refused, %s", note.session, note.detail)
+        if note.event in ("granted", "moved"):
+            self.seals.granted(self.arbiter.sessions.by_number.get(note.session))
         self.record.write(note.event, **fields, packet_in_count=self.packet_in_count)
 
     def _drop(self, drop: Drop) -> None:

@@ -26,6 +26,14 @@ class EventNodeAnswered(Event):
         self.session, self.node, self.reason = session, node, reason
 
 
+class EventAlarm(Event):
+    """A host's seal has found somebody on its way."""
+
+    def __init__(self, session: int, host: str, address: str) -> None:
+        super().__init__()
+        self.session, self.host, self.address = session, host, address
+
+
 @dataclass
 class SwapOrders:
     """The orders that no node has answered yet, by the node's address and number."""

@@ -51,6 +51,7 @@ class Told:
     host: str
     changed: bool = False
     first: bool = False
+    alarm: int = 0  # the session of a seal that has found somebody since the last report
     answer: Answer | None = None
 
 
@@ -76,7 +77,9 @@ class Hosts:
         if isinstance(message, DeviceReport):
             self.states[host] = HostState(place, message, now, datagram.number)
             changed = known is None or _facts(known.report) != _facts(message)
-            return Told(host, changed, known is None)
+            before = known.report.alarm if known is not None else 0
+            alarm = message.alarm if message.alarm != before else 0
+            return Told(host, changed, known is None, alarm)
         if known is None or not isinstance(message, Answer):
             raise MalformedPacket(f"{host} sent {type(message).__name__} unasked")
         known.number, known.heard, known.place = datagram.number, now, place

@@ -21,6 +21,9 @@ by = "eve"
 [[closed]]                  # no session has light through the fibres between these two switches
 between = ["q1", "q2"]
 
+[seal]                      # when a seal finds somebody on its way,
+alarm = "close"             # that is closed until the policy is read again; "tell": it is not
+
 [[trusted]]                 # a host that may relay keys of others, and so may know them
 host = "r1"                 # "*": every host
 between = ["alice", "bob"]  # left out: of any two
@@ -78,6 +81,7 @@ from wire.services import LIGHT, RETURNS
 SHIPPED = Path(__file__).parent
 DEFAULT = SHIPPED / "demo.toml"
 ACTIONS = ("allow", "deny")
+ALARMS = TELL, CLOSE = "tell", "close"
 # A link belongs to a swap, and is allowed with it; a return is allowed as what it is a return of.
 PARTS = (Service.LINK, *RETURNS)
 SERVICES = ("*", *(service.name.lower() for service in LIGHT if service not in PARTS))
@@ -221,6 +225,7 @@ class Policy:
     queue: Queue = IN_TURN  # of those that wait for light
     closed: frozenset[frozenset[str]] = frozenset()  # pairs of switches, by their names
     trusted: tuple[Trusted, ...] = ()  # with keys of others; without: nobody is
+    alarm: str = TELL  # what the alarm of a seal does
 
     def trusts(self, host: str, ends: frozenset[str]) -> bool:
         """Whether a host may relay keys of two others."""
@@ -280,6 +285,7 @@ def parse_policy(text: str) -> Policy:
             "rule",
             "tap",
             "closed",
+            "seal",
             "trusted",
             "swap",
             "queue",
@@ -304,6 +310,7 @@ def parse_policy(text: str) -> Policy:
             _parse_trusted(table, f"trusted {number}")
             for number, table in enumerate(_array(content, "trusted", MAX_TRUSTED), 1)
         ),
+        _parse_seal(_table(content.get("seal", {}), "seal")),
     )
 
 
@@ -363,6 +370,11 @@ def _parse_closed(given: list[Any]) -> frozenset[frozenset[str]]:
         remedy = 'write between = ["q1", "q2"], two different switches'
         closed.add(_two(table.get("between"), place, remedy))
     return frozenset(closed)
+
+
+def _parse_seal(table: dict[str, Any]) -> str:
+    _only(table, "seal", {"alarm"})
+    return _one_of(table.get("alarm", TELL), ALARMS, "seal: alarm")
 
 
 def _parse_trusted(given: object, place: str) -> Trusted:

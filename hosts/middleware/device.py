@@ -32,6 +32,10 @@ class Counted(Protocol):
     def counts(self) -> Mapping[str, int]:
         """What it has used so far, as DeviceReport names it."""
 
+    @property
+    def alarmed(self) -> bool:
+        """Whether it watches a way, and has found somebody there."""
+
 
 @dataclass
 class Device:
@@ -47,6 +51,7 @@ class Device:
     _serving: int = 0
     _ended: Counter[str] = field(default_factory=Counter)
     _in_use: dict[str, int] = field(default_factory=dict)
+    _alarm: int = 0  # the session that has alarmed last
 
     @property
     def at_work(self) -> bool:
@@ -96,6 +101,8 @@ class Device:
         finally:
             among.remove(session)
             self._ended.update(session.counts)
+            if session.alarmed:
+                self._alarm = session.setup.session
             self.changed()
 
     @contextmanager
@@ -127,6 +134,7 @@ class Device:
             period_ms=self.subscription.period_ms,
             lost_ppm=self.subscription.lost_ppm,
             symbol_error_ppm=self.subscription.symbol_error_ppm,
+            alarm=self._alarm,
             settings=self.settings,
             ports=self.read_ports(),
             **counts,
@@ -155,7 +163,7 @@ def changed(before: DeviceReport, now: DeviceReport) -> bool:
 def _facts(report: DeviceReport) -> tuple[object, ...]:
     sessions = report.sending, report.receiving, report.serving
     subscription = report.period_ms, report.lost_ppm, report.symbol_error_ppm
-    return sessions, subscription, report.settings, report.ports
+    return sessions, subscription, report.alarm, report.settings, report.ports
 
 
 def _exceeds(part: int, whole: int, ppm: int) -> bool:

@@ -178,7 +178,7 @@ def test_an_alarm_closes_the_fibre_that_somebody_taps() -> None:
     printed = run("script", str(EXAMPLES / "watched.py"))
     moments = re.findall(r"^ *[0-9.]+ s  (.*)$", printed, re.MULTILINE)
     tapped = moments.index("somebody measures 0.5 of the photons between q2 and q3")
-    closed = moments.index("closed: q2 to q3")
+    closed = moments.index("closed: q2-q3")
     assert "message arrived: True" in moments[:tapped]
     assert any(each.startswith("charlie to bob: whole") for each in moments[:tapped])
     assert not any("ALARM" in each for each in moments[:tapped])

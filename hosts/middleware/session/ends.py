@@ -161,6 +161,7 @@ class OpenerEnd(End):
     lifetimes: Lifetimes = field(kw_only=True)  # of its memory, likewise
     is_source: bool = field(kw_only=True)  # this host makes the pairs, and keeps half of each
     sent: tuple[int, bytes] = NO_BYTES  # how many bytes, and their SHA-256: what Finish says
+    alarmed: bool = False  # the controller is told
 
     @property
     def side(self) -> OpenerSide:

@@ -78,6 +78,11 @@ class OpeningSession:
         """What the session has used of this host's device (wire.device.DeviceReport)."""
         return self._end.counts() if self._end else {}
 
+    @property
+    def alarmed(self) -> bool:
+        """Whether it watches a way, and has found somebody there."""
+        return self._end is not None and self._end.alarmed
+
     async def run(self, tell: Tell) -> None:
         """Arrange light, do what the service does; raise SessionError if it cannot be."""
         answer = await self._arrangement.open()
@@ -174,6 +179,11 @@ class AcceptingSession:
     def counts(self) -> Mapping[str, int]:
         """What the session has used of this host's device (wire.device.DeviceReport)."""
         return self._end.counts() if self._end else {}
+
+    @property
+    def alarmed(self) -> bool:
+        """Whether it has found somebody: its opener would."""
+        return False
 
     async def run(self, application: Application) -> None:
         """Do what the service does; raise SessionError if it fails."""

@@ -8,9 +8,16 @@ from metadata_scene import ALICE, BOB, CHARLIE, FRAMED, Q1, S1, arbiter, frame, 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop, HostPort, Network
 from controller_apps.packets.segments import parse
-from controller_apps.policy.policy import BadPolicy, parse_policy, require_switches
+from controller_apps.policy.policy import (
+    CLOSE,
+    TELL,
+    BadPolicy,
+    parse_policy,
+    require_switches,
+)
 from controller_apps.sessions.actions import Action, ClosePaths, Forward, Note, OpenPaths
 from controller_apps.sessions.arbiter import Arbiter
+from controller_apps.sessions.seals import Seals
 from wire.metadata import Reason, Service, Setup, decode
 
 SEAL = replace(FRAMED, service=Service.SEAL, source=ALICE)
@@ -113,6 +120,32 @@ def test_sessions_that_stand_are_moved_from_it() -> None:
     state.network.closed = parse_policy(CLOSED).closed
     moved = state.network_changed(1.0)
     assert {Hop(1, 1, 3), Hop(3, 1, 2), Hop(2, 3, 1)} == set(opened(moved))
+
+
+def test_an_alarm_closes_the_way_of_its_seal_and_no_other() -> None:
+    state = Arbiter(triangle(), 5.0, 30.0)
+    seals = Seals(state.network)
+    seal = replace(SEAL, session=11)
+    for setup, sport in ((seal, 40000), (replace(KEYS, source=ALICE, session=12), 40001)):
+        grant(state, ask(state, setup, sport))
+        seals.granted(state.sessions.by_number.get(setup.session))
+        fin = frame(sport=sport, seq=100 + len(setup.encode()), flags="FA", destination=BOB)
+        state.segment_arrived(S1, 1, fin, 1.0)  # over, when word of the alarm comes
+    assert not state.sessions.by_number
+    way = frozenset({frozenset({"q1", "q2"})})
+    assert seals.alarmed(11, ALICE) == way
+    assert not seals.alarmed(11, BOB)  # who has not opened it
+    assert not seals.alarmed(12, ALICE)  # which is no seal
+    seals.close(way)
+    state.network.closed = seals.closed
+    assert sorted(opened(ask(state, replace(KEYS, source=ALICE), 40002))) == sorted(ROUND)
+
+
+@pytest.mark.parametrize(("text", "alarm"), [("", TELL), ('[seal]\nalarm = "close"\n', CLOSE)])
+def test_the_policy_says_what_an_alarm_does(text: str, alarm: str) -> None:
+    assert parse_policy(text).alarm == alarm
+    with pytest.raises(ValueError, match="seal: alarm is 'cut'"):
+        parse_policy('[seal]\nalarm = "cut"\n')
 
 
 def test_where_there_is_no_way_round_the_refusal_names_what_is_closed() -> None:

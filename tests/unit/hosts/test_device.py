@@ -42,6 +42,7 @@ class Session:
 
     counts: dict[str, int]
     setup: Setup = SETUP
+    alarmed: bool = False
 
 
 def sending(pairs: int, lost: int = 0, errors: int = 0, repeated: int = 0) -> Session:
@@ -118,6 +119,19 @@ def test_sessions_are_counted_while_they_run_and_after() -> None:
         ports=(DevicePort("bob-q0", True),),
     )
     assert left == replace(report, sending=1, receiving=0, serving=0, pairs_sent=111)
+
+
+def test_the_alarm_of_a_seal_is_told_when_it_is_over_and_stays() -> None:
+    device = Device(Fibers())
+    seal = Session({}, replace(SETUP, session=9, service=Service.SEAL), alarmed=True)
+    with device.opens(seal):
+        before = device.report()
+        assert before.alarm == 0
+    assert device.report().alarm == 9
+    assert changed(replace(before, sending=0), device.report())
+    with device.opens(sending(1)):
+        pass
+    assert device.report().alarm == 9
 
 
 def test_counts_alone_are_no_change_but_ports_and_settings_are() -> None:

@@ -113,6 +113,7 @@ REPORT = DeviceReport(
     period_ms=15,
     lost_ppm=16,
     symbol_error_ppm=17,
+    alarm=19,
     settings=SETTINGS,
     ports=(DevicePort("alice-q0", True), DevicePort("alice-q1", False)),
 )

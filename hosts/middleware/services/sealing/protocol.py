@@ -73,6 +73,11 @@ class Watch:
         self._blocks = self._emitted = self._dark = 0
         self._compared, self._errors = np.zeros(2, np.int64), np.zeros(2, np.int64)  # in Z, X
 
+    @property
+    def alarm(self) -> bool:
+        """Whether somebody was found."""
+        return self._test.alarm
+
     def run(self) -> Steps[None]:
         """Watch until there is an alarm, or enough was seen."""
         while not self._test.alarm and self._test.compared < self._options.count:

@@ -23,7 +23,7 @@ async def watch(end: OpenerEnd, options: SealOptions) -> None:
     """Do what the opener does."""
     seen = Watch(end.side, options)
     await end.perform(seen.run())
-    end.summary = seen.summary()
+    end.summary, end.alarmed = seen.summary(), seen.alarm
 
 
 async def accept(end: AcceptorEnd) -> None:
