@@ -4,6 +4,8 @@ import base64
 import json
 import subprocess
 import sys
+import urllib.error
+import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,7 @@ from scapy.utils import rdpcap
 
 from topologies.key_managers import KeyService, start_key_managers
 from topologies.network import Network
+from topologies.runtime import free_port
 from topologies.sdc import SdcTopo
 from wire.key_manager import KeyLink
 
@@ -55,6 +58,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory, _open_vswitch: None) -> Iter
     policy = folder / "policy.toml"
     policy.write_text(TRUSTED)
     settings: dict[str, Any] = {"policy": str(policy), "contention": "queue"}
+    settings["rest"] = f"127.0.0.1:{free_port()}"
     with nothing_left(), running(SdcTopo, folder, **settings) as network:
         network.capture("s1")
         start_key_managers(network, KeyService(PAIRS, LINK))
@@ -108,6 +112,35 @@ def test_the_controller_tells_of_links_and_applications(scene: Scene) -> None:
     assert application["backing_qkdl_id"] == [virtual["qkdl_id"]]
     assert application["app_id"] in virtual["qkdl_applications"]
     assert "sae-alice" in scene.qmn("keys")
+
+
+def test_it_tells_them_over_http_to_who_has_the_token(scene: Scene) -> None:
+    """Nodes, links and applications as `qmn keys --json` has them; counts and times go on."""
+    scene.curl("alice", "sae-bob/enc_keys")
+    runtime = scene.network.runtime
+    url = f"http://{runtime.settings.rest}/qmn/keys"
+    with pytest.raises(urllib.error.HTTPError) as refused:
+        urllib.request.urlopen(url, timeout=10)
+    with refused.value as error:
+        assert error.code == 401
+    asking = urllib.request.Request(
+        url, headers={"Authorization": f"Bearer {runtime.rest_token()}"}
+    )
+    with urllib.request.urlopen(asking, timeout=10) as answer:  # noqa: S310
+        assert answer.headers["Content-Type"] == "application/json"
+        over_http = json.load(answer)
+    assert names(over_http) == names(json.loads(scene.qmn("keys", "--json")))
+
+
+def names(told: Any) -> dict[str, tuple[list[str], list[str]]]:
+    """Return which links and applications each node has, by its name."""
+    return {
+        node["qkdn_location_id"]: (
+            [link["qkdl_id"] for link in node["qkd_links"]["qkd_link"]],
+            [each["app_id"] for each in node["qkd_applications"]["qkd_app"]],
+        )
+        for node in told["qkd_nodes"]
+    }
 
 
 def test_a_policy_that_trusts_nobody_ends_the_relay(scene: Scene) -> None:
