@@ -140,6 +140,6 @@ def answers(url: str) -> bool:
     """Return whether somebody serves the page."""
     try:
         with urllib.request.urlopen(url, timeout=10) as response:  # noqa: S310
-            return response.status == 200
+            return int(response.status) == 200
     except OSError:
         return False
