@@ -1,4 +1,4 @@
-"""Which cardinal state a qubit is in, of those that are in no joint state with others.
+"""The cardinal states of qubits, of those that are in no joint state with others.
 
 Only a simulation knows; who asks must let nobody learn more of it than a measurement tells.
 """
