@@ -23,6 +23,7 @@ VERBS = (  # each a module of qmn.verbs
     "sweep",
     "curves",
     "lab",
+    "demo",
     "devices",
     "paths",
     "keys",
