@@ -14,6 +14,7 @@ from qmn.timeouts import LAB_END_TIMEOUT_S, LAB_POLL_S, LAB_RUN_TIMEOUT_S
 from topologies.programs import NetworkError, cause
 
 RESULT = "result.json"
+TOLD = "qmn: "  # before what is told of a fault
 
 
 def words_of(said: str, seed: int, runs: Path) -> list[str]:
@@ -42,10 +43,15 @@ def carry_out(name: str, said: str, seed: int, folder: Path, check: Callable[[],
         finally:
             _end(process)
     if process.returncode:
-        words = Path(log.name).read_text()
-        raise NetworkError(f"{name}: {cause(words) or 'failed'}; qmn {said}: see {log.name}")
+        raise NetworkError(f"{name}: {_why(Path(log.name).read_text())}; see {log.name}")
     (left,) = (path for path in runs.iterdir() if path.is_dir() and not path.is_symlink())
     return Run(left, json.loads((left / RESULT).read_text()))
+
+
+def _why(said: str) -> str:
+    """Return why a run has failed: what `qmn` says of it, or its last words."""
+    told = [line.removeprefix(TOLD) for line in said.splitlines() if line.startswith(TOLD)]
+    return (told or [cause(said)])[0] or "failed without a word"
 
 
 def _wait(process: "subprocess.Popen[bytes]", name: str, check: Callable[[], None]) -> None:
