@@ -1,6 +1,5 @@
 """The words of a run's applications, followed from their first line to their last."""
 
-import json
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
@@ -9,6 +8,7 @@ from qmn.timeouts import STALL_TIMEOUT_S
 from topologies.network import Network
 from topologies.programs import NetworkError, Program
 from topologies.timeouts import POLL_S
+from wire.application_lines import fields_of
 from wire.controller_lines import read_record
 from wire.metadata import Reason
 
@@ -33,7 +33,7 @@ class Lines:
             text = log.read().decode(errors="replace")
         complete = text[: text.rfind("\n") + 1]
         self._position += len(complete.encode())
-        return [_fields(line) for line in complete.splitlines()]
+        return [fields_of(line) for line in complete.splitlines()]
 
 
 def follow(
@@ -108,11 +108,3 @@ def in_the_way(record: Iterable[Mapping[str, Any]]) -> str:
         elif event in ("granted", "moved") or (event == "port" and fact["up"]):
             found = ""
     return found
-
-
-def _fields(line: str) -> dict[str, Any]:
-    try:
-        fields = json.loads(line)
-    except ValueError:
-        return {}
-    return fields if isinstance(fields, dict) else {}

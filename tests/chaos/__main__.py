@@ -19,6 +19,7 @@ import tempfile
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from random import Random
@@ -31,7 +32,8 @@ ROOT = Path(__file__).resolve().parents[2]
 APART = str(ROOT / "topologies" / "own_namespaces")
 LONGEST_WAIT_S = 9.0  # from the start to the strike
 AFTER_START = 2.5  # before which there is little to strike
-HANG_S = 90.0  # from the strike to the end
+HANG_S = 90.0  # from the strike to the end, where a process has a processor of its own
+LOOK_S = 0.5
 NAMED_S, STALLED_NAMED_S = 5.0, 30.0
 
 
@@ -45,6 +47,7 @@ class Outcome:
     status: int | None  # of the run; None: it hung
     cause: str = ""
     named_after_s: float | None = None
+    slowness: float = 1.0  # how many processes shared a processor
     ended_after_s: float | None = None
     faults: list[str] = field(default_factory=list)
     leftovers: list[str] = field(default_factory=list)
@@ -62,8 +65,9 @@ class Outcome:
 
     @property
     def late(self) -> bool:
-        """Whether the cause was named too late."""
+        """Whether the cause was named too late, for a machine as busy as it was."""
         limit = STALLED_NAMED_S if self.strike and self.strike.stalls else NAMED_S
+        limit *= self.slowness
         return self.named_after_s is not None and self.named_after_s > limit
 
 
@@ -95,13 +99,18 @@ class Struck:
         return self._process.poll() is None
 
     def end(self, timeout_s: float) -> int | None:
-        """Wait for its end; return the status, None for one that hangs, which is killed."""
-        try:
-            status = self._process.wait(timeout_s)
-        except subprocess.TimeoutExpired:
+        """Wait for its end; return the status, None for one that hangs, which is killed.
+
+        Where processes wait for processors, a second is as much longer.
+        """
+        had_s, status = 0.0, None
+        while status is None and had_s < timeout_s:
+            with suppress(subprocess.TimeoutExpired):
+                status = self._process.wait(LOOK_S)
+            had_s += LOOK_S / machine.slowness()
+        if status is None:
             self._process.kill()
             self._process.wait()
-            status = None
         self._reader.join(5)
         return status
 
@@ -210,9 +219,10 @@ def _struck(
         if run.running:
             made = strike(run.pid, random)
         moment += 0.5  # there was nothing to strike yet
-    struck = time.monotonic()
+    struck, slowness = time.monotonic(), machine.slowness()
     status = run.end(HANG_S)
     outcome = Outcome(number, " ".join(job.words[:1]), made, status)
+    outcome.slowness = round(max(slowness, machine.slowness()), 1)
     causes = [(at, line) for at, line in run.said if line.startswith(("ending: ", "qmn: "))]
     if causes and made is not None:
         outcome.cause = causes[0][1]
@@ -245,7 +255,7 @@ def _left_after(
 def bad(outcome: Outcome) -> bool:
     """Whether something went wrong that must not, whatever was struck.
 
-    A cause that is named late is counted only: how late depends on the machine.
+    A cause that is named late is counted only: how late depends on what else the machine does.
     """
     return outcome.status is None or bool(outcome.faults or outcome.leftovers)
 
@@ -274,6 +284,7 @@ def summary(outcomes: list[Outcome]) -> str:
         f"leftovers, harm  {sum(bool(outcome.leftovers) for outcome in outcomes)}",
         f"cause named      in {len(failed)} runs; late in {sum(o.late for o in failed)}",
         f"another named    {len(other)}",
+        f"a processor had  {max((o.slowness for o in outcomes), default=1):g} processes at most",
         *(f"                 {told(outcome)}" for outcome in other),
     ]
     if timed:
