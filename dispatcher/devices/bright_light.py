@@ -31,7 +31,8 @@ STATES = np.array([[1.0, 0.0], [0.0, 1.0], [_ROOT, _ROOT], [_ROOT, -_ROOT]])
 def shares(states: Bytes, bases: Bytes) -> Powers:
     """Return which share of light of these states each arm of a measurement gets, shape (k, 2)."""
     found = STATES.reshape(2, 2, 2)[bases]  # by photon, arm, amplitude
-    return np.einsum("kab,kb->ka", found, STATES[states]) ** 2
+    amplitudes: Powers = np.einsum("kab,kb->ka", found, STATES[states])
+    return amplitudes**2
 
 
 @dataclass(frozen=True)

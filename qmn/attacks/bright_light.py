@@ -99,7 +99,7 @@ def trojan(
     """
     random = np.random.default_rng(SEED)
     states = random.integers(0, 4, bits, dtype=np.uint8)
-    mean = source.reflected(injected) * shares(states, states >> 1)
+    mean = source.reflected(injected) * shares(states, states >> np.uint8(1))
     photons = random.poisson(mean)
     assert not photons[np.arange(bits), 1 - (states & 1)].any()  # none in the other arm
     spied = Spied(bits, int((photons.sum(axis=1) > 0).sum()), 0)

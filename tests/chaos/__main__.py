@@ -1,6 +1,7 @@
 """Strikes runs at random, and holds them to account.
 
 python tests/chaos --minutes 10 --seed 1      (root; `make chaos MINUTES=10 SEED=1`)
+python tests/chaos --standing --strikes 100   (`make chaos STANDING=1 STRIKES=100`: standing.py)
 
 Each strike has a run of its own: a job at random, a moment at random, and something of it at random
 is killed, told to end, stopped or cut, beside bridges, namespaces and processes that are not ours.
@@ -126,14 +127,40 @@ def main() -> int:
     parser.add_argument(
         "--at-once", type=int, default=os.cpu_count() or 1, help="so many (the processors)"
     )
+    parser.add_argument(
+        "--standing", action="store_true", help="strike one network that outlives it"
+    )
     parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
+    if arguments.standing and not arguments.worker:
+        words = [APART, sys.executable, str(Path(__file__).parent), *sys.argv[1:], "--worker"]
+        return subprocess.run(words, cwd=ROOT, check=False).returncode
+    if arguments.standing:
+        return strike_standing(arguments)
     if arguments.worker:
         strike_on(arguments)
         return 0
     outcomes = beside_each_other(arguments)
     print(summary(outcomes))
     return 1 if any(bad(outcome) for outcome in outcomes) else 0
+
+
+def strike_standing(arguments: argparse.Namespace) -> int:
+    """Strike one network; print each strike, and return 0 if all went well."""
+    # What starts a network loads the product, which those who only watch a run do without.
+    sys.path.insert(0, str(ROOT))
+    import standing
+
+    deadline, made, wrong = time.monotonic() + 60 * arguments.minutes, 0, 0
+    strikes = standing.strikes(arguments.strikes, arguments.seed, arguments.first)
+    for each in strikes:
+        print(standing.told(each), flush=True)
+        made, wrong = made + 1, wrong + bool(each.faults)
+        if time.monotonic() > deadline:
+            strikes.close()
+            break
+    print(f"strikes          {made} at one network\nwrong            {wrong}")
+    return 1 if wrong else 0
 
 
 def strike_on(arguments: argparse.Namespace) -> None:
