@@ -86,7 +86,7 @@ emulation: setup strongswan ## Run the emulation tests (root, Open vSwitch)
 
 chaos: setup ## Strike runs at random for MINUTES (3), from SEED (1): nothing may hang or stay
 	$(AS_ROOT) $(PYTHON) tests/chaos --minutes $(or $(MINUTES),3) --seed $(or $(SEED),1) \
-	    $(if $(STRIKES),--strikes $(STRIKES))
+	    $(if $(STRIKES),--strikes $(STRIKES)) $(if $(STANDING),--standing)
 
 fuzz: setup ## Feed decoders and dispatcher INPUTS (10000000) spoiled messages, from SEED (1)
 	$(PYTHON) tests/fuzz/feed.py --inputs $(or $(INPUTS),10000000) --seed $(or $(SEED),1)
