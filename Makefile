@@ -4,7 +4,7 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help setup packages strongswan install uninstall run-sdc test test-docker lint types unit \
+.PHONY: help setup packages strongswan notebooks install uninstall run-sdc test test-docker lint types unit \
     emulation chaos fuzz bench curves labs picture image clean lock browser
 
 PYTHON := .venv/bin/python
@@ -109,6 +109,9 @@ image: ## Build the Docker image
 clean: ## Remove what was built here (not runs/)
 	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache $(GENERATED)
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+notebooks: .venv/complete notebooks.lock ## Install what notebooks, data frames and Parquet need
+	@$(PYTHON) -m pip install --quiet --disable-pip-version-check --require-hashes -r notebooks.lock
 
 lock: ## Choose new versions of the Python packages
 	@setup/lock

@@ -1,5 +1,6 @@
 """Networks for Python scripts: see docs/scripting.md."""
 
 from qmn.scripting.network import QuantumNetwork, running, start
+from qmn.scripting.tables import TableOf
 
-__all__ = ["QuantumNetwork", "running", "start"]
+__all__ = ["QuantumNetwork", "TableOf", "running", "start"]

@@ -10,6 +10,7 @@ from typing import Any
 from hosts.applications.carrying import CHUNK_BYTES
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
 from qmn.jobs.transfer import APPLICATION_PORT, TransferError, with_elements
+from qmn.scripting.tables import Tabular
 from qmn.timeouts import STALL_TIMEOUT_S
 from topologies.network import Network
 from wire.network_time import NetworkTime
@@ -20,7 +21,7 @@ COUNTS = ("bell_pairs", "lost_pairs", "received_symbols", "symbol_errors", "repe
 
 
 @dataclass(frozen=True)
-class Exchange:
+class Exchange(Tabular):
     """What became of a message, and what it took."""
 
     data: bytes  # as it was received; empty if it was not kept

@@ -1,11 +1,12 @@
 """Fibres and light paths of a running network, hop by hop, as scripts and `qmn cli` see them."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import xor
 from typing import Any
 
+from qmn.scripting.tables import Row, Tabular, row_of
 from wire.dispatcher_pb2 import SwitchCondition, SwitchStatisticsReply
 from wire.metadata import Pauli
 from wire.parameters.fiber import Fiber, FiberEnd
@@ -27,8 +28,8 @@ class Hop:
 
 
 @dataclass(frozen=True)
-class LightPath:
-    """The way of one photon of each pair in a session."""
+class LightPath(Tabular):
+    """The way of one photon of each pair in a session; as a table, a row for each hop."""
 
     session: str  # 16 hexadecimal digits
     hops: tuple[Hop, ...]
@@ -43,9 +44,16 @@ class LightPath:
         """Known rotation from end to end."""
         return Pauli(reduce(xor, (hop.rotation for hop in self.hops), Pauli.I))
 
+    def rows(self) -> Sequence[Row]:
+        """Return a row for each hop."""
+        return [
+            {"session": self.session, **row_of(hop), "rotation": hop.rotation.name}
+            for hop in self.hops
+        ]
+
 
 @dataclass(frozen=True)
-class FiberState:
+class FiberState(Tabular):
     """A fibre with what its supervisory light loses now, and photons counted at its switches."""
 
     a: str  # port, as "alice-q0" or "q1:3"

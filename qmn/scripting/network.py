@@ -33,6 +33,7 @@ from qmn.results.network_facts import network_facts
 from qmn.results.run_folder import given_at_the_end
 from qmn.scripting.exchange import Exchange, connection, exchange
 from qmn.scripting.light import FiberState, LightPath, fiber_state, light_path
+from qmn.scripting.tables import TableOf, drawn
 from topologies.causality import worst
 from topologies.network import Network, Signals
 from topologies.nodes import QuantumHost
@@ -115,11 +116,18 @@ class QuantumNetwork(Network):
 
         return exchange(self, sender, receiver, parts(), keep=False, **options)
 
-    def paths(self) -> list[LightPath]:
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the network as a report draws it."""
+        from qmn.reports.network_diagram import network_diagram  # matplotlib
+        from qmn.reports.page import STYLE
+
+        return drawn(network_diagram(network_facts(self), []), STYLE.read_text())
+
+    def paths(self) -> TableOf[LightPath]:
         """Return the light paths that stand now."""
         return self._light_paths(ask("paths")["paths"])
 
-    def trace(self, sender: str, receiver: str) -> list[LightPath]:
+    def trace(self, sender: str, receiver: str) -> TableOf[LightPath]:
         """Open a session that sends nothing, and return the light paths that it gets."""
         check_two_hosts(sender, receiver, self.quantum_hosts)
         before = {path["session"] for path in ask("paths")["paths"]}
@@ -128,12 +136,13 @@ class QuantumNetwork(Network):
             mine = [path for path in paths if (path["from"], path["to"]) == (sender, receiver)]
             return self._light_paths(mine)
 
-    def _light_paths(self, paths: list[dict[str, Any]]) -> list[LightPath]:
+    def _light_paths(self, paths: list[dict[str, Any]]) -> TableOf[LightPath]:
         names = {number: name for name, number in self.runtime.datapath_ids.items()}
         conditions = switch_conditions(self)
-        return [light_path(path, self.runtime.fibers, names, conditions) for path in paths]
+        fibers = self.runtime.fibers
+        return TableOf(light_path(path, fibers, names, conditions) for path in paths)
 
-    def fibers(self) -> list[FiberState]:
+    def fibers(self) -> TableOf[FiberState]:
         """Return every fibre with its loss now, and what has passed it."""
         names = {number: name for name, number in self.runtime.datapath_ids.items()}
         up = {
@@ -141,7 +150,7 @@ class QuantumNetwork(Network):
             for fiber in ask("paths")["fibers"]
         }
         statistics = switch_statistics(self)
-        return [fiber_state(fiber, statistics, up) for fiber in self.runtime.fibers]
+        return TableOf(fiber_state(fiber, statistics, up) for fiber in self.runtime.fibers)
 
     def state(self, host: str) -> HostState:
         """Return the state of a host; raise BadInput for none of this name."""

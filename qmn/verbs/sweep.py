@@ -147,6 +147,7 @@ def sweep(grid: Grid, seed: int, options: SweepOptions, signals: Signals, consol
     # Dask and matplotlib take a second to load: other verbs do not wait for them.
     from qmn.sweeps import running
     from qmn.sweeps.figure import draw
+    from qmn.sweeps.parquet import WITHOUT, write_parquet
     from qmn.sweeps.pictures import pictures
 
     if starts_networks(options):
@@ -159,6 +160,8 @@ def sweep(grid: Grid, seed: int, options: SweepOptions, signals: Signals, consol
                 _follow(console, grid, seed, table, measurer)
         rows = running.rows(grid, seed, table)
     console.print(f"table    {table.path}", soft_wrap=True)
+    parquet = write_parquet(table.path)
+    console.print(f"table    {parquet}" if parquet else WITHOUT, soft_wrap=True)
     for picture in pictures(grid, rows):
         file = options.out / f"{name}-{picture.measure.name}.png"
         draw(picture, file)
