@@ -1,4 +1,4 @@
-"""What a network tells a script, as tables: HTML in a notebook, and data frames of pandas.
+"""Tables of what a network tells a script: HTML in a notebook, and data frames of pandas.
 
 pandas is not among what qmn needs: `make notebooks` installs it, from notebooks.lock.
 """

@@ -1,4 +1,4 @@
-"""What scripts are told, as tables in notebooks and as data frames; sweeps as Parquet."""
+"""Tables of scripts in notebooks and as data frames, and those of sweeps as Parquet."""
 
 import sys
 from dataclasses import replace
