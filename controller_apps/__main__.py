@@ -8,6 +8,7 @@ import signal
 import socket
 import sys
 import time
+import warnings
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,8 @@ from controller_apps.timeouts import READY_POLL_S, READY_TIMEOUT_S
 from wire.config import BadConfig, ControllerConfig
 
 APPS = ("learning_switch", "quantum_metadata", "device_monitor", "key_relays")
+# The controller asks for no names: without its own resolver eventlet is there much sooner.
+os.environ.setdefault("EVENTLET_NO_GREENDNS", "yes")
 WSGI_APPS = {"ryu.app.ofctl_rest", "ryu.app.rest_topology"}
 
 
@@ -87,10 +90,9 @@ def wait_by_eventlet() -> None:
 
     Eventlet looks for locks in all that is loaded, which takes longer when there is more of it.
     """
-    # The controller asks for no names: without its own resolver eventlet is there much sooner.
-    os.environ.setdefault("EVENTLET_NO_GREENDNS", "yes")
-    import eventlet
-
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # its own deprecation: nothing to do about it
+        import eventlet
     eventlet.monkey_patch()
 
 
