@@ -30,7 +30,7 @@ from wire.parameters.fiber import Fiber, FiberEnd
 
 PERIOD = Parameter("period_s", 2.0, 0.1, 600.0, "s")  # half of it down
 PAIRS = Parameter("pairs", 100_000, 1_000, 1_000_000)
-SESSIONS = Parameter("sessions", 15, 2, 10_000)
+SESSIONS = Parameter("sessions", 15, 1, 10_000)
 RATE_HZ = 100_000
 BLOCK_PAIRS = 10_000
 DARK = Parameter("dark_share", 0.0)
