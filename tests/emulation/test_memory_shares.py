@@ -1,4 +1,4 @@
-"""What people start on a host may take so much memory, and a run takes its groups away again."""
+"""The memory that programs of a host may take, and the groups that a run takes away again."""
 
 import subprocess
 import sys
