@@ -109,14 +109,12 @@ class Stack:
             wavelength_pm=ANY_WAVELENGTH,
             **options.asked(),
         )
-        setup = self._with_memory(self.device.override(setup), source)
+        setup = self._heralded(self.device.override(setup), source)
         arrangement = Arrangement(setup, peer, source, self._light)
         return OpeningSession(kind, options, self._resources, arrangement, setup, is_source)
 
-    def _with_memory(self, setup: Setup, source: str) -> Setup:
+    def _heralded(self, setup: Setup, source: str) -> Setup:
         """Have pairs heralded where this host's memory emits and the source is a station."""
-        if setup.service == Service.MDI:
-            return replace(setup, memory=MemoryState.RELAYED)
         emits = HERALD in self._resources.node_features.features
         stations = self._config.stations
         # Of a chain the controller chooses them.

@@ -58,7 +58,7 @@ class MemoryState(IntEnum):
 
     ANY = 0  # keep what comes
     HERALDED = 1  # their qubits emit, and the source is a station that heralds pairs of them
-    # They are not wanted: both ends send light, and the source is a relay that measures it.
+    # Said to the source alone: it makes no pairs, but measures the light that both ends send.
     RELAYED = 2
 
 

@@ -156,8 +156,6 @@ WANT_OF: Mapping[Feature, Reason] = MappingProxyType(
 
 def memory_of(service: Service) -> tuple[MemoryState, ...]:
     """Return what a service can want of the memories of both ends."""
-    if service == Service.MDI:
-        return (MemoryState.RELAYED,)
     heralded = service in HERALDED_LIGHT
     return (MemoryState.ANY, MemoryState.HERALDED) if heralded else (MemoryState.ANY,)
 

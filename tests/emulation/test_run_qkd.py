@@ -17,12 +17,8 @@ from qmn.sweeps.relay_theory import diagonal, rectilinear
 from wire.dissection.scapy_keys import QKey, key_messages
 from wire.qkd import Confirm, Proposal
 
-FIBERS = {
-    "bb84": 2,
-    "bbm92": 4,
-    "e91": 4,
-    "mdi": 4,
-}  # that two correlated outcomes have passed together
+# That two correlated outcomes have passed together.
+FIBERS = {"bb84": 2, "bbm92": 4, "e91": 4, "mdi": 4}
 
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -27,6 +27,8 @@ from hosts.timeouts import KEY_GRACE_S, LIGHT_TIMEOUT_S, MAX_BLOCK_S
 from wire.metadata import Answer, Emit, MemoryState, Reason, Setup
 from wire.outcomes import NO_COINCIDENCE
 
+MOST_RELAYED = 1 << 31  # blocks; each has two numbers
+
 
 def check_source(side: Side) -> None:
     """Raise SessionError for a set-up that this host cannot be the source of."""
@@ -97,6 +99,8 @@ def _announce(side: Side, request: Emit, known: frozenset[int]) -> Steps[None]:
 
 def relayed_blocks(session: int, number: int) -> tuple[BlockName, BlockName]:
     """Return the names of what opener and acceptor send to a relay as one block."""
+    if number >= MOST_RELAYED:
+        raise SessionError(Reason.PROTOCOL, f"block {number} of light that is relayed")
     return BlockName(session, 2 * number, 0), BlockName(session, 2 * number + 1, 0)
 
 

@@ -17,7 +17,7 @@ from hosts.timeouts import (
     HERALD_TIMEOUT_S,
     RETRY_PAUSE_S,
 )
-from wire.metadata import Answer, Emit, Reason, Service, Setup, Values
+from wire.metadata import Answer, Emit, MemoryState, Reason, Service, Setup, Values
 
 
 @dataclass
@@ -81,7 +81,9 @@ class Arrangement:
     async def engage_source(self) -> None:
         """Connect to the pair source of the session; raise SessionError if it refuses."""
         self._pairs = await MetadataChannel.connect(self._source, self._setup.source)
-        await self._pairs.request(replace(self._setup, service=Service.PAIR_SOURCE))
+        relayed = self._setup.service == Service.MDI
+        memory = MemoryState.RELAYED if relayed else self._setup.memory
+        await self._pairs.request(replace(self._setup, service=Service.PAIR_SOURCE, memory=memory))
 
     async def emit(self, block: int, pairs: int) -> None:
         """Have the source make a block of pairs; return when its light has arrived, or is lost."""
