@@ -11,6 +11,7 @@ import time
 from contextlib import suppress
 
 from qmn.benchmarks.path_requests import NoPath, ask
+from wire.metadata import Service
 
 
 def main() -> None:
@@ -21,7 +22,7 @@ def main() -> None:
     while True:
         number += 1
         with suppress(NoPath):
-            ask(first + number, receiver, source).close()
+            ask(first + number, receiver, source, Service.BB84).close()
         print(number, flush=True)
 
 
