@@ -5,7 +5,7 @@ SHELL := /bin/bash
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
 .PHONY: help setup packages strongswan install uninstall run-sdc test test-docker lint types unit \
-    emulation chaos fuzz bench curves picture image clean lock browser
+    emulation chaos fuzz bench curves labs picture image clean lock browser
 
 PYTHON := .venv/bin/python
 # The caches and byte code of root would be in the user's way.
@@ -96,6 +96,9 @@ bench: setup ## Measure and print the speed of this machine
 
 curves: setup ## Check the physics against theory and draw it (curves/)
 	bin/qmn curves
+
+labs: setup ## Hold published results beside runs of the network (runs/labs/)
+	bin/qmn lab --all
 
 picture: setup ## Make the README's picture of a report anew
 	@setup/picture

@@ -22,6 +22,7 @@ VERBS = (  # each a module of qmn.verbs
     "script",
     "sweep",
     "curves",
+    "lab",
     "demo",
     "devices",
     "paths",
