@@ -8,7 +8,6 @@ the error of the transform some 1e-8 of one; that they came out as integers is c
 """
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
 
 from hosts.middleware.qkd.bits import NO_BITS, Bits
 
@@ -31,6 +30,9 @@ def toeplitz(key: Bits, seed: Bits, length: int) -> Bits:
     others = key.size - length
     if others == 0:
         return key.copy()
+    # It takes a fifth of a second to load: networks without keys do without it.
+    from scipy.fft import irfft, next_fast_len, rfft
+
     size = next_fast_len(seed.size, real=True)  # what wraps around falls on bits not used
     product = rfft(key[:others].astype(np.float64), size)
     product *= rfft(seed.astype(np.float64), size)
