@@ -20,6 +20,7 @@ from hosts.hardware.qnic import (
     HardwareError,
     Heralds,
     LocalGate,
+    NoLight,
     Positions,
     Received,
     Stored,
@@ -161,14 +162,23 @@ class SimulatedQnic:
         self, session: int, number: int, ports: tuple[str, str], timeout_s: float
     ) -> Coincidences:
         """Make Bell measurements on what arrives at two ports."""
-        first, second = (BlockName(session, number, half) for half in (0, 1))
-        return await self.detect_arrivals((first, second), ports, timeout_s)
+        names = [_half(session, number, half) for half in (0, 1)]
+        return await self._detect(names, ports, timeout_s)
 
     async def detect_arrivals(
         self, blocks: tuple[BlockName, BlockName], ports: tuple[str, str], timeout_s: float
     ) -> Coincidences:
         """Make Bell measurements on two blocks that arrive at two ports."""
         names = [_named(block) for block in blocks]
+        try:
+            return await self._detect(names, ports, timeout_s)
+        except NoLight:
+            await self._let_go(names)
+            raise
+
+    async def _detect(
+        self, names: Sequence[BlockId], ports: tuple[str, str], timeout_s: float
+    ) -> Coincidences:
         receive = [
             Step(receive=ReceiveRequest(block=name, port=port, timeout_s=timeout_s))
             for name, port in zip(names, ports, strict=True)
