@@ -18,6 +18,7 @@ from typing import Any, Literal, TextIO
 
 import grpc
 import pytest
+import uvloop
 
 from dispatcher.build import build_layer
 from dispatcher.clock import NetworkClock
@@ -454,7 +455,7 @@ def ask(
         async with network(folder, judge, **(physics or {})):
             return await asyncio.to_thread(requested, folder, service, **options)
 
-    return asyncio.run(run())
+    return uvloop.run(run())
 
 
 def refusal(folder: Path, service: str, judge: Judge = grant, **options: Any) -> str:
@@ -472,4 +473,4 @@ def refusal(folder: Path, service: str, judge: Judge = grant, **options: Any) ->
         async with network(folder, judge):
             return await asyncio.to_thread(refused)
 
-    return asyncio.run(run())
+    return uvloop.run(run())

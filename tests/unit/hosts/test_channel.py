@@ -3,6 +3,7 @@
 import asyncio
 
 import pytest
+import uvloop
 
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError
@@ -30,7 +31,7 @@ async def heard_after(loss: bool) -> str:
 
 @pytest.mark.parametrize("loss", [False, True])
 def test_what_the_peer_said_before_the_connection_was_lost_is_heard(loss: bool) -> None:
-    assert asyncio.run(heard_after(loss)) == "a fibre is cut"
+    assert uvloop.run(heard_after(loss)) == "a fibre is cut"
 
 
 async def heard_byte_by_byte(sent: list[Message]) -> list[Message | None]:
@@ -64,4 +65,4 @@ def test_messages_may_come_in_pieces_of_one_byte() -> None:
         Emit(1, 2, 30, 4000),
         Finish(1, 5, bytes(range(32))),
     ]
-    assert asyncio.run(heard_byte_by_byte(sent)) == [*sent, None]
+    assert uvloop.run(heard_byte_by_byte(sent)) == [*sent, None]

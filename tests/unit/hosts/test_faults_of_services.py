@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import uvloop
 from fault_scene import (
     DATA,
     NOBODY,
@@ -62,7 +63,7 @@ def happens(
         async with running(folder, service, **physics):
             return await asyncio.to_thread(session, folder, service, **(options or {}))
 
-    return asyncio.run(run())
+    return uvloop.run(run())
 
 
 def broken(folder: Path, service: str, change: Once, **physics: Any) -> tuple[Told, Told]:
@@ -76,7 +77,7 @@ def broken(folder: Path, service: str, change: Once, **physics: Any) -> tuple[To
             assert [each.text for each in again] == ["", ""]
             return told
 
-    return asyncio.run(run())
+    return uvloop.run(run())
 
 
 @services
@@ -377,7 +378,7 @@ def test_an_application_that_goes_in_mid_session_ends_it_for_both(
             assert [each.text for each in again] == ["", ""]
             return told
 
-    alice, bob = asyncio.run(run())
+    alice, bob = uvloop.run(run())
     assert alice.text
     assert bob.text
     if gone == "bob":
