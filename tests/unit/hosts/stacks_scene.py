@@ -110,16 +110,23 @@ async def pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> No
     """Pass bytes on, and the end of this direction of the connection."""
     try:
         while data := await reader.read(1 << 16):
-            writer.write(data)
+            write(writer, data)
         end(writer)
     except ConnectionError:
         writer.close()
 
 
+def write(writer: asyncio.StreamWriter, data: bytes) -> None:
+    """Say something; who is gone hears nothing."""
+    if not writer.is_closing():
+        writer.write(data)
+
+
 def end(writer: asyncio.StreamWriter) -> None:
     """Say that no more is said; who has said it before, or is gone, need not."""
-    with suppress(OSError):
-        writer.write_eof()
+    if not writer.is_closing():
+        with suppress(OSError):
+            writer.write_eof()
 
 
 async def alter(
@@ -169,7 +176,7 @@ async def _pass_on(changes: Changes, writer: asyncio.StreamWriter) -> None:
     while (coming := await changes.get()) is not None:
         changed = await coming
         if changed is not None:
-            writer.write(changed.encode())
+            write(writer, changed.encode())
         if changed is None or getattr(changed, "last", False):
             writer.close()
             return
