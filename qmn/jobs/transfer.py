@@ -1,14 +1,14 @@
 """The words of a run's applications, followed from their first line to their last."""
 
-import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from qmn.timeouts import STALL_TIMEOUT_S
 from topologies.network import Network
 from topologies.programs import NetworkError, Program
 from topologies.timeouts import POLL_S
+from wire.application_lines import fields_of
 from wire.controller_lines import read_record
 from wire.metadata import Reason
 
@@ -33,7 +33,7 @@ class Lines:
             text = log.read().decode(errors="replace")
         complete = text[: text.rfind("\n") + 1]
         self._position += len(complete.encode())
-        return [_fields(line) for line in complete.splitlines()]
+        return [fields_of(line) for line in complete.splitlines()]
 
 
 def follow(
@@ -87,15 +87,24 @@ def follow_all(
 
 
 def with_elements(network: Network, text: str) -> str:
-    """Return what an application says, with what the controller found in the way of light."""
-    refused = [fact for fact in read_record(network.runtime.logs) if fact["event"] == "refused"]
-    why, _, elements = str(refused[-1].get("detail", "") if refused else "").partition(": ")
-    return f"{text}: {elements}" if why in BROKEN else text
+    """Return what an application says, with what the controller found in the way of light.
+
+    A policy may keep it from hosts, and a host whose light goes out does not hear why.
+    """
+    elements = in_the_way(read_record(network.runtime.logs))
+    return text if elements in text else f"{text}: {elements}"
 
 
-def _fields(line: str) -> dict[str, Any]:
-    try:
-        fields = json.loads(line)
-    except ValueError:
-        return {}
-    return fields if isinstance(fields, dict) else {}
+def in_the_way(record: Iterable[Mapping[str, Any]]) -> str:
+    """Return what was last in the way of light: for a refusal, or for a session that has none."""
+    found = ""
+    for fact in record:
+        event = fact["event"]
+        why, _, elements = str(fact.get("detail", "")).partition(": ")
+        if event == "stranded":
+            found = why
+        elif event == "refused":
+            found = elements if why in BROKEN else ""
+        elif event in ("granted", "moved") or (event == "port" and fact["up"]):
+            found = ""
+    return found

@@ -5,17 +5,20 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from qmn.live.controller_console import NoAnswer, ask
 from qmn.live.event_sources import attached, recorded
+from qmn.live.key_links import key_links
 from qmn.live_view.acts import ACTS
 from qmn.live_view.timeline import Timeline
 from qmn.reports.run_facts import SENDER_LOG
 from qmn.timeouts import LIVE_DEVICES_S, LIVE_POLL_S
 from topologies.programs import NetworkError
 from topologies.runtime import EVENT_CAPTURE
+from wire.application_lines import fields_of
 from wire.config import DispatcherConfig
 from wire.controller_lines import RECORD, read_record
 from wire.dispatcher_pb2 import WatchRequest
@@ -45,7 +48,7 @@ def timeline_of_run(folder: Path) -> Timeline:
     ]
     for what, facts in ((CONTROLLER, read_record(folder)), (ACT, read_acts(folder))):
         found += [(fact["time_ns"], what, _shown(fact)) for fact in facts]
-    said = [_decoded(line) for line in read_lines(folder / SENDER_LOG)]
+    said = [fields_of(line) for line in read_lines(folder / SENDER_LOG)]
     last_ns = max((each[0] for each in found), default=0)
     found += [(last_ns, JOB, fields) for fields in said[-1:]]
     found.sort(key=lambda each: each[0])
@@ -105,19 +108,10 @@ def _follow_lines(timeline: Timeline, what: str, file: Path, over: threading.Eve
                 new = opened.read()
             place += len(new)
             *lines, begun = (begun + new).split(b"\n")
-            for fields in map(_decoded, lines):
+            for fields in map(fields_of, lines):
                 if fields:
                     timeline.add(what, fields.get("time_ns", time.time_ns()), _shown(fields))
         over.wait(LIVE_POLL_S)
-
-
-def _decoded(line: bytes) -> dict[str, Any]:
-    """Return the object of a line, {} for a line that is none: programs also warn."""
-    try:
-        fields = json.loads(line)
-    except ValueError:
-        return {}
-    return fields if isinstance(fields, dict) else {}
 
 
 def _follow_devices(timeline: Timeline, over: threading.Event) -> None:
@@ -125,7 +119,11 @@ def _follow_devices(timeline: Timeline, over: threading.Event) -> None:
     known: dict[str, Any] = {}
     while not over.is_set() and not timeline.ended:
         try:
-            now = {"devices": ask("devices"), "sessions": ask("sessions")}
+            now = {
+                "devices": ask("devices"),
+                "sessions": ask("sessions"),
+                "key_links": _key_links(),
+            }
         except NoAnswer:
             now = {}  # it starts, or has ended, of which the dispatcher tells
         told = {name: [_still(each) for each in values] for name, values in now.items()}
@@ -133,6 +131,10 @@ def _follow_devices(timeline: Timeline, over: threading.Event) -> None:
             known = told
             timeline.add(DEVICES, time.time_ns(), now)
         over.wait(LIVE_DEVICES_S)
+
+
+def _key_links() -> list[dict[str, Any]]:
+    return [asdict(link) for link in key_links(ask("keys")["qkd_nodes"])]
 
 
 def _still(fields: dict[str, Any]) -> dict[str, Any]:

@@ -18,15 +18,13 @@ from topologies.forks import MODULES, Forked, ForkServer, request
 from topologies.programs import ENVIRONMENT, ROOT, Program, python
 
 QMN, CONTROLLER = "whole_qmn", "whole_controller"  # modules beside this one
-FRAMEWORK = "QMN_CONTROLLER_FRAMEWORK"  # names what to load
+ON_FRAMEWORK = "framework_server"  # and one that loads the controller beside all else
 FOLDER = Path(__file__).parent
 END_TIMEOUT_S, READY_TIMEOUT_S = 10.0, 60.0
 
 
 class LastingProgram(Program):
     """A program of no network: it has not the mark by which one ends what is left of it."""
-
-    environment: dict[str, str]  # its own
 
     def start(self, command: Sequence[str], *_: object, **options: Any) -> None:
         """Start it with the files that it is to have; it ends when the other end of one closes."""
@@ -38,20 +36,35 @@ class LastingProgram(Program):
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 cwd=ROOT,
-                env={**os.environ, **ENVIRONMENT, **paths, **self.environment},
+                env={**os.environ, **ENVIRONMENT, **paths},
                 start_new_session=True,
                 pass_fds=options["descriptors"],
             )
 
 
-class LastingForkServer(ForkServer):
-    """A fork server that is there for all networks, with modules of which the last is its own."""
+class FurtherProgram(Program):
+    """A fork server that another forks off, to load the controller on a framework, too."""
 
-    def __init__(self, folder: Path, modules: Sequence[str], **environment: str) -> None:
-        self.program = LastingProgram("fork-server", folder / f"{modules[-1]}.log")
-        self.program.environment = environment
-        super().__init__(self.program, modules)
-        self.program.wait_for("ready", READY_TIMEOUT_S)
+    def __init__(self, log: Path, framework: str, base: ForkServer) -> None:
+        super().__init__("fork-server", log)
+        self._framework, self._base = framework, base
+
+    def start(self, command: Sequence[str], *_: object, **options: Any) -> None:
+        """Start it with the files that it is to have."""
+        words = [*command[:2], ON_FRAMEWORK, self._framework, *command[3:]]
+        descriptors = options["descriptors"]
+        with self.log.open("ab") as log:
+            asked = request(self.name, words, None, descriptors)
+            self._process = self._base.fork(asked, [log.fileno(), *descriptors])
+
+
+class LastingForkServer(ForkServer):
+    """A fork server that is there for all networks."""
+
+    def __init__(self, program: Program, modules: Sequence[str]) -> None:
+        self.program = program
+        super().__init__(program, modules)
+        program.wait_for("ready", READY_TIMEOUT_S)
 
     def end(self) -> None:
         """End it."""
@@ -61,23 +74,30 @@ class LastingForkServer(ForkServer):
 
 
 class Loaded(ForkServer):
-    """The fork servers of these tests, as one; each is started when it is needed first."""
+    """The fork servers of these tests, as one; each is started when it is needed first.
+
+    One has loaded all but the controller; the others are forks of it, and have loaded that, too.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._starting = folder, Lock()
-        self._servers: dict[str, LastingForkServer] = {}
+        self._base: LastingForkServer | None = None
+        self._on: dict[str, LastingForkServer] = {}  # by framework
 
     @property
     def pids(self) -> set[int]:
         """The process ids of the servers."""
-        return {server.program.pid for server in self._servers.values()}
+        return {server.program.pid for server in self._servers()}
+
+    def _servers(self) -> list[LastingForkServer]:
+        return [*self._on.values(), *([self._base] if self._base else [])]
 
     def close(self) -> None:
         """Stay, for the next network."""
 
     def end(self) -> None:
         """End the servers."""
-        for server in self._servers.values():
+        for server in self._servers():
             server.end()
 
     def serves(self, command: Sequence[str]) -> bool:
@@ -98,14 +118,11 @@ class Loaded(ForkServer):
         return self._fork(command, asked, [log, *descriptors])
 
     def _fork(self, command: Sequence[str], asked: dict[str, Any], files: list[int]) -> Forked:
-        """Fork off what has loaded a command."""
-        module = command[2]
-        if module == "controller_apps":
-            framework = command[command.index("--framework") + 1]
-            server = self._server([CONTROLLER], **{FRAMEWORK: framework})
-            return server.fork(asked | {"module": CONTROLLER}, files)
-        asked["module"] = QMN if module == "qmn" else module
-        return self._server([*MODULES, QMN]).fork(asked, files)
+        """Fork off what has loaded a command; with `qmn`, the controller that it will start."""
+        module = {"qmn": QMN, "controller_apps": CONTROLLER}.get(command[2])
+        if module is None:
+            return self._loaded().fork(asked, files)
+        return self._on_framework(command).fork(asked | {"module": module}, files)
 
     def run(
         self, words: tuple[str, ...], cwd: Path, commands: str, timeout_s: float
@@ -138,12 +155,21 @@ class Loaded(ForkServer):
         finally:
             os.close(writer)
 
-    def _server(self, modules: Sequence[str], **environment: str) -> LastingForkServer:
-        name = ",".join((*modules, *environment.values()))
+    def _loaded(self) -> LastingForkServer:
         with self._starting:  # nodes start at the same time
-            if name not in self._servers:
-                self._servers[name] = LastingForkServer(self._folder, modules, **environment)
-            return self._servers[name]
+            if self._base is None:
+                program = LastingProgram("fork-server", self._folder / "fork-server.log")
+                self._base = LastingForkServer(program, [*MODULES, QMN, ON_FRAMEWORK])
+            return self._base
+
+    def _on_framework(self, command: Sequence[str]) -> LastingForkServer:
+        """Return what has loaded the framework that a command names, or else takes."""
+        name, base = "os-ken" if "os-ken" in command else "ryu", self._loaded()
+        with self._starting:
+            if name not in self._on:
+                program = FurtherProgram(self._folder / f"{name}.log", name, base)
+                self._on[name] = LastingForkServer(program, [*MODULES, QMN, CONTROLLER])
+            return self._on[name]
 
 
 class Running:
