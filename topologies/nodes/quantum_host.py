@@ -74,6 +74,7 @@ class QuantumHost(ClassicalHost):
         qnic: str = "",
         qnic_parameters: Mapping[str, Any] | None = None,
         confined: bool = True,
+        memory_mib: int | None = None,
         **params: object,
     ) -> None:
         if light not in LIGHT:
@@ -82,7 +83,7 @@ class QuantumHost(ClassicalHost):
         described = device_of(name, {"source": source, "device": device, **parts})
         self.qnic = python_file(f"{name}: qnic", qnic)
         self.qnic_parameters = dict(qnic_parameters or {})
-        super().__init__(name, confined, **params)
+        super().__init__(name, confined, memory_mib, **params)
         self.network.devices[name] = described
         self.network.token(name)
         self.pairs_from = pairs_from
