@@ -8,10 +8,10 @@ import os
 import signal
 import subprocess
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from pathlib import Path
 from tempfile import TemporaryFile
-from threading import Lock
+from threading import Lock, Thread
 from typing import IO, Any
 
 from topologies.forks import MODULES, Forked, ForkServer, request
@@ -145,15 +145,28 @@ class Loaded(ForkServer):
                 process.kill()
             return subprocess.CompletedProcess(command, status, read(out), read(err))
 
-    def begin(self, name: str, command: Sequence[str], errors: IO[str] | None = None) -> "Running":
-        """Begin to run a command; what it says as errors goes to a file, if one is given."""
-        reader, writer = os.pipe()
-        try:
-            files = [writer] if errors is None else [writer, errors.fileno()]
-            asked = request(name, command, None, [] if errors is None else [2])
-            return Running(self._fork(command, asked, files), os.fdopen(reader))
-        finally:
-            os.close(writer)
+    def begin(
+        self, name: str, command: Sequence[str], errors: IO[str] | None = None, typed: bool = False
+    ) -> "Running":
+        """Begin to run a command; what it says as errors goes to a file, if one is given.
+
+        If it is `typed` to, it reads what is written to `stdin`.
+        """
+        with ExitStack() as stack:
+            ours, said = os.pipe()
+            files = {1: said}
+            stack.callback(os.close, said)
+            stdin = None
+            if typed:
+                files[0], keyboard = os.pipe()
+                stack.callback(os.close, files[0])
+                stdin = os.fdopen(keyboard, "w", buffering=1)
+            if errors is not None:
+                files[2] = errors.fileno()
+            descriptors = [number for number in files if number != 1]
+            asked = request(name, command, None, descriptors)
+            process = self._fork(command, asked, [*files.values()])
+            return Running(process, os.fdopen(ours), stdin)
 
     def _loaded(self) -> LastingForkServer:
         with self._starting:  # nodes start at the same time
@@ -175,8 +188,8 @@ class Loaded(ForkServer):
 class Running:
     """A program that runs, as subprocess.Popen has it, and what it says."""
 
-    def __init__(self, process: Forked, stdout: IO[str]) -> None:
-        self.stdout, self.pid = stdout, process.pid
+    def __init__(self, process: Forked, stdout: IO[str], stdin: IO[str] | None) -> None:
+        self.stdout, self.stdin, self.pid = stdout, stdin, process.pid
         self.send_signal, self.kill = process.send_signal, process.kill
         self.poll, self.wait = process.poll, process.wait
 
@@ -187,8 +200,13 @@ class Running:
 
     def finish(self, timeout_s: float) -> str:
         """Wait until it has ended; return what it has said since that was read last."""
+        said: list[str] = []
+        # Nobody ends who cannot say all that he has to.
+        reader = Thread(target=lambda: said.append(self.stdout.read()))
+        reader.start()
         self.wait(timeout_s)
-        return self.stdout.read()
+        reader.join(timeout_s)
+        return said[0]
 
 
 def read(file: IO[str]) -> str:
@@ -219,17 +237,22 @@ def forks() -> Loaded:
 
 
 @contextmanager
-def running_qmn(*words: str) -> Iterator[Running]:
-    """Run `qmn` beside the test, to its end."""
-    process = forks().begin("qmn", [python(), "-m", "qmn", *words])
-    with process.stdout:
+def running_qmn(
+    *words: str, errors: IO[str] | None = None, typed: bool = False, end_s: float = END_TIMEOUT_S
+) -> Iterator[Running]:
+    """Run `qmn` beside the test, as `begin` says, to its end."""
+    process = forks().begin("qmn", [python(), "-m", "qmn", *words], errors, typed)
+    with process.stdout, process.stdin or nullcontext():
         try:
             yield process
         except BaseException:
-            process.kill()
+            process.send_signal(signal.SIGTERM)  # it cleans up, for the tests behind this one
             raise
         finally:
-            process.finish(END_TIMEOUT_S)
+            try:
+                process.finish(end_s)
+            finally:
+                process.kill()
 
 
 def run_qmn(
