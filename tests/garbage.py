@@ -1,4 +1,4 @@
-"""The garbage collector while tests are collected and run: what stays is not looked through again.
+"""The garbage collector while tests are collected and run, a plug-in: what stays is looked at once.
 
 Modules and thousands of tests are a million objects that live to the end. The collector would go
 through all of them several times in each process, for a fifth of the time that collecting takes;
