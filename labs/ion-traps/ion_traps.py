@@ -1,5 +1,6 @@
 """Two nodes, a teleported CZ, and Grover's search by it (Oxford, arXiv:2407.00835)."""
 
+import shlex
 from pathlib import Path
 
 from qmn.labs.lab import Chart, Finding, Lab, Published, Runs
@@ -8,7 +9,8 @@ from qmn.sweeps.estimates import Estimate, proportion
 CZ, GROVER = Published(0.86, 0.005, "abstract"), Published(0.71, 0.005, "abstract")
 # A CZ by pairs of fidelity F, and nothing else amiss, has (4F + 1)/5.
 PAIRS, FIDELITIES = "fidelity of the pairs", {"paper": (5 * CZ.value - 1) / 4, "better": 0.95}
-RUN = f"netqasm {Path(__file__).parent} --captures none --no-report --no-record --rounds 3"
+HERE = shlex.quote(str(Path(__file__).parent))
+RUN = f"netqasm {HERE} --captures none --no-report --no-record --rounds 3"
 
 
 def search(fidelity: float) -> float:
