@@ -14,7 +14,6 @@ import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from enum import IntEnum
-from functools import cache
 from types import MappingProxyType
 from typing import Any, ClassVar, TypeVar
 
@@ -106,7 +105,7 @@ class QkdMessage:
         if len(body) < cls.FIELDS.size:
             raise MalformedPacket(f"{cls.__name__}: {len(body)} bytes are too few")
         fixed = cls.FIELDS.unpack_from(body)
-        values = dict(zip(_names(cls), fixed, strict=False))
+        values = dict(zip([item.name for item in fields(cls)], fixed, strict=False))
         for name, (least, most) in cls.RANGES.items():
             if not least <= values[name] <= most:
                 _check_count(f"{cls.__name__}: {name}", values[name], most, least)
@@ -476,11 +475,6 @@ def unframe(data: bytes) -> Sealed:
         raise MalformedPacket(f"{len(data)} bytes where the header says {length}")
     _magic, _version, kind, _length, session, sequence = HEADER.unpack_from(data)
     return Sealed(session, sequence, kind, data[:-TAG_BYTES], data[-TAG_BYTES:])
-
-
-@cache
-def _names(kind: type[QkdMessage]) -> tuple[str, ...]:
-    return tuple(item.name for item in fields(kind))
 
 
 def _ones(bits: bytes) -> int:

@@ -25,7 +25,8 @@ def fast_size(least: int) -> int:
 
     scipy.fft.next_fast_len finds the same, but to import scipy.fft takes twice as long as numpy.
     """
-    odd = (3**i * 5**j for i in range(least.bit_length()) for j in range(least.bit_length()))
+    powers = range(least.bit_length())
+    odd: list[int] = [3**i * 5**j for i in powers for j in powers]
     return min(one << (-(-least // one) - 1).bit_length() for one in odd)
 
 
