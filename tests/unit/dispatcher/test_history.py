@@ -9,6 +9,7 @@ from typing import Any
 
 import grpc
 import pytest
+import uvloop
 from dispatcher_network import (
     START_NS,
     Bench,
@@ -48,7 +49,7 @@ def logged(folder: Path, seed: int) -> list[str]:
         async with running(fibers, NetworkClock()) as bench:
             await exchange(bench)
 
-    asyncio.run(run())
+    uvloop.run(run())
     return [line.split(" ", 1)[1] for line in path.read_text().splitlines()]
 
 
@@ -90,7 +91,7 @@ def test_a_watcher_sees_what_it_asked_for(tmp_path: Path) -> None:
             assert (event.kind, event.block.number) == ("create", 10)
             stream.cancel()
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_a_watcher_that_goes_away_is_forgotten(tmp_path: Path) -> None:
@@ -105,7 +106,7 @@ def test_a_watcher_that_goes_away_is_forgotten(tmp_path: Path) -> None:
                 while bench.layer.history._watchers:
                     await bench.alice.create(1, number=bench.layer.history.count)
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_a_node_may_not_watch_another(tmp_path: Path) -> None:
@@ -122,7 +123,7 @@ def test_a_node_may_not_watch_another(tmp_path: Path) -> None:
             own = bench.stub.Watch(WatchRequest(history=True), metadata=bench.bob.metadata)
             assert (await own.read()).node == "bob"
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_an_unknown_token_may_not_watch(tmp_path: Path) -> None:
@@ -135,7 +136,7 @@ def test_an_unknown_token_may_not_watch(tmp_path: Path) -> None:
                 await stream.read()
             assert refusal.value.code() == grpc.StatusCode.UNAUTHENTICATED
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def event(number: int) -> Event:
@@ -156,7 +157,7 @@ def test_a_slow_watcher_is_told_how_many_events_it_lost() -> None:
             history.record(event(1))
             assert (await watcher.next()).kind == "create"
 
-    asyncio.run(asyncio.wait_for(run(), 20))
+    uvloop.run(asyncio.wait_for(run(), 20))
 
 
 def test_history_is_as_deep_as_configured() -> None:
@@ -167,7 +168,7 @@ def test_history_is_as_deep_as_configured() -> None:
         with history.watching("", 0, remembered=True) as watcher:
             assert [(await watcher.next()).block.number for _ in range(3)] == [2, 3, 4]
 
-    asyncio.run(asyncio.wait_for(run(), 20))
+    uvloop.run(asyncio.wait_for(run(), 20))
 
 
 def test_the_first_photons_of_a_block_have_events_of_their_own_where_asked(tmp_path: Path) -> None:
@@ -187,7 +188,7 @@ def test_the_first_photons_of_a_block_have_events_of_their_own_where_asked(tmp_p
             assert [(await plain.read()).kind for _ in range(3)] == ["create", "apply", "measure"]
             return [await stream.read() for _ in range(27)]
 
-    events = asyncio.run(asyncio.wait_for(run(), 20))
+    events = uvloop.run(asyncio.wait_for(run(), 20))
     photons = [event for event in events if event.kind == "measure" and event.photon]
     assert [event.photon for event in photons] == list(range(1, 9))
     assert [event.detail for event in photons] == ["1", "0", "1", "0", "0", "0", "0", "1"]
@@ -202,7 +203,7 @@ def test_nobody_asked_means_no_event_of_a_photon(tmp_path: Path) -> None:
         async with running(configuration(tmp_path), JumpingClock()) as bench:
             assert bench.layer.history.photons_wanted == 0
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_events_carry_the_wall_clock_and_answers_the_time_of_the_network(tmp_path: Path) -> None:
@@ -218,7 +219,7 @@ def test_events_carry_the_wall_clock_and_answers_the_time_of_the_network(tmp_pat
             assert event.kind == "create"
             assert event.time_ns == since_ns + 10 * (told.time_ns - since_ns)
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 class FullDisk(io.StringIO):
@@ -241,7 +242,7 @@ def test_events_are_written_a_moment_later_and_in_the_end() -> None:
         history.write_out()  # as at the end of the dispatcher
         assert [line.split()[1] for line in log.getvalue().splitlines()] == ["alice", "bob"]
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_what_cannot_be_written_is_an_error_at_the_next_event() -> None:
@@ -256,4 +257,4 @@ def test_what_cannot_be_written_is_an_error_at_the_next_event() -> None:
         with pytest.raises(OSError, match="No space left"):
             await asyncio.wait_for(go_on(), 10)
 
-    asyncio.run(run())
+    uvloop.run(run())
