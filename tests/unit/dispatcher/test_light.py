@@ -257,7 +257,7 @@ def test_who_waits_for_a_block_has_the_parts_that_come_later_too(tmp_path: Path)
             measured = await bench.alice.measure(block())
             assert outcomes_present(measured.outcomes) == [*range(500), *range(600, 1000)]
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_parts_that_come_to_two_ports_of_a_node_are_one_block_again(tmp_path: Path) -> None:
