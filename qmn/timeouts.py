@@ -47,4 +47,3 @@ LIVE_DEVICES_S = 1.0  # between two questions about devices and sessions
 LIVE_ACT_S = 60.0  # for a command that a page asks for
 LIVE_START_S = 20.0  # until the page of a run can be opened
 LIVE_LAST_S = 1.0  # for the last words to those who read
-LIVE_END_S = 5.0  # until it has ended

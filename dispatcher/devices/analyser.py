@@ -12,6 +12,7 @@ visibility V = V0 |<1|2>|^2 the phase is wrong with probability (1 - V) / 2.
 Linear optics tell Psi+ and Psi- from the rest, and Phi+ from Phi- not (Mattle, Weinfurter, Kwiat,
 Zeilinger, Phys. Rev. Lett. 76, 4656); that outcome is reported as Phi+. A host that measures by
 gates (dispatcher.operations.gate_noise) lets nothing interfere: neither mismatch nor window matter.
+What a beam splitter does with all photons of two pulses is in dispatcher.devices.beam_splitter.
 """
 
 from dataclasses import dataclass
@@ -89,7 +90,7 @@ class Analyser:
 
     def __init__(self, device: Device, arms: tuple[DetectorPair, DetectorPair]) -> None:
         """Look with the detectors of these arms: phase, parity."""
-        self._like, self._detectors, self._arms = device.analyser, device.detectors, arms
+        self._like, self._detectors, self.arms = device.analyser, device.detectors, arms
         self._interferes = device.analyser.kind != "gates"  # light; qubits are measured apart
 
     def analyse(
@@ -114,7 +115,7 @@ class Analyser:
             states = states.copy()
             states[flips] ^= PHASE
             incidents["distinguishable"] = flips.size
-        if all(arm.ideal for arm in self._arms) and not any(half.brings_more for half in halves):
+        if all(arm.ideal for arm in self.arms) and not any(half.brings_more for half in halves):
             outcomes, told = states.copy(), states != NO_CLICK
             clicks = sum(int(np.count_nonzero(half.present)) for half in halves)
             found = None
@@ -124,7 +125,7 @@ class Analyser:
             incidents |= more
         late = np.zeros(0, dtype=np.intp)
         if self._interferes:
-            late = self._late(told, found, halves, mismatch, random)
+            late = self.late(told, found, halves, mismatch, random)
         if late.size:
             outcomes[late] = NO_CLICK
             incidents["late"] = late.size
@@ -150,9 +151,16 @@ class Analyser:
         self, mismatch_ps: Picoseconds | np.float64, overlap: Overlap
     ) -> Picoseconds | np.float64:
         """Return how likely a phase is wrong after a mismatch."""
-        decay = overlap.most * np.exp(-((overlap.rad_per_s * 1e-12 * mismatch_ps) ** 2))
-        wrong: Picoseconds | np.float64 = (1 - self._like.visibility * decay) / 2
+        wrong: Picoseconds | np.float64 = (1 - self.visibility(mismatch_ps, overlap)) / 2
         return wrong
+
+    def visibility(
+        self, mismatch_ps: Picoseconds | np.float64, overlap: Overlap
+    ) -> Picoseconds | np.float64:
+        """Return how well photons interfere after a mismatch."""
+        decay = overlap.most * np.exp(-((overlap.rad_per_s * 1e-12 * mismatch_ps) ** 2))
+        visibility: Picoseconds | np.float64 = self._like.visibility * decay
+        return visibility
 
     def _look(
         self, states: Bytes, halves: tuple[Half, Half], random: PhotonRandom
@@ -166,12 +174,10 @@ class Analyser:
             lone = np.flatnonzero(half.present & ~both)
             if lone.size:
                 bits[lone] = inside.coins("lone photon", lone.size)
-            found.append(
-                self._arms[arm].detect(bits, half.extras, half.train, inside, half.further)
-            )
+            found.append(self.arms[arm].detect(bits, half.extras, half.train, inside, half.further))
         return found[0], found[1]
 
-    def _late(
+    def late(
         self,
         told: Mask,
         found: tuple[Detection, Detection] | None,

@@ -37,11 +37,18 @@ class Detection:
     own: Mask  # where the simulated photon has met a detector that works
     clicks: int  # of both
     lightless: Mask | None = None  # told without light; None: nowhere
+    twice: Mask | None = None  # where both have clicked, and the bit is a random one; None: nowhere
     dark: int = 0
     afterpulses: int = 0
     dead: int = 0  # clicks that a dead time has prevented
     double: int = 0
     outside: int = 0  # clicks of light that come outside all gates, or on another one
+
+    @property
+    def once(self) -> Mask:
+        """Where exactly one of both has clicked."""
+        clicked: Mask = self.bits != NO_CLICK
+        return clicked if self.twice is None else clicked & ~self.twice
 
     def incidents(self) -> dict[str, int]:
         """Return what was out of the ordinary, and how often."""
@@ -172,6 +179,7 @@ class DetectorPair:
             own,
             told,
             lightless=(zero | one) & ~(light[0] | light[1]) if lightless else None,
+            twice=zero & one if both.size else None,
             dark=dark,
             afterpulses=sum(clicks.afterpulses for clicks in watched),
             dead=sum(clicks.dead for clicks in watched),

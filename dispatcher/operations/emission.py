@@ -49,6 +49,7 @@ def emit_prepared(
     source = layer.devices.of(block.node).source
     if source.statistics == "none":
         return ""
+    block.retimed = True
     random = PhotonRandom(layer.draws, block.name, block.draws_for("source"), block.register.size)
     emission = emit(source, random, levels, prepared=True)
     block.pulses.delays_ps = emission.delays_ps

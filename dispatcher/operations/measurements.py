@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 
 from dispatcher.devices import hardware
-from dispatcher.devices.analyser import Analyser, Half
+from dispatcher.devices.analyser import Analyser, Analysis, Half
 from dispatcher.devices.detector import Train
 from dispatcher.devices.detectors import Told
 from dispatcher.devices.overlap import Overlap, overlap
@@ -14,6 +14,7 @@ from dispatcher.layer.layer import PhysicalLayer, tally
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations import gate_noise, imperfections
 from dispatcher.operations.blocks import require_pairs
+from dispatcher.operations.interference import Interference
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.refusal import invalid
 from dispatcher.sabot.backend import Bytes
@@ -26,7 +27,7 @@ from wire.dispatcher_pb2 import Feedback, MeasureRequest
 from wire.features import MEASURE
 from wire.outcomes import BASES, NO_CLICK, PAULI_BASES
 from wire.parameters.fiber import SPEED_IN_FIBER_M_PER_S
-from wire.parameters.physics import BELL_STATES, BellAnalyser
+from wire.parameters.physics import BEAM_SPLITTER, BELL_STATES, BellAnalyser
 
 
 class Measurements:
@@ -112,18 +113,9 @@ class Measurements:
         if not by_gates:
             waited, apart_ns = self._let_wait(like, matched, (first, second))
         errors = gate_noise.before_bell_measurement(layer, first, second) if by_gates else {}
-        present = first.register.present, second.register.present
-        states = layer.sabot.bell_measure(
-            first.register, second.register, (self._draws(first), self._draws(second))
-        )
-        place = first.draws_for(f"analyser of {node}")
-        random = PhotonRandom(layer.draws, first.name, place, first.register.size)
-        halves = self._halves(first, second, present, random)
-        drift.twirl_pairs(first, second, states, layer.draws)
+        look = self._interfere if like.kind == BEAM_SPLITTER else self._analyse
+        found = look(node, (first, second), matched, apart_ns * 1e3)
         feedback.exact = layer.count_exact((first, second))
-        for block in (first, second):
-            layer.ownership.remove(block)
-        found = self._analyser(node).analyse(states, halves, random, matched, apart_ns * 1e3)
         own = layer.devices, layer.draws, first, "detectors", "detectors", "Bell"
         effect = part_noise.of_part(*own, layer.clock.now_ns())
         feedback.exact &= effect is None or effect.exact
@@ -145,6 +137,38 @@ class Measurements:
             feedback.outcomes = outcomes.tobytes()
         gates = layer.devices.of(node).gates
         return imperfections.lasts(feedback, imperfections.of_bell_measurement(gates) * by_gates)
+
+    def _analyse(
+        self, node: str, blocks: tuple[Block, Block], matched: Overlap, apart_ps: float
+    ) -> Analysis:
+        """Measure pairs of photons of two blocks, which are used up."""
+        layer, (first, second) = self._layer, blocks
+        present = first.register.present, second.register.present
+        states = layer.sabot.bell_measure(
+            first.register, second.register, (self._draws(first), self._draws(second))
+        )
+        random = self._random(node, first)
+        halves = self._halves(first, second, present, random)
+        drift.twirl_pairs(first, second, states, layer.draws)
+        for block in blocks:
+            layer.ownership.remove(block)
+        return self._analyser(node).analyse(states, halves, random, matched, apart_ps)
+
+    def _interfere(
+        self, node: str, blocks: tuple[Block, Block], matched: Overlap, apart_ps: float
+    ) -> Analysis:
+        """Let all photons of two blocks meet at a beam splitter; the blocks are used up."""
+        one, other = (
+            Half(block.register.present, block.pulses.extras, block.pulses.delays_ps, train(block))
+            for block in blocks
+        )
+        meeting = Interference(self._layer, blocks, self._random(node, blocks[0]))
+        return meeting.analyse(self._analyser(node), (one, other), matched, apart_ps)
+
+    def _random(self, node: str, block: Block) -> PhotonRandom:
+        """Return what an analyser draws for the pairs of a block."""
+        place = block.draws_for(f"analyser of {node}")
+        return PhotonRandom(self._layer.draws, block.name, place, block.register.size)
 
     def _let_wait(
         self, like: BellAnalyser, matched: Overlap, halves: tuple[Block, Block]

@@ -5,14 +5,13 @@ key is on disk before the key goes out: a crash can lose a key, never hand it ou
 """
 
 import json
-import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from uuid import UUID
 
 from hosts.key_delivery.refusals import NOT_FOUND, bad_request, unauthorized, unavailable
-from hosts.middleware.qkd.key_store import KeyStoreError
+from hosts.middleware.qkd.key_store import KeyStoreError, sync_folder
 from hosts.timeouts import FETCH_TIMEOUT_S
 from wire.key_delivery import DeliveredKey
 
@@ -92,7 +91,7 @@ class WaitingKeys:
         if len(waiting) < len(ids) or any(caller not in each.missing for each in waiting):
             raise bad_request(NOT_FOUND)
         handed_out = [self._hand_out(caller, key_id) for key_id in ids]
-        _sync(self._folder)
+        sync_folder(self._folder)
         return handed_out
 
     def _hand_out(self, caller: str, key_id: UUID) -> DeliveredKey:
@@ -129,11 +128,3 @@ def _read(file: Path) -> tuple[UUID, _Waiting]:
         return UUID(file.name), _Waiting.decode(file.read_text())
     except (KeyError, ValueError, TypeError) as error:
         raise KeyStoreError(f"{file} is not an assigned key ({error}): take it away") from error
-
-
-def _sync(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

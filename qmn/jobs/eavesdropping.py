@@ -21,6 +21,7 @@ from qmn.timeouts import START_TIMEOUT_S
 from topologies.description import Description
 from topologies.network import Network
 from topologies.programs import Program, python
+from wire.application_lines import fields_of
 
 EVE = "eve"
 TOPOLOGY = "tapped"  # that has her
@@ -123,8 +124,7 @@ def eavesdropping(network: Network, attack: Attack | None, facts: RunFacts) -> I
 def summary_of(eve: Program) -> dict[str, Any]:
     """Return what she said at her end; nothing if she was ended before."""
     for line in eve.log.read_text(errors="replace").splitlines():
-        if line.startswith('{"event": "done"'):
-            fields: dict[str, Any] = json.loads(line)
-            del fields["event"]
+        fields = fields_of(line)
+        if fields.pop("event", None) == "done":
             return fields
     return {}

@@ -173,7 +173,7 @@ def _running(context: RunContext, facts: RunFacts, places: dict[str, Machine]) -
         if run.packet_bytes:
             files = network.capture("s1", openflow=True, packet_bytes=run.packet_bytes)
             facts["captures"] = [str(file) for file in files]
-        with live_view(run.live, lambda text: console.print(text, soft_wrap=True)):
+        with live_view(run.live, context.folder, lambda text: console.print(text, soft_wrap=True)):
             yield network
         reached = status(network)
         facts["exact"] = reached.exact

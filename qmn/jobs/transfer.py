@@ -1,6 +1,5 @@
 """The words of a run's applications, followed from their first line to their last."""
 
-import json
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -9,6 +8,7 @@ from qmn.timeouts import STALL_TIMEOUT_S
 from topologies.network import Network
 from topologies.programs import NetworkError, Program
 from topologies.timeouts import POLL_S
+from wire.application_lines import fields_of
 from wire.controller_lines import read_record
 from wire.metadata import Reason
 
@@ -33,7 +33,7 @@ class Lines:
             text = log.read().decode(errors="replace")
         complete = text[: text.rfind("\n") + 1]
         self._position += len(complete.encode())
-        return [_fields(line) for line in complete.splitlines()]
+        return [fields_of(line) for line in complete.splitlines()]
 
 
 def follow(
@@ -91,11 +91,3 @@ def with_elements(network: Network, text: str) -> str:
     refused = [fact for fact in read_record(network.runtime.logs) if fact["event"] == "refused"]
     why, _, elements = str(refused[-1].get("detail", "") if refused else "").partition(": ")
     return f"{text}: {elements}" if why in BROKEN else text
-
-
-def _fields(line: str) -> dict[str, Any]:
-    try:
-        fields = json.loads(line)
-    except ValueError:
-        return {}
-    return fields if isinstance(fields, dict) else {}

@@ -65,7 +65,7 @@ def imported(file: Path, runs: Path) -> Path:
             except BaseException:
                 shutil.rmtree(folder)
                 raise
-    except (zipfile.BadZipFile, EOFError, NotImplementedError, RuntimeError) as error:
+    except (zipfile.BadZipFile, EOFError, RuntimeError) as error:  # RuntimeError: of encrypted ones
         raise BadArchive(f"{file} is not a run as `qmn runs export` writes it: {error}") from error
     give_tree(folder)
     return folder

@@ -16,6 +16,7 @@ from qmn.reports.run_facts import SENDER_LOG
 from qmn.timeouts import LIVE_DEVICES_S, LIVE_POLL_S
 from topologies.programs import NetworkError
 from topologies.runtime import EVENT_CAPTURE
+from wire.application_lines import fields_of
 from wire.config import DispatcherConfig
 from wire.controller_lines import RECORD, read_record
 from wire.dispatcher_pb2 import WatchRequest
@@ -45,7 +46,7 @@ def timeline_of_run(folder: Path) -> Timeline:
     ]
     for what, facts in ((CONTROLLER, read_record(folder)), (ACT, read_acts(folder))):
         found += [(fact["time_ns"], what, _shown(fact)) for fact in facts]
-    said = [_decoded(line) for line in read_lines(folder / SENDER_LOG)]
+    said = [fields_of(line) for line in read_lines(folder / SENDER_LOG)]
     last_ns = max((each[0] for each in found), default=0)
     found += [(last_ns, JOB, fields) for fields in said[-1:]]
     found.sort(key=lambda each: each[0])
@@ -105,19 +106,10 @@ def _follow_lines(timeline: Timeline, what: str, file: Path, over: threading.Eve
                 new = opened.read()
             place += len(new)
             *lines, begun = (begun + new).split(b"\n")
-            for fields in map(_decoded, lines):
+            for fields in map(fields_of, lines):
                 if fields:
                     timeline.add(what, fields.get("time_ns", time.time_ns()), _shown(fields))
         over.wait(LIVE_POLL_S)
-
-
-def _decoded(line: bytes) -> dict[str, Any]:
-    """Return the object of a line, {} for a line that is none: programs also warn."""
-    try:
-        fields = json.loads(line)
-    except ValueError:
-        return {}
-    return fields if isinstance(fields, dict) else {}
 
 
 def _follow_devices(timeline: Timeline, over: threading.Event) -> None:

@@ -12,6 +12,7 @@ from qmn.live.event_sources import RESULT, recorded
 from qmn.results.network_facts import NetworkFacts
 from qmn.results.result import carries_bytes
 from topologies.runtime import EVENT_CAPTURE
+from wire.application_lines import fields_of
 from wire.controller_lines import read_record
 from wire.dispatcher_pb2 import Event
 
@@ -98,13 +99,5 @@ def read_result(folder: Path) -> tuple[dict[str, Any], NetworkFacts]:
 def _lines(file: Path) -> list[dict[str, Any]]:
     """Return the lines of JSON that say how far the sender was; none if there is no log."""
     lines = file.read_text(errors="replace").splitlines() if file.exists() else []
-    decoded = [_decoded(line) for line in lines]
+    decoded = [fields_of(line) for line in lines]
     return [fields for fields in decoded if "elapsed_s" in fields and "bell_pairs" in fields]
-
-
-def _decoded(line: str) -> dict[str, Any]:
-    try:
-        fields = json.loads(line)
-    except ValueError:
-        return {}  # a warning of the interpreter, between our lines
-    return fields if isinstance(fields, dict) else {}

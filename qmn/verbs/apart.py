@@ -41,7 +41,7 @@ def call(arguments: argparse.Namespace) -> int:
         return beside(command)
     (first,) = inside(arguments.of)[:1] or [0]
     if not first:
-        print(f"qmn: process {arguments.of} is no `qmn apart` that runs", file=sys.stderr)
+        print(f"qmn: process {arguments.of} is not a `qmn apart` that runs", file=sys.stderr)
         return 1
     enter = ["nsenter", f"--target={first}", "--net", "--mount", "--pid"]
     return subprocess.run([*enter, f"--wd={os.getcwd()}", *command], check=False).returncode

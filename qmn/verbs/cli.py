@@ -106,7 +106,7 @@ def start_and_obey(
             if interface is not None:
                 for host, address in start_ip_over_light(network, interface).items():
                     print(f"q0 of {host}: {address}", flush=True)
-            with live_view(extras.live, lambda text: print(text, flush=True)):
+            with live_view(extras.live, folder, lambda text: print(text, flush=True)):
                 return obey(network)
     finally:
         give_to_invoker(folder)

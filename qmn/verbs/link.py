@@ -62,5 +62,6 @@ def switch_ends(facts: NetworkFacts, a: str, b: str) -> list[str]:
         raise NetworkError(f"no link between {a} and {b} ends at a switch")
     missing = [name for name in found if not (INTERFACES / name).exists()]
     if missing:
-        raise NetworkError(f"{missing[0]} is not of this network namespace: `qmn apart`?")
+        remedy = "try `qmn apart --of PID link …`"
+        raise NetworkError(f"{missing[0]} is not of this network namespace: {remedy}")
     return found

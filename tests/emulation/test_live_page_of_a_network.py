@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from conftest import ROOT, qmn, wait_until
+from conftest import ROOT, qmn, verb, wait_until
 
 from qmn.live_view.acts import ACTS
 
@@ -48,16 +48,24 @@ class Reader(threading.Thread):
 
 
 @contextmanager
-def network_with_a_page(tmp_path: Path) -> Iterator[str]:
-    """Run a network with its page, and end it as its user would; yield the address."""
-    command = [sys.executable, "-m", "qmn", "cli", "sdc", "--live", "--capture"]
+def started(tmp_path: Path, *options: str) -> Iterator[tuple["subprocess.Popen[str]", str]]:
+    """Start a network with its page; yield its runner and the address."""
+    command = [sys.executable, "-m", "qmn", "cli", "sdc", "--live", *options]
     command += ["--runs", str(tmp_path)]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, cwd=ROOT, stdin=pipe, stdout=pipe, text=True) as network:
-        assert network.stdin is not None
         assert network.stdout is not None
         found = next(filter(None, map(ADDRESS.search, network.stdout)))
-        yield found[1]
+        yield network, found[1]
+
+
+@contextmanager
+def network_with_a_page(tmp_path: Path) -> Iterator[str]:
+    """Run a network with its page, and end it as its user would; yield the address."""
+    with started(tmp_path, "--capture") as (network, url):
+        assert network.stdin is not None
+        assert network.stdout is not None
+        yield url
         network.stdin.write("exit\n")
         network.stdin.close()
         network.stdout.read()
@@ -117,9 +125,21 @@ def test_a_run_has_its_page_as_long_as_it_lasts(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     found = ADDRESS.search(done.stdout)
     assert found
+    assert not answers(found[1])
+
+
+def test_a_page_ends_with_a_runner_that_was_killed(tmp_path: Path) -> None:
+    with started(tmp_path) as (runner, url):
+        assert answers(url)
+        runner.kill()
+        wait_until(lambda: not answers(url), "the end of the page", DEADLINE_S)
+    assert verb("clean").returncode == 0
+
+
+def answers(url: str) -> bool:
+    """Return whether somebody serves the page."""
     try:
-        urllib.request.urlopen(found[1], timeout=10)  # noqa: S310
+        with urllib.request.urlopen(url, timeout=10) as response:  # noqa: S310
+            return int(response.status) == 200
     except OSError:
-        pass  # nobody is there any more
-    else:
-        raise AssertionError(f"{found[1]} still answers")
+        return False

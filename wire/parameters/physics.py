@@ -24,7 +24,8 @@ from wire.features import (
 
 BELL_STATES = ("Phi+", "Psi+", "Phi-", "Psi-")  # as Bell measurements number them
 ENCODINGS = ("polarization", "time-bin")
-ANALYSERS = ("complete", "linear", "gates")  # kinds of Bell analysers
+BEAM_SPLITTER = "beam-splitter"
+ANALYSERS = ("complete", "linear", "gates", BEAM_SPLITTER)  # kinds of Bell analysers
 SCHEMES = ("none", "two-click", "single-click")  # of heralding
 SUM_TOLERANCE = 1e-9  # by which probabilities may miss 1
 
@@ -296,7 +297,9 @@ class BellAnalyser:
 
     # complete (hyperentangled): 4 outcomes; linear (optics): Phi+ and Phi- are one outcome,
     # which is reported as Phi+; gates: CX and H of the host's own, then both are measured, so that
-    # there are 4 outcomes, nothing interferes, and the rest of this part does not matter.
+    # there are 4 outcomes, nothing interferes, and the rest of this part does not matter;
+    # beam-splitter: one, with four detectors behind it, which tell Psi+ and Psi- alone: all photons
+    # of both pulses interfere, as those of lasers do.
     kind: str = choice(*ANALYSERS)
     visibility: float = parameter(1.0, 0.0, 1.0)  # V0: of Hong-Ou-Mandel interference at best
     # Of a filter, rms of the spectral intensity; 0: none, photons are as wide as their sources say.

@@ -132,7 +132,7 @@ class KeyStore:
                 self.discard(key.key_id)
             raise
         finally:
-            _sync(folder)
+            sync_folder(folder)
 
     def take(self, wanted: UUID) -> bytes:
         """Hand out a key that the other end handed out first; MissingKey if it is not here."""
@@ -150,7 +150,7 @@ class KeyStore:
         try:
             return [_unlink(self._second, name) for name in names]
         finally:
-            _sync(self._second)
+            sync_folder(self._second)
 
     def take_next(self) -> StoredKey:
         """Hand out the oldest key that is this end's to hand out first; MissingKey if none."""
@@ -171,7 +171,7 @@ class KeyStore:
                 taken.append(StoredKey(UUID(name), _unlink(self._first, name)))
             except MissingKey:
                 continue  # another process was faster
-        _sync(self._first)
+        sync_folder(self._first)
         if len(taken) < count:
             for key in taken:
                 self.put(key, first=True)
@@ -215,7 +215,7 @@ def _age(path: Path) -> int:
 def _write(path: Path, key: bytes) -> None:
     """Create a file with its whole content, or raise DuplicateKey; both are on disk then."""
     _create(path, key)
-    _sync(path.parent)
+    sync_folder(path.parent)
 
 
 def _create(path: Path, key: bytes) -> None:
@@ -237,7 +237,7 @@ def _create(path: Path, key: bytes) -> None:
 def _remove(folder: Path, name: str) -> bytes:
     """Return the content of a file that this call has removed; MissingKey if another did."""
     key = _unlink(folder, name)
-    _sync(folder)
+    sync_folder(folder)
     return key
 
 
@@ -252,7 +252,8 @@ def _unlink(folder: Path, name: str) -> bytes:
         raise MissingKey(f"key {name} is not in the store, or was handed out already") from error
 
 
-def _sync(folder: Path) -> None:
+def sync_folder(folder: Path) -> None:
+    """Wait until what was made and removed in a folder is on disk."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)

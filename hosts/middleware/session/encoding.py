@@ -17,6 +17,7 @@ DISTINGUISHABLE_STATES = {
     "complete": 4,
     "linear": 3,
     "gates": 4,
+    "beam-splitter": 2,
 }  # Bell states, by the kind of the analyser
 # Linear optics reports Phi- as Phi+, so Phi- carries nothing (its symbol, 3, is never sent).
 LINEAR_STATES = (Pauli.I, Pauli.X, Pauli.XZ, Pauli.Z)

@@ -133,6 +133,15 @@ def session(
         return alice, bob.result(DEADLINE_S)
 
 
+async def takes_part(name: str, sockets: Sockets) -> StackSocket:
+    """Return the socket of an application, which is perhaps only about to take part."""
+    deadline = time.monotonic() + DEADLINE_S
+    while name not in sockets:
+        assert time.monotonic() < deadline, f"{name}'s application takes no part"
+        await asyncio.sleep(0.01)
+    return sockets[name]
+
+
 def _ask(folder: Path, service: str, sockets: Sockets, options: Fields) -> Told:
     with ServiceSocket(folder / "alice.sock") as alice:
         alice.settimeout(DEADLINE_S)

@@ -44,7 +44,8 @@ class Hostile:
             first = 0 if self._draw.random() < 0.2 or len(data) == HEADER.size else HEADER.size
             place = self._draw.randrange(first, len(data))
             if place not in LENGTH:
-                data[place] = self._draw.choice([0, 1, 0x7F, 0x80, 0xFF, 0x55])
+                values = {0, 1, 0x7F, 0x80, 0xFF, 0x55} - {data[place]}
+                data[place] = self._draw.choice(sorted(values))
         return Raw(bytes(data))
 
 
@@ -72,4 +73,4 @@ def test_changed_bytes_leave_nothing_behind(tmp_path: Path, service: str) -> Non
         return texts
 
     texts = asyncio.run(run())
-    assert sum(map(bool, texts)) >= SESSIONS / 3
+    assert sum(map(bool, texts)) > SESSIONS / 3

@@ -54,3 +54,8 @@ def test_frames_that_a_code_or_an_alphabet_makes_too_long_are_refused() -> None:
         with pytest.raises(SessionError, match="choose fewer bytes") as caught:
             check_offer(setup, symbols)
         assert caught.value.reason == Reason.UNSUPPORTED
+
+
+def test_an_analyser_that_tells_two_bell_states_carries_nothing() -> None:
+    with pytest.raises(SessionError, match=r"tells 2 Bell states: choose another analyser\.kind"):
+        check_offer(PLAIN, 2)

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from hosts.hardware.qnic import Symbols
+from hosts.middleware.services.superdense.alphabet import ALPHABETS
 from hosts.middleware.services.superdense.frame_format import FrameFormat, agreed_format
 from hosts.middleware.services.superdense.framing import FramingError
 from hosts.middleware.services.superdense.inbox import Inbox
@@ -69,6 +70,9 @@ def check_offer(setup: Setup, symbols: int) -> FrameFormat:
             f"frames of {setup.frame_bytes} bytes in blocks of {setup.pairs} pairs; at most "
             f"{MAX_FRAME_BYTES} and {MAX_BLOCK_PAIRS}",
         )
+    if symbols not in ALPHABETS:
+        text = f"an analyser that tells {symbols} Bell states: choose another analyser.kind"
+        raise SessionError(Reason.UNSUPPORTED, text)
     return agreed_format(setup, symbols)
 
 

@@ -1,0 +1,250 @@
+"""Bell measurements by a beam splitter: all photons of two pulses meet, however many they are.
+
+Photons that are alone go by either output, each for itself. One in each arm are Bell-measured,
+whatever they are entangled with. Several, as of weak laser pulses, interfere all at once: how they
+leave follows from their states (dispatcher.devices.beam_splitter), which have to be known for it.
+A photon of the second arm that can be told from those of the first, by time or colour, is alone.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dispatcher.devices.analyser import Analyser, Analysis, Half, Mismatch
+from dispatcher.devices.beam_splitter import (
+    MODES,
+    MOST_PHOTONS,
+    of_bell_states,
+    outputs,
+    read,
+    told_to,
+)
+from dispatcher.devices.overlap import Overlap
+from dispatcher.layer import drift
+from dispatcher.layer.layer import PhysicalLayer
+from dispatcher.layer.ownership import Block
+from dispatcher.photon_random import PhotonRandom
+from dispatcher.refusal import precondition
+from dispatcher.sabot.backend import Bytes
+from dispatcher.sabot.cardinal import cardinal_states
+from dispatcher.sabot.registers import Mask, Pick, Register
+from wire.outcomes import NO_CLICK
+
+Z = 0
+Pulses = NDArray[np.int64]
+
+
+class Photons(NamedTuple):
+    """All photons of an arm that are there, by the pulses that they are of."""
+
+    register: Register
+    pulses: Pulses  # ascending
+
+
+class Left(NamedTuple):
+    """Photons that have left a beam splitter: of which pulse, and by which mode."""
+
+    pulses: Pulses
+    modes: Bytes
+
+
+NOTHING = Left(np.zeros(0, np.int64), np.zeros(0, np.uint8))
+
+
+class Interference:
+    """The meeting of the pulses of two blocks, which are used up."""
+
+    def __init__(
+        self, layer: PhysicalLayer, blocks: tuple[Block, Block], random: PhotonRandom
+    ) -> None:
+        """Let these blocks meet, with random numbers of their own."""
+        self._layer, self._blocks, self._random = layer, blocks, random
+        self._incidents: dict[str, int] = {}
+
+    def analyse(
+        self, analyser: Analyser, halves: tuple[Half, Half], overlap: Overlap, apart_ps: float
+    ) -> Analysis:
+        """Return what the detectors tell; photons that come together overlap so well."""
+        mismatch = Mismatch(halves, apart_ps)
+        left = self._meet(analyser, mismatch, overlap)
+        noise, size = _noise(halves, self._random), halves[0].present.size
+        found = [
+            arm.detect(
+                np.full(size, NO_CLICK, np.uint8),
+                None if noise is None else noise[polarisation],
+                halves[0].train,
+                self._random.at(f"polarisation {polarisation}"),
+                told_to(polarisation, *left),
+            )
+            for polarisation, arm in enumerate(analyser.arms)
+        ]
+        outcomes = read((found[0], found[1]))
+        late = analyser.late(
+            outcomes != NO_CLICK, (found[0], found[1]), halves, mismatch, self._random
+        )
+        outcomes[late] = NO_CLICK
+        for detection in found:
+            for name, count in detection.incidents().items():
+                self._incidents[name] = self._incidents.get(name, 0) + count
+        if late.size:
+            self._incidents["late"] = late.size
+        return Analysis(outcomes, sum(each.clicks for each in found), self._incidents)
+
+    def _meet(self, analyser: Analyser, mismatch: Mismatch, overlap: Overlap) -> Left:
+        """Let all photons pass the beam splitter."""
+        arms = [self._photons(block) for block in self._blocks]
+        size = self._blocks[0].register.size
+        meets = self._indistinguishable(analyser, mismatch, overlap, arms[1].pulses)
+        counts = (
+            np.bincount(arms[0].pulses, minlength=size),
+            np.bincount(arms[1].pulses[meets], minlength=size),
+        )
+        few = counts[0] + counts[1] <= MOST_PHOTONS
+        both = (counts[0] > 0) & (counts[1] > 0) & few
+        pair = (counts[0] == 1) & (counts[1] == 1)
+        self._note_crowds(int(np.count_nonzero((counts[0] > 0) & (counts[1] > 0) & ~few)))
+        kinds = [np.where(pair, 1, 2) * both] * 2
+        own = [kinds[0][arms[0].pulses], kinds[1][arms[1].pulses] * meets]
+        parts = [
+            [self._taken(arm, kind == number) for arm, kind in zip(arms, own, strict=True)]
+            for number in range(3)
+        ]
+        left = [self._alone(each, f"arm {arm}") for arm, each in enumerate(parts[0])]
+        left += [self._paired(*parts[1]), self._crowded(*parts[2])]
+        for arm in arms:
+            self._release(arm.register)
+        for block in self._blocks:
+            self._layer.drop(block)
+        return Left(*(np.concatenate(each) for each in zip(*left, strict=True)))
+
+    def _photons(self, block: Block) -> Photons:
+        """Take all photons of a block into a register, by their pulses."""
+        drift.twirl(block, self._layer.sabot, self._layer.draws)
+        own = np.flatnonzero(block.register.present)
+        picks, pulses = [Pick(block.register, own.astype(np.uint32))], own
+        if block.further is not None:
+            there = np.flatnonzero(block.further.register.present)
+            picks.append(Pick(block.further.register, there.astype(np.uint32)))
+            pulses = np.concatenate([own, block.further.pulses[there]])
+        gathered = Photons(self._layer.sabot.gather(picks), pulses)
+        order = np.argsort(pulses, kind="stable")
+        if (np.diff(order) == 1).all():
+            return gathered
+        ordered = self._ordered(gathered, order)
+        self._release(gathered.register)
+        return ordered
+
+    def _release(self, register: Register) -> None:
+        """Let go of a register whose photons are all elsewhere."""
+        draws = self._layer.draws.photons(self._blocks[0].name, "released", register.size)
+        self._layer.sabot.drop(register, draws)
+
+    def _ordered(self, photons: Photons, order: NDArray[np.intp]) -> Photons:
+        pick = Pick(photons.register, order.astype(np.uint32))
+        return Photons(self._layer.sabot.gather([pick]), photons.pulses[order])
+
+    def _taken(self, photons: Photons, chosen: Mask) -> Photons:
+        """Take some photons out."""
+        if not chosen.any():
+            return Photons(Register(0), photons.pulses[chosen])
+        return self._ordered(photons, np.flatnonzero(chosen))
+
+    def _indistinguishable(
+        self, analyser: Analyser, mismatch: Mismatch, overlap: Overlap, pulses: Pulses
+    ) -> Mask:
+        """Draw which photons of the second arm cannot be told from those of the first."""
+        apart_ps = mismatch.ps[pulses] if mismatch.ps is not None else np.float64(mismatch.all_ps)
+        alike = analyser.visibility(apart_ps, overlap)
+        if np.all(alike == 1):
+            return np.ones(pulses.size, dtype=bool)
+        told = self._random.generator("distinguishable").random(pulses.size) >= alike
+        if count := int(np.count_nonzero(told)):
+            self._incidents["distinguishable"] = count
+        return ~told
+
+    def _note_crowds(self, count: int) -> None:
+        if count:
+            self._incidents["crowded"] = count
+            self._inexact()
+
+    def _inexact(self) -> None:
+        for block in self._blocks:
+            block.pulses.exact = False
+
+    def _alone(self, photons: Photons, which: str) -> Left:
+        """Let photons go each for itself."""
+        if not photons.pulses.size:
+            return NOTHING
+        polarisations = self._bits(photons.register, f"alone {which}")
+        outlets = self._random.coins(f"alone {which}", photons.pulses.size) << np.uint8(1)
+        return Left(photons.pulses, outlets | polarisations)
+
+    def _bits(self, register: Register, which: str) -> Bytes:
+        """Measure photons in Z."""
+        block = self._blocks[0]
+        draws = self._layer.draws.photons(block.name, block.draws_for(which), register.size)
+        return self._layer.sabot.measure(register, np.full(register.size, Z, np.uint8), draws)
+
+    def _paired(self, first: Photons, second: Photons) -> Left:
+        """Bell-measure photons that are alone in their arms."""
+        if not first.pulses.size:
+            return NOTHING
+        draws = [
+            self._layer.draws.photons(block.name, block.draws_for("paired"), first.pulses.size)
+            for block in self._blocks
+        ]
+        registers = first.register, second.register
+        states = self._layer.sabot.bell_measure(*registers, (draws[0], draws[1]))
+        coins = self._random.generator("pairs").integers(0, 4, states.size, dtype=np.uint8)
+        modes = of_bell_states(states, coins)
+        return Left(np.repeat(first.pulses, 2), modes.reshape(-1))
+
+    def _crowded(self, first: Photons, second: Photons) -> Left:
+        """Let several photons interfere; those of one pulse of both arms at once."""
+        if not first.pulses.size:
+            return NOTHING
+        states = [self._states(arm, f"crowd {which}") for which, arm in enumerate((first, second))]
+        pulses = np.unique(first.pulses)
+        ways = [
+            np.split(own, np.searchsorted(arm.pulses, pulses)[1:])
+            for own, arm in zip(states, (first, second), strict=True)
+        ]
+        kinds: dict[tuple[tuple[int, ...], ...], list[int]] = {}
+        for place, met in enumerate(zip(*ways, strict=True)):
+            key = tuple(tuple(sorted(arm.tolist())) for arm in met)
+            kinds.setdefault(key, []).append(place)
+        drawn = self._random.generator("crowds").random(pulses.size)
+        left = []
+        for (one, other), places in kinds.items():
+            if len(set(one)) > 1 or len(set(other)) > 1:
+                self._inexact()  # noise has met one photon of a pulse, which is then told apart
+            photons, chances = outputs(one, other)
+            chosen = photons[np.searchsorted(chances.cumsum()[:-1], drawn[places], side="right")]
+            modes = np.tile(np.arange(MODES, dtype=np.uint8), len(places))
+            counts = chosen.reshape(-1)
+            at = np.repeat(pulses[places], MODES)
+            left.append(Left(np.repeat(at, counts), np.repeat(modes, counts)))
+        return Left(*(np.concatenate(each) for each in zip(*left, strict=True)))
+
+    def _states(self, photons: Photons, which: str) -> Bytes:
+        """Return the states of photons, which are used up; what is entangled is measured."""
+        register = photons.register
+        if not register.shares:
+            raise precondition("states are in a Sabot server: start the network without --sabot")
+        states = cardinal_states(register)
+        bits = self._bits(register, which)
+        if (unknown := states == NO_CLICK).any():
+            self._inexact()
+            states = np.where(unknown, bits, states)
+        return states
+
+
+def _noise(halves: tuple[Half, Half], random: PhotonRandom) -> tuple[Bytes, Bytes] | None:
+    """Return how many photons that are noise come to the detectors of either polarisation."""
+    given = [half.extras for half in halves if half.extras is not None]
+    if not given:
+        return None
+    counts = np.minimum(sum(each.astype(np.int64) for each in given), 255)
+    first = random.generator("noise").binomial(counts, 0.5)
+    return first.astype(np.uint8), (counts - first).astype(np.uint8)
