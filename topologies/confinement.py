@@ -26,6 +26,8 @@ from topologies.timeouts import END_TIMEOUT_S, POLL_S
 SHELL = ROOT / "topologies" / "confined_shell"
 # What could take covers off: mounting, opening files by their numbers, the kernel's memory.
 GIVEN_UP = "-sys_admin,-dac_read_search,-sys_module,-sys_rawio,-sys_boot,-perfmon"
+APART = ["unshare", "--pid", "--fork", "--kill-child", "unshare", "--mount", "--mount-proc"]
+FIRST_SHOWN = 10  # descriptor by which the shell has the first of what is shown
 CLONE_NEWPID = 0x20000000
 LIBC = ctypes.CDLL(None, use_errno=True)
 
@@ -37,17 +39,17 @@ class ConfinedNode(ShellWatcher):
     pid: int
     _confined = 0  # process id of the confined shell
 
-    def confine(self, shown: Sequence[Path], covered: Sequence[Path]) -> None:
+    def confine(self, shown: Sequence[Path], covered: Sequence[Path], table: Path) -> None:
         """Let the shell, in which nothing runs, see no folder that is covered but those shown.
 
-        Raise NetworkError, with the kernel's words, where it cannot be.
+        The file of its mounts is written. Raise NetworkError, with the kernel's words, where it
+        cannot be.
         """
         folders = [path for path in covered if not set(path.parents) & set(covered)]
-        apart = ["unshare", "--pid", "--fork", "--kill-child", "unshare", "--mount"]
-        words = [*apart, SHELL, self.name, GIVEN_UP, *shown, "--", *folders]
+        table.write_text(fstab(shown, folders))
+        words = [*APART, SHELL, self.name, GIVEN_UP, table, *shown, "--", *folders]
         self.write(f"exec {shlex.join(map(str, words))}\n")  # type: ignore[attr-defined]
-        self._await_prompt()
-        self.cmd("unset HISTFILE; set +m")
+        self.await_shell()
         (self._confined,) = children(self.shell.pid)
 
     @property
@@ -74,6 +76,26 @@ class ConfinedNode(ShellWatcher):
             programs = [each for pid in descendants(self._confined) if (each := owner(pid))]
             end_by_hanging_up(programs)
         super().hang_up()
+
+
+def fstab(shown: Sequence[Path], covered: Sequence[Path]) -> str:
+    """Return what is to be mounted so that folders are covered but those shown, as fstab(5) has it.
+
+    All by one mount(8): there may be a thousand hosts.
+    """
+    # A source that nothing else has: what is mounted in a place already is not mounted again.
+    covers = [f"qmn-cover {escaped(folder)} tmpfs mode=755" for folder in covered]
+    binds = [
+        f"/proc/self/fd/{number} {escaped(folder)} none bind,X-mount.mkdir"
+        for number, folder in enumerate(shown, FIRST_SHOWN)
+    ]
+    closes = [f"none {escaped(folder)} none remount,bind,ro" for folder in covered]
+    return "".join(f"{line}\n" for line in (*covers, *binds, *closes))
+
+
+def escaped(folder: Path) -> str:
+    """Return a path without what separates fields."""
+    return str(folder).translate({ord(sign): f"\\{ord(sign):03o}" for sign in "\\ \t\n"})
 
 
 def end_by_hanging_up(programs: Sequence[Owner]) -> None:

@@ -46,8 +46,8 @@ class ClassicalHost(QuantumNode, ConfinedNode, Host):
         if self.network.mtu:
             within(self, set_mtu, str(self.defaultIntf()), self.network.mtu)
         if self.confined:
-            self.confine(self.shown_folders(), covered_folders(self.network))
-        self.find_our_programs()
+            table = self.network.folder / f"{self.name}.fstab"
+            self.confine(self.shown_folders(), covered_folders(self.network), table)
         return result
 
     def shown_folders(self) -> list[Path]:
