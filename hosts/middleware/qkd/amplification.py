@@ -8,7 +8,7 @@ the error of the transform some 1e-8 of one; that they came out as integers is c
 """
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
+from numpy.fft import irfft, rfft
 
 from hosts.middleware.qkd.bits import NO_BITS, Bits
 
@@ -31,12 +31,28 @@ def toeplitz(key: Bits, seed: Bits, length: int) -> Bits:
     others = key.size - length
     if others == 0:
         return key.copy()
-    size = next_fast_len(seed.size, real=True)  # what wraps around falls on bits not used
+    size = fast_size(seed.size)  # what wraps around falls on bits not used
     product = rfft(key[:others].astype(np.float64), size)
     product *= rfft(seed.astype(np.float64), size)
-    sums = irfft(product, size, overwrite_x=True)[others - 1 : seed.size]
+    sums = irfft(product, size)[others - 1 : seed.size]
     rounded = np.rint(sums)
     if np.abs(sums - rounded).max() > MAX_ROUNDING:
         raise ArithmeticError(f"the transform of {size} points was not exact")
     result: Bits = (rounded.astype(np.int64) & 1).astype(np.uint8) ^ key[others:]
     return result
+
+
+def fast_size(least: int) -> int:
+    """Return the least number of points of a fast transform, without primes beyond 5.
+
+    scipy.fft has this as well, but would take each program of a run a fifth of a second to load.
+    """
+    best, fives = 1 << (least - 1).bit_length(), 1
+    while fives < best:
+        odd = fives
+        while odd < best:
+            twos = (-(-least // odd) - 1).bit_length()
+            best = min(best, odd << twos)
+            odd *= 3
+        fives *= 5
+    return best

@@ -6,9 +6,10 @@ from math import ceil, exp, lgamma, log, log1p
 import numpy as np
 import pytest
 from qkd_ends import bb84, random_bits
+from scipy.fft import next_fast_len
 from scipy.stats import hypergeom
 
-from hosts.middleware.qkd.amplification import seed_bits, toeplitz
+from hosts.middleware.qkd.amplification import fast_size, seed_bits, toeplitz
 from hosts.middleware.qkd.authentication import collision_probability, key_tag
 from hosts.middleware.qkd.bits import Bits, pack, unpack
 from hosts.middleware.qkd.estimation import Estimate, compare, sample_mask, sample_size
@@ -225,6 +226,11 @@ def test_two_keys_of_four_bits_collide_under_no_more_matrices_than_chance_has_it
         key = np.array(difference, dtype=np.uint8)
         if key.any():
             assert sum(not toeplitz(key, seed, 2).any() for seed in seeds) <= len(seeds) / 4
+
+
+def test_sizes_of_fast_transforms_are_those_of_scipy() -> None:
+    for least in (*range(1, 3_000), 2**20 - 1, 2**20, 2**20 + 1, 999_999, 3**12 + 1):
+        assert fast_size(least) == next_fast_len(least, real=True)
 
 
 def test_toeplitz_hashing_of_a_million_bits_is_exact() -> None:
