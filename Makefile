@@ -5,7 +5,7 @@ SHELL := /bin/bash
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
 .PHONY: help setup packages strongswan install uninstall run-sdc test test-docker lint types unit \
-    emulation chaos fuzz bench curves picture image clean lock browser
+    emulation chaos fuzz bench curves labs picture image clean lock browser
 
 PYTHON := .venv/bin/python
 # The caches and byte code of root would be in the user's way.
@@ -86,7 +86,7 @@ emulation: setup strongswan ## Run the emulation tests (root, Open vSwitch)
 
 chaos: setup ## Strike runs at random for MINUTES (3), from SEED (1): nothing may hang or stay
 	$(AS_ROOT) $(PYTHON) tests/chaos --minutes $(or $(MINUTES),3) --seed $(or $(SEED),1) \
-	    $(if $(STRIKES),--strikes $(STRIKES))
+	    $(if $(STRIKES),--strikes $(STRIKES)) $(if $(STANDING),--standing)
 
 fuzz: setup ## Feed decoders and dispatcher INPUTS (10000000) spoiled messages, from SEED (1)
 	$(PYTHON) tests/fuzz/feed.py --inputs $(or $(INPUTS),10000000) --seed $(or $(SEED),1)
@@ -96,6 +96,9 @@ bench: setup ## Measure and print the speed of this machine
 
 curves: setup ## Check the physics against theory and draw it (curves/)
 	bin/qmn curves
+
+labs: setup ## Hold published results beside runs of the network (runs/labs/)
+	bin/qmn lab --all
 
 picture: setup ## Make the README's picture of a report anew
 	@setup/picture

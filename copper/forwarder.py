@@ -3,8 +3,10 @@
     alice-eth0 --(TAP)--> Forwarder, a queue for each direction --(TAP)--> s1-eth1
 
 Both ends are TAP interfaces, whose other sides are files that this process holds. A packet is due
-by when it was read, which is after it was sent, so that none is ever early. What the simulation
-itself says, to and from the dispatcher's address, is held back by no cable.
+by when it was read, which is after it was sent, so that none is ever early. Where a cable has a
+rate, packets go one behind the other, first come first served: each is under way for as long as
+its bits take, and those that find the queue full are lost. What the simulation itself says, to and
+from the dispatcher's address, is held back by no cable.
 """
 
 import os
@@ -19,6 +21,7 @@ from wire.config import CopperConfig
 
 MOST_BYTES = 1 << 16
 AT_ONCE = 64  # frames read from one end before others have their turn
+QUEUE_BYTES = 1 << 20  # that may wait for a slow cable, in each direction
 IPV4, ARP = b"\x08\x00", b"\x08\x06"
 # Where sender and target are, behind the Ethernet header.
 ADDRESSES = {IPV4: (slice(26, 30), slice(30, 34)), ARP: (slice(28, 32), slice(38, 42))}
@@ -32,7 +35,17 @@ class Direction:
     out_of: int
     delay_ns: int
     loss: float
+    ns_per_byte: float = 0.0
+    free_ns: float = 0.0  # when all that came so far has been sent
     under_way: deque[tuple[int, bytes]] = field(default_factory=deque)  # when due, what
+
+    def take(self, frame: bytes, now_ns: int) -> bool:
+        """Put a frame behind the others; return whether there was room."""
+        if self.free_ns - now_ns > QUEUE_BYTES * self.ns_per_byte:
+            return False
+        self.free_ns = max(self.free_ns, now_ns) + len(frame) * self.ns_per_byte
+        self.under_way.append((round(self.free_ns) + self.delay_ns, frame))
+        return True
 
 
 class Forwarder:
@@ -44,9 +57,11 @@ class Forwarder:
         self._at_once = IPv4Address(config.simulation).packed
         for cable in config.cables:
             delay_ns = round(config.time.wall_s(cable.delay_s) * 1e9)
+            ns_per_byte = config.time.wall_s(8e-6 / cable.mbps) * 1e9 if cable.mbps else 0.0
             for into, out_of in ((cable.a_fd, cable.b_fd), (cable.b_fd, cable.a_fd)):
                 os.set_blocking(into, False)
-                self._directions[into] = Direction(into, out_of, delay_ns, cable.loss)
+                way = Direction(into, out_of, delay_ns, cable.loss, ns_per_byte)
+                self._directions[into] = way
         self._open = list(self._directions)  # where more may come in
         self._draws = random.Random(config.seed)  # noqa: S311
         self._wake_reader, self._wake_writer = os.pipe()
@@ -88,9 +103,10 @@ class Forwarder:
                 self._write(direction.out_of, frame)
             elif direction.loss and self._draws.random() < direction.loss:
                 self.lost += 1
-            else:
+            elif direction.take(frame, time.monotonic_ns()):
                 self.held += 1
-                direction.under_way.append((time.monotonic_ns() + direction.delay_ns, frame))
+            else:
+                self.lost += 1
         return True
 
     def _give_out(self) -> None:

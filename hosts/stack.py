@@ -138,16 +138,18 @@ class Stack:
             setup = await channel.receive(Setup, ANSWER_TIMEOUT_S)
             session = setup.session
             setup = self._verdicts.checked(setup, channel.connection)
-            await self._handler(setup)(channel, setup)
+            await self._handler(setup, channel)(channel, setup)
         except (SessionError, HardwareError) as error:
             log.warning("session %016x with %s: %s", session, channel.peer, error)
             await channel.give_up(error)
         finally:
             channel.close()
 
-    def _handler(self, setup: Setup) -> Callable[[MetadataChannel, Setup], Awaitable[None]]:
+    def _handler(
+        self, setup: Setup, channel: MetadataChannel
+    ) -> Callable[[MetadataChannel, Setup], Awaitable[None]]:
         if setup.verdict != Verdict.GRANTED:
-            raise self._refusal(setup)
+            raise self._refusal(setup, channel.connection[0])
         if setup.service == Service.PAIR_SOURCE:
             return self._emit_pairs
         if setup.service == Service.LINK:
@@ -159,8 +161,12 @@ class Stack:
         joins = setup.handshake == Handshake.ONE_PAIR and Handshake.ONE_PAIR in kind.handshakes
         return self._join if joins else self._accept
 
-    def _refusal(self, setup: Setup) -> SessionError:
-        """Return what the controller has said."""
+    def _refusal(self, setup: Setup, opener: str) -> SessionError:
+        """Return what the controller has said to an opener, which is an address."""
+        if setup.obstacle:
+            by_address = {address: name for name, address in self._config.hosts.items()}
+            ends = f"from {by_address.get(opener, opener)} to {self._config.name}"
+            return SessionError(Reason(setup.reason), f"no light path {ends}: {setup.obstacle}")
         if setup.reason != Reason.NODE_SILENT:
             return refusal(setup, self._config.hosts)
         names = {address: f"{name} ({address})" for name, address in self._config.hosts.items()}

@@ -22,6 +22,8 @@ VERBS = (  # each a module of qmn.verbs
     "script",
     "sweep",
     "curves",
+    "lab",
+    "demo",
     "devices",
     "paths",
     "keys",

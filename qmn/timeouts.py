@@ -20,6 +20,11 @@ CLUSTER_TIMEOUT_S = 10.0  # until a Dask scheduler answers
 NO_WORKER_TIMEOUT_S = 30.0  # that it may have no worker
 SWEEP_POLL_S = 0.1  # between two looks whether the sweep shall end
 
+# Labs
+LAB_RUN_TIMEOUT_S = 600.0  # for a whole run of a lab
+LAB_END_TIMEOUT_S = 60.0  # for one that is asked to end, to clean up
+LAB_POLL_S = 0.1  # between two looks whether it has ended
+
 # Other machines
 WORKERS_TIMEOUT_S = 20.0  # until as many Dask workers are there as machines are asked for
 AGENT_END_TIMEOUT_S = 5.0  # until an agent has ended whose runner has gone

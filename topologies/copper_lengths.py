@@ -21,11 +21,13 @@ from wire.ways import Ways, shortest
 ROUNDING = 1e-9  # more than sums of lengths are off by
 
 
-def assign_copper_lengths(topo: Topo, copper_km: float | None = None) -> None:
-    """Give copper of no length one: this, or that of the fibres between its places.
+def assign_copper_lengths(
+    topo: Topo, copper_km: float | None = None, copper_mbps: float | None = None
+) -> None:
+    """Give copper of no length one: this, or that of the fibres between its places; and a rate.
 
     Links of other classes are left as they are, and without `copper_km` so are lengths that
-    somebody has named.
+    somebody has named, without `copper_mbps` rates.
     """
     fibers, copper = fibers_of(topo), copper_of(topo)
     places = places_of(topo, fibers, copper)
@@ -34,6 +36,8 @@ def assign_copper_lengths(topo: Topo, copper_km: float | None = None) -> None:
     reached: dict[str, dict[str, float]] = {}  # from the places of classical switches
     for one, other, info in copper:
         info["cls"] = CopperLink
+        if copper_mbps is not None:
+            info["mbps"] = copper_mbps
         if copper_km is not None:
             info["length_km"] = copper_km
         elif "length_km" not in info or id(info) in beside_fibers:

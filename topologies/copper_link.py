@@ -22,7 +22,7 @@ from topologies.programs import NetworkError
 from topologies.timeouts import COMMAND_TIMEOUT_S
 from wire.config import Cable
 from wire.parameters.fiber import SPEED_IN_FIBER_M_PER_S
-from wire.parameters.network import MOST_KM
+from wire.parameters.network import LEAST_MBPS, MOST_KM, MOST_MBPS
 from wire.parameters.physics import BadParameter
 
 # In wall time: from one host to the other, over two cables and a switch in user space, a packet
@@ -45,9 +45,10 @@ def length_km(delay: float) -> float:
 
 
 class CopperLink(Link):
-    """A cable of some length, which loses a share of the packets.
+    """A cable of some length, which loses a share of the packets, and may be slow.
 
-    Raise BadParameter for a length or a loss that no cable has.
+    `mbps` is of each direction (Mbit/s, of whole Ethernet frames); None: as fast as it goes. Raise
+    BadParameter for a length, a loss or a rate that no cable has.
     """
 
     def __init__(
@@ -56,6 +57,7 @@ class CopperLink(Link):
         node2: Node,
         length_km: float = 0.0,
         loss: float = 0.0,
+        mbps: float | None = None,
         **params: object,
     ) -> None:
         where = f"copper {node1.name} to {node2.name}"
@@ -64,7 +66,13 @@ class CopperLink(Link):
             raise BadParameter(f"{where}: length_km {length_km!r} is not 0 to {MOST_KM:g}")
         if not isinstance(loss, int | float) or not 0 <= loss < 1:
             raise BadParameter(f"{where}: loss {loss!r} is not 0 to below 1")
+        if mbps is not None and (
+            not isinstance(mbps, int | float) or not LEAST_MBPS <= mbps <= MOST_MBPS
+        ):
+            text = f"{where}: mbps {mbps!r} is not {LEAST_MBPS:g} to {MOST_MBPS:g}"
+            raise BadParameter(text)
         self.length_km, self.loss = float(length_km), float(loss)
+        self.mbps = mbps
         super().__init__(node1, node2, **quick(params))
         network = runtime.current()
         network.copper[frozenset((node1.name, node2.name))] = delay_s(self.length_km)
@@ -75,7 +83,7 @@ class CopperLink(Link):
 
     @property
     def _is_held(self) -> bool:
-        if self.loss:
+        if self.loss or self.mbps is not None:
             return True
         return runtime.current().time.wall_s(delay_s(self.length_km)) >= LEAST_DELAY_S
 
@@ -98,12 +106,13 @@ class CopperLink(Link):
         for node in (node1, node2):
             if getattr(node, "machine", None) is not None:
                 raise NetworkError(
-                    f"copper to {node} is long, or loses packets: such a host is on the first "
-                    "machine alone"
+                    f"copper to {node} is long or slow, or loses packets: such a host is on the "
+                    "first machine alone"
                 )
         ends = (intfname1, node1), (intfname2, node2)
         one, other = (tap(name, node) for name, node in ends)
-        cable = Cable(intfname1, intfname2, one, other, delay_s(self.length_km), self.loss)
+        nature = delay_s(self.length_km), self.loss, self.mbps
+        cable = Cable(intfname1, intfname2, one, other, *nature)
         runtime.current().cables.append(cable)
 
 

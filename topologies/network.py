@@ -120,7 +120,8 @@ class Network:
         self._signals.check()
         runtime.begin(self.runtime)
         topo = self._topo()
-        assign_copper_lengths(topo, self.runtime.settings.copper_km)
+        settings = self.runtime.settings
+        assign_copper_lengths(topo, settings.copper_km, settings.copper_mbps)
         place(topo, self.runtime.places)
         refuse_taken_names(topo)
         (self.runtime.folder / SWITCHES).write_text("\n".join(topo.switches()))

@@ -164,7 +164,10 @@ def start(owner: str) -> None:
         _refuse_half(daemons())
     marked = {**os.environ, STARTER: owner}
     _run(
-        CONTROL, "start", "--system-id=random", timeout_s=OPENVSWITCH_TIMEOUT_S, environment=marked
+        *(CONTROL, "start", "--system-id=random"),
+        timeout_s=OPENVSWITCH_TIMEOUT_S,
+        check=_refuse_stopped,
+        environment=marked,
     )
     deadline = time.monotonic() + OPENVSWITCH_TIMEOUT_S
     while not running():
@@ -178,6 +181,14 @@ def _refuse_half(found: Mapping[str, Owner]) -> None:
     silent = [name for name in DAEMONS if not _answers(found, name)]
     if found and silent:
         raise NetworkError(f"Open vSwitch runs in part: {silent[0]} {_silence(found, silent[0])}")
+
+
+def _refuse_stopped() -> None:
+    """Raise NetworkError if a signal has stopped a daemon: ovs-ctl would wait for it."""
+    found = daemons()
+    for name, daemon in found.items():
+        if daemon.stopped:
+            raise NetworkError(f"{name} {_silence(found, name)}")
 
 
 def _note_starter(owner: str) -> None:

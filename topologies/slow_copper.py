@@ -15,8 +15,8 @@ from mininet.node import Host
 from topologies.programs import NetworkError
 from topologies.timeouts import COMMAND_TIMEOUT_S
 from wire.metadata import METADATA_PORT
+from wire.parameters.network import MOST_MBPS
 
-LEAST_MBPS, MOST_MBPS = 0.001, 10_000.0
 # Room for one packet: what TCP hands over as one of 64 KiB is cut, and none goes on saved tokens.
 BURST_BYTES = 1600
 LIMIT_BYTES = 16 << 20  # that may wait

@@ -241,6 +241,7 @@ class Cable:
     b_fd: int
     delay_s: float  # of the network
     loss: float = 0.0  # share of the packets that do not arrive
+    mbps: float | None = None  # of the network, in each direction; None: no limit
 
 
 @dataclass(frozen=True)

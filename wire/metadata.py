@@ -18,10 +18,11 @@ from typing import ClassVar, TypeVar
 
 METADATA_PORT = 9010
 MAGIC = 0x514D  # "QM"
-VERSION = 4
+VERSION = 5
 MAX_LENGTH = 1 << 17
 MAX_FRAMES = 4096  # in one block
 SEAL_BYTES = 16
+OBSTACLE_BYTES = 96
 HEADER = struct.Struct("!HBBIQ")
 
 E = TypeVar("E", bound=IntEnum)
@@ -137,7 +138,7 @@ class Reason(IntEnum):
     # Written by the controller, with the address of the node that lacks the feature as source.
     CANNOT_HERALD = 26
     CANNOT_INTERFERE = 27
-    PATH_BROKEN = 25  # within the optical network; the controller's record names the elements
+    PATH_BROKEN = 25  # within the optical network
     TOO_LATE = 28  # no light by the deadline that the set-up message names
 
 
@@ -198,7 +199,7 @@ class Setup(Message):
     """Ask for light paths. First on its connection, one write, nothing after until answered."""
 
     KIND = 1
-    FIELDS = struct.Struct(f"!BB4sIIIHIBBBBBIiIIBIBBH{SEAL_BYTES}s")
+    FIELDS = struct.Struct(f"!BB4sIIIHIBBBBBIiIIBI{OBSTACLE_BYTES}sBBH{SEAL_BYTES}s")
 
     service: int
     handshake: int
@@ -222,6 +223,8 @@ class Setup(Message):
     fidelity_ppm: int = 0  # pair fidelity wanted at least; 0 is any
     priority: int = 0  # among those that wait for light, if the policy heeds it: the higher first
     deadline_ms: int = 0  # of the network, until light is wanted at the latest; 0: no deadline
+    # Which element is in the way, in the controller's words, with a refusal; ASCII, filled with 0.
+    obstacle: str = ""
     verdict: int = Verdict.PENDING
     rotation: int = Pauli.I  # known rotation of the paths, for the receiver to undo
     reason: int = Reason.OK
@@ -229,7 +232,8 @@ class Setup(Message):
 
     def encode(self) -> bytes:
         """Return the message as it goes onto the wire."""
-        _session, *fields = {**vars(self), "source": IPv4Address(self.source).packed}.values()
+        packed = {"source": IPv4Address(self.source).packed, "obstacle": self.obstacle.encode()}
+        _session, *fields = {**vars(self), **packed}.values()
         return self._frame(self.FIELDS.pack(*fields))
 
     @classmethod
@@ -248,10 +252,20 @@ class Setup(Message):
             service=_service(raw.service),
             handshake=_member(Handshake, raw.handshake),
             source=str(IPv4Address(raw.source)),
+            obstacle=_words(raw.obstacle),
             verdict=_member(Verdict, raw.verdict),
             rotation=_member(Pauli, raw.rotation),
             reason=_member(Reason, raw.reason),
         )
+
+
+def _words(padded: object) -> str:
+    """Return the words of a field of fixed size."""
+    assert isinstance(padded, bytes)
+    words = padded.rstrip(b"\0")
+    if not words.isascii() or not words.decode("ascii").isprintable():
+        raise MalformedPacket(f"obstacle {words!r} is not printable ASCII")
+    return words.decode("ascii")
 
 
 SETUP_LENGTH = HEADER.size + Setup.FIELDS.size

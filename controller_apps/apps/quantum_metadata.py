@@ -363,6 +363,7 @@ class QuantumMetadata(App):
         self.arbiter.taps, self.arbiter.schedule = policy.taps, policy.schedule
         self.arbiter.purification = policy.purification
         self.arbiter.follow(policy.queue)
+        self.arbiter.verdicts.names_elements = policy.names_elements
         self.arbiter.needs_handshake = policy.filter.handshakes
         self.arbiter.needs_sequence = policy.filter.sequences
         self.fibers.needs_seal = policy.filter.announcements

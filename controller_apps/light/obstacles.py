@@ -1,6 +1,6 @@
 """Obstacles to light: the elements that are cut or stuck, by name."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -14,6 +14,21 @@ class Obstacle(NamedTuple):
 
     text: str
     address: str = ""  # of the host whose fibre it is, if it is one's
+    secret: bool = False  # whether it is for who runs the network alone
+
+
+def told(found: Sequence[Obstacle], limit: int) -> str:
+    """Return the obstacles in so many characters at most, for a host that asked for light."""
+    texts = [each.text for each in found if not each.secret]
+    shown = len(texts)
+    while shown and len(words := _listed(texts, shown)) > limit:
+        shown -= 1
+    return words if shown else ""
+
+
+def _listed(texts: Sequence[str], shown: int) -> str:
+    more = [f"{len(texts) - shown} more"] if shown < len(texts) else []
+    return "; ".join([*texts[:shown], *more])
 
 
 def obstacles(network: Network, legs: Sequence[Leg]) -> list[Obstacle]:
@@ -21,12 +36,16 @@ def obstacles(network: Network, legs: Sequence[Leg]) -> list[Obstacle]:
 
     Empty if there would be none either: then something is missing, and not broken.
     """
-    paths = route(_mended(network), legs, Limits()) or ()
-    found = [each for path in paths for hop in path.hops for each in _of_hop(network, hop)]
-    return list(dict.fromkeys(found))
+    paths = route(mended(network), legs, Limits()) or ()
+    return on_the_way(network, [hop for path in paths for hop in path.hops])
 
 
-def _mended(network: Network) -> Network:
+def on_the_way(network: Network, hops: Iterable[Hop]) -> list[Obstacle]:
+    """Return what is cut, stuck or away on these hops."""
+    return list(dict.fromkeys(each for hop in hops for each in _of_hop(network, hop)))
+
+
+def mended(network: Network) -> Network:
     """Return the network with every switch there, fibre whole and cross-connect free."""
     free = {
         dpid: SwitchOptics(told.others, told.paths)
@@ -48,27 +67,36 @@ def _of_hop(network: Network, hop: Hop) -> Iterator[Obstacle]:
     yield from (_fiber(network, at) for at in (into, out) if at in network.cut)
     if network.is_closed(out):
         ends = sorted((switch, network.name_of(network.links[out].dpid)))
-        yield Obstacle(f"the policy closes the fibres between {ends[0]} and {ends[1]}")
-    told = network.optics.switches.get(hop.dpid, SwitchOptics())
+        # Who listens there need not hear that it was noticed.
+        text = f"the policy closes the fibres between {ends[0]} and {ends[1]}"
+        yield Obstacle(text, secret=True)
+    reported = network.optics.switches.get(hop.dpid, SwitchOptics())
     stuck = {
-        *((hop.in_port, to) for to in [told.stuck_from.get(hop.in_port)] if to is not None),
+        *((hop.in_port, to) for to in [reported.stuck_from.get(hop.in_port)] if to is not None),
         *(
             (start, hop.out_port)
-            for start in [told.stuck_to.get(hop.out_port)]
+            for start in [reported.stuck_to.get(hop.out_port)]
             if start is not None
         ),
     }
     for start, end in sorted(stuck - {(hop.in_port, hop.out_port)}):
-        yield Obstacle(f"{switch} is stuck: it connects port {start} to port {end}")
+        yield Obstacle(f"cross-connect {start} -> {end} of {switch} is stuck")
 
 
 def _fiber(network: Network, at: SwitchPort) -> Obstacle:
     """Return which fibre is cut, the same words from both its ends."""
+    switch = network.name_of(at.dpid)
     if at in network.hosts:
         host = network.hosts[at]
-        return Obstacle(f"the fibre {host.name} at {network.name_of(at.dpid)} is cut", host.address)
+        return Obstacle(f"fibre {host.host}-{switch} ({host.name}) is cut", host.address)
     ends = sorted((at, network.broken.get(at, at)))
-    between = " to ".join(
-        f"{network.name_of(end.dpid)} port {end.port}" for end in dict.fromkeys(ends)
-    )
-    return Obstacle(f"the fibre {between} is cut")
+    between = {end.dpid for end in ends}
+    names = "-".join(network.name_of(end.dpid) for end in dict.fromkeys(ends))
+    alike = [each for each in (network.broken | network.links).items() if _join(each, between)]
+    ports = " and ".join(str(end.port) for end in ends)
+    return Obstacle(f"fibre {names}{f' (ports {ports})' if len(alike) > 2 else ''} is cut")
+
+
+def _join(fiber: tuple[SwitchPort, SwitchPort], switches: set[int]) -> bool:
+    """Tell whether a fibre is between these switches."""
+    return {end.dpid for end in fiber} == switches

@@ -40,6 +40,9 @@ handshakes = true           # a set-up needs a TCP connection that both ends hav
 sequences = true            # a FIN or RST counts only where its connection is
 announcements = true        # LLDP in the name of a host needs that host's seal
 
+[refusal]
+names_elements = true       # hosts are told which fibre, cross-connect or switch is in their way
+
 [device.alice]              # overrides what applications on alice ask for
 rate_hz = 1_000_000
 fec = "golay"               # or its number, as in wire.metadata.Fec
@@ -220,6 +223,7 @@ class Policy:
     filter: Filter = Filter()
     queue: Queue = IN_TURN  # of those that wait for light
     closed: frozenset[frozenset[str]] = frozenset()  # pairs of switches, by their names
+    names_elements: bool = True  # to hosts that are refused light
     trusted: tuple[Trusted, ...] = ()  # with keys of others; without: nobody is
 
     def trusts(self, host: str, ends: frozenset[str]) -> bool:
@@ -284,6 +288,7 @@ def parse_policy(text: str) -> Policy:
             "swap",
             "queue",
             "filter",
+            "refusal",
             "device",
             "report",
         },
@@ -300,6 +305,7 @@ def parse_policy(text: str) -> Policy:
         _parse_filter(_table(content.get("filter", {}), "filter")),
         _parse_queue(_table(content.get("queue", {}), "queue")),
         _parse_closed(_array(content, "closed", MAX_CLOSED)),
+        _parse_refusal(_table(content.get("refusal", {}), "refusal")),
         tuple(
             _parse_trusted(table, f"trusted {number}")
             for number, table in enumerate(_array(content, "trusted", MAX_TRUSTED), 1)
@@ -406,6 +412,12 @@ def _parse_queue(table: dict[str, Any]) -> Queue:
         raise ValueError(f'queue: slot_s is of order = "{SLOTS}", not of {order!r}')
     slot_s = table.get("slot_s", Queue.slot_s)
     return Queue(order, float(_number(slot_s, *SLOT_S, "queue: slot_s", (int, float))))
+
+
+def _parse_refusal(table: dict[str, Any]) -> bool:
+    _only(table, "refusal", {"names_elements"})
+    given = table.get("names_elements", True)
+    return _typed(given, bool, "refusal: names_elements", "true or false")
 
 
 def _parse_filter(table: dict[str, Any]) -> Filter:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
-from controller_apps.light.obstacles import Obstacle, obstacles
+from controller_apps.light.obstacles import Obstacle, mended, obstacles, told
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Network
 from controller_apps.light.routing import Leg, LightPath, Limits, route, why_not
@@ -15,6 +15,7 @@ from controller_apps.policy.policy import Tap
 from controller_apps.sessions.chains import (
     find_chain,
     heralded_legs,
+    legs_of_chain,
     ordered_link,
     repeaters_of,
 )
@@ -26,8 +27,8 @@ from controller_apps.sessions.node_features import (
     want_of_repeater,
 )
 from controller_apps.sessions.returns import returned_on
-from controller_apps.sessions.sessions import Chain, Session, Sessions
-from wire.metadata import Handshake, MemoryState, Reason, Service, Setup
+from controller_apps.sessions.sessions import Chain, Refusal, Session, Sessions
+from wire.metadata import OBSTACLE_BYTES, Handshake, MemoryState, Reason, Service, Setup
 from wire.optical import ANY_WAVELENGTH, DEFAULT_FREQUENCY_MHZ, frequency_mhz, wavelength_pm
 from wire.services import (
     HERALDED_LIGHT,
@@ -53,7 +54,13 @@ class Admission:
     block_pairs: int = 0  # in a block at most, where memories take less than was asked for
     wavelength_pm: int = 0  # of the channel that was chosen
     node: str = ""  # address of the one that the reason is about, if it is about one
-    detail: str = ""  # why not, for a person, if the reason does not say it all
+    detail: str = ""  # why not, for who runs the network, if the reason does not say it all
+    obstacle: str = ""  # the same for the hosts, where they may know it
+
+    @property
+    def refusal(self) -> Refusal:
+        """Why not."""
+        return Refusal(self.reason, self.detail, self.node, self.obstacle)
 
 
 def admit(
@@ -225,7 +232,8 @@ def _broken(found: Sequence[Obstacle]) -> Admission:
     """Return the refusal that names what is cut or stuck."""
     detail = "; ".join(obstacle.text for obstacle in found)
     host = next((obstacle.address for obstacle in found if obstacle.address), "")
-    return Admission(Reason.FIBER_CUT if host else Reason.PATH_BROKEN, detail=detail, node=host)
+    reason = Reason.FIBER_CUT if host else Reason.PATH_BROKEN
+    return Admission(reason, detail=detail, node=host, obstacle=told(found, OBSTACLE_BYTES))
 
 
 def _find_repeaters(
@@ -242,7 +250,20 @@ def _find_repeaters(
         return Admission(chain=chain, block_pairs=pairs)
     chain = find_chain(network, *ends, limits, stations=stations)
     wants = filter(None, map(unable, repeaters_of(chain or ())))
-    return next((_refused(want) for want in wants), Admission(Reason.NO_CHAIN))
+    for want in wants:
+        return _refused(want)
+    return _chain_broken(network, ends, limits, heralded) or Admission(Reason.NO_CHAIN)
+
+
+def _chain_broken(
+    network: Network, ends: tuple[str, str], limits: Limits, heralded: bool
+) -> Admission | None:
+    """Return which elements of a chain are cut or stuck, if that is why there is none."""
+    whole = mended(network)
+    stations = partial(is_station, whole) if heralded else None
+    chain = find_chain(whole, *ends, limits, stations=stations)
+    broken = obstacles(network, legs_of_chain(whole, chain, limits)) if chain else []
+    return _broken(broken) if broken else None
 
 
 def _legs_of_link(

@@ -33,6 +33,7 @@ from controller_apps.sessions.ordering import Ordering
 from controller_apps.sessions.recovery import Recovery
 from controller_apps.sessions.sessions import (
     Arrival,
+    Refusal,
     Request,
     Session,
     Sessions,
@@ -160,7 +161,7 @@ class Arbiter:
         opened = self.needs_handshake and not self.recovery.knows_no_handshakes(now)
         request = new_request(setup, arrival, now, arrival.segment.acknowledged if opened else None)
         if self.sessions.full(request.five_tuple.source):
-            return self.verdicts.answer(request, Verdict.REFUSED, Reason.BUSY)
+            return self.verdicts.answer(request, Verdict.REFUSED, Refusal(Reason.BUSY))
         self.sessions.obstacles.clear()
         admission = self.forbid(setup, request.five_tuple) or admit(
             setup, request.five_tuple, self.sessions, self.network, self.budget_mdb, self.taps
@@ -172,8 +173,7 @@ class Arbiter:
             return [Drop("premature", f"{admission.reason.name} may change soon; TCP repeats it")]
         waits = admission.waits_for_light and self._may_wait(setup, request.five_tuple)
         if admission.reason != Reason.OK and not waits:
-            told = admission.reason, now, admission.detail, admission.node
-            return self.verdicts.refuse(request, *told)
+            return self.verdicts.refuse(request, admission.refusal, now)
         request.take(admission.block_pairs, admission.wavelength_pm)
         self.sessions.retired.pop(request.five_tuple, None)
         session = self.sessions.join(request, now)
@@ -198,7 +198,7 @@ class Arbiter:
         if not found.paths:
             in_vain = found.reason == Reason.TOO_LATE and request.late == inf
             reason = Reason.BUSY if in_vain else found.reason
-            return self.verdicts.refuse(request, reason, now, found.detail, found.node)
+            return self.verdicts.refuse(request, found.refusal._replace(reason=reason), now)
         self.sessions.queue[request.five_tuple] = request
         return [Note("queued", session.number)]
 
@@ -222,8 +222,7 @@ class Arbiter:
             if found.paths:
                 actions += self.light.open(request, asking, found.paths)
             else:
-                told = found.reason, now, found.detail, found.node
-                actions += self.verdicts.refuse(request, *told)
+                actions += self.verdicts.refuse(request, found.refusal, now)
         return actions
 
     def _may_wait(self, setup: Setup, connection: FiveTuple) -> bool:
@@ -278,8 +277,7 @@ class Arbiter:
                 request.take(found.block_pairs, found.wavelength_pm)
                 actions += self.light.open(request, session, found.paths)
             elif not found.waits_for_light:
-                told = found.reason, now, found.detail, found.node
-                actions += self.verdicts.refuse(request, *told)
+                actions += self.verdicts.refuse(request, found.refusal, now)
         return actions
 
     def _find_light(self, request: Request) -> Admission:
@@ -376,7 +374,7 @@ class Arbiter:
             session = self.sessions.of(request)
             assert session is not None
             self.light.doubt_tuning(session)
-            actions = self.verdicts.refuse(request, Reason.SWITCH_FAILED, now)
+            actions = self.verdicts.refuse(request, Refusal(Reason.SWITCH_FAILED), now)
         elif move is not None:
             session = self.sessions.by_number[move.session]
             self.light.doubt_tuning(session)
@@ -407,7 +405,7 @@ class Arbiter:
     def _dropped_by_switch(self, session: Session, now: float) -> list[Action]:
         request = self._holds_light(session)
         if request.held is not None:
-            return self.verdicts.refuse(request, Reason.SWITCH_FAILED, now)
+            return self.verdicts.refuse(request, Refusal(Reason.SWITCH_FAILED), now)
         moved = self.light.move(session, now)
         if moved is None:
             session.lost_since = now  # its bridge keeps the paths; it may be back soon
@@ -462,12 +460,12 @@ class Arbiter:
             if request.unanswered:
                 actions += self.ordering.give_up(request, now)
             elif now - request.started >= self.hold_timeout_s:
-                actions += self.verdicts.refuse(request, Reason.SWITCH_TIMEOUT, now)
+                actions += self.verdicts.refuse(request, Refusal(Reason.SWITCH_TIMEOUT), now)
         for request in list(self.sessions.queue.values()):
             if now >= request.late:
-                actions += self.verdicts.refuse(request, Reason.TOO_LATE, now)
+                actions += self.verdicts.refuse(request, Refusal(Reason.TOO_LATE), now)
             elif now - request.started >= self.hold_timeout_s:
-                actions += self.verdicts.refuse(request, Reason.BUSY, now)
+                actions += self.verdicts.refuse(request, Refusal(Reason.BUSY), now)
         actions += self._hand_out(now)
         for session in self.light.overdue(now - self.hold_timeout_s):
             actions += self.verdicts.tear_down(session, "no switch in time for the other way", now)

@@ -6,6 +6,7 @@ Light leaves a host by another fibre than it comes by.
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 from controller_apps.light.optics import SwitchPort
@@ -111,6 +112,20 @@ def heralded_legs(
     if len(station) < STATION_FIBERS:
         return None
     return [Leg(one, station[0]), Leg(other, station[1])]
+
+
+def legs_of_chain(network: Network, chain: Chain, limits: Limits) -> list[Leg]:
+    """Return the ways of light between the neighbours of a chain, or from them to stations."""
+    legs: list[Leg] = []
+    for left, right in pairwise(chain):
+        ports = (
+            network.channel_ports_of(address, limits.frequency_mhz)
+            for address in (left.address, right.address, left.station)
+        )
+        start, end, station = (list(each) for each in ports)
+        ends = start[left.right], end[right.left]
+        legs += (heralded_legs(*ends, station) or []) if left.station else [Leg(*ends)]
+    return legs
 
 
 def repeaters_of(chain: Chain) -> list[str]:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import count
 
+from controller_apps.light.obstacles import on_the_way
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop, Network, switches
 from controller_apps.light.routing import LightPath, rotation_of, route
@@ -137,7 +138,9 @@ class Light:
         if session.stranded:
             return []
         session.stranded = True
-        return [Note("stranded", session.number, detail="no other way of the same rotation")]
+        broken = "; ".join(each.text for each in on_the_way(self.network, session.hops))
+        text = f"{broken}: no other way of the same rotation"
+        return [Note("stranded", session.number, detail=text)]
 
     def barrier_passed(self, dpid: int, transaction: int, now: float) -> list[Action]:
         """Note that a switch has done its part of a move."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from controller_apps.policy.schedules import Purification
 from controller_apps.sessions.actions import Action, Note, SwapsOrdered
 from controller_apps.sessions.light_paths import Light
-from controller_apps.sessions.sessions import Chain, Request, Session, Sessions
+from controller_apps.sessions.sessions import Chain, Refusal, Request, Session, Sessions
 from controller_apps.sessions.verdicts import Verdicts
 from controller_apps.timeouts import NODE_TIMEOUT_S
 from wire.metadata import Reason
@@ -44,7 +44,7 @@ class Ordering:
         if request is None or node not in request.unanswered:
             return []
         if reason != Reason.OK:
-            return self.verdicts.refuse(request, reason, now, node, node)
+            return self.verdicts.refuse(request, Refusal(reason, node, node), now)
         request.unanswered.discard(node)
         if request.unanswered:
             return []
@@ -58,4 +58,4 @@ class Ordering:
             return []
         nodes = (stop.address for stop in session.chain)
         silent = next(node for node in nodes if node in request.unanswered)
-        return self.verdicts.refuse(request, Reason.NODE_SILENT, now, silent, silent)
+        return self.verdicts.refuse(request, Refusal(Reason.NODE_SILENT, silent, silent), now)

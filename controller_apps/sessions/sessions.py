@@ -52,6 +52,15 @@ class Arrival:
     segment: Segment
 
 
+class Refusal(NamedTuple):
+    """Why a request has no light, and what hosts are told of it."""
+
+    reason: Reason
+    detail: str = ""  # for who runs the network
+    node: str = ""  # address of the one that the reason is about, if it is about one
+    obstacle: str = ""  # for the hosts: which element is in the way
+
+
 @dataclass
 class Request:
     """A set-up message and what has become of it."""
@@ -108,16 +117,17 @@ class Request:
         pairs = self.block_pairs or self.setup.pairs
         return replace(self.setup, pairs=pairs, wavelength_pm=wavelength_pm)
 
-    def decide(self, verdict: Verdict, reason: Reason, node: str = "") -> Arrival:
-        """Write the answer and return the message that waited for it.
-
-        `node` is the address of the one that the reason is about, if it is about one.
-        """
+    def decide(self, verdict: Verdict, why: Refusal) -> Arrival:
+        """Write the answer and return the message that waited for it."""
         assert self.held is not None
         arrival, self.held = self.held, None
-        source = node or self.setup.source
         answered = replace(
-            self.granted, source=source, verdict=verdict, rotation=self.rotation, reason=reason
+            self.granted,
+            source=why.node or self.setup.source,
+            obstacle=why.obstacle,
+            verdict=verdict,
+            rotation=self.rotation,
+            reason=why.reason,
         )
         self.answer = answered.encode()
         return arrival

@@ -8,7 +8,7 @@ from controller_apps.sessions.actions import Action, Forget, Forward, Note, Remo
 from controller_apps.sessions.chains import links_of
 from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.returns import returns_of
-from controller_apps.sessions.sessions import Arrival, Request, Session, Sessions
+from controller_apps.sessions.sessions import Arrival, Refusal, Request, Session, Sessions
 from controller_apps.sessions.snapshot import keep
 from wire.metadata import Reason, Verdict
 from wire.verdict import seal
@@ -21,33 +21,33 @@ class Verdicts:
     sessions: Sessions
     light: Light
     keys: Mapping[str, str] = field(default_factory=dict)  # device keys, by address of the host
+    names_elements: bool = True  # whether hosts are told which element is in the way of their light
 
     def grant(self, request: Request, *notes: Note) -> list[Action]:
         """Let a request on: its session is open from now on."""
         session = self.sessions.of(request)
         assert session is not None
         session.open = True
-        answer = self.answer(request, Verdict.GRANTED, Reason.OK)
+        answer = self.answer(request, Verdict.GRANTED, Refusal(Reason.OK))
         # Kept and noted first: what the hosts know of must not be lost with a controller.
         kept = [keep(session)] if request.lasts else []
         return [*kept, *notes, Note("granted", session.number), *answer]
 
-    def refuse(
-        self, request: Request, reason: Reason, now: float, detail: str = "", node: str = ""
-    ) -> list[Action]:
-        """Let a request on with a refusal, about a node or none; undo what was done for it."""
+    def refuse(self, request: Request, why: Refusal, now: float) -> list[Action]:
+        """Let a request on with a refusal; undo what was done for it."""
         undone = self._leave(request, now)
-        told = f"{reason.name}: {detail}" if detail else reason.name
+        name = why.reason.name
+        told = f"{name}: {why.detail}" if why.detail else name
         note = Note("refused", request.setup.session, detail=told)
-        return [*undone, note, *self.answer(request, Verdict.REFUSED, reason, node)]
+        if not self.names_elements:
+            why = why._replace(obstacle="")
+        return [*undone, note, *self.answer(request, Verdict.REFUSED, why)]
 
-    def answer(
-        self, request: Request, verdict: Verdict, reason: Reason, node: str = ""
-    ) -> list[Action]:
+    def answer(self, request: Request, verdict: Verdict, why: Refusal) -> list[Action]:
         """Release the message that waits, with a verdict in it."""
         self.sessions.held.pop(request.transaction, None)
         self.sessions.queue.pop(request.five_tuple, None)
-        arrival = request.decide(verdict, reason, node)
+        arrival = request.decide(verdict, why)
         self.seal(request)
         return [released(request, arrival)]
 
@@ -64,7 +64,7 @@ class Verdicts:
         """Note the end of a request's connection."""
         if request.held is not None:
             # It must pass all the same, or TCP would repeat it for minutes.
-            return self.refuse(request, Reason.PROTOCOL, now)
+            return self.refuse(request, Refusal(Reason.PROTOCOL), now)
         had_session = self.sessions.of(request) is not None
         undone = self._leave(request, now)
         note = Note("torn_down", request.setup.session, detail=cause)
@@ -104,7 +104,7 @@ class Verdicts:
         for request in members:
             actions += self._punt_again(request)
             if request.held is not None and request.five_tuple != session.owner:
-                actions += self.answer(request, Verdict.REFUSED, Reason.UNKNOWN_SESSION)
+                actions += self.answer(request, Verdict.REFUSED, Refusal(Reason.UNKNOWN_SESSION))
             self.sessions.retire(request, now)
         links = links_of(session, self.sessions)
         actions += self._end_parts(links, "its chain is over", now)
@@ -116,7 +116,7 @@ class Verdicts:
         for part in parts:
             request = part.requests[part.owner]
             if request.held is not None:
-                actions += self.refuse(request, Reason.UNKNOWN_SESSION, now)
+                actions += self.refuse(request, Refusal(Reason.UNKNOWN_SESSION), now)
             else:
                 actions += self.tear_down(part, cause, now)
         return actions

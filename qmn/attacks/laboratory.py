@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from qmn.attacks import connections, floods, impostors, photons
+from qmn.attacks import bright_light, connections, floods, impostors, photons
 from qmn.scripting.network import start
 from topologies.network import Network
 
@@ -107,4 +107,6 @@ ATTACKS: dict[str, Attack | LightAttack] = {
     "intercept-resend": LightAttack(KNOWN, "sample", photons.intercept_resend, 10_000),
     "fiber-tap": LightAttack(KNOWN, "sample", photons.fiber_tap, 10_000),
     "photon-splitting": LightAttack(KNOWN, "decoys", photons.photon_splitting, 10_000),
+    "blinding": LightAttack(KNOWN, "monitor", bright_light.blinding, 10_000),
+    "trojan-light": LightAttack(KNOWN, "isolator", bright_light.trojan_light, 10_000),
 }

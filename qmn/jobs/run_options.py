@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from topologies.captures import HEADERS_BYTES, MAX_PACKET_BYTES
-from topologies.slow_copper import LEAST_MBPS, MOST_MBPS
+from wire.parameters.network import LEAST_MBPS, MOST_MBPS
 from wire.parameters.option import option
 
 # Bytes of each packet at most.

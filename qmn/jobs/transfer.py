@@ -1,7 +1,7 @@
 """The words of a run's applications, followed from their first line to their last."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from qmn.timeouts import STALL_TIMEOUT_S
@@ -87,7 +87,24 @@ def follow_all(
 
 
 def with_elements(network: Network, text: str) -> str:
-    """Return what an application says, with what the controller found in the way of light."""
-    refused = [fact for fact in read_record(network.runtime.logs) if fact["event"] == "refused"]
-    why, _, elements = str(refused[-1].get("detail", "") if refused else "").partition(": ")
-    return f"{text}: {elements}" if why in BROKEN else text
+    """Return what an application says, with what the controller found in the way of light.
+
+    A policy may keep it from hosts, and a host whose light goes out does not hear why.
+    """
+    elements = in_the_way(read_record(network.runtime.logs))
+    return text if elements in text else f"{text}: {elements}"
+
+
+def in_the_way(record: Iterable[Mapping[str, Any]]) -> str:
+    """Return what was last in the way of light: for a refusal, or for a session that has none."""
+    found = ""
+    for fact in record:
+        event = fact["event"]
+        why, _, elements = str(fact.get("detail", "")).partition(": ")
+        if event == "stranded":
+            found = why
+        elif event == "refused":
+            found = elements if why in BROKEN else ""
+        elif event in ("granted", "moved") or (event == "port" and fact["up"]):
+            found = ""
+    return found

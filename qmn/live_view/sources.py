@@ -5,11 +5,13 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from qmn.live.controller_console import NoAnswer, ask
 from qmn.live.event_sources import attached, recorded
+from qmn.live.key_links import key_links
 from qmn.live_view.acts import ACTS
 from qmn.live_view.timeline import Timeline
 from qmn.reports.run_facts import SENDER_LOG
@@ -117,7 +119,11 @@ def _follow_devices(timeline: Timeline, over: threading.Event) -> None:
     known: dict[str, Any] = {}
     while not over.is_set() and not timeline.ended:
         try:
-            now = {"devices": ask("devices"), "sessions": ask("sessions")}
+            now = {
+                "devices": ask("devices"),
+                "sessions": ask("sessions"),
+                "key_links": _key_links(),
+            }
         except NoAnswer:
             now = {}  # it starts, or has ended, of which the dispatcher tells
         told = {name: [_still(each) for each in values] for name, values in now.items()}
@@ -125,6 +131,10 @@ def _follow_devices(timeline: Timeline, over: threading.Event) -> None:
             known = told
             timeline.add(DEVICES, time.time_ns(), now)
         over.wait(LIVE_DEVICES_S)
+
+
+def _key_links() -> list[dict[str, Any]]:
+    return [asdict(link) for link in key_links(ask("keys")["qkd_nodes"])]
 
 
 def _still(fields: dict[str, Any]) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from topologies.apart import apart
 from topologies.network import require_root
 from topologies.programs import ROOT, NetworkError, cause, python
 
-PROGRAM = "qmn.sweeps.emulated_point"
+PROGRAM = "qmn.emulated.point"
 
 
 class Networks:

@@ -14,6 +14,7 @@ from qmn.sweeps.ghz import GHZ
 from qmn.sweeps.heralding import HERALDING
 from qmn.sweeps.interference import HOM
 from qmn.sweeps.light_sources import LIGHT_SOURCES
+from qmn.sweeps.links import CHAIN_OF_LINKS, SEVERAL_FIBERS
 from qmn.sweeps.multi_pair import MULTI_PAIR
 from qmn.sweeps.nested import NESTED
 from qmn.sweeps.pair_keys import PAIR_KEYS
@@ -58,6 +59,8 @@ EXPERIMENTS: dict[str, Experiment] = {
         HERALDING,
         CUTOFF_TIMES,
         LIGHT,
+        CHAIN_OF_LINKS,
+        SEVERAL_FIBERS,
         SCHEDULE,
         SEAL,
     )

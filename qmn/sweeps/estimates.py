@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike
 
 SIGMAS = 5  # how far a measured number may be from theory, in standard errors
 
+SERIES_BATCHES = 20  # of values one after the other
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -50,6 +52,19 @@ def mean(values: Sequence[float], counts: Sequence[int]) -> Estimate:
     variance = float(weights @ (np.asarray(values) - value) ** 2)
     least = max(abs(each) for each in values) / total
     return Estimate(value, max(math.sqrt(variance / total), least))
+
+
+def mean_of_series(values: Sequence[float]) -> Estimate:
+    """Return the mean of what was measured one after the other, neighbours of which are alike.
+
+    The error is that of batches, as between them.
+    """
+    batches = min(SERIES_BATCHES, len(values))
+    if batches < 2:
+        return NOTHING
+    means = [float(part.mean()) for part in np.array_split(np.asarray(values), batches)]
+    error = math.sqrt(float(np.var(means, ddof=1)) / batches)
+    return Estimate(float(np.mean(values)), error)
 
 
 def ratio(parts: ArrayLike, wholes: ArrayLike, clump: int = 1) -> Estimate:

@@ -39,6 +39,7 @@ class Mark:
     y: float
     error: float
     label: str
+    x_error: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -67,17 +68,20 @@ def draw(picture: Picture, file: Path) -> None:
         _draw_series(axes, picture, number, label, points)
         for number, (label, points) in enumerate(picture.series)
     ]
+    labels = set[str]()
     for mark in picture.marks:
         axes.errorbar(
             mark.x,
             mark.y,
             mark.error,
+            mark.x_error or None,
             fmt="k*",
             markersize=13,
             markerfacecolor="none",
             capsize=3,
-            label=mark.label,
+            label=None if mark.label in labels else mark.label,
         )
+        labels.add(mark.label)
     for level, label in picture.levels:
         axes.axhline(level, color="k", linestyle=":", linewidth=LINE_WIDTH, label=label)
     axes.set_title(picture.title)

@@ -8,9 +8,11 @@ from qmn.sweeps import theory
 from qmn.sweeps.catalogue import EXPERIMENTS
 from qmn.sweeps.figure import Mark, Picture
 from qmn.sweeps.grid import Grid, Row, build
+from qmn.sweeps.links import routes
 from qmn.sweeps.pictures import series
 from qmn.sweeps.seal import error, question
 from qmn.sweeps.wald import wald_pairs_to_alarm
+from qmn.traffic.erlang import reduced_load
 
 CODES = ("none", "repetition", "hamming", "golay")
 EXPERIMENT = Mark(
@@ -28,6 +30,15 @@ def wald_marks(fractions: Sequence[float]) -> list[Mark]:
     labels = ["Wald's approximations (1945)", *[""] * (len(points) - 1)]  # one in the legend
     places = zip(fractions, pairs, labels, strict=True)
     return [Mark(fraction, each, 0.0, label) for fraction, each, label in places]
+
+
+def reduced_load_marks(loads: Sequence[float], links: int) -> list[Mark]:
+    """Return the reduced-load approximation of sessions over a chain of links at these loads."""
+    complete = EXPERIMENTS["links"].complete
+    points = [complete({"load": load, "links": links}) for load in loads]
+    shares = [reduced_load(*routes(values))[0] for values in points]
+    labels = [f"reduced load, {links} links", *[""] * (len(loads) - 1)]  # one in the legend
+    return [Mark(*each[:2], 0.0, each[2]) for each in zip(loads, shares, labels, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -87,6 +98,7 @@ class Sheet:
 
 
 TAPPED = (0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.7, 1.0)
+LOADS = (0.5, 1.0, 2.0, 4.0, 6.0, 8.0)  # erlang
 DEPOLARIZING = "depolarising probability p of the fibre"
 SHEETS = (
     Sheet(
@@ -678,6 +690,46 @@ SHEETS = (
                 "blocked",
                 by=["channels", "holding"],
             )
+        ],
+    ),
+    Sheet(
+        "links",
+        "links",
+        {"load": list(LOADS), "links": [1, 3], "sessions": 10_000},
+        [
+            Curve(
+                "links-through",
+                "Sessions refused that pass a chain of links, beside those of each link",
+                "load",
+                "load of each link, half of it of sessions that pass all (erlang)",
+                "through",
+                by=["links"],
+                marks=reduced_load_marks(LOADS, 3),
+            ),
+            Curve(
+                "links-one",
+                "Sessions of the first link refused, beside those that pass the whole chain",
+                "load",
+                "load of each link, half of it of sessions that pass all (erlang)",
+                "one_link",
+                by=["links"],
+            ),
+        ],
+    ),
+    Sheet(
+        "several-fibers",
+        "several-fibers",
+        {"load": list(LOADS), "channels": [4, 8], "sessions": 10_000},
+        [
+            Curve(
+                f"kaufman-roberts-{measure}",
+                f"Sessions of {text} refused on a trunk: Kaufman and Roberts",
+                "load",
+                "fibres that are asked for in a mean holding time (erlang)",
+                measure,
+                by=["channels"],
+            )
+            for measure, text in (("narrow", "one fibre"), ("wide", "two fibres"))
         ],
     ),
     *(

@@ -43,7 +43,7 @@ def segment(
 
 @dataclass(frozen=True)
 class Asked:
-    """A request: two hosts by address, of which the opener makes the photons."""
+    """A request: two hosts by address, of which the opener makes the photons, or another host."""
 
     at_s: float
     opener: str
@@ -51,6 +51,8 @@ class Asked:
     holding_s: float
     priority: int = 0
     deadline_s: float = 0.0  # from the request on; 0: none
+    source: str = ""  # another host than the opener that makes the photons
+    service: Service = Service.BB84
 
 
 @dataclass
@@ -99,7 +101,7 @@ class CountedTime:
         heappush(self._events, (when_s, next(self._order), happens))
 
     def _asking(self, number: int, asked: Asked) -> Callable[[float], Iterable[Action]]:
-        light = Service.BB84, Handshake.FRAMED, asked.opener, 1, 1, 1
+        light = asked.service, Handshake.FRAMED, asked.source or asked.opener, 1, 1, 1
         deadline_ms = round(asked.deadline_s * 1000)
         setup = Setup(number, *light, priority=asked.priority, deadline_ms=deadline_ms)
         return self._saying(number, FIRST_SEQUENCE, PUSH, setup.encode())

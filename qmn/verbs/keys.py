@@ -5,6 +5,7 @@ import json
 from typing import Any
 
 from qmn.live.controller_console import answered, ask, wide_console
+from qmn.live.key_links import KeyLink, key_links
 from qmn.live.tables import table
 
 LINKS = ("key link", "", "", "keys ready", "of the other end", "bits/s", "QBER", "state")
@@ -30,34 +31,21 @@ def ask_and_show(as_json: bool) -> None:
         print(json.dumps(told, indent=2))
         return
     console = wide_console()
-    console.print(table("key links", LINKS, link_rows(told["qkd_nodes"])))
+    console.print(table("key links", LINKS, [*map(link_row, key_links(told["qkd_nodes"]))]))
     console.print(table("applications", APPLICATIONS, application_rows(told["qkd_nodes"])))
 
 
-def link_rows(nodes: list[dict[str, Any]]) -> list[list[str]]:
-    """Return the line of each link of light, as each of its ends tells it."""
+def link_row(link: KeyLink) -> list[str]:
+    """Return the line of a link of light, as one of its ends tells it."""
     return [
-        _link_row(link)
-        for node in nodes
-        for link in node["qkd_links"]["qkd_link"]
-        if link["qkdl_type"] == "PHYS"
-    ]
-
-
-def _link_row(link: dict[str, Any]) -> list[str]:
-    told = link["qmn"]
-    performance = link["qkdl_performance"]
-    qber = next((each["value"] for each in performance.get("phys_perf", ())), None)
-    mine, theirs = (f"{count:,}" for count in told["stored_keys"])
-    return [
-        told["from"],
+        link.from_,
         "->",
-        told["to"],
-        mine,
-        theirs,
-        f"{performance['skr']:,}",
-        "-" if qber is None else f"{qber:.4f}",
-        link["qkdl_status"].lower(),
+        link.to,
+        f"{link.keys_ready:,}",
+        f"{link.keys_ready_there:,}",
+        f"{link.key_bits_per_s:,}",
+        "-" if link.qber is None else f"{link.qber:.4f}",
+        link.state,
     ]
 
 

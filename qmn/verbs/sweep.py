@@ -23,11 +23,11 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from qmn.emulated.catalogue import EMULATED
 from qmn.options import add_options, read
 from qmn.results.run_folder import give_tree
 from qmn.sweeps import grid as grids
 from qmn.sweeps.catalogue import EXPERIMENTS
-from qmn.sweeps.emulated import EMULATED
 from qmn.sweeps.experiment import Experiment, SweepError
 from qmn.sweeps.grid import Grid, Measurer
 from qmn.sweeps.parameters import BadGrid
@@ -54,7 +54,9 @@ class SweepOptions:
 
     what: str  # an experiment, or a file that names one
     axes: Mapping[str, str]  # values of parameters, by name, as the user says them
-    emulate: bool = option(False, "a whole network for each point (root; sdc, teleport)")
+    emulate: bool = option(
+        False, "a whole network for each point (root; sdc, teleport, and those of `qmn demo`)"
+    )
     seed: int | None = option(None, "of all randomness (1)")
     out: Path = option(Path("sweeps"), "(sweeps)", metavar="FOLDER")
     workers: int | None = option(
@@ -98,9 +100,13 @@ def options_of(arguments: argparse.Namespace) -> SweepOptions:
 
 
 def call(arguments: argparse.Namespace) -> int:
+    """Do what the command line asks for."""
+    return run(options_of(arguments))
+
+
+def run(options: SweepOptions) -> int:
     """Sweep; turn every fault into one line and an exit status."""
     try:
-        options = options_of(arguments)
         grid, seed = grid_of(options)
         with Signals() as signals:
             return sweep(grid, seed, options, signals, Console(highlight=False))

@@ -29,6 +29,11 @@ class Process:
     command: tuple[str, ...]
 
 
+def slowness() -> float:
+    """Return how many processes share a processor now; 1 where none waits for one."""
+    return max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
+
+
 def run(*command: str) -> str:
     """Run a command; return what it prints."""
     done = subprocess.run(

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from test_faults import long_run, read_until, run_to_kill
 
 from topologies import openvswitch
 from topologies.owners import from_words
+from topologies.programs import NetworkError
 from topologies.runtime import RUNTIME_ROOT
 
 SAID_IN_S = 20  # with clean-up; the wait ends much sooner
@@ -59,6 +61,24 @@ def test_a_daemon_that_a_signal_has_stopped_is_named(tmp_path: Path, daemon: str
         output = process.finish(40)
     assert process.returncode == 1
     assert f"qmn: {daemon} does not answer: a signal has stopped it (SIGSTOP)" in output
+
+
+@pytest.mark.usefixtures("no_open_vswitch")
+def test_a_daemon_that_a_signal_stops_while_it_starts_is_named() -> None:
+    def stop() -> None:
+        wait_until(lambda: openvswitch.DATABASE in openvswitch.daemons(), "it has started")
+        openvswitch.daemons()[openvswitch.DATABASE].signal(signal.SIGSTOP)
+
+    stopping = threading.Thread(target=stop)
+    stopping.start()
+    try:
+        with pytest.raises(
+            NetworkError, match="ovsdb-server does not answer: a signal has stopped"
+        ):
+            openvswitch.start("tests")
+    finally:
+        stopping.join()
+        openvswitch.stop_if_ours("tests")
 
 
 def test_a_daemon_of_somebody_else_is_not_started_again(tmp_path: Path) -> None:

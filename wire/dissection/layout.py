@@ -127,6 +127,7 @@ def _field(name: str, offset: int, size: int, code: str, enums: Enums) -> Field:
             "slave": "text",
             "name": "text",
             "host": "text",
+            "obstacle": "text",
         }
         return Field(name, offset, size, named.get(name, "bytes"))
     if code == "d":

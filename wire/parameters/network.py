@@ -12,6 +12,7 @@ from wire.parameters.option import option
 BACKENDS = ("chp", "stim", "dense")
 OPENFLOW_PORT = 6653
 MOST_KM = 100_000.0  # of copper
+LEAST_MBPS, MOST_MBPS = 0.001, 10_000.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +65,12 @@ class NetworkSettings(DispatcherSettings, ControllerSettings):
         "length of every copper cable (that of the fibres between the same places)",
         metavar="KM",
         range=(0.0, MOST_KM),
+    )
+    copper_mbps: float | None = option(
+        None,
+        "Mbit/s of every copper cable, in each direction; packets queue (no limit)",
+        metavar="MBPS",
+        range=(LEAST_MBPS, MOST_MBPS),
     )
     control_km: float | None = option(
         None,

@@ -10,8 +10,7 @@ REMEDIES = {
     Reason.NO_PATH: "no light path joins sender, receiver and source; each needs the fibres that "
     "the service asks for (for bytes the receiver and the source two, the sender one of its own)",
     Reason.PATH_BROKEN: "no light path is whole: a fibre between quantum switches is cut, a "
-    "cross-connect is stuck or a switch is away; the controller's record (controller.jsonl) says "
-    "which",
+    "cross-connect is stuck or a switch is away; who runs the network can say which",
     Reason.BUSY: "another session uses these fibres; try again when it has ended",
     Reason.TOO_LATE: "others have the light until the deadline; ask for a later one, or of higher "
     "priority if the policy orders by it",

@@ -95,6 +95,7 @@ function tables(now) {
   panels.sessions(at("sessions"), state);
   panels.outcomes(at("outcomes"), state);
   panels.memories(at("memories"), state);
+  panels.keys(at("keys"), state);
   panels.job(at("job"), state);
   panels.decisions(at("decisions"), state);
   charts.show(state);

@@ -66,6 +66,13 @@ export function memories(at, state) {
   table(at, ["node", "qubits stored", "oldest (s)"], rows.slice(0, SHOWN_MEMORIES), "No qubit is in a memory.");
 }
 
+export function keys(at, state) {
+  table(at, ["key link", "keys ready", "at the other end", "key (bit/s)", "QBER (%)", "state"], state.keyLinks.map((link) => [
+    `${link.from_} → ${link.to}`, count(link.keys_ready), count(link.keys_ready_there), count(link.key_bits_per_s),
+    link.qber === null ? "-" : (100 * link.qber).toFixed(2), link.state,
+  ]), "No host has told of keys.");
+}
+
 export function job(at, state) {
   const rows = Object.entries(state.job).filter(([, value]) => value !== null && typeof value !== "object");
   table(at, ["what the program says", ""], rows.map(([name, value]) => [

@@ -20,6 +20,7 @@ export function blank() {
     tapped: new Map(), // "alice q1" -> fraction
     faulty: new Map(), // switch -> text
     devices: {}, // of hosts and switches, as the controller knows them
+    keyLinks: [], // with the keys that are ready at either end
     job: {},
     missed: 0,
   };
@@ -164,6 +165,7 @@ function decide(state, t, who, text) {
 
 function devices(state, m) {
   for (const device of m.devices) state.devices[device.name] = device;
+  state.keyLinks = m.key_links ?? [];
   for (const told of m.sessions) session(state, told.session, m.t).told = told;
 }
 

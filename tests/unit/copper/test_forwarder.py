@@ -10,7 +10,7 @@ from threading import Thread
 
 import pytest
 
-from copper.forwarder import Forwarder
+from copper.forwarder import QUEUE_BYTES, Direction, Forwarder
 from wire.config import Cable, CopperConfig
 
 DEADLINE_S = 20.0
@@ -29,13 +29,13 @@ def arp(sender: bytes, target: bytes) -> bytes:
 
 @contextmanager
 def cables(
-    *delays_s: float, scale: float = 1.0, loss: float = 0.0
+    *delays_s: float, scale: float = 1.0, loss: float = 0.0, mbps: float | None = None
 ) -> Iterator[list[tuple[socket.socket, ...]]]:
     """Run copper; yield the far sides of both ends of each cable, which are packet sockets."""
     kind = socket.AF_UNIX, socket.SOCK_SEQPACKET
     pairs = [(socket.socketpair(*kind), socket.socketpair(*kind)) for _ in delays_s]
     laid = [
-        Cable("a", "b", one[0].fileno(), other[0].fileno(), delay_s, loss)
+        Cable("a", "b", one[0].fileno(), other[0].fileno(), delay_s, loss, mbps)
         for (one, other), delay_s in zip(pairs, delays_s, strict=True)
     ]
     forwarder = Forwarder(CopperConfig(laid, "10.0.0.4", time_scale=scale))
@@ -127,3 +127,23 @@ def test_a_lossy_cable_loses_its_share_and_none_of_the_simulation() -> None:
         while comes(far) != ip(ALICE, ED):
             came += 1
     assert abs(came - 1400) < 5 * (2000 * 0.3 * 0.7) ** 0.5
+
+
+def test_packets_on_a_slow_cable_queue_behind_each_other() -> None:
+    """Ten frames of 1,250 bytes at 1 Mbit/s take 10 ms each, however fast they come."""
+    with cables(0.02, mbps=1.0) as [(near, far)]:
+        began_s = time.monotonic()
+        for number in range(10):
+            near.send(ip(ALICE, BOB, bytes([number]) * (1250 - 34)))
+        for number in range(10):
+            assert comes(far)[-1] == number
+            assert time.monotonic() - began_s >= 0.02 + 0.01 * (number + 1)
+
+
+def test_packets_for_which_a_slow_cable_has_no_room_are_lost() -> None:
+    """It would take ten seconds a byte: the first waits to be sent for long, others behind it."""
+    way = Direction(-1, -1, 0, 0.0, 1e10)
+    frames = [way.take(bytes(QUEUE_BYTES // 4), 0) for _ in range(7)]
+    assert frames == [True] * 5 + [False] * 2
+    assert len(way.under_way) == 5
+    assert way.take(b"", round(1.1e10 * QUEUE_BYTES)), "there is room again"

@@ -339,6 +339,15 @@ def test_who_asks_hears_which_host_lacks_what(tmp_path: Path, reason: Reason, wo
     assert "take another host in its place, or give it" in text
 
 
+def test_who_asks_hears_which_element_is_in_the_way(tmp_path: Path) -> None:
+    def judge(setup: Setup) -> Setup:
+        refused = replace(setup, verdict=Verdict.REFUSED, reason=Reason.PATH_BROKEN)
+        return replace(refused, obstacle="fibre q1-q2 is cut")
+
+    text = refusal(tmp_path, "distribute", judge)
+    assert text == "no light path from 127.0.0.1 to bob: fibre q1-q2 is cut"  # of the relay
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

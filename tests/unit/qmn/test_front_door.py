@@ -55,11 +55,11 @@ def test_a_checkout_without_its_set_up_says_what_to_type(tmp_path: Path) -> None
 STEERS = (
     "run sdc|run qkd --eve 1|cli ring|devices|paths|spy|policy reload|set alice fec golay|clean|"
     "fault q1 repair|calibrate alice q1|classical alice q1 1|tap alice q1 0|bench|"
-    "sweep sdc --emulate"
+    "sweep sdc --emulate|lab paper|lab --all"
 )
 LOOKS = (
     "spy runs/latest|report runs/latest|replay runs/latest|wireshark|doctor|sabot run bell.qasm|"
-    "sweep sdc|curves"
+    "sweep sdc|curves|lab"
 )
 
 

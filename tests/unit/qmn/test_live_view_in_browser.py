@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from live_page import browser, live, served
 from playwright.sync_api import Browser, Page, expect
 from recorded_run import START_NS, record_run
 
+from qmn.live.key_links import KeyLink
 from qmn.live_view.layout import described
 from qmn.live_view.server import View
 from qmn.live_view.sources import timeline_of_run
@@ -116,6 +118,21 @@ def test_what_happens_is_shown_as_it_happens(
         expect(page.locator("#status")).to_have_text("the network has ended")
         page.close()
         second.close()
+
+
+def test_the_fill_of_key_stores_is_shown(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    view = live(tmp_path)
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        expect(page.locator("#keys")).to_have_text("No host has told of keys.")
+        link = KeyLink("alice", "bob", 1200, 1199, 4096, 0.0123, "active")
+        told = {"devices": [], "sessions": [], "key_links": [asdict(link)]}
+        view.timeline.add("devices", START_NS + 10**9, told)
+        row = ["alice → bob", "1,200", "1,199", "4,096", "1.23", "active"]
+        expect(page.locator("#keys tbody td")).to_have_text(row)
+        page.close()
 
 
 def test_a_network_that_is_gone_is_told(chromium: Browser, tmp_path: Path) -> None:

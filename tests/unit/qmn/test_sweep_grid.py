@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
+from qmn.emulated.catalogue import EMULATED
+from qmn.emulated.places import SENDER, TOPOLOGY, said_of_fibers
 from qmn.sweeps import grid as grids
 from qmn.sweeps.catalogue import EXPERIMENTS
-from qmn.sweeps.emulated import EMULATED
 from qmn.sweeps.grid import Grid, build
 from qmn.sweeps.parameters import BadGrid, Parameter
-from qmn.sweeps.places import SENDER, TOPOLOGY, said_of_fibers
 
 SDC = EXPERIMENTS["sdc"]
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import matplotlib.image
 import pytest
 
+from qmn.emulated.catalogue import EMULATED
+from qmn.emulated.teleportation import WAITED, outcome, request
 from qmn.jobs import counted_service
 from qmn.sweeps import running, theory
-from qmn.sweeps.emulated import EMULATED
-from qmn.sweeps.emulated_teleportation import WAITED, outcome, request
 from qmn.sweeps.estimates import NOTHING, Estimate
 from qmn.sweeps.experiment import Outcome
 from qmn.sweeps.figure import draw

@@ -54,41 +54,46 @@ SETUP = Setup(
 GOLDEN: list[tuple[Message, str]] = [
     (
         SETUP,
-        "514d0401000000560102030405060708"
+        "514d0501000000b60102030405060708"
         "01010a0000030001000000000100009896800007"
         "00000000e4000000000017a728000000000"
-        "00f424000000000" + "0000000000" + "0000" + "0000" + "00000000000000000000000000000000",
+        "00f424000000000"
+        + "0000000000"
+        + "0000"
+        + "00" * 96
+        + "0000"
+        + "00000000000000000000000000000000",
     ),
     (
         Answer(1, Reason.BUSY, "später"),
-        "514d04020000001f0000000000000001" + "0005" + "0000" + "00000000" + "7370c3a4746572",
+        "514d05020000001f0000000000000001" + "0005" + "0000" + "00000000" + "7370c3a4746572",
     ),
     (
         Answer(1, Reason.OK, symbols=3, encoding=0b10_11_01_00, wavelength_pm=1_550_120),
-        "514d0402000000180000000000000001" + "0000" + "03b4" + "0017a728",
+        "514d0502000000180000000000000001" + "0000" + "03b4" + "0017a728",
     ),
-    (Emit(2, 3, 4, 5), "514d04030000001c0000000000000002000000030000000400000005"),
+    (Emit(2, 3, 4, 5), "514d05030000001c0000000000000002000000030000000400000005"),
     (
         Block(3, 1, 9, 1, 10, (Frame(6, 2, 0xDEADBEEF),)),
-        "514d040400000032000000000000000300000001000000090000000100000000"
+        "514d050400000032000000000000000300000001000000090000000100000000"
         "0000000a0001" + "0000000600000002deadbeef",
     ),
     (
         Report(4, 1, 9, 2, 3, 4, 5, (6,), b"\x80\x00"),
-        "514d040500000030000000000000000400000001000000090000000200000003"
+        "514d050500000030000000000000000400000001000000090000000200000003"
         "0000000400000005" + "0001" + "00000006" + "8000",
     ),
     (
         Finish(5, 6, bytes(range(32))),
-        "514d040600000038" + f"{5:016x}{6:016x}" + bytes(range(32)).hex(),
+        "514d050600000038" + f"{5:016x}{6:016x}" + bytes(range(32)).hex(),
     ),
     (
         Values(6, Topic.CORRECTIONS, 2, 9, 5, b"\xe4\x40"),
-        "514d04070000001c0000000000000006" + "0502" + "0000000900000005" + "e440",
+        "514d05070000001c0000000000000006" + "0502" + "0000000900000005" + "e440",
     ),
     (
         Envelope(7, 200, b"own format"),
-        "514d04080000001b0000000000000007" + "c8" + b"own format".hex(),
+        "514d05080000001b0000000000000007" + "c8" + b"own format".hex(),
     ),
 ]
 
@@ -122,6 +127,7 @@ class ScapySetup(Packet):
         IntField("fidelity_ppm", 0),
         XByteField("priority", 0),
         IntField("deadline_ms", 0),
+        StrFixedLenField("obstacle", b"", 96),
         XByteField("verdict", 0),
         XByteField("rotation", 0),
         ShortField("reason", 0),
@@ -150,6 +156,7 @@ def test_every_truncation_and_every_tail_is_malformed(message: Message) -> None:
 def test_scapy_reads_the_same_fields() -> None:
     setup = replace(SETUP, phase_mrad=-5, verdict=Verdict.GRANTED, rotation=Pauli.Z, block=77)
     setup = replace(setup, fec=3, interleave=1, seal=bytes(range(16)))
+    setup = replace(setup, obstacle="fibre q1-q2 is cut")
     seen = ScapySetup(setup.encode())
     for name in (
         "session",
@@ -165,6 +172,7 @@ def test_scapy_reads_the_same_fields() -> None:
     ):
         assert seen.getfieldval(name) == getattr(setup, name)
     assert (seen.verdict, seen.rotation, seen.encoding) == (1, 2, 0xE4)
+    assert seen.obstacle == b"fibre q1-q2 is cut" + bytes(78)
     assert seen.length == len(setup.encode()) == SETUP_LENGTH
     assert not seen.payload
 
@@ -186,6 +194,8 @@ def test_a_verdict_moves_no_byte_of_the_set_up() -> None:
         (17, 9, "unknown handshake 9"),
         (40, 0xE5, "does not use each operator once"),
         (42, 2, "interleave is 2, not 0 or 1"),
+        (SETUP_LENGTH - 116, 10, "is not printable ASCII"),
+        (SETUP_LENGTH - 116, 0xC3, "is not printable ASCII"),
         (SETUP_LENGTH - 20, 7, "unknown verdict 7"),
         (SETUP_LENGTH - 17, 200, "unknown reason 200"),
     ],

@@ -36,8 +36,9 @@ local function list_of(made)
     return list
 end
 
--- Returns a number, or nil where a number does not tell (64 bits, addresses, bytes).
-local function number_in(range, field)
+-- Returns a number, a text with all its bytes, or nil where neither tells (64 bits, addresses).
+local function value_in(range, field)
+    if field.kind == "text" then return range:raw() end
     if field.kind == "int" then return range:int() end
     if field.kind == "double" then return range:float() end
     if field.kind == "uint" and field.size <= 4 then return range:uint() end
@@ -55,7 +56,7 @@ local function add_fields(tree, made, prefix, fields, range)
         else
             tree:add(item, place)
         end
-        values[field.name] = number_in(place, field)
+        values[field.name] = value_in(place, field)
     end
     return values
 end

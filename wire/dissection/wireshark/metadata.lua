@@ -52,6 +52,7 @@ local function check_setup(values)
         if values[name] == 0 then return name .. " is 0" end
     end
     if values.interleave > 1 then return "interleave is " .. values.interleave end
+    if values.obstacle:gsub("%z+$", ""):find("[^ -~]") then return "obstacle is not ASCII" end
     return bad_encoding(values.encoding)
 end
 

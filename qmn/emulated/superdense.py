@@ -1,19 +1,17 @@
-"""Points measured in a whole network, each started and ended for it alone, as `qmn run` does.
-
-Here is superdense coding; teleportation has a file of its own.
-"""
+"""Superdense coding in whole networks, each started and ended for a point, as `qmn run` does."""
 
 import json
 import random
-from collections.abc import Callable, Mapping
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from types import MappingProxyType
 from typing import Any
 
 from rich.console import Console
 
 from hosts.middleware.services.superdense.options import SuperdenseOptions
+from qmn.emulated import places
+from qmn.emulated.places import PLACES, RECEIVER, SENDER, are_plain, said_of_fibers
+from qmn.emulated.teleportation import TIME_SCALE
 from qmn.jobs import runner, superdense
 from qmn.jobs.run_options import RunOptions
 from qmn.jobs.superdense import SuperdenseRequest
@@ -21,13 +19,11 @@ from qmn.jobs.transfer import APPLICATION_PORT, TransferError
 from qmn.network.custom_topology import BadTopology
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput
-from qmn.sweeps import emulated_teleportation, places, theory
-from qmn.sweeps.emulated_teleportation import TIME_SCALE
+from qmn.sweeps import theory
 from qmn.sweeps.estimates import Estimate, proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, number
 from qmn.sweeps.link import FIBER, PRESET, implied
 from qmn.sweeps.parameters import Parameter, Values
-from qmn.sweeps.places import PLACES, RECEIVER, SENDER, are_plain, said_of_fibers
 from qmn.sweeps.superdense import FEC, INTERLEAVE, LOSSES, RATE, loss_db
 from topologies.network import Signals
 from topologies.programs import NetworkError
@@ -56,7 +52,7 @@ def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
             job, context = superdense.begun(asked, signals, Console(quiet=True))
             runner.run(job, context)
         except (NetworkError, TransferError, BadInput, BadTopology) as error:
-            raise SweepError(f"{EMULATED['sdc'].place(values)} failed: {error}") from error
+            raise SweepError(f"{SUPERDENSE.place(values)} failed: {error}") from error
     return outcome(json.loads((context.folder / "result.json").read_text()))
 
 
@@ -119,31 +115,25 @@ def is_known(values: Values) -> bool:
     return plain and values[PRESET.name] == PRESET.default and are_plain(values)
 
 
-EMULATED = {
-    "sdc": Experiment(
-        "sdc",
-        "superdense coding in the emulated network",
-        (
-            *FIBER,
-            PRESET,
-            RATE,
-            FRAME_BYTES,
-            FEC,
-            TIME_SCALE,
-            *CONTROL,
-            INTERLEAVE,
-            MESSAGE_BYTES,
-            *PLACES,
-        ),
-        (
-            Measure("dibit_error", "dibit error", dibit_error),
-            Measure("arrived", "part of the pairs that arrives", arrived),
-            Measure("path_setup_s", "from metadata at the controller to the light path (s)"),
-        ),
-        implied=fiber_implied,
+SUPERDENSE = Experiment(
+    "sdc",
+    "superdense coding in the emulated network",
+    (
+        *FIBER,
+        PRESET,
+        RATE,
+        FRAME_BYTES,
+        FEC,
+        TIME_SCALE,
+        *CONTROL,
+        INTERLEAVE,
+        MESSAGE_BYTES,
+        *PLACES,
     ),
-    "teleport": emulated_teleportation.TELEPORT,
-}
-MEASURED_BY: Mapping[str, Callable[[Values, int, Path, Signals], Outcome]] = MappingProxyType(
-    {"sdc": measure, "teleport": emulated_teleportation.measure}
+    (
+        Measure("dibit_error", "dibit error", dibit_error),
+        Measure("arrived", "part of the pairs that arrives", arrived),
+        Measure("path_setup_s", "from metadata at the controller to the light path (s)"),
+    ),
+    implied=fiber_implied,
 )

@@ -1,4 +1,4 @@
-"""One point of an emulated sweep, as a program: python -m qmn.sweeps.emulated_point.
+"""One point of an emulated sweep, as a program: python -m qmn.emulated.point.
 
 It reads what is asked, and says what was measured, both as JSON.
 """
@@ -7,7 +7,7 @@ import json
 import sys
 from pathlib import Path
 
-from qmn.sweeps.emulated import MEASURED_BY
+from qmn.emulated.catalogue import MEASURED_BY
 from qmn.sweeps.experiment import SweepError
 from topologies.network import Interrupted, Signals
 

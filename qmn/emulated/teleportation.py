@@ -12,6 +12,8 @@ from typing import Any
 from rich.console import Console
 
 from hosts.middleware.services.teleportation.teleport import TeleportOptions
+from qmn.emulated import places
+from qmn.emulated.places import PLACES, RECEIVER, SENDER, are_plain, said_of_fibers
 from qmn.jobs import counted_service, runner
 from qmn.jobs.counted_service import ServiceRequest
 from qmn.jobs.run_options import RunOptions
@@ -20,16 +22,15 @@ from qmn.jobs.transfer import TransferError
 from qmn.network.custom_topology import BadTopology
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput
-from qmn.sweeps import places, theory
+from qmn.sweeps import theory
 from qmn.sweeps.estimates import NOTHING, Estimate, proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, number
 from qmn.sweeps.link import FIBER
 from qmn.sweeps.parameters import Parameter, Values, of_dataclass
-from qmn.sweeps.places import PLACES, RECEIVER, SENDER, are_plain, said_of_fibers
 from topologies.network import Signals
 from topologies.programs import NetworkError
-from topologies.slow_copper import LEAST_MBPS, MOST_MBPS
 from wire.network_time import LEAST_SCALE, MOST_SCALE
+from wire.parameters.network import LEAST_MBPS, MOST_MBPS
 from wire.parameters.physics import Memory
 
 FIBERS_PASSED = 4  # two by either half of a pair

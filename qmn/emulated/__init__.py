@@ -1,0 +1,1 @@
+"""Experiments in whole networks, one for each point: of sweeps, and demos of what emerges."""

@@ -1,0 +1,1 @@
+"""Labs: published results, held beside runs of the network (docs/labs.md)."""

@@ -1,0 +1,43 @@
+"""The figures of a lab: our points and line, and the published points as stars beside them."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from qmn.labs.lab import Chart, Finding
+from qmn.sweeps.experiment import Measure
+from qmn.sweeps.figure import Mark, Picture, draw
+from qmn.sweeps.parameters import Parameter, Values
+
+X = "x"
+OURS = "this model, in the network"
+
+
+def draw_charts(charts: Sequence[Chart], findings: Sequence[Finding], folder: Path) -> list[Path]:
+    """Draw each chart into the folder, and return the files."""
+    files = []
+    for chart in charts:
+        files.append(folder / f"{chart.name}.png")
+        draw(picture(chart, [each for each in findings if each.chart == chart.name]), files[-1])
+    return files
+
+
+def picture(chart: Chart, findings: Sequence[Finding]) -> Picture:
+    """Return what a chart shows of its findings; a closed form is the line, and no star."""
+    places = [(each, each.at) for each in findings if each.at is not None]
+    theory = chart.theory
+
+    def expected(values: Values) -> float | None:
+        return None if theory is None else theory(float(values[X]))
+
+    return Picture(
+        chart.title,
+        Parameter(X, 0.0),
+        chart.x,
+        Measure(chart.name, chart.y, expected, chart.logarithmic),
+        [(OURS, [({X: at}, each.ours) for each, at in places])],
+        [
+            Mark(at, each.published.value, each.published.error, "published", each.at_error)
+            for each, at in places
+            if each.published is not None and each.published.error > 0
+        ],
+    )

@@ -1,0 +1,101 @@
+"""A lab: a published result, the runs of the network that are held beside it, and how.
+
+Each is a folder of labs/ with a module of its name, which says LAB = Lab(…), and a page, README.md.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from qmn.sweeps.estimates import SIGMAS, Estimate
+
+
+@dataclass(frozen=True)
+class Published:
+    """A number that a paper states, with its standard error.
+
+    If no error is to be read, it is half a unit of the last digit; 0 is that of a closed form, or
+    of a count.
+    """
+
+    value: float
+    error: float
+    source: str  # which part of the paper says it
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A number of ours, and what is published beside it."""
+
+    chart: str  # that draws it, by name; "": none
+    what: str
+    ours: Estimate
+    published: Published | None = None  # None: a point of our curve alone
+    at: float | None = None  # place on the chart's axis
+    at_error: float = 0.0  # its standard error, as the paper has it
+    # Standard error of ours that follows from those of the parameters that the paper gives.
+    inputs: float = 0.0
+
+    @property
+    def error(self) -> float:
+        """The standard error of ours, that of the parameters in it."""
+        return math.hypot(self.ours.error, self.inputs)
+
+    @property
+    def difference(self) -> float | None:
+        """How many standard errors ours is above; None where nothing is published."""
+        if self.published is None:
+            return None
+        apart = self.ours.value - self.published.value
+        if apart == 0:
+            return 0.0
+        error = math.hypot(self.error, self.published.error)
+        return apart / error if error else math.copysign(math.inf, apart)
+
+    def agrees(self, tolerance: float) -> bool:
+        """Return whether it is within so many standard errors; what was not measured is not."""
+        return self.difference is None or abs(self.difference) <= tolerance
+
+
+def exactly(what: str, ours: float, published: float, source: str) -> Finding:
+    """Return the finding of a number that has no error: both are the same, or they differ."""
+    return Finding("", what, Estimate(ours, 0.0), Published(published, 0.0, source))
+
+
+@dataclass(frozen=True)
+class Chart:
+    """What a figure of a lab shows; axes have their units in the labels."""
+
+    name: str
+    title: str
+    x: str
+    y: str
+    theory: Callable[[float], float] | None = None
+    logarithmic: bool = False
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run of the network that has ended: its folder, and what its result.json says."""
+
+    folder: Path
+    result: dict[str, Any]
+
+
+Runs = Mapping[str, Run]
+
+
+@dataclass(frozen=True)
+class Lab:
+    """A published result as runs of the network."""
+
+    title: str
+    paper: str
+    runs: Mapping[str, str]  # by name: what is said behind `qmn`, but for --seed and --runs
+    findings: Callable[[Runs], Sequence[Finding]]
+    charts: Sequence[Chart] = field(default=())
+    tolerance: float = SIGMAS  # standard errors
+    # Writes further files into the lab's folder, and returns them.
+    files: Callable[[Runs, Path], Sequence[Path]] = lambda _runs, _folder: ()

@@ -1,0 +1,60 @@
+"""qmn demo [NAME]: what emerges in whole networks, measured and drawn beside what is expected.
+
+Without a name: which demos there are. Each is a sweep of emulated networks on a grid of its own;
+`qmn sweep NAME --emulate` takes other grids.
+"""
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from qmn.emulated.catalogue import DEMOS
+from qmn.options import add_options, read
+from qmn.verbs import sweep
+from wire.parameters.option import option
+
+AT_A_TIME = 1  # networks: beside another, software is slower
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemoOptions:
+    """Where a demo leaves its figures."""
+
+    seed: int = option(1, "of all randomness (1)")
+    out: Path = option(Path("demos"), "(demos)", metavar="FOLDER")
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    parser = verbs.add_parser(
+        "demo",
+        help="show what emerges in whole networks",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("name", nargs="?", choices=[*DEMOS], metavar="NAME", help=", ".join(DEMOS))
+    add_options(parser, DemoOptions)
+    parser.set_defaults(call=call, needs_root=lambda arguments: arguments.name is not None)
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """List the demos, or run one."""
+    if arguments.name is None:
+        for name, demo in DEMOS.items():
+            print(f"{name:16}{demo.what}")
+        return 0
+    return sweep.run(options_of(arguments))
+
+
+def options_of(arguments: argparse.Namespace) -> sweep.SweepOptions:
+    """Return the demo as a sweep."""
+    own = read(DemoOptions, arguments)
+    return sweep.SweepOptions(
+        what=DEMOS[arguments.name].experiment.name,
+        axes=DEMOS[arguments.name].axes,
+        emulate=True,
+        seed=own.seed,
+        out=own.out / arguments.name,
+        workers=AT_A_TIME,
+    )

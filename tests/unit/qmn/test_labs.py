@@ -1,0 +1,169 @@
+"""Labs: which there are, their pages, their runs, and when one fails."""
+
+import csv
+import json
+import math
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from qmn.__main__ import described
+from qmn.labs import catalogue, outcome
+from qmn.labs.drawing import draw_charts, picture
+from qmn.labs.lab import Chart, Finding, Lab, Published, exactly
+from qmn.labs.networks import words_of
+from qmn.options import BadInput
+from qmn.sweeps.estimates import NOTHING, Estimate
+from qmn.sweeps.figure import residuals
+from qmn.verbs.lab import LabOptions, lab_done
+from topologies.network import Signals
+
+NAMES = catalogue.names()
+HEADS = ["What the paper did", "Parameters", "What is reproduced", "What is not"]
+
+
+def page(name: str) -> str:
+    return (catalogue.LABS / name / "README.md").read_text()
+
+
+def lab_of(*findings: Finding, tolerance: float = 5) -> Lab:
+    """Return a lab that needs no network."""
+    return Lab("a title", "a paper", {}, lambda _runs: findings, tolerance=tolerance)
+
+
+def status_of(lab: Lab, out: Path) -> bool:
+    options, console = LabOptions(out=out), Console(quiet=True)
+    with Signals() as signals:
+        return lab_done("trial", lab, options, signals, console, (print, print))
+
+
+def test_the_list_names_every_folder_with_its_title(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = described(["lab"]).parse_args(["lab"])
+    assert arguments.call(arguments) == 0
+    lines = capsys.readouterr().out.splitlines()
+    folders = {path.name for path in catalogue.LABS.iterdir() if path.is_dir()}
+    assert {line.split()[0] for line in lines} == folders == set(NAMES)
+    for line in lines:
+        assert line.endswith(catalogue.lab(line.split()[0]).title)
+
+
+def test_an_unknown_lab_is_refused_with_the_nearest() -> None:
+    with pytest.raises(BadInput, match="there is no lab sdc-fiber: did you mean sdc-fibre"):
+        catalogue.lab("sdc-fiber")
+    with pytest.raises(BadInput, match="choose cross-check, decoy"):
+        catalogue.lab("nothing")
+
+
+def test_a_lab_is_also_found_by_its_path(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match=r"no lab my-lab: .*my-lab/my_lab.py is to say LAB"):
+        catalogue.lab(f"{tmp_path}/my-lab")
+    (tmp_path / "my-lab").mkdir()
+    text = "from qmn.labs.lab import Lab\nLAB = Lab('mine', 'p', {}, lambda runs: [])\n"
+    (tmp_path / "my-lab" / "my_lab.py").write_text(text)
+    assert catalogue.lab(f"{tmp_path}/my-lab").title == "mine"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_lab_has_a_hundred_lines_at_most(name: str) -> None:
+    files = (catalogue.LABS / name).glob("*.py")
+    assert sum(len(file.read_text().splitlines()) for file in files) <= 100
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_page_names_paper_and_parameters_and_what_is_not_reproduced(name: str) -> None:
+    text = page(name)
+    assert re.findall(r"^## (.*)$", text, re.MULTILINE) == HEADS
+    sections = dict(zip(HEADS, re.split(r"^## .*$", text, flags=re.MULTILINE)[1:], strict=True))
+    source = re.search(r"arXiv:\d{4}\.\d{4,5}|doi \S+", catalogue.lab(name).paper)
+    assert source is not None
+    assert source[0] in sections["What the paper did"]
+    rows = re.findall(r"^\| .* \| .* \| .* \|$", sections["Parameters"], re.MULTILINE)
+    assert rows[0] == "| parameter | value | where from |"
+    assert len(rows) >= 4
+    assert "this model under these parameters" in " ".join(sections["What is reproduced"].split())
+    assert "experiment" not in sections["What is reproduced"]
+    assert len(sections["What is not"].split()) >= 10
+    assert f"qmn lab {name}\n" in text
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_run_of_a_lab_is_a_command(name: str, tmp_path: Path) -> None:
+    lab = catalogue.lab(name)
+    assert lab.runs
+    for said in lab.runs.values():
+        words = words_of(said, 1, tmp_path)
+        arguments = described(words).parse_args(words)
+        assert arguments.needs_root
+        assert (arguments.seed, arguments.runs) == (1, tmp_path)
+        assert "--seed" not in shlex.split(said)
+
+
+def test_a_difference_is_in_standard_errors_of_all_three_kinds() -> None:
+    published = Published(1.0, 0.3, "table")
+    assert Finding("", "x", Estimate(2.3, 0.4), published).difference == pytest.approx(2.6)
+    with_inputs = Finding("", "x", Estimate(2.3, 0.0), published, inputs=0.4)
+    assert with_inputs.difference == pytest.approx(2.6)
+    assert with_inputs.agrees(2.7)
+    assert not with_inputs.agrees(2.5)
+    assert Finding("", "x", Estimate(2.3, 0.4)).difference is None
+
+
+def test_a_count_is_the_same_or_differs() -> None:
+    assert exactly("x", 4, 4, "table").agrees(0)
+    assert exactly("x", 3, 4, "table").difference == -math.inf
+    assert not exactly("x", 3, 4, "table").agrees(1e9)
+
+
+def test_what_was_not_measured_does_not_agree() -> None:
+    assert not Finding("", "x", NOTHING, Published(1.0, 0.1, "table")).agrees(5)
+
+
+@pytest.mark.parametrize(("tolerance", "good"), [(3.0, True), (2.5, False)])
+def test_a_lab_fails_beyond_its_tolerance(tmp_path: Path, tolerance: float, good: bool) -> None:
+    finding = Finding("", "x", Estimate(2.3, 0.4), Published(1.0, 0.3, "table"))
+    assert status_of(lab_of(finding, tolerance=tolerance), tmp_path) is good
+    (folder,) = tmp_path.iterdir()
+    facts = json.loads((folder / "lab.json").read_text())
+    assert (facts["agrees"], facts["tolerance"]) == (good, tolerance)
+    assert facts["findings"][0]["difference"] == pytest.approx(2.6)
+    with (folder / "findings.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    assert (row["ours"], row["published"], row["agrees"]) == ("2.3", "1.0", str(good))
+
+
+def test_one_finding_too_far_is_enough(tmp_path: Path) -> None:
+    assert not status_of(lab_of(exactly("x", 1, 1, ""), exactly("y", 1, 2, "")), tmp_path)
+    (folder,) = tmp_path.iterdir()
+    facts = json.loads((folder / "lab.json").read_text())
+    assert [each["agrees"] for each in facts["findings"]] == [True, False]
+
+
+def test_a_star_stands_for_what_is_published_and_a_closed_form_is_the_line(tmp_path: Path) -> None:
+    chart = Chart("line", "title", "x", "y", lambda x: 2 * x)
+    star = Finding("line", "a", Estimate(2.5, 0.5), Published(2.2, 0.1, "table"), 1.0, 0.2)
+    form = Finding("line", "b", Estimate(4.0, 0.5), Published(4.0, 0.0, "equation"), 2.0)
+    other = Finding("another", "c", Estimate(1.0, 0.5), at=1.0)
+    made = picture(chart, [star, form])
+    assert [(mark.x, mark.y, mark.error, mark.x_error) for mark in made.marks] == [
+        (1.0, 2.2, 0.1, 0.2)
+    ]
+    assert residuals(made) == {0: [(1.0, 1.0), (2.0, 0.0)]}
+    (file,) = draw_charts([chart], [star, form, other], tmp_path)
+    assert file.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (1.6577, 0.006, "1.6577 ± 0.0060"),
+        (2.42866, 0.0873, "2.429 ± 0.087"),
+        (4.0, 0.0, "4"),
+        (math.nan, math.nan, "nan"),
+        (0.003918, 8.6e-5, "0.003918 ± 0.000086"),
+    ],
+)
+def test_a_number_has_two_digits_of_its_error(value: float, error: float, text: str) -> None:
+    assert outcome.number(value, error) == text
