@@ -8,6 +8,7 @@ import signal
 import socket
 import sys
 import time
+import warnings
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,8 @@ from controller_apps.timeouts import READY_POLL_S, READY_TIMEOUT_S
 from wire.config import BadConfig, ControllerConfig
 
 APPS = ("learning_switch", "quantum_metadata", "device_monitor", "key_relays")
+# The controller asks for no names: without its own resolver eventlet is there much sooner.
+os.environ.setdefault("EVENTLET_NO_GREENDNS", "yes")
 WSGI_APPS = {"ryu.app.ofctl_rest", "ryu.app.rest_topology"}
 
 
@@ -65,14 +68,32 @@ def run(config: ControllerConfig) -> None:
 
 
 def load_framework(name: str) -> Any:
-    """Load the framework that the configuration names, before any app is imported."""
+    """Load the framework that the configuration names, before any app is imported.
+
+    Raise Fatal for one that is unknown, or where another was loaded before.
+    """
     os.environ["QMN_CONTROLLER_FRAMEWORK"] = name
+    if name == "ryu":
+        wait_by_eventlet()
     try:
         from controller_apps.openflow import framework
     except ValueError as error:
         raise Fatal(str(error)) from error
+    if name != framework.NAME:
+        raise Fatal(f"framework {name!r}: this process has loaded {framework.NAME} already")
     framework.hub.patch()
     return framework
+
+
+def wait_by_eventlet() -> None:
+    """Let all that waits do it by Ryu's eventlet, as `ryu-manager` does: before Ryu is loaded.
+
+    Eventlet looks for locks in all that is loaded, which takes longer when there is more of it.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # its own deprecation: nothing to do about it
+        import eventlet
+    eventlet.monkey_patch()
 
 
 def prepare(framework: Any, config: ControllerConfig, host: str, port: int) -> None:

@@ -180,7 +180,8 @@ class Stack:
             end = ConnectionEnd(qnic, setup, channel)
             check_source(end.side)
             try:
-                await end.perform(make_pairs(end.side, self.device.made))
+                known = self._resources.distinguishable_states
+                await end.perform(make_pairs(end.side, self.device.made, known))
             finally:
                 await release(qnic, setup.session)
 

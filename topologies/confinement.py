@@ -18,14 +18,18 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from mininet.log import warn
+
+from topologies.memory_share import MIB, MemoryGroup
 from topologies.owners import Owner, owner
 from topologies.programs import ROOT
 from topologies.shells import ShellWatcher
 from topologies.timeouts import END_TIMEOUT_S, POLL_S
 
 SHELL = ROOT / "topologies" / "confined_shell"
-# What could take covers off: mounting, opening files by their numbers, the kernel's memory.
-GIVEN_UP = "-sys_admin,-dac_read_search,-sys_module,-sys_rawio,-sys_boot,-perfmon"
+# What could take covers off: mounting, opening files by their numbers, the kernel's memory. And
+# what could take limits off.
+GIVEN_UP = "-sys_admin,-dac_read_search,-sys_module,-sys_rawio,-sys_boot,-perfmon,-sys_resource"
 APART = ["unshare", "--pid", "--fork", "--kill-child", "unshare", "--mount", "--mount-proc"]
 FIRST_SHOWN = 10  # descriptor by which the shell has the first of what is shown
 CLONE_NEWPID = 0x20000000
@@ -38,19 +42,45 @@ class ConfinedNode(ShellWatcher):
     shell: "subprocess.Popen[bytes]"
     pid: int
     _confined = 0  # process id of the confined shell
+    _memory_bytes = 0  # of each process's data
+    _group: MemoryGroup | None = None
 
-    def confine(self, shown: Sequence[Path], covered: Sequence[Path], table: Path) -> None:
+    def confine(
+        self, shown: Sequence[Path], covered: Sequence[Path], table: Path, memory_mib: int
+    ) -> None:
         """Let the shell, in which nothing runs, see no folder that is covered but those shown.
 
-        The file of its mounts is written. Raise NetworkError, with the kernel's words, where it
+        The file of its mounts is written. What people start has so much memory. Raise
+        NetworkError, with the kernel's words, where it
         cannot be.
         """
+        self._memory_bytes = memory_mib * MIB
         folders = [path for path in covered if not set(path.parents) & set(covered)]
         table.write_text(fstab(shown, folders))
-        words = [*APART, SHELL, self.name, GIVEN_UP, table, *shown, "--", *folders]
+        limited = ["prlimit", f"--data={self._memory_bytes}", SHELL]
+        words = [*APART, *limited, self.name, GIVEN_UP, table, *shown, "--", *folders]
         self.write(f"exec {shlex.join(map(str, words))}\n")  # type: ignore[attr-defined]
         self.await_shell()
         (self._confined,) = children(self.shell.pid)
+        self._group = MemoryGroup.of_host(self.name, memory_mib)
+        self._admit(self._confined)
+
+    def _admit(self, pid: int) -> None:
+        if self._group:
+            self._group.admit(pid)
+
+    def leave_group(self) -> None:
+        """Take away the group of what was started, which has ended; say if it took too much."""
+        group, self._group = self._group, None
+        if group is None:
+            return
+        if killed := group.killed:
+            mib = self._memory_bytes // MIB
+            warn(
+                f"{self.name}: {killed} killed, as its programs took more than {mib} MiB together "
+                "(memory_mib of the host)\n"
+            )
+        group.remove()
 
     @property
     def shell_stopped(self) -> bool:
@@ -62,8 +92,11 @@ class ConfinedNode(ShellWatcher):
         """Start a program where the shell is, as Mininet does."""
         if self._confined:
             enter = ["mnexec", "-da", str(self._confined)]
-            options.setdefault("mncmd", [*enter, "setpriv", f"--bounding-set={GIVEN_UP}"])
+            limits = ["prlimit", f"--data={self._memory_bytes}"]
+            given_up = ["setpriv", f"--bounding-set={GIVEN_UP}"]
+            options.setdefault("mncmd", [*enter, *limits, *given_up])
         started: subprocess.Popen[Any] = super().popen(*arguments, **options)  # type: ignore[misc]
+        self._admit(started.pid)  # before it has become the command
         return started
 
     def _popen(self, command: Sequence[str], **options: Any) -> "subprocess.Popen[Any]":

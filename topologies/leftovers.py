@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from topologies import openvswitch, owners
+from topologies.memory_share import groups_of_gone
 from topologies.network import bridges_of_gone, interfaces_of, sweep, switches_of
 from topologies.owners import Owner, this_process
 from topologies.runtime import RUNTIME_ROOT, folders_of_gone, only_run
@@ -18,6 +19,7 @@ class Leftovers:
     processes: tuple[str, ...] = ()  # by id and program
     bridges: tuple[str, ...] = ()
     interfaces: tuple[str, ...] = ()
+    groups: tuple[str, ...] = ()  # of processes that shared memory
     open_vswitch: tuple[str, ...] = ()  # its starter, if it was started by such a run
 
     def lines(self) -> list[str]:
@@ -27,6 +29,7 @@ class Leftovers:
             *(f"process {name}" for name in self.processes),
             *(f"bridge {name}" for name in self.bridges),
             *(f"interface {name}" for name in self.interfaces),
+            *(f"group {name}" for name in self.groups),
             *(f"Open vSwitch, started by run {name}" for name in self.open_vswitch),
         ]
 
@@ -45,6 +48,7 @@ def find(root: Path = RUNTIME_ROOT) -> Leftovers:
         tuple(_named(process) for process, run in owners.marked() if owners.gone(run)),
         tuple(bridges),
         tuple(found for name in sorted(named - others) for found in interfaces_of(name)),
+        tuple(map(str, groups_of_gone())),
         tuple(name for name in [openvswitch.starter()] if owners.gone(name)),
     )
 

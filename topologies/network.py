@@ -23,6 +23,7 @@ from topologies.fiber import FiberLink
 from topologies.machines.errand import Errand
 from topologies.machines.node import NodeElsewhere
 from topologies.management import bridge_of
+from topologies.memory_share import groups_of_gone
 from topologies.nodes import QuantumController
 from topologies.nodes.copper import COPPER
 from topologies.owners import Owner
@@ -329,6 +330,8 @@ def require_root() -> None:
 def sweep() -> None:
     """Remove what killed runs of ours have left: programs, bridges, interfaces, folders."""
     owners.end([process for process, run in owners.marked() if owners.gone(run)])
+    for group in groups_of_gone():
+        group.rmdir()
     openvswitch.delete(*bridges_of_gone())
     openvswitch.forget_certificate(owners.gone)
     for folder in folders_of_gone():

@@ -88,6 +88,11 @@ def mark() -> dict[str, str]:
     return {VARIABLE: str(this_process()), NAMESPACE: _namespace()}
 
 
+def namespace() -> str:
+    """Return the number of the namespace of processes that this one's id is of."""
+    return "".join(filter(str.isdigit, _namespace()))
+
+
 def marked() -> Iterator[tuple[Owner, str]]:
     """Yield all processes that runs have started in their networks, with the words of the run.
 

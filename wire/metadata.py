@@ -51,6 +51,7 @@ class Service(IntEnum):
     SEAL = 10  # pairs that watch a fibre
     GHZ = 11  # states of several hosts: this is between two neighbours of their line
     E91 = 12  # quantum key distribution by entangled pairs, with a CHSH test
+    MDI = 13  # by photons that both ends prepare and a relay measures in pairs
 
 
 class MemoryState(IntEnum):
@@ -58,6 +59,8 @@ class MemoryState(IntEnum):
 
     ANY = 0  # keep what comes
     HERALDED = 1  # their qubits emit, and the source is a station that heralds pairs of them
+    # Said to the source alone: it makes no pairs, but measures the light that both ends send.
+    RELAYED = 2
 
 
 class Topic(IntEnum):
@@ -79,6 +82,7 @@ class Topic(IntEnum):
     # how many qubits its memory takes.
     NODE_FEATURES = 13
     HOSTS = 15  # names of those behind the acceptor, in a line, UTF-8 with commas between
+    LAUNCH = 16  # both ends send a block now; the number of intensities that the sender's has
     KEPT = 14  # the opener holds the key of this number (block) in its store; no values
     PURIFY = 32  # protocol (1 BBPSSW, 2 DEJMPS) and seed of the twirl, of a round of a block
     # Of a station, or passed on by the opener: the Bell state of each heralded pair, as 0 Phi+,

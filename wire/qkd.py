@@ -330,7 +330,9 @@ class Abort(QkdMessage):
 class Intensities(QkdMessage):
     """Decoy states, before the sample: how many photons pulses had on average, and who had which.
 
-    The sample is then all bits of the basis Z, and the key those of the basis X.
+    The sample is then all bits of the basis Z, and the key those of the basis X. Where both ends
+    send pulses to a relay both tell theirs, bob before what he discloses: all bits of the basis X
+    and a sample of the others.
     """
 
     KIND = 14

@@ -65,6 +65,10 @@ LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
         Service.SEAL: PAIRS,
         Service.E91: PAIRS,
         Service.BB84: (Beam(FiberOf(OPENER, 0), FiberOf(ACCEPTOR, 0)),),
+        Service.MDI: (
+            Beam(FiberOf(OPENER, 0), FiberOf(SOURCE, 0)),
+            Beam(FiberOf(ACCEPTOR, 0), FiberOf(SOURCE, 1)),
+        ),
         Service.SWAP: (),  # its links have it
         Service.LINK: (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),),
         Service.GHZ: (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),),
@@ -107,6 +111,7 @@ NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
         Service.SEAL: {SOURCE: EMIT, OPENER: MEASURE, ACCEPTOR: MEASURE},
         Service.E91: {SOURCE: EMIT, OPENER: MEASURE, ACCEPTOR: MEASURE},
         Service.BB84: {OPENER: EMIT, ACCEPTOR: MEASURE},
+        Service.MDI: {SOURCE: INTERFERE, OPENER: EMIT, ACCEPTOR: EMIT},
         Service.GHZ: {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: STORE | MEASURE},
         Service.SWAP: {
             OPENER: EMIT | STORE,
@@ -147,6 +152,12 @@ WANT_OF: Mapping[Feature, Reason] = MappingProxyType(
         INTERFERE: Reason.CANNOT_INTERFERE,
     }
 )
+
+
+def memory_of(service: Service) -> tuple[MemoryState, ...]:
+    """Return what a service can want of the memories of both ends."""
+    heralded = service in HERALDED_LIGHT
+    return (MemoryState.ANY, MemoryState.HERALDED) if heralded else (MemoryState.ANY,)
 
 
 def making(setup: Setup, opener: str) -> Making:

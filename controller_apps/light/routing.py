@@ -154,7 +154,7 @@ def _is_free(network: Network, at: SwitchPort, inward: bool, limits: Limits) -> 
     frequency_mhz = limits.frequency_mhz
     if frequency_mhz is not None and not network.optics.can_carry(at, frequency_mhz):
         return False
-    return not limits.blocked(Direction(*at, inward))
+    return not limits.blocked(Direction(at.dpid, at.port, inward))
 
 
 def _further(
@@ -206,15 +206,24 @@ def route(
     """Return a path for each leg, none of which takes what another or one beside needs.
 
     `rotations` are those that the paths must apply, None for any. The cheapest path of an
-    early leg may leave a later one without any, so that other orders are tried as well.
+    early leg may leave a later one without any, so that other orders are tried as well; not if a
+    leg has no path even alone.
     """
     wanted: Sequence[int | None] = rotations or [None] * len(legs)
+    alone: set[int] = set()  # legs that have a path if no other does
+
+    def path_of(number: int, paths: Iterable[LightPath]) -> LightPath | None:
+        own = limits._replace(rotation=wanted[number])
+        return cheapest_path(network, legs[number], _beside((*beside, *paths), own))
+
     for order in permutations(range(len(legs))):
         found: dict[int, LightPath] = {}
         for number in order:
-            own = limits._replace(rotation=wanted[number])
-            path = cheapest_path(network, legs[number], _beside((*beside, *found.values()), own))
+            path = path_of(number, found.values())
             if path is None:
+                if number not in alone and (not found or path_of(number, ()) is None):
+                    return None
+                alone.add(number)
                 break
             found[number] = path
         else:
@@ -224,6 +233,8 @@ def route(
 
 def _beside(paths: Iterable[LightPath], limits: Limits) -> Limits:
     own = {direction for path in paths for direction in directions(path.hops)}
+    if not own:
+        return limits
     return limits._replace(blocked=lambda way: way in own or limits.blocked(way))
 
 

@@ -38,8 +38,6 @@ def _load(module: str) -> ModuleType:
 if NAME not in PACKAGES:
     raise ValueError(f"framework {NAME!r} is unknown: choose one of {', '.join(PACKAGES)}")
 if NAME == "ryu":
-    # The controller asks for no names: without its own resolver eventlet is there much sooner.
-    os.environ.setdefault("EVENTLET_NO_GREENDNS", "yes")
     # Ryu 4.34 imports this name, which eventlet has no more.
     vars(_import("eventlet.wsgi")).setdefault("ALREADY_HANDLED", b"")
 

@@ -31,16 +31,14 @@ from controller_apps.sessions.sessions import Chain, Refusal, Session, Sessions
 from wire.metadata import OBSTACLE_BYTES, Handshake, MemoryState, Reason, Service, Setup
 from wire.optical import ANY_WAVELENGTH, DEFAULT_FREQUENCY_MHZ, frequency_mhz, wavelength_pm
 from wire.services import (
-    HERALDED_LIGHT,
     RETURNS,
     Making,
     Role,
     beams,
     fibers_needed,
     making,
+    memory_of,
 )
-
-OFFERED_MEMORY = dict.fromkeys(HERALDED_LIGHT, tuple(MemoryState))  # of other services: any
 
 
 @dataclass(frozen=True)
@@ -140,7 +138,7 @@ def find_light(
     if not all(map(network.ports_of, hosts.values())):
         return Admission(Reason.UNKNOWN_HOST)
     service = Service(setup.service)
-    if setup.memory not in OFFERED_MEMORY.get(service, (MemoryState.ANY,)):
+    if setup.memory not in memory_of(service):
         return Admission(Reason.UNSUPPORTED, detail=f"{service.name} with memory {setup.memory}")
     want = first_want(setup, hosts, network)
     if want is not None:

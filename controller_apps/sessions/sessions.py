@@ -113,9 +113,13 @@ class Request:
     @property
     def granted(self) -> Setup:
         """The set-up with the size of blocks that memories take, and the channel of its light."""
-        wavelength_pm = self.wavelength_pm or self.setup.wavelength_pm
         pairs = self.block_pairs or self.setup.pairs
-        return replace(self.setup, pairs=pairs, wavelength_pm=wavelength_pm)
+        return replace(self.setup, pairs=pairs, wavelength_pm=self.granted_pm)
+
+    @property
+    def granted_pm(self) -> int:
+        """The wavelength of its light: as was asked, or as was granted."""
+        return self.wavelength_pm or self.setup.wavelength_pm
 
     def decide(self, verdict: Verdict, why: Refusal) -> Arrival:
         """Write the answer and return the message that waited for it."""
@@ -184,7 +188,7 @@ class Session:
     def wavelength_pm(self) -> int:
         """The wavelength of its light: as was asked, or as was granted to its owner."""
         owner = self.requests.get(self.owner)
-        return (owner.granted if owner else self.setup).wavelength_pm
+        return owner.granted_pm if owner else self.setup.wavelength_pm
 
     @property
     def frequency_mhz(self) -> int:
@@ -272,10 +276,10 @@ class Sessions:
 
         Nobody shares a direction, and both directions of a port have one tuning.
         """
-        found = self.occupied.get(way, session) != session
-        if not found:
-            other = self.occupied.get(way.opposite, session)
-            found = other != session and self.by_number[other].frequency_mhz != frequency_mhz
+        occupied = self.occupied
+        found = occupied.get(way, session) != session
+        if not found and (other := occupied.get(way.opposite, session)) != session:
+            found = self.by_number[other].frequency_mhz != frequency_mhz
         if found:
             self.obstacles.add(way)
         return found

@@ -145,6 +145,14 @@ class Qnic(Protocol):
         Raise NoLight if no photon of a half arrives; what came of the other is let go.
         """
 
+    async def detect_arrivals(
+        self, blocks: tuple[BlockName, BlockName], ports: tuple[str, str], timeout_s: float
+    ) -> Coincidences:
+        """Make Bell measurements on two blocks that arrive at two ports, made by two hosts.
+
+        Raise NoLight if no photon of one of them arrives; what came of the other is let go.
+        """
+
     async def prepare(
         self, session: int, number: int, states: Symbols, levels: Symbols | None = None
     ) -> BlockName:

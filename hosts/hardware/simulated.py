@@ -162,7 +162,14 @@ class SimulatedQnic:
         self, session: int, number: int, ports: tuple[str, str], timeout_s: float
     ) -> Coincidences:
         """Make Bell measurements on what arrives at two ports."""
-        names = [_half(session, number, half) for half in (0, 1)]
+        first, second = (BlockName(session, number, half) for half in (0, 1))
+        return await self.detect_arrivals((first, second), ports, timeout_s)
+
+    async def detect_arrivals(
+        self, blocks: tuple[BlockName, BlockName], ports: tuple[str, str], timeout_s: float
+    ) -> Coincidences:
+        """Make Bell measurements on two blocks that arrive at two ports."""
+        names = [_named(block) for block in blocks]
         receive = [
             Step(receive=ReceiveRequest(block=name, port=port, timeout_s=timeout_s))
             for name, port in zip(names, ports, strict=True)
@@ -171,7 +178,7 @@ class SimulatedQnic:
         try:
             found = await self._orders.perform(*receive, Step(bell_measure=measure))
         except NoLight:
-            await self.discard_block(session, number)
+            await self._let_go(names)
             raise
         return _coincidences(found[-1])
 
@@ -369,10 +376,12 @@ class SimulatedQnic:
 
     async def discard_block(self, session: int, number: int) -> None:
         """Let go of what has come of both halves of a block."""
-        for half in (0, 1):
-            discard = DiscardRequest(block=_half(session, number, half))
+        await self._let_go([_half(session, number, half) for half in (0, 1)])
+
+    async def _let_go(self, names: Sequence[BlockId]) -> None:
+        for name in names:
             with suppress(NotHere):
-                await self._orders.perform(Step(discard=discard))
+                await self._orders.perform(Step(discard=DiscardRequest(block=name)))
 
     async def close(self) -> None:
         """Close the connection to the dispatcher."""

@@ -1,5 +1,6 @@
 """Superdense coding over fibre: bits a pair (arXiv:1609.00713)."""
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,7 +10,7 @@ from qmn.labs.lab import Chart, Finding, Lab, Published, Runs, exactly
 from qmn.sweeps import theory
 from qmn.sweeps.estimates import information
 
-LEAF = Path(__file__).with_name("leaf.png")
+LEAF = shlex.quote(str(Path(__file__).with_name("leaf.png")))
 SEND = f"run sdc --file {LEAF} --frame-bytes 1 --captures none --no-report"
 # Of Werner pairs; that of the preset fiber-2017 is what makes 1.665 bits.
 FIDELITIES = {"perfect": 1.0, "fibre": 1 - 0.75 * 0.0598, "worse": 0.9, "worst": 0.85}

@@ -52,9 +52,9 @@ class Openings:
         self.closed += kinds.count(b"close")
 
 
-def ask(session: int, receiver: str, source: str) -> socket.socket:
+def ask(session: int, receiver: str, source: str, service: Service = Service.SDC) -> socket.socket:
     """Return a connection whose set-up message the controller has granted."""
-    setup = Setup(session, Service.SDC, Handshake.FRAMED, source, 64, 64, 1_000_000)
+    setup = Setup(session, service, Handshake.FRAMED, source, 64, 64, 1_000_000)
     connection = socket.socket()
     connection.settimeout(TURN_TIMEOUT_S)
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 0)  # as hosts' stacks do

@@ -51,6 +51,7 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
     t2_s = number(values, T2.name)
     options: dict[str, Any] = {
         "hosts": HOSTS,
+        "switches": 1,  # hosts share no fibres, and light is never taken
         "seed": seed,
         "control_km": values[KM.name],
         "control_loss": values[LOSS.name],

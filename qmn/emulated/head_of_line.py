@@ -28,7 +28,7 @@ from wire.controller_lines import read_record
 LONG = Parameter("long_s", 1.0, 0.01, 5.0, "s")
 SHORT = Parameter("short_s", 0.2, 0.01, 5.0, "s")
 SHARE = Parameter("long_share", 0.1, 0.0, 1.0)
-LOAD = Parameter("load", 0.4, 0.05, 0.9, "erlang")  # of holding times alone
+LOAD = Parameter("load", 0.25, 0.05, 0.9, "erlang")  # of holding times alone
 SESSIONS = Parameter("sessions", 200, 20, 100_000)
 EXPECTED = Parameter("expected_wait_s", 0.0)
 HOSTS = 12  # on each side, more than there are sessions at a time

@@ -13,7 +13,7 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.service_options import ServiceOptions
 from hosts.timeouts import MAX_BLOCK_S
 from qmn.jobs import eavesdropping, runner
-from qmn.jobs.eavesdropping import ATTACKS, RESEND, SPLIT, SPLITTABLE, Attack
+from qmn.jobs.eavesdropping import ATTACKS, RELAYED, RESEND, SPLIT, SPLITTABLE, Attack
 from qmn.jobs.run_context import RunContext, begin_folder
 from qmn.jobs.run_options import RunOptions
 from qmn.jobs.service_verbs import verb_of
@@ -26,7 +26,7 @@ from topologies.network import Signals, require_root
 from wire.device import MAX_LEVEL_ROUNDS
 from wire.features import EMIT
 from wire.parameters.option import option
-from wire.parameters.physics import Device
+from wire.parameters.physics import BEAM_SPLITTER, Device
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,10 +104,9 @@ def with_policy(
 ) -> NetworkDescription:
     """Return the network with the policy that eve or a schedule need, written into the folder."""
     if request.eve is not None:
-        begin = request.options.source or eavesdropping.sender_of_light(
-            request.service, request.sender, network
-        )
-        return network.with_policy(eavesdropping.tapping_policy(begin, request.receiver, folder))
+        ends = request.sender, request.receiver
+        way = eavesdropping.tapped_way(request.service, ends, request.options.source, network)
+        return network.with_policy(eavesdropping.tapping_policy(*way, folder))
     if request.schedule is not None or request.purify is not None:
         plan = request.schedule or PARALLEL, request.purify or 0
         return network.with_policy(scheduling_policy(*plan, folder))
@@ -180,7 +179,10 @@ def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription
     """
     if request.eve is not None:
         request = replace(request, network=eavesdropping.with_eve(request.network))
-    network, ends = describe_network(request.network), (request.sender, request.receiver)
+    network = describe_network(request.network)
+    if request.service == RELAYED:
+        request, network = with_beam_splitter(request, network)
+    ends = request.sender, request.receiver
     check_two_hosts(*ends, network.hosts)
     for name in request.others:
         if name not in network.hosts:
@@ -200,6 +202,19 @@ def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription
     options = fitting_light(request, network.parts.hosts.values())
     check_options(options, request.network.backend)
     return replace(request, options=options), network
+
+
+def with_beam_splitter(
+    request: ServiceRequest, network: NetworkDescription
+) -> tuple[ServiceRequest, NetworkDescription]:
+    """Return both with a beam splitter at the relay, if nothing is said of its analyser."""
+    relay = request.options.source or next(iter(network.parts.sources), "")
+    said = f"{relay}.analyser.kind="
+    if relay not in network.hosts or any(word.startswith(said) for word in request.network.device):
+        return request, network
+    words = (*request.network.device, f"{said}{BEAM_SPLITTER}")
+    request = replace(request, network=replace(request.network, device=words))
+    return request, describe_network(request.network)
 
 
 def check_source(options: ServiceOptions, hosts: Sequence[str]) -> None:

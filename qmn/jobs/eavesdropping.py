@@ -28,6 +28,7 @@ TOPOLOGY = "tapped"  # that has her
 POLICY = "policy.toml"  # in the run's folder
 RESEND, SPLIT = ATTACKS = ("resend", "split")
 SPLITTABLE = ("bb84",)  # services whose light a sender prepares
+RELAYED = "mdi"  # the service whose light both ends send to a relay
 
 
 @dataclass(frozen=True)
@@ -103,6 +104,18 @@ def tapping_policy(begin: str, end: str, folder: Path) -> Path:
 def sender_of_light(service: str, sender: str, network: NetworkDescription) -> str:
     """Return whose light the receiver measures: the sender's, or the pair source's."""
     return sender if service == "bb84" else network.parts.sources[0]
+
+
+def tapped_way(
+    service: str, ends: tuple[str, str], source: str, network: NetworkDescription
+) -> tuple[str, str]:
+    """Return from whom to whom the light goes that eve sees; ends ask, and are asked.
+
+    In MDI-QKD that is the light of who asks, on its way to the relay.
+    """
+    if service == RELAYED:
+        return ends[0], source or network.parts.sources[0]
+    return source or sender_of_light(service, ends[0], network), ends[1]
 
 
 @contextmanager

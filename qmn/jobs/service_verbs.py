@@ -130,7 +130,7 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
                     "help": f"of the key's length: proven, or that of endless keys ({KEYS.bound})",
                 },
             },
-            ("bb84", "bbm92", "e91"),
+            ("bb84", "bbm92", "e91", "mdi"),
             eavesdropper=True,
             keys=True,
         ),

@@ -11,9 +11,10 @@ PRIVATE = 0o700  # mode
 
 def make_folder(runs: Path, topology: str) -> Path:
     """Make the folder of a new run, which nobody else can read: captures show what qubits were."""
-    if not runs.exists():
-        runs.mkdir(parents=True)
-        give(runs)
+    missing = [folder for folder in (runs, *runs.parents) if not folder.exists()]
+    runs.mkdir(parents=True, exist_ok=True)
+    for folder in missing:
+        give(folder)
     stamp = time.strftime("%Y%m%dT%H%M%S")
     for attempt in range(100):
         suffix = f"-{attempt}" if attempt else ""

@@ -21,6 +21,7 @@ from qmn.sweeps.pair_keys import PAIR_KEYS
 from qmn.sweeps.parameters import Values, point_seed
 from qmn.sweeps.photon_splitting import PHOTON_SPLITTING
 from qmn.sweeps.polarization import MODES, POLARIZATION
+from qmn.sweeps.relayed_keys import RELAYED_KEYS
 from qmn.sweeps.scheduling import SCHEDULE
 from qmn.sweeps.seal import SEAL
 from qmn.sweeps.spied_pairs import SPIED_PAIRS
@@ -49,6 +50,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         WEAK_PULSES,
         LIGHT_SOURCES,
         PAIR_KEYS,
+        RELAYED_KEYS,
         DECOY_STATES,
         PHOTON_SPLITTING,
         POLARIZATION,

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from qmn.sweeps.theory import entropy
 
 PHASES = 64  # of which a mean is exact, of pulses of few photons
+Gains = dict[tuple[int, int], tuple[float, float]]
 CLICKS = {"Psi+": ((0, 1), (2, 3)), "Psi-": ((0, 3), (2, 1))}  # of c H, c V, d H, d V
 
 
@@ -49,6 +50,30 @@ def endless_key(mean: float, arrives: float, dark: float, error: float, correcti
     spread = entropy((wrong / told, 1 - wrong / told))
     leak = correction * gain * entropy((differ / gain, 1 - differ / gain))
     return max(0.0, single * (1 - spread) - leak)
+
+
+def decoy_key(means: tuple[float, ...], in_z: Gains, in_x: Gains, correction: float) -> float:
+    """Return the same of two decoys, by the bounds of Xu, Curty, Qi, Lo, New J. Phys. 15, 113007.
+
+    Gains and how many err of them, by the intensity of either arm: signal 0, weak 1, vacuum 2.
+    """
+    signal, weak, vacuum = means
+
+    def difference(table: Gains, level: int, which: int) -> float:
+        ways = ((level, level, 1), (2, 2, 1), (level, 2, -1), (2, level, -1))
+        return sum(sign * exp(means[i] + means[j]) * table[i, j][which] for i, j, sign in ways)
+
+    def single(table: Gains) -> float:
+        by_weak = (signal**2 - vacuum**2) * (signal - vacuum) * difference(table, 1, 0)
+        by_signal = (weak**2 - vacuum**2) * (weak - vacuum) * difference(table, 0, 0)
+        gaps = (signal - vacuum) ** 2 * (weak - vacuum) ** 2 * (signal - weak)
+        return (by_weak - by_signal) / gaps
+
+    told = signal**2 * exp(-2 * signal) * single(in_z)
+    errs = min(0.5, difference(in_x, 1, 1) / (weak - vacuum) ** 2 / single(in_x))
+    gain, wrong = in_z[0, 0]
+    leak = correction * gain * entropy((wrong / gain, 1 - wrong / gain))
+    return max(0.0, told * (1 - entropy((errs, 1 - errs))) - leak)
 
 
 def clicks(

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from qmn.sweeps import theory
+from qmn.sweeps import relay_theory, relayed_keys, theory
 from qmn.sweeps.catalogue import EXPERIMENTS
 from qmn.sweeps.figure import Mark, Picture
 from qmn.sweeps.grid import Grid, Row, build
@@ -30,6 +30,19 @@ def wald_marks(fractions: Sequence[float]) -> list[Mark]:
     labels = ["Wald's approximations (1945)", *[""] * (len(points) - 1)]  # one in the legend
     places = zip(fractions, pairs, labels, strict=True)
     return [Mark(fraction, each, 0.0, label) for fraction, each, label in places]
+
+
+def endless_decoys(lengths_km: Sequence[float]) -> list[Mark]:
+    """Return the keys of Lo, Curty and Qi's closed form, where photon numbers are known."""
+    mean = relayed_keys.SIGNAL
+    like = relayed_keys.DARK_COUNT, relayed_keys.ERROR, relayed_keys.CORRECTION
+    keys = [
+        relay_theory.endless_key(mean, relayed_keys.arrives(length_km), *like)
+        for length_km in lengths_km
+    ]
+    labels = ["endless decoys, Phys. Rev. Lett. 108, 130503", *[""] * (len(keys) - 1)]
+    places = zip(lengths_km, keys, labels, strict=True)
+    return [Mark(length_km, each, 0.0, label) for length_km, each, label in places]
 
 
 def reduced_load_marks(loads: Sequence[float], links: int) -> list[Mark]:
@@ -441,6 +454,30 @@ SHEETS = (
             for measure, text in (
                 ("gain", "pairs seen at both ends"),
                 ("qber", "error rate"),
+                ("key", "key of long blocks"),
+            )
+        ],
+    ),
+    Sheet(
+        "mdi",
+        "mdi",
+        {"length_km": "0:80:5", "pairs": 6_000_000},
+        [
+            Curve(
+                f"mdi-{measure}",
+                f"MDI-QKD by lasers with two decoys, relay in the middle: {text}",
+                "length_km",
+                "length of both fibres (km)",
+                measure,
+                marks=endless_decoys((0.0, 20.0, 40.0, 60.0, 80.0, 100.0))
+                if measure == "key"
+                else (),
+                logarithmic=measure in ("gain", "key"),
+            )
+            for measure, text in (
+                ("gain", "signals told of, in Z"),
+                ("qber", "errors of signals in Z"),
+                ("qber_x", "errors of signals in X"),
                 ("key", "key of long blocks"),
             )
         ],

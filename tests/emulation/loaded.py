@@ -8,25 +8,23 @@ import os
 import signal
 import subprocess
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from pathlib import Path
 from tempfile import TemporaryFile
-from threading import Lock
+from threading import Lock, Thread
 from typing import IO, Any
 
 from topologies.forks import MODULES, Forked, ForkServer, request
 from topologies.programs import ENVIRONMENT, ROOT, Program, python
 
 QMN, CONTROLLER = "whole_qmn", "whole_controller"  # modules beside this one
-FRAMEWORK = "QMN_CONTROLLER_FRAMEWORK"  # names what to load
+ON_FRAMEWORK = "framework_server"  # and one that loads the controller beside all else
 FOLDER = Path(__file__).parent
 END_TIMEOUT_S, READY_TIMEOUT_S = 10.0, 60.0
 
 
 class LastingProgram(Program):
     """A program of no network: it has not the mark by which one ends what is left of it."""
-
-    environment: dict[str, str]  # its own
 
     def start(self, command: Sequence[str], *_: object, **options: Any) -> None:
         """Start it with the files that it is to have; it ends when the other end of one closes."""
@@ -38,20 +36,35 @@ class LastingProgram(Program):
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 cwd=ROOT,
-                env={**os.environ, **ENVIRONMENT, **paths, **self.environment},
+                env={**os.environ, **ENVIRONMENT, **paths},
                 start_new_session=True,
                 pass_fds=options["descriptors"],
             )
 
 
-class LastingForkServer(ForkServer):
-    """A fork server that is there for all networks, with modules of which the last is its own."""
+class FurtherProgram(Program):
+    """A fork server that another forks off, to load the controller on a framework, too."""
 
-    def __init__(self, folder: Path, modules: Sequence[str], **environment: str) -> None:
-        self.program = LastingProgram("fork-server", folder / f"{modules[-1]}.log")
-        self.program.environment = environment
-        super().__init__(self.program, modules)
-        self.program.wait_for("ready", READY_TIMEOUT_S)
+    def __init__(self, log: Path, framework: str, base: ForkServer) -> None:
+        super().__init__("fork-server", log)
+        self._framework, self._base = framework, base
+
+    def start(self, command: Sequence[str], *_: object, **options: Any) -> None:
+        """Start it with the files that it is to have."""
+        words = [*command[:2], ON_FRAMEWORK, self._framework, *command[3:]]
+        descriptors = options["descriptors"]
+        with self.log.open("ab") as log:
+            asked = request(self.name, words, None, descriptors)
+            self._process = self._base.fork(asked, [log.fileno(), *descriptors])
+
+
+class LastingForkServer(ForkServer):
+    """A fork server that is there for all networks."""
+
+    def __init__(self, program: Program, modules: Sequence[str]) -> None:
+        self.program = program
+        super().__init__(program, modules)
+        program.wait_for("ready", READY_TIMEOUT_S)
 
     def end(self) -> None:
         """End it."""
@@ -61,23 +74,30 @@ class LastingForkServer(ForkServer):
 
 
 class Loaded(ForkServer):
-    """The fork servers of these tests, as one; each is started when it is needed first."""
+    """The fork servers of these tests, as one; each is started when it is needed first.
+
+    One has loaded all but the controller; the others are forks of it, and have loaded that, too.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._starting = folder, Lock()
-        self._servers: dict[str, LastingForkServer] = {}
+        self._base: LastingForkServer | None = None
+        self._on: dict[str, LastingForkServer] = {}  # by framework
 
     @property
     def pids(self) -> set[int]:
         """The process ids of the servers."""
-        return {server.program.pid for server in self._servers.values()}
+        return {server.program.pid for server in self._servers()}
+
+    def _servers(self) -> list[LastingForkServer]:
+        return [*self._on.values(), *([self._base] if self._base else [])]
 
     def close(self) -> None:
         """Stay, for the next network."""
 
     def end(self) -> None:
         """End the servers."""
-        for server in self._servers.values():
+        for server in self._servers():
             server.end()
 
     def serves(self, command: Sequence[str]) -> bool:
@@ -98,14 +118,11 @@ class Loaded(ForkServer):
         return self._fork(command, asked, [log, *descriptors])
 
     def _fork(self, command: Sequence[str], asked: dict[str, Any], files: list[int]) -> Forked:
-        """Fork off what has loaded a command."""
-        module = command[2]
-        if module == "controller_apps":
-            framework = command[command.index("--framework") + 1]
-            server = self._server([CONTROLLER], **{FRAMEWORK: framework})
-            return server.fork(asked | {"module": CONTROLLER}, files)
-        asked["module"] = QMN if module == "qmn" else module
-        return self._server([*MODULES, QMN]).fork(asked, files)
+        """Fork off what has loaded a command; with `qmn`, the controller that it will start."""
+        module = {"qmn": QMN, "controller_apps": CONTROLLER}.get(command[2])
+        if module is None:
+            return self._loaded().fork(asked, files)
+        return self._on_framework(command).fork(asked | {"module": module}, files)
 
     def run(
         self, words: tuple[str, ...], cwd: Path, commands: str, timeout_s: float
@@ -128,29 +145,51 @@ class Loaded(ForkServer):
                 process.kill()
             return subprocess.CompletedProcess(command, status, read(out), read(err))
 
-    def begin(self, name: str, command: Sequence[str], errors: IO[str] | None = None) -> "Running":
-        """Begin to run a command; what it says as errors goes to a file, if one is given."""
-        reader, writer = os.pipe()
-        try:
-            files = [writer] if errors is None else [writer, errors.fileno()]
-            asked = request(name, command, None, [] if errors is None else [2])
-            return Running(self._fork(command, asked, files), os.fdopen(reader))
-        finally:
-            os.close(writer)
+    def begin(
+        self, name: str, command: Sequence[str], errors: IO[str] | None = None, typed: bool = False
+    ) -> "Running":
+        """Begin to run a command; what it says as errors goes to a file, if one is given.
 
-    def _server(self, modules: Sequence[str], **environment: str) -> LastingForkServer:
-        name = ",".join((*modules, *environment.values()))
+        If it is `typed` to, it reads what is written to `stdin`.
+        """
+        with ExitStack() as stack:
+            ours, said = os.pipe()
+            files = {1: said}
+            stack.callback(os.close, said)
+            stdin = None
+            if typed:
+                files[0], keyboard = os.pipe()
+                stack.callback(os.close, files[0])
+                stdin = os.fdopen(keyboard, "w", buffering=1)
+            if errors is not None:
+                files[2] = errors.fileno()
+            descriptors = [number for number in files if number != 1]
+            asked = request(name, command, None, descriptors)
+            process = self._fork(command, asked, [*files.values()])
+            return Running(process, os.fdopen(ours), stdin)
+
+    def _loaded(self) -> LastingForkServer:
         with self._starting:  # nodes start at the same time
-            if name not in self._servers:
-                self._servers[name] = LastingForkServer(self._folder, modules, **environment)
-            return self._servers[name]
+            if self._base is None:
+                program = LastingProgram("fork-server", self._folder / "fork-server.log")
+                self._base = LastingForkServer(program, [*MODULES, QMN, ON_FRAMEWORK])
+            return self._base
+
+    def _on_framework(self, command: Sequence[str]) -> LastingForkServer:
+        """Return what has loaded the framework that a command names, or else takes."""
+        name, base = "os-ken" if "os-ken" in command else "ryu", self._loaded()
+        with self._starting:
+            if name not in self._on:
+                program = FurtherProgram(self._folder / f"{name}.log", name, base)
+                self._on[name] = LastingForkServer(program, [*MODULES, QMN, CONTROLLER])
+            return self._on[name]
 
 
 class Running:
     """A program that runs, as subprocess.Popen has it, and what it says."""
 
-    def __init__(self, process: Forked, stdout: IO[str]) -> None:
-        self.stdout, self.pid = stdout, process.pid
+    def __init__(self, process: Forked, stdout: IO[str], stdin: IO[str] | None) -> None:
+        self.stdout, self.stdin, self.pid = stdout, stdin, process.pid
         self.send_signal, self.kill = process.send_signal, process.kill
         self.poll, self.wait = process.poll, process.wait
 
@@ -161,8 +200,13 @@ class Running:
 
     def finish(self, timeout_s: float) -> str:
         """Wait until it has ended; return what it has said since that was read last."""
+        said: list[str] = []
+        # Nobody ends who cannot say all that he has to.
+        reader = Thread(target=lambda: said.append(self.stdout.read()))
+        reader.start()
         self.wait(timeout_s)
-        return self.stdout.read()
+        reader.join(timeout_s)
+        return said[0]
 
 
 def read(file: IO[str]) -> str:
@@ -193,17 +237,22 @@ def forks() -> Loaded:
 
 
 @contextmanager
-def running_qmn(*words: str) -> Iterator[Running]:
-    """Run `qmn` beside the test, to its end."""
-    process = forks().begin("qmn", [python(), "-m", "qmn", *words])
-    with process.stdout:
+def running_qmn(
+    *words: str, errors: IO[str] | None = None, typed: bool = False, end_s: float = END_TIMEOUT_S
+) -> Iterator[Running]:
+    """Run `qmn` beside the test, as `begin` says, to its end."""
+    process = forks().begin("qmn", [python(), "-m", "qmn", *words], errors, typed)
+    with process.stdout, process.stdin or nullcontext():
         try:
             yield process
         except BaseException:
-            process.kill()
+            process.send_signal(signal.SIGTERM)  # it cleans up, for the tests behind this one
             raise
         finally:
-            process.finish(END_TIMEOUT_S)
+            try:
+                process.finish(end_s)
+            finally:
+                process.kill()
 
 
 def run_qmn(

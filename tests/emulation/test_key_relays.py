@@ -2,14 +2,12 @@
 
 import base64
 import json
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import ROOT, nothing_left, wait_until
+from conftest import nothing_left, verb, wait_until
 from fabric_scene import facts, running
 from scapy.utils import rdpcap
 
@@ -38,9 +36,7 @@ class Scene:
 
     def qmn(self, *words: str) -> str:
         """Return what a verb says about this network."""
-        command = [sys.executable, "-m", "qmn", *words]
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
-        return done.stdout
+        return verb(*words).stdout
 
     def ready(self) -> int:
         """Return how many keys alice can have with bob."""

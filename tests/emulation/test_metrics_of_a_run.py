@@ -2,13 +2,13 @@
 
 import json
 import re
-import subprocess
 import urllib.request
 from functools import partial
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, qmn_command, wait_until
+from conftest import qmn_words, wait_until
+from loaded import running_qmn
 from prometheus_client.parser import text_string_to_metric_families
 
 
@@ -31,30 +31,24 @@ def test_a_run_tells_its_metrics_while_it_lasts(tmp_path: Path, controller: str)
     words = ["--metrics", "--controller", controller, "--message", "x" * 250]
     words += ["--rate-hz", "400", "--block-pairs", "200", "--frame-bytes", "8"]
     words += ["--loss-db-per-km", "10", "--depolarizing", "0.004"]
-    with subprocess.Popen(
-        [*qmn_command(tmp_path), *words], cwd=ROOT, stdout=subprocess.PIPE, text=True
-    ) as run:
-        try:
-            targets = tmp_path / "latest" / "prometheus.json"
-            wait_until(targets.exists, "targets for Prometheus", 30)
-            wait_until(lambda: "program" in targets.read_text(), "whole targets")
-            found = {
-                target["labels"]["program"]: f"http://{target['targets'][0]}/metrics"
-                for target in json.loads(targets.read_text())
-            }
-            assert found.keys() == {"dispatcher", "q1-agent", "c0"}
-            wait_until(
-                lambda: metrics(found["dispatcher"])["qmn_pairs_created_total"] >= 400, "pairs"
-            )
-            wait_until(lambda: metrics(found["dispatcher"])["qmn_live_qubits"] >= 100, "qubits")
-            assert metrics(found["dispatcher"])["qmn_photons_lost_total"] > 0
-            assert metrics(found["dispatcher"])["qmn_rpc_seconds_count"] > 2
-            assert metrics(found["q1-agent"])["qmn_light_paths"] == 3
-            assert metrics(found["c0"])["qmn_path_setup_seconds_count"] >= 1
-            for name in ("pairs_made", "pairs_lost", "symbol_errors"):  # as hosts report them
-                wait_until(partial(counted, found["c0"], f"qmn_{name}_total"), name)
-        finally:
-            output, _ = run.communicate(timeout=60)
+    with running_qmn(*qmn_words(tmp_path), *words, end_s=60) as run:
+        targets = tmp_path / "latest" / "prometheus.json"
+        wait_until(targets.exists, "targets for Prometheus", 30)
+        wait_until(lambda: "program" in targets.read_text(), "whole targets")
+        found = {
+            target["labels"]["program"]: f"http://{target['targets'][0]}/metrics"
+            for target in json.loads(targets.read_text())
+        }
+        assert found.keys() == {"dispatcher", "q1-agent", "c0"}
+        wait_until(lambda: metrics(found["dispatcher"])["qmn_pairs_created_total"] >= 400, "pairs")
+        wait_until(lambda: metrics(found["dispatcher"])["qmn_live_qubits"] >= 100, "qubits")
+        assert metrics(found["dispatcher"])["qmn_photons_lost_total"] > 0
+        assert metrics(found["dispatcher"])["qmn_rpc_seconds_count"] > 2
+        assert metrics(found["q1-agent"])["qmn_light_paths"] == 3
+        assert metrics(found["c0"])["qmn_path_setup_seconds_count"] >= 1
+        for name in ("pairs_made", "pairs_lost", "symbol_errors"):  # as hosts report them
+            wait_until(partial(counted, found["c0"], f"qmn_{name}_total"), name)
+        output = run.finish(60)
     assert run.returncode == 0, output
     for url in found.values():
         assert re.search(re.escape(url), output)

@@ -2,6 +2,7 @@
 
 import json
 import subprocess
+from itertools import product
 from math import exp, sqrt
 from pathlib import Path
 from typing import Any
@@ -12,10 +13,15 @@ from loaded import run_qmn
 from scapy.utils import rdpcap
 
 import wire.dissection.scapy_layers  # noqa: F401 (binds the layers)
+from qmn.sweeps.relay_theory import diagonal, rectilinear
 from wire.dissection.scapy_keys import QKey, key_messages
 from wire.qkd import Confirm, Proposal
 
-FIBERS = {"bb84": 2, "bbm92": 4, "e91": 4}  # that two correlated outcomes have passed together
+# That two correlated outcomes have passed together.
+FIBERS = {"bb84": 2, "bbm92": 4, "e91": 4, "mdi": 4}
+
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def run_qkd(runs: Path, *words: str) -> tuple[subprocess.CompletedProcess[str], dict[str, Any]]:
@@ -120,6 +126,42 @@ def test_s_of_e91_is_that_of_pairs_of_which_eve_has_measured_some(tmp_path: Path
     assert abs(told["chsh"] - s) < 5 * sqrt(16 * (1 - (s / 4) ** 2) / told["chsh_pairs"])
     assert f"S is {told['chsh']:.4f} of {told['chsh_pairs']} pairs" in done.stderr
     assert told["key_bits"] == 0
+
+
+def test_a_relay_that_lies_is_seen_as_noise_and_brings_no_key(tmp_path: Path) -> None:
+    """Psi- for Psi+, of 30 %: of these bits of X are wrong, which are half."""
+    share = 0.3
+    liar = f"charlie.detectors.noise={EXAMPLES / 'lying_relay.py'}:Liar"
+    words = ["--device", liar]
+    words += ["--device", f'charlie.detectors.noise_parameters={{"share": {share}}}']
+    done, result = run_qkd(tmp_path, "--protocol", "mdi", *words, "--count", "20000")
+    assert done.returncode == 1
+    assert "at most 0.1000 is allowed: noise or an eavesdropper" in done.stderr
+    told, qber = result["asking"], share / 2
+    assert abs(told["qber"] - qber) < 5 * sqrt(qber * (1 - qber) / told["disclosed_bits"])
+    assert told["key_bits"] == 0
+
+
+def test_decoys_of_both_ends_make_a_key_by_a_relay(tmp_path: Path) -> None:
+    """In Z no pulses alike are told of; of the others the closed form of both formulas' papers."""
+    laser = ("statistics=poisson", "mean_pairs=0.4", "decoys=[0.1, 0.0]")
+    words = [f"{host}.source.{each}" for host in ("alice", "bob") for each in laser]
+    given = [part for word in words for part in ("--device", word)]
+    bound = ("--bound", "asymptotic", "--count", "20000")
+    done, result = run_qkd(tmp_path, "--protocol", "mdi", *given, *bound)
+    assert done.returncode == 0, done.stdout + done.stderr
+    told = result["asking"]
+    means = list(zip((0.4, 0.1, 0.0), (0.5, 0.35, 0.15), strict=True))
+    gain = sum(
+        p * q * formula(a, b, 0.0, 0.0)[0]
+        for formula in (rectilinear, diagonal)
+        for (a, p), (b, q) in product(means, repeat=2)
+    )
+    expected = gain / 4 * told["photons"]
+    assert abs(told["sifted_bits"] - expected) < 5 * sqrt(expected)
+    assert told["qber"] == 0
+    assert told["key_bits"] > 0
+    assert told["intensities"] == [0.4, 0.1, 0.0]
 
 
 def test_heralded_photons_come_as_their_pairs_and_unlike_detectors_tell_fewer_ones(

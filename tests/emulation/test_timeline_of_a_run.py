@@ -4,12 +4,13 @@ import json
 import re
 import shlex
 import subprocess
-import sys
 from collections import Counter
 from pathlib import Path
+from tempfile import TemporaryFile
 
 import pytest
 from conftest import ROOT, TSHARK, qmn, typed, verb, wait_until
+from loaded import read, running_qmn
 
 from topologies.runtime import RUNTIME_ROOT
 from wire.dissection.dissectors import search_path
@@ -112,21 +113,19 @@ def test_the_scapy_lines_of_the_documentation_show_what_was_sent(run: Path) -> N
 
 
 def test_a_spy_sees_every_event_of_a_network_and_ends_with_it(tmp_path: Path) -> None:
-    spy = [sys.executable, "-m", "qmn", "spy", "--history", "--json"]
-    cli = [sys.executable, "-m", "qmn", "cli", "sdc", "--runs", str(tmp_path)]
-    pipe = subprocess.PIPE
-    with subprocess.Popen(cli, cwd=ROOT, stdin=pipe, stdout=pipe, text=True) as network:
+    with (
+        TemporaryFile("w+") as errors,
+        running_qmn("cli", "sdc", "--runs", str(tmp_path), typed=True, end_s=60) as network,
+    ):
+        assert network.stdin is not None
         wait_until(lambda: list(RUNTIME_ROOT.glob("*/network.json")), "a network", 30)
-        with subprocess.Popen(spy, cwd=ROOT, stdout=pipe, stderr=pipe, text=True) as process:
-            assert network.stdin is not None
-            assert process.stdout is not None
-            assert process.stderr is not None
+        with running_qmn("spy", "--history", "--json", errors=errors) as process:
             network.stdin.write("alice qsend bob spied\n")
-            network.stdin.flush()
             first = process.stdout.readline()  # somebody watches
-            network.communicate("exit\n", timeout=60)
-            lines = first + process.stdout.read()
-            said = process.stderr.read()
+            network.stdin.write("exit\n")
+            network.finish(60)
+            lines = first + process.finish(30)
+        said = read(errors)
     assert process.returncode == 0, said
     seen = [json.loads(line) for line in lines.splitlines()]
     log = (tmp_path / "latest" / "quantum.log").read_text().splitlines()

@@ -10,6 +10,7 @@ from typing import Any
 
 from topologies.confinement import APART, fstab
 from topologies.machines.machine import NOWHERE, Machine, ProcessElsewhere
+from topologies.memory_share import MIB
 from topologies.programs import NetworkError
 from topologies.shells import PROMPT
 from topologies.timeouts import END_TIMEOUT_S
@@ -70,17 +71,20 @@ class NodeElsewhere:
         super().terminate()  # type: ignore[misc]
         self.machine.disconnect(self._terminal)
 
-    def confine(self, shown: Sequence[Path], covered: Sequence[Path], table: Path) -> None:
+    def confine(
+        self, shown: Sequence[Path], covered: Sequence[Path], table: Path, memory_mib: int
+    ) -> None:
         """Confine the shell as on this machine; of what is covered here only /run has a part there.
 
-        It is the agent's own.
+        It is the agent's own. Each process may take so much memory; for all together is no limit.
         """
         there = [folder for folder in covered if folder.is_relative_to("/run")]
         for folder in (*shown, *there):
             self.machine.ask("folder", path=str(folder))
         shell = f"{self.machine.root}/topologies/confined_shell"
         self.machine.put(table, fstab(shown, there).encode())
-        words = [*APART, shell, self.name, GIVEN_UP, table, *shown, "--", *there]
+        limited = ["prlimit", f"--data={memory_mib * MIB}", shell]
+        words = [*APART, *limited, self.name, GIVEN_UP, table, *shown, "--", *there]
         node: Any = self
         node.write(f"exec {shlex.join(map(str, words))}\n")
         node.await_shell()

@@ -8,6 +8,7 @@ from topologies import openvswitch, runtime
 from topologies.confinement import ConfinedNode
 from topologies.interfaces import finish_checksums, set_mtu, within
 from topologies.keywords import refuse_unknown
+from topologies.memory_share import checked_mib
 from topologies.nodes.node import QuantumNode
 from topologies.programs import Program
 from topologies.runtime import Runtime
@@ -25,13 +26,16 @@ class ClassicalHost(QuantumNode, ConfinedNode, Host):
     """A host whose interfaces suit a switch in user space: no IPv6, finished checksums.
 
     What people start on it sees its own processes, and of the run its own folder; with
-    `confined=False` it sees all, and can mount, as on a host of Mininet's.
+    `confined=False` it sees all, and can mount, as on a host of Mininet's. It may take `memory_mib`
+    of this machine's memory, half of that if nobody says; unless it is not confined.
     """
 
-    def __init__(self, name: str, confined: bool = True, **params: object) -> None:
+    def __init__(
+        self, name: str, confined: bool = True, memory_mib: int | None = None, **params: object
+    ) -> None:
         refuse_unknown(name, params, type(self))
         self.network = runtime.current()
-        self.confined = confined
+        self.confined, self.memory_mib = confined, checked_mib(name, memory_mib)
         self.program: Program | None = None
         super().__init__(name, **params)
         self.network.hosts.append(self)
@@ -47,7 +51,8 @@ class ClassicalHost(QuantumNode, ConfinedNode, Host):
             within(self, set_mtu, str(self.defaultIntf()), self.network.mtu)
         if self.confined:
             table = self.network.folder / f"{self.name}.fstab"
-            self.confine(self.shown_folders(), covered_folders(self.network), table)
+            covered = covered_folders(self.network)
+            self.confine(self.shown_folders(), covered, table, self.memory_mib)
         return result
 
     def shown_folders(self) -> list[Path]:
@@ -59,3 +64,4 @@ class ClassicalHost(QuantumNode, ConfinedNode, Host):
         if self.program:
             self.program.stop()
         super().terminate()
+        self.leave_group()

@@ -17,8 +17,10 @@ class DispatcherHost(ClassicalHost):
     Who is on it sees the whole run, as `qmn spy` does there.
     """
 
-    def __init__(self, name: str, confined: bool = False, **params: object) -> None:
-        super().__init__(name, confined, **params)
+    def __init__(
+        self, name: str, confined: bool = False, memory_mib: int | None = None, **params: object
+    ) -> None:
+        super().__init__(name, confined, memory_mib, **params)
         self.network.dispatcher = f"{self.network.addresses[name]}:{DISPATCHER_PORT}"
 
     def config(self, **params: object) -> dict[str, object]:

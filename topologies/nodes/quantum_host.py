@@ -75,6 +75,7 @@ class QuantumHost(ClassicalHost):
         qnic: str = "",
         qnic_parameters: Mapping[str, Any] | None = None,
         confined: bool = True,
+        memory_mib: int | None = None,
         **params: object,
     ) -> None:
         if light not in LIGHT:
@@ -84,7 +85,7 @@ class QuantumHost(ClassicalHost):
         self.qnic = python_file(f"{name}: qnic", qnic)
         self.qnic_parameters = dict(qnic_parameters or {})
         runtime.current().devices[name] = described
-        super().__init__(name, confined, **params)
+        super().__init__(name, confined, memory_mib, **params)
         self.network.token(name)
         self.pairs_from = pairs_from
         self.light = light

@@ -2,7 +2,7 @@
 
     OPENING    Proposal ->
     SIFTING    -> Detections, Sifted ->      for each block; then Sample ->
-    ESTIMATING -> Disclosed
+    ESTIMATING -> Disclosed                  before it Intensities, if both ends have decoys
     RECONCILING -> AskBlocks, AskIntervals or AskSyndrome, Parities ->      many times
                -> Verify, Amplify ->
     CONFIRMING -> Confirm
@@ -17,10 +17,9 @@ import numpy as np
 
 from hosts.middleware.qkd.amplification import seed_bits, toeplitz
 from hosts.middleware.qkd.authentication import key_tag
-from hosts.middleware.qkd.bits import pack, pack_levels, unpack
+from hosts.middleware.qkd.bits import pack, pack_levels, unpack, unpack_levels
 from hosts.middleware.qkd.decoy import Decoys
 from hosts.middleware.qkd.end import End, SessionFailed, State, Terms, out_of_place
-from hosts.middleware.qkd.estimation import compare
 from hosts.middleware.qkd.parities import ReferenceKey, to_query
 from hosts.middleware.qkd.public_randomness import SEED_BYTES
 from hosts.middleware.qkd.sifting import Record, choose, sifted
@@ -35,6 +34,7 @@ from wire.qkd import (
     Confirm,
     Detections,
     Disclosed,
+    Intensities,
     Parities,
     QkdMessage,
     Sample,
@@ -86,6 +86,8 @@ class Alice(End):
                 return self._tested(message)
             case State.SIFTING, Detections():
                 return self._announced(message)
+            case State.ESTIMATING, Intensities() if self._relayed and self._decoys is not None:
+                return self._learn_bobs_levels(message)
             case State.ESTIMATING, Disclosed():
                 return self._compare(message)
             case State.RECONCILING, AskBlocks() | AskIntervals() | AskSyndrome():
@@ -159,7 +161,7 @@ class Alice(End):
         if size == 0:
             raise SessionFailed(AbortReason.TOO_SHORT, f"{whole.size} sifted bits are too few")
         self._seed = self._random_bytes(SEED_BYTES)
-        mask = self._sample_of(size, self._seed)
+        mask = self._sample_of(self._seed)
         self._sample, self._raw = whole[mask], whole[~mask]
         self.state = State.ESTIMATING
         sample = Sample(whole.size, size, self._seed, pack(self._sample))
@@ -171,14 +173,22 @@ class Alice(End):
             sample,
         ]
 
+    def _learn_bobs_levels(self, message: Intensities) -> list[QkdMessage]:
+        if self._bobs_decoys is not None or message.count != self.sifted_bits:
+            raise SessionFailed(
+                AbortReason.PROTOCOL, f"{message.count} intensities, not {self.sifted_bits}"
+            )
+        self._bobs_decoys = Decoys.told(message)
+        self._bobs_levels = unpack_levels(message.levels, message.count)
+        return []
+
     def _compare(self, message: Disclosed) -> list[QkdMessage]:
         if message.count != self._sample.size:
             raise SessionFailed(
                 AbortReason.PROTOCOL, f"{message.count} test bits, not {self._sample.size}"
             )
         theirs = unpack(message.bits, message.count)
-        self._count_levels(self._sample, theirs)
-        self._judge(compare(self._sample, theirs))
+        self._judge(self._estimate_of(self._sample, theirs))
         self._reference = ReferenceKey(self._raw, self._seed)
         self.state = State.RECONCILING
         return []

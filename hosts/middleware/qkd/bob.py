@@ -2,6 +2,7 @@
 
     OPENING    -> Proposal
     SIFTING    Detections ->, -> Sifted      for each block; then -> Sample, Disclosed ->
+               (with Intensities before both, if there are decoys at these ends)
     RECONCILING AskBlocks, AskIntervals or AskSyndrome ->, -> Parities      many times
                Verify ->
     CONFIRMING -> Amplify, Confirm ->
@@ -11,13 +12,14 @@ What travels to alice is on the left of an arrow, what comes from her on the rig
 
 from collections import deque
 
+import numpy as np
+
 from hosts.middleware.qkd.amplification import seed_bits, toeplitz
 from hosts.middleware.qkd.authentication import HASH_KEY_BYTES, key_tag
-from hosts.middleware.qkd.bits import Bits, pack, unpack, unpack_levels
+from hosts.middleware.qkd.bits import Bits, pack, pack_levels, unpack, unpack_levels
 from hosts.middleware.qkd.cascade import Cascade
 from hosts.middleware.qkd.decoy import Decoys
 from hosts.middleware.qkd.end import End, SessionFailed, State, Terms, out_of_place
-from hosts.middleware.qkd.estimation import compare
 from hosts.middleware.qkd.ldpc_decoding import LdpcDecoding
 from hosts.middleware.qkd.parities import to_message
 from hosts.middleware.qkd.sifting import Record, sifted
@@ -43,8 +45,10 @@ from wire.qkd import (
 class Bob(End):
     """Call `add_block` for each block of light, in its order; alice decides when it is enough."""
 
-    def __init__(self, terms: Terms) -> None:
+    def __init__(self, terms: Terms, decoys: Decoys | None = None) -> None:
+        """Begin; decoys: of pulses that he sends to a relay himself."""
         super().__init__(terms)
+        self._bobs_decoys = decoys
         self._records: deque[Record] = deque()
         self._blocks = 0  # announced
         self._answered = -1  # block, of whose tests alice has told
@@ -56,6 +60,8 @@ class Bob(End):
             return []
         if self.state not in (State.OPENING, State.SIFTING):
             raise ValueError("a block after the end of sifting: open a new session for it")
+        if (record.levels is None) is not (self._bobs_decoys is None):
+            raise ValueError("levels are for decoys, and decoys need them: give both or none")
         if (record.tests is None) is not (not self._parameters.chsh_fraction):
             raise ValueError("tests are for CHSH, and CHSH needs them: give both or none")
         return self._attempt(lambda: [*self._tests(record), self._announce(record)])
@@ -127,6 +133,8 @@ class Bob(End):
             raise SessionFailed(AbortReason.PROTOCOL, f"{message.clicks} clicks, not {clicks}")
         kept = unpack(message.kept, clicks).astype(bool)
         bits, bases = sifted(record, record.clicked, kept), record.bases[record.clicked][kept]
+        if record.levels is not None:
+            self._bobs_levels = np.append(self._bobs_levels, record.levels[record.clicked][kept])
         self._add_sifted(bits, bases, clicks, record.photons)
         return []
 
@@ -134,6 +142,10 @@ class Bob(End):
         if self._records or message.count != self.sifted_bits:
             raise SessionFailed(
                 AbortReason.PROTOCOL, f"{message.count} intensities, not {self.sifted_bits}"
+            )
+        if self._relayed and self._bobs_decoys is None:
+            raise SessionFailed(
+                AbortReason.PARAMETERS, "alice's source has decoys, and bob's has none"
             )
         self._decoys = Decoys.told(message)
         self._levels = unpack_levels(message.levels, message.count)
@@ -148,13 +160,18 @@ class Bob(End):
                 f"a sample of {message.size} of {message.sifted} bits, not {size} of {whole.size}",
             )
         self._judge_bell()
-        mask = self._sample_of(size, message.seed)
+        if self._bobs_decoys is not None and self._decoys is None:
+            raise SessionFailed(
+                AbortReason.PARAMETERS, "bob's source has decoys, and alice's has none"
+            )
+        mask = self._sample_of(message.seed)
         self._raw = whole[~mask]
-        disclosed = Disclosed(size, pack(whole[mask]))
-        theirs = unpack(message.bits, size)
-        self._count_levels(whole[mask], theirs)
-        self._judge(compare(theirs, whole[mask]), disclosed)
-        return [disclosed, *self._begin(message.seed)]
+        told: list[QkdMessage] = [Disclosed(size, pack(whole[mask]))]
+        if self._bobs_decoys is not None:
+            levels = pack_levels(self._bobs_levels)
+            told.insert(0, self._bobs_decoys.message(whole.size, levels))
+        self._judge(self._estimate_of(unpack(message.bits, size), whole[mask]), *told)
+        return [*told, *self._begin(message.seed)]
 
     def _begin(self, seed: bytes) -> list[QkdMessage]:
         assert self._estimate

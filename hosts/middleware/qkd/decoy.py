@@ -91,7 +91,7 @@ def bounds(decoys: Decoys, sifted: Sifted, eps_sec: float | None) -> Bounds:
         return Bounds(vacuum, 0.0, 0.5)
     rate = min(0.5, wrong / tested)
     if eps_sec is not None:
-        rate += _deviation(eps_sec, rate, tested, single)
+        rate += deviation(eps_sec, rate, tested, single, TERMS)
     return Bounds(vacuum, single, min(0.5, rate))
 
 
@@ -121,10 +121,13 @@ def _numbers(decoys: Decoys, counts: Counts, eps_sec: float | None) -> tuple[flo
     return float(none), max(0.0, float(one))
 
 
-def _deviation(eps: float, rate: float, tested: float, single: float) -> float:
-    """Return by how much the phase errors of the key may exceed the errors of the test (gamma)."""
+def deviation(eps: float, rate: float, tested: float, single: float, terms: int) -> float:
+    """Return by how much the phase errors of the key may exceed the errors of the test (gamma).
+
+    That is but for eps / terms.
+    """
     if not 0 < rate < 1:
         rate = min(max(rate, 1 / tested), 0.5)
     spread = (tested + single) * (1 - rate) * rate / (tested * single * log(2))
-    odds = (tested + single) / (tested * single * (1 - rate) * rate) * TERMS**2 / eps**2
+    odds = (tested + single) / (tested * single * (1 - rate) * rate) * terms**2 / eps**2
     return sqrt(max(0.0, spread * log2(odds)))

@@ -13,6 +13,7 @@ from enum import Enum, auto
 
 import numpy as np
 
+from hosts.middleware.qkd import disclosure
 from hosts.middleware.qkd.authentication import (
     Authenticator,
     ForgedMessage,
@@ -21,11 +22,14 @@ from hosts.middleware.qkd.authentication import (
 )
 from hosts.middleware.qkd.bell_test import Correlations
 from hosts.middleware.qkd.bits import NO_BITS, Bits, Mask
-from hosts.middleware.qkd.decoy import TEST_BASIS, Decoys, Sifted, bounds
-from hosts.middleware.qkd.estimation import Estimate, sample_mask, sample_size
+from hosts.middleware.qkd.decoy import Bounds, Decoys, Sifted, bounds
+from hosts.middleware.qkd.disclosure import Rule
+from hosts.middleware.qkd.estimation import Estimate, compare
 from hosts.middleware.qkd.key_length import binary_entropy
 from hosts.middleware.qkd.parameters import Parameters
 from hosts.middleware.qkd.parities import ReconciliationError
+from hosts.middleware.qkd.relayed_decoys import PairSifted
+from hosts.middleware.qkd.relayed_decoys import bounds as relayed_bounds
 from wire.metadata import MalformedPacket
 from wire.qkd import MAX_KEY_BITS, Abort, AbortReason, QkdMessage, Sealed, unframe, unsealed
 
@@ -95,6 +99,7 @@ class Terms:
     outgoing: KeyPool
     incoming: KeyPool
     random_bytes: RandomBytes = secrets.token_bytes
+    relayed: bool = False  # both ends have prepared light, and a relay has announced
 
 
 class End(ABC):
@@ -112,7 +117,11 @@ class End(ABC):
         self._bases: list[Bits] = []  # that they were measured in, likewise
         self._decoys: Decoys | None = None
         self._levels: Bits = NO_BITS  # intensities of the pulses of all sifted bits
-        self._counts: Sifted | None = None  # of those, once the sample is disclosed
+        self._relayed = terms.relayed
+        self._bobs_decoys: Decoys | None = None  # where he has sent pulses, too
+        self._bobs_levels: Bits = NO_BITS
+        # Bits by the intensities of their pulses, once the sample is disclosed.
+        self._counts: Sifted | PairSifted | None = None
         self._raw: Bits = NO_BITS  # what is left of them to make a key of
         self._estimate: Estimate | None = None
         self.bell = Correlations()
@@ -150,10 +159,17 @@ class End(ABC):
 
     @property
     def _single_share_by_decoys(self) -> float:
-        if self._decoys is None or self._counts is None:
+        if self._counts is None:
             return 0.0
-        found = bounds(self._decoys, self._counts, self._parameters.eps_of_counts)
-        return found.single / max(1, int(self._counts.key.sum()))
+        return self._bounds().single / max(1, int(self._counts.key.sum()))
+
+    def _bounds(self) -> Bounds:
+        eps = self._parameters.eps_of_counts
+        if isinstance(self._counts, PairSifted):
+            return relayed_bounds(self._both_decoys, self._counts, eps)
+        assert self._decoys is not None
+        assert self._counts is not None
+        return bounds(self._decoys, self._counts, eps)
 
     @property
     def estimate(self) -> Estimate | None:
@@ -231,25 +247,46 @@ class End(ABC):
     def _whole(self) -> Bits:
         return np.concatenate([NO_BITS, *self._parts])
 
-    def _sample_of(self, size: int, seed: bytes) -> Mask:
-        """Return which sifted bits are disclosed: so many, or with decoys those of the basis Z."""
+    @property
+    def _both_decoys(self) -> tuple[Decoys, Decoys]:
+        """Alice's and bob's, once both are told."""
+        assert self._decoys is not None
+        assert self._bobs_decoys is not None
+        return self._decoys, self._bobs_decoys
+
+    @property
+    def _rule(self) -> Rule:
+        """What is disclosed."""
         if self._decoys is None:
-            return sample_mask(seed, self.sifted_bits, size)
-        mask: Mask = np.concatenate(self._bases) == TEST_BASIS
-        return mask
+            return Rule.SAMPLE
+        return Rule.BASIS_AND_SAMPLE if self._relayed else Rule.BASIS
+
+    def _sample_of(self, seed: bytes) -> Mask:
+        """Return which sifted bits are disclosed."""
+        bases, fraction = np.concatenate(self._bases), self._parameters.test_fraction
+        self._disclosed = disclosure.mask(self._rule, bases, fraction, seed)
+        return self._disclosed
 
     def _sample_size(self) -> int:
         """Return how many sifted bits are disclosed; 0 if that would leave none."""
-        if self._decoys is None:
-            return sample_size(self.sifted_bits, self._parameters.test_fraction)
-        size = int(np.count_nonzero(np.concatenate(self._bases) == TEST_BASIS))
-        return size if size < self.sifted_bits else 0
+        bases = np.concatenate([NO_BITS, *self._bases])
+        return disclosure.size(self._rule, bases, self._parameters.test_fraction)
 
-    def _count_levels(self, mine: Bits, theirs: Bits) -> None:
-        """Count bits and errors by intensity, now that the test bits of both ends are known."""
-        if self._decoys is not None:
-            bases = np.concatenate(self._bases)
-            self._counts = Sifted.counted(self._levels, bases, mine != theirs)
+    def _estimate_of(self, alices: Bits, bobs: Bits) -> Estimate:
+        """Count errors of disclosed bits, and bits and errors by intensity, if there are several.
+
+        Raise SessionFailed where bob's intensities are missing.
+        """
+        bases, wrong = np.concatenate(self._bases), alices != bobs
+        if self._rule is Rule.BASIS:
+            self._counts = Sifted.counted(self._levels, bases, wrong)
+        elif self._rule is Rule.BASIS_AND_SAMPLE:
+            if self._bobs_decoys is None:
+                raise SessionFailed(AbortReason.PROTOCOL, "no intensities of bob's pulses")
+            levels = self._levels, self._bobs_levels
+            self._counts = PairSifted.counted(levels, bases, self._disclosed, wrong)
+        chosen = disclosure.judged(self._rule, bases, self._disclosed)
+        return compare(alices[chosen], bobs[chosen])
 
     def _judge(self, estimate: Estimate, *first: QkdMessage) -> None:
         """Note the error rate; raise SessionFailed if no key can come of it."""
@@ -280,6 +317,8 @@ class End(ABC):
     def _key_length(self, leaked_bits: int) -> int:
         assert self._estimate
         estimate = self._estimate
+        if isinstance(self._counts, PairSifted):
+            return self._parameters.relayed_key_length(self._both_decoys, self._counts, leaked_bits)
         if self._decoys is not None and self._counts is not None:
             return self._parameters.decoy_key_length(self._decoys, self._counts, leaked_bits)
         return self._parameters.key_length(

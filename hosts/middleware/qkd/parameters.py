@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from math import floor
 
+from hosts.middleware.qkd import relayed_decoys
 from hosts.middleware.qkd.authentication import TAG_BITS, collision_probability
 from hosts.middleware.qkd.decoy import Decoys, Sifted, bounds, key_length
 from hosts.middleware.qkd.key_length import (
@@ -11,6 +12,7 @@ from hosts.middleware.qkd.key_length import (
     finite_key_length,
     most_tagged,
 )
+from hosts.middleware.qkd.relayed_decoys import Ends, PairSifted
 from wire.qkd import MAX_KEY_BITS, Bound, Proposal, Reconciliation
 
 
@@ -79,6 +81,13 @@ class Parameters:
         if self.bound is Bound.ASYMPTOTIC:
             return max(0, floor(bounds(decoys, counts, None).secret - leaked))
         return key_length(decoys, counts, leaked, self.eps_sec, self.eps_cor)
+
+    def relayed_key_length(self, ends: Ends, counts: PairSifted, leaked_bits: int) -> int:
+        """Return the same of pulses of three intensities from either end of a relay."""
+        leaked = leaked_bits + TAG_BITS
+        if self.bound is Bound.ASYMPTOTIC:
+            return max(0, floor(relayed_decoys.bounds(ends, counts, None).secret - leaked))
+        return relayed_decoys.key_length(ends, counts, leaked, self.eps_sec, self.eps_cor)
 
     def single_share(self, pulses: int, sifted: int) -> float:
         """Return the share of sifted bits that is of single photons at least, of long keys."""

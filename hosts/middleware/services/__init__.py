@@ -5,7 +5,7 @@ from types import MappingProxyType
 
 from hosts.middleware.services.distribution import distribute
 from hosts.middleware.services.ghz import ghz
-from hosts.middleware.services.key_distribution import protocols
+from hosts.middleware.services.key_distribution import protocols, relayed
 from hosts.middleware.services.sealing import seal
 from hosts.middleware.services.superdense import superdense
 from hosts.middleware.services.swapping import swap
@@ -22,6 +22,7 @@ KINDS: Mapping[Service, ServiceKind] = MappingProxyType(
             protocols.BB84,
             protocols.BBM92,
             protocols.E91,
+            relayed.MDI,
             distribute.KIND,
             ghz.KIND,
             seal.KIND,

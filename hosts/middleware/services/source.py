@@ -1,18 +1,33 @@
 """The protocol of a pair source: it makes Bell pairs and sends both halves into its fibres.
 
-Or of a station, where memories at both ends emit: it heralds pairs of their qubits. No socket, no
+Or of a station, where memories at both ends emit: it heralds pairs of their qubits. Or of a relay,
+to which both ends send light: it measures that in pairs, and announces what it finds. No socket, no
 clock.
 """
 
 from collections.abc import Callable
 
-from hosts.hardware.qnic import HardwareError, Qnic
+import numpy as np
+
+from hosts.hardware.qnic import BlockName, HardwareError, Qnic
 from hosts.middleware.session.errors import SessionError, unexpected
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
-from hosts.middleware.session.protocol import HearNext, Say, Side, Steps, do
-from hosts.middleware.session.values import words_of
-from hosts.timeouts import MAX_BLOCK_S
-from wire.metadata import Emit, MemoryState, Reason, Setup
+from hosts.middleware.session.protocol import (
+    Collect,
+    HearNext,
+    Say,
+    Side,
+    Steps,
+    begin,
+    do,
+    require_size,
+)
+from hosts.middleware.session.values import announcement, words_of
+from hosts.timeouts import KEY_GRACE_S, LIGHT_TIMEOUT_S, MAX_BLOCK_S
+from wire.metadata import Answer, Emit, MemoryState, Reason, Setup
+from wire.outcomes import NO_COINCIDENCE
+
+MOST_RELAYED = 1 << 31  # blocks; each has two numbers
 
 
 def check_source(side: Side) -> None:
@@ -21,8 +36,13 @@ def check_source(side: Side) -> None:
         raise SessionError(Reason.UNSUPPORTED, "a pair source needs two fibres")
 
 
-def make_pairs(side: Side, made: Callable[[int], None]) -> Steps[None]:
-    """Answer Emit requests of one session until its connection ends; count the pairs made."""
+def make_pairs(
+    side: Side, made: Callable[[int], None], distinguishable_states: frozenset[int]
+) -> Steps[None]:
+    """Answer Emit requests of one session until its connection ends; count the pairs made.
+
+    A relay announces those Bell states alone that its analyser tells from all others.
+    """
     setup = side.setup
     yield side.agree()
     while (request := (yield HearNext())) is not None:
@@ -32,6 +52,9 @@ def make_pairs(side: Side, made: Callable[[int], None]) -> Steps[None]:
         try:
             if setup.memory == MemoryState.HERALDED:
                 made((yield from _herald(side, request)))
+                continue
+            if setup.memory == MemoryState.RELAYED:
+                yield from _announce(side, request, distinguishable_states)
                 continue
             yield from _emit(side, request)
         except HardwareError as error:
@@ -56,6 +79,29 @@ def _herald(side: Side, request: Emit) -> Steps[int]:
     heralds = yield from do(Qnic.herald, *block, (first, second), MAX_BLOCK_S)
     yield Say(words_of(request.session, request.block, heralds))
     return heralds.states.size
+
+
+def _announce(side: Side, request: Emit, known: frozenset[int]) -> Steps[None]:
+    """Measure the pulses of both ends in pairs, and tell of each what was found."""
+    session, number, pulses = request.session, request.block, request.pairs
+    first, second = side.ports[:2]
+    light = yield from begin(
+        Qnic.detect_arrivals, relayed_blocks(session, number), (first, second), LIGHT_TIMEOUT_S
+    )
+    found = yield Collect(light, KEY_GRACE_S + pulses / side.setup.rate_hz)
+    outcomes = np.full(pulses, NO_COINCIDENCE, dtype=np.uint8)
+    if found is not None:
+        require_size(found.outcomes.size, pulses)
+        told = np.isin(found.outcomes, list(known))
+        outcomes[told] = found.outcomes[told]
+    yield Say((Answer(session, Reason.OK), *announcement(session, number, outcomes)))
+
+
+def relayed_blocks(session: int, number: int) -> tuple[BlockName, BlockName]:
+    """Return the names of what opener and acceptor send to a relay as one block."""
+    if number >= MOST_RELAYED:
+        raise SessionError(Reason.PROTOCOL, f"block {number} of light that is relayed")
+    return BlockName(session, 2 * number, 0), BlockName(session, 2 * number + 1, 0)
 
 
 def _emit(side: Side, request: Emit) -> Steps[None]:

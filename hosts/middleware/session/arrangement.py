@@ -4,11 +4,11 @@ import asyncio
 import math
 from dataclasses import dataclass, replace
 
-from hosts.hardware.qnic import HardwareError, Heralds
+from hosts.hardware.qnic import HardwareError, Heralds, Symbols
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.offers import at_wavelength
-from hosts.middleware.session.values import heralds_of
+from hosts.middleware.session.values import announced, heralds_of
 from hosts.network_loop import now_s, wall_sleep
 from hosts.timeouts import (
     ANSWER_TIMEOUT_S,
@@ -17,7 +17,7 @@ from hosts.timeouts import (
     HERALD_TIMEOUT_S,
     RETRY_PAUSE_S,
 )
-from wire.metadata import Answer, Emit, Reason, Service, Setup, Values
+from wire.metadata import Answer, Emit, MemoryState, Reason, Service, Setup, Values
 
 
 @dataclass
@@ -81,7 +81,9 @@ class Arrangement:
     async def engage_source(self) -> None:
         """Connect to the pair source of the session; raise SessionError if it refuses."""
         self._pairs = await MetadataChannel.connect(self._source, self._setup.source)
-        await self._pairs.request(replace(self._setup, service=Service.PAIR_SOURCE))
+        relayed = self._setup.service == Service.MDI
+        memory = MemoryState.RELAYED if relayed else self._setup.memory
+        await self._pairs.request(replace(self._setup, service=Service.PAIR_SOURCE, memory=memory))
 
     async def emit(self, block: int, pairs: int) -> None:
         """Have the source make a block of pairs; return when its light has arrived, or is lost."""
@@ -101,6 +103,17 @@ class Arrangement:
             counts = await self._pairs.receive(Values, ANSWER_TIMEOUT_S)
             told = await self._pairs.receive(Values, ANSWER_TIMEOUT_S)
             return heralds_of(counts, told, block, pairs)
+
+    async def announce(self, block: int, pulses: int) -> Symbols:
+        """Have the relay tell the Bell state of each pair of pulses; NO_COINCIDENCE for none."""
+        assert self._pairs is not None
+        rate_hz = self._setup.rate_hz
+        async with self._source_turn:  # its answers carry no number
+            emit = Emit(self._setup.session, block, pulses, rate_hz)
+            await self._pairs.request(emit, ANSWER_TIMEOUT_S + pulses / rate_hz)
+            arrived = await self._pairs.receive(Values, ANSWER_TIMEOUT_S)
+            told = await self._pairs.receive(Values, ANSWER_TIMEOUT_S)
+            return announced(arrived, told, block, pulses)
 
     async def give_up(self, error: SessionError | HardwareError) -> None:
         """Tell the peer, if there is a session yet, why it ends."""

@@ -67,17 +67,17 @@ class MetadataChannel:
     async def request(self, message: Message, timeout_s: float = ANSWER_TIMEOUT_S) -> Answer:
         """Send a message and wait until it is accepted; raise what the other end refuses."""
         self.send(message)
-        answer = await self.receive(Answer, timeout_s)
+        answer = await self.receive(Answer, timeout_s, _who_is_asked(message))
         if answer.reason != Reason.OK:
             raise SessionError(Reason(answer.reason), answer.text)
         return answer
 
-    async def receive(self, kind: type[M], timeout_s: float) -> M:
+    async def receive(self, kind: type[M], timeout_s: float, asked: str = "is it") -> M:
         """Wait for the next message, which must be of this kind (or a refusal)."""
         try:
             message = await self.next(timeout_s)
         except SilentPeer as error:
-            text = f"no {_named(kind)} from {self.peer} in {timeout_s:g} s: is it still up?"
+            text = f"no {_named(kind)} from {self.peer} in {timeout_s:g} s: {asked} still up?"
             raise SessionError(Reason.PROTOCOL, text) from error
         if message is None:
             text = f"{self.peer} is gone: it closed the connection instead of sending "
@@ -182,6 +182,11 @@ async def _connection(address: str) -> tuple[asyncio.StreamReader, asyncio.Strea
     except BaseException:
         connection.close()
         raise
+
+
+def _who_is_asked(message: Message) -> str:
+    """Return the question who may not be up if nobody answers; a set-up message waits for two."""
+    return "are it and the controller" if isinstance(message, Setup) else "is it"
 
 
 def _named(kind: type[Message]) -> str:

@@ -76,6 +76,8 @@ class ConnectionEnd(Performer):
                 return await self.arrangement.emit(block, pairs)
             case protocol.Herald(block, pairs) if self.arrangement is not None:
                 return await self.arrangement.herald(block, pairs)
+            case protocol.Announce(block, pulses) if self.arrangement is not None:
+                return await self.arrangement.announce(block, pulses)
             case _:
                 return await super().carry_out(order)
 

@@ -3,17 +3,17 @@
 from dataclasses import replace
 
 from hosts.middleware.session.errors import SessionError
-from wire.metadata import Answer, MemoryState, Reason, Service, Setup
+from wire.metadata import Answer, Reason, Service, Setup
 from wire.optical import ANY_WAVELENGTH, frequency_mhz
-from wire.services import HERALDED_LIGHT
-
-MEMORY_OF = dict.fromkeys(HERALDED_LIGHT, tuple(MemoryState))  # of other services: any
+from wire.services import memory_of
 
 
 def check_light(setup: Setup) -> None:
     """Raise SessionError for light that no host here makes, takes or keeps."""
-    if setup.memory not in MEMORY_OF.get(Service(setup.service), (MemoryState.ANY,)):
-        text = f"memory {setup.memory} for {Service(setup.service).name.lower()}: choose 0"
+    known = memory_of(Service(setup.service))
+    if setup.memory not in known:
+        text = f"memory {setup.memory} for {Service(setup.service).name.lower()}: "
+        text += f"choose {' or '.join(str(each.value) for each in known)}"
         raise SessionError(Reason.UNSUPPORTED, text)
     wanted = {
         "polarisation basis": setup.polarization,

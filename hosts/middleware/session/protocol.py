@@ -5,7 +5,7 @@
     HearNext()                  the opener's next message; None at the end of the session
     Do(operation, ...)          what an operation of this host's QNIC returns
     Begin(operation, ...)       a Light, under way; Collect tells what has come of it
-    Emit, Herald                by the session's source: nothing, and Heralds
+    Emit, Herald, Announce      by the session's source: nothing, Heralds, and Symbols
     Tell(summary), Now()        the application; seconds of the network's clock
     Through(connection, steps)  what comes of steps by way of another connection
     Wait(for_what)              what comes by another way, which who began the protocol knows
@@ -96,6 +96,14 @@ class Herald:
 
 
 @dataclass(frozen=True)
+class Announce:
+    """Have the relay of the session tell what it has measured of the light of a block."""
+
+    block: int
+    pulses: int
+
+
+@dataclass(frozen=True)
 class Tell:
     """Tell the application what there is."""
 
@@ -156,6 +164,7 @@ Order: TypeAlias = (  # Begin is a Do
     | Collect
     | Emit
     | Herald
+    | Announce
     | Tell
     | Now
     | Through

@@ -8,6 +8,9 @@ opener                                station
   | <----------------------- Answer(OK) |
   | <------- Values(COUNTS): attempts   |  high and low 32 bits
   | <------- Values(HERALDED): n states |
+
+A relay that was asked for what it has measured answers Values(ARRIVED), of which pairs of pulses it
+has a Bell state to tell, and Values(OUTCOMES), these states.
 """
 
 from typing import NamedTuple
@@ -15,9 +18,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hosts.hardware.qnic import Heralds
+from hosts.hardware.qnic import Heralds, Symbols
 from hosts.middleware.session.errors import SAME_VERSION, SessionError
 from wire.metadata import Answer, Reason, Topic, Values
+from wire.outcomes import NO_COINCIDENCE
 
 Numbers = NDArray[np.uint32]
 WORD = 32  # bits of a count
@@ -101,6 +105,24 @@ def heralds_of(counts: Values, told: Values, block: int, most: int) -> Heralds:
         text = f"{states.size} pairs of block {block} heralded, {most} were asked for"
         raise SessionError(Reason.PROTOCOL, text)
     return Heralds(states, (high << WORD) + low)
+
+
+def announcement(session: int, block: int, outcomes: Symbols) -> tuple[Values, Values]:
+    """Return what tells the Bell states that a relay has found, or NO_COINCIDENCE."""
+    seen = outcomes != NO_COINCIDENCE
+    return (
+        values(session, Topic.ARRIVED, block, seen, 1),
+        values(session, Topic.OUTCOMES, block, outcomes[seen], 2),
+    )
+
+
+def announced(arrived: Values, told: Values, block: int, pulses: int) -> Symbols:
+    """Return what a relay has found; SessionError for what it cannot have."""
+    seen = expect(arrived, Topic.ARRIVED, block, pulses, 1).astype(bool)
+    outcomes = np.full(pulses, NO_COINCIDENCE, dtype=np.uint8)
+    states = expect(told, Topic.OUTCOMES, block, int(np.count_nonzero(seen)), MAX_STATE)
+    outcomes[seen] = states
+    return outcomes
 
 
 class Lifetimes(NamedTuple):

@@ -168,6 +168,20 @@ def test_an_early_leg_makes_room_for_a_later_one() -> None:
     assert [switches(path.hops) for path in found] == [[1, 4, 3], [1, 2]]
 
 
+def test_no_order_of_legs_is_tried_if_one_has_no_path_even_alone() -> None:
+    """Each search asks for both of its ends: twice for the one that is taken, not six times."""
+    network, asked = ring(), []
+    taken = Direction(3, 3, False)
+
+    def blocked(way: Direction) -> bool:
+        asked.append(way)
+        return way == taken
+
+    legs = [Leg(SwitchPort(1, place), SwitchPort(3, place)) for place in (1, 2, 3)]
+    assert route(network, legs, Limits(blocked)) is None
+    assert asked.count(taken) == 2
+
+
 def test_a_path_is_found_beside_those_that_stay() -> None:
     network = ring()
     stays = LightPath(BY_TWO, 0, 0)

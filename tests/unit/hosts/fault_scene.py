@@ -33,6 +33,7 @@ SESSIONS: dict[str, dict[str, Any]] = {
     "bb84": KEYS,
     "bbm92": KEYS,
     "e91": KEYS,
+    "mdi": KEYS,
     "ghz": {"count": 600, "block_pairs": 300, "line": "alice,bob"},
     "seal": {"count": 900, "block_pairs": 500},
 }
@@ -40,6 +41,7 @@ SERVICES = list(SESSIONS)
 PATHS = {
     "sdc": [(4, 1), (1, 3), (5, 2)],
     "bb84": [(1, 2)],
+    "mdi": [(1, 4), (2, 5)],
     "ghz": [(1, 2)],
 }  # of all others: pairs to both ends
 PAIRS = [(4, 1), (5, 2)]

@@ -6,7 +6,7 @@ import pytest
 
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError
-from wire.metadata import Answer, Emit, Finish, Message, Reason
+from wire.metadata import Answer, Emit, Finish, Handshake, Message, Reason, Service, Setup
 
 
 async def heard_after(loss: bool) -> str:
@@ -65,3 +65,30 @@ def test_messages_may_come_in_pieces_of_one_byte() -> None:
         Finish(1, 5, bytes(range(32))),
     ]
     assert asyncio.run(heard_byte_by_byte(sent)) == [*sent, None]
+
+
+async def unanswered(message: Message) -> str:
+    """Return what is said of a request that somebody takes and nobody answers."""
+    open_ones: list[asyncio.StreamWriter] = []
+    server = await asyncio.start_server(lambda _, writer: open_ones.append(writer), "127.0.0.1", 0)
+    async with server:
+        reader, writer = await asyncio.open_connection(*server.sockets[0].getsockname())
+        channel = MetadataChannel(reader, writer)
+        with pytest.raises(SessionError) as caught:
+            await channel.request(message, 0.05)
+        channel.close()
+        for each in open_ones:
+            each.close()
+        return str(caught.value)
+
+
+SETUP = Setup(1, Service.SDC, Handshake.FRAMED, "10.0.0.3", 9, 9, 9)
+
+
+@pytest.mark.parametrize(
+    ("message", "asked"), [(SETUP, "are it and the controller"), (Emit(1, 2, 3, 4), "is it")]
+)
+def test_of_a_set_up_that_nobody_answers_the_controller_is_asked_for_too(
+    message: Message, asked: str
+) -> None:
+    assert asyncio.run(unanswered(message)).endswith(f" in 0.05 s: {asked} still up?")

@@ -4,11 +4,11 @@ CHSH of Werner pairs is 2 sqrt 2 (4F - 1)/3 (Horodecki et al. 1995), Hong-Ou-Man
 Gaussian spectra are 1/2 (1 - V exp(-(sigma tau)^2)). Bounds are five standard errors of these.
 """
 
-from math import sqrt
+from math import exp, sqrt
 
 import pytest
 
-from qmn.sweeps import theory
+from qmn.sweeps import relay_theory, theory
 from qmn.sweeps.catalogue import EXPERIMENTS, measure
 from qmn.sweeps.estimates import Estimate
 from qmn.sweeps.parameters import Value, Values
@@ -59,6 +59,21 @@ def test_pairs_are_seen_as_often_and_err_as_often_as_an_enumeration_has_it(proto
     given = EXPERIMENTS["pair-keys"].complete(values)
     assert theory_of["gain"](given) == pytest.approx(gain, rel=1e-9)
     assert theory_of["qber"](given) == pytest.approx(qber, rel=1e-9)
+
+
+def test_a_relay_tells_as_much_of_lasers_as_the_published_forms_say() -> None:
+    """Lo, Curty and Qi's relay 40 km from either end; numbers are of Ma and Razavi's formulas."""
+    found = measure("mdi", complete("mdi", {"length_km": 40.0, "pairs": 100_000}), SEED)
+    seen, signals = 0.4 * 0.9 * 10**-0.4, 0.5**2 * 100_000 / 4
+    gain, wrong = relay_theory.rectilinear(seen, seen, 1e-6, 0.015)
+    assert gain == pytest.approx(2 * exp(-seen) * (1 - exp(-seen / 2)) ** 2, rel=1e-3)
+    assert abs(found["gain"][0] - gain) < 5 * sqrt(gain / signals)
+    qber = wrong / gain
+    assert abs(found["qber"][0] - qber) < 5 * sqrt(qber / (gain * signals))
+    told, errs = relay_theory.diagonal(seen, seen, 1e-6, 0.015)
+    qber = errs / told
+    assert 0.24 < qber < 0.25  # a quarter by pairs of one end, and of the others few
+    assert abs(found["qber_x"][0] - qber) < 5 * sqrt(qber / (told * signals))
 
 
 def told_by(photon: int, dark: float) -> tuple[float, float]:

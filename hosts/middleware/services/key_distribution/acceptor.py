@@ -1,13 +1,13 @@
 """The protocol of the end that is asked for keys: no socket, no clock.
 
-It measures, announces, corrects its errors, and has its key stored.
+It takes its part in the light, announces, corrects its errors, and has its key stored.
 """
 
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 from uuid import UUID
 
 from hosts.hardware.qnic import Symbols
@@ -15,6 +15,7 @@ from hosts.middleware.qkd.alice import Alice
 from hosts.middleware.qkd.bob import Bob
 from hosts.middleware.qkd.end import State
 from hosts.middleware.qkd.parameters import Parameters
+from hosts.middleware.qkd.sifting import Record
 from hosts.middleware.services.key_distribution.light import (
     measured,
     measuring,
@@ -79,31 +80,82 @@ def introduced(tests: bool) -> Steps[Introduced]:
     return opener
 
 
+class BlockOfLight(Protocol):
+    """This end's part in a block of light."""
+
+    def record(self) -> Steps[Record]:
+        """Return what this end knows of it when it is over."""
+
+    def heard(self, message: Values) -> Steps[None]:
+        """Take what the opener tells of it meanwhile; SessionError for what it may not tell."""
+
+
+class GetReady(Protocol):
+    """The acceptor's part in light: of a block, by its number and how many photons it has."""
+
+    def __call__(self, side: HostSide, number: int, photons: int, /) -> Steps[BlockOfLight]:
+        """Get ready for a block."""
+
+
+@dataclass
+class Half:
+    """A half of a block, which is measured as it arrives."""
+
+    side: HostSide
+    bases: Symbols
+    light: Light
+    tests: bool
+
+    def record(self) -> Steps[Record]:
+        """Return what was measured, without the known rotation of the paths."""
+        outcomes = yield from measured(self.side, self.light, self.bases.size)
+        return record_of(outcomes, self.bases, self.side.setup.rotation, self.tests)
+
+    def heard(self, message: Values) -> Steps[None]:
+        """Take nothing."""
+        yield from ()
+        raise out_of_turn(message, self.side.peer)
+
+
+def measuring_half(
+    side: HostSide, number: int, photons: int, *, half: int, tested: float
+) -> Steps[BlockOfLight]:
+    """Begin to measure a half of a block; tested: how much of it is for a CHSH test."""
+    bases = with_tests(side.draws, random_bases(side, photons), tested)
+    light = yield from measuring(side, side.block(number, half), bases)
+    return Half(side, bases, light, bool(tested))
+
+
+def out_of_turn(message: Message, peer: str) -> SessionError:
+    """Return the failure that a message is which must not come now."""
+    what = f"{type(message).__name__} from {peer} out of its turn"
+    return SessionError(Reason.PROTOCOL, what)
+
+
 @dataclass
 class Coming:
     """A block of light that is announced, for a key."""
 
     key: int
-    bases: Symbols
-    light: Light
+    photons: int
+    block: BlockOfLight
 
 
 class AcceptorOfKeys:
-    """The end that was asked for keys; it measures one half of each block."""
+    """The end that was asked for keys; it takes its part in each block of light."""
 
     def __init__(
         self,
         side: HostSide,
-        half: int,
+        light: GetReady,
         opener: Introduced,
         new_key: Callable[[int], Bob],  # this end of a key, by its number in the session
         progress: Progress,
         store: Store,
     ) -> None:
-        """Measure this half of each block; store keys before the other end is told."""
-        self._side, self._half, self._new_key, self._progress = side, half, new_key, progress
+        """Take part in this light; store keys before the other end is told."""
+        self._side, self._light, self._new_key, self._progress = side, light, new_key, progress
         self._store, self._proposal = store, opener.proposal
-        self._tested = opener.parameters.chsh_fraction  # of the photons
         self.keys = KeysUnderWay(side, progress, self._done, opener.cutter)
         self._begun = self._announced = self._over = 0  # keys; blocks; of them that are over
         self._coming: deque[Coming] = deque()
@@ -124,9 +176,11 @@ class AcceptorOfKeys:
                     self._over += 1
                 case Values(topic=Topic.KEPT) if message.block in self.not_kept:
                     self._kept(message.block)
+                case Values() if self._begun_blocks <= message.block < self._announced:
+                    coming = self._coming[message.block - self._begun_blocks]
+                    yield from coming.block.heard(message)
                 case _:
-                    what = f"{type(message).__name__} from {self._side.peer} out of its turn"
-                    raise SessionError(Reason.PROTOCOL, what)
+                    raise out_of_turn(message, self._side.peer)
         if self.keys.numbers or not self._begun:
             raise SessionError(Reason.PROTOCOL, "the other end ended it before there was a key")
 
@@ -147,7 +201,7 @@ class AcceptorOfKeys:
         self.keys.forget(key)
 
     def _get_ready(self, message: Values) -> Steps[None]:
-        """Begin to measure the block that comes next, for the newest key."""
+        """Get ready for the block that comes next, for the newest key."""
         if len(self._coming) == MAX_COMING:
             raise SessionError(Reason.PROTOCOL, f"block {message.block} before others are over")
         side, number = self._side, self._announced
@@ -155,23 +209,26 @@ class AcceptorOfKeys:
         (photons,) = expect(message, Topic.COMING, number, 1, most).tolist()
         if photons == 0:
             raise SessionError(Reason.PROTOCOL, f"block {number} has no photons")
-        bases = with_tests(side.draws, random_bases(side, photons), self._tested)
-        light = yield from measuring(side, side.block(number, self._half), bases)
-        self._coming.append(Coming(self._begun - 1, bases, light))
+        block = yield from self._light(side, number, photons)
+        self._coming.append(Coming(self._begun - 1, photons, block))
         self._announced += 1
         yield side.agree()
 
+    @property
+    def _begun_blocks(self) -> int:
+        """The number of the first block that is announced and not over here."""
+        return self._announced - len(self._coming)
+
     def _measure_all(self) -> Steps[None]:
-        """Announce what was measured of each block that is over."""
-        side, progress = self._side, self._progress
+        """Announce what is known here of each block that is over."""
+        progress = self._progress
         while True:
             yield Until(lambda: progress.blocks < self._over)
             coming = self._coming[0]
-            outcomes = yield from measured(side, coming.light, coming.bases.size)
+            record = yield from coming.block.record()
             self._coming.popleft()
             progress.blocks += 1
-            progress.photons += coming.bases.size
-            record = record_of(outcomes, coming.bases, side.setup.rotation, bool(self._tested))
+            progress.photons += coming.photons
             bob = self.keys.end_of(coming.key)
             if not isinstance(bob, Bob) or bob.state not in (State.OPENING, State.SIFTING):
                 raise SessionError(Reason.PROTOCOL, f"light for key {coming.key}, sifted already")

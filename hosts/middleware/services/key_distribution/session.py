@@ -31,7 +31,13 @@ from hosts.middleware.qkd.end import Terms
 from hosts.middleware.qkd.key_store import KeyStoreError
 from hosts.middleware.qkd.keyring import NothingShared
 from hosts.middleware.qkd.parameters import Parameters
-from hosts.middleware.services.key_distribution.acceptor import AcceptorOfKeys, introduced
+from hosts.middleware.services.key_distribution.acceptor import (
+    AcceptorOfKeys,
+    GetReady,
+    Introduced,
+    introduced,
+    measuring_half,
+)
 from hosts.middleware.services.key_distribution.opener import Light, OpenerOfKeys
 from hosts.middleware.services.key_distribution.options import KeyOptions
 from hosts.middleware.services.key_distribution.summary import Progress, summary
@@ -48,13 +54,16 @@ async def make_key(
     light: Light,
     parameters: Parameters,
     decoys: Decoys | None = None,
+    *,
+    relayed: bool = False,
 ) -> None:
     """Make keys of this light, by these parameters, or whose pulses are decoys."""
     host, peer, progress = end.resources.keyring.host, end.arrangement.peer, Progress(now_s())
 
     def new_key(number: int) -> Alice:
         outgoing, incoming = pools(end, host, peer, number)
-        return Alice(terms(end, number, parameters, outgoing, incoming), decoys)
+        given = terms(end, number, parameters, outgoing, incoming, relayed=relayed)
+        return Alice(given, decoys)
 
     store = partial(stored, end, peer, opened=True)
     protocol = OpenerOfKeys(end.side, options, light, new_key, progress, store)
@@ -68,15 +77,29 @@ async def make_key(
 
 async def accept_key(end: AcceptorEnd, half: int, *, tests: bool = False) -> None:
     """Make keys of what is measured of this half; tests: some photons are for a CHSH test."""
-    progress = Progress(now_s())
     opener = await end.perform(introduced(tests))
+    tested = opener.parameters.chsh_fraction
+    await accept_keys(end, opener, partial(measuring_half, half=half, tested=tested))
+
+
+async def accept_keys(
+    end: AcceptorEnd,
+    opener: Introduced,
+    light: GetReady,
+    decoys: Decoys | None = None,
+    *,
+    relayed: bool = False,
+) -> None:
+    """Make keys of this light, of which pulses that this end sends to a relay may be decoys."""
+    progress = Progress(now_s())
 
     def new_key(number: int) -> Bob:
         incoming, outgoing = pools(end, opener.peer, end.resources.keyring.host, number)
-        return Bob(terms(end, number, opener.parameters, outgoing, incoming))
+        given = terms(end, number, opener.parameters, outgoing, incoming, relayed=relayed)
+        return Bob(given, decoys)
 
     store = partial(stored, end, opener.peer, opened=False)
-    protocol = AcceptorOfKeys(end.side, half, opener, new_key, progress, store)
+    protocol = AcceptorOfKeys(end.side, light, opener, new_key, progress, store)
     try:
         await end.perform_together(protocol.run())
     except BaseException as error:
@@ -94,11 +117,17 @@ def number_of(end: End, key: int) -> int:
 
 
 def terms(
-    end: End, key: int, parameters: Parameters, outgoing: KeyPool, incoming: KeyPool
+    end: End,
+    key: int,
+    parameters: Parameters,
+    outgoing: KeyPool,
+    incoming: KeyPool,
+    *,
+    relayed: bool,
 ) -> Terms:
     """Return what this end of a key is given; its random bytes follow from the seed."""
     draws = end.draws.spawn(1)[0]
-    return Terms(number_of(end, key), parameters, outgoing, incoming, draws.bytes)
+    return Terms(number_of(end, key), parameters, outgoing, incoming, draws.bytes, relayed)
 
 
 def pools(end: End, opener: str, acceptor: str, key: int) -> tuple[KeyPool, KeyPool]:

@@ -1,0 +1,1 @@
+from teleported import main as main
