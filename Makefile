@@ -10,7 +10,7 @@ SHELL := /bin/bash
 PYTHON := .venv/bin/python
 # The caches and byte code of root would be in the user's way.
 AS_ROOT = $(if $(filter-out 0,$(shell id -u)),sudo env PYTHONDONTWRITEBYTECODE=1)
-PYTEST := env PYTHONPATH=tests $(PYTHON) -m pytest -p no:cacheprovider -p progress
+PYTEST := env PYTHONPATH=tests $(PYTHON) -m pytest -p no:cacheprovider -p progress -p garbage
 # A process for each processor, as long as all has room. Those that emulate networks have
 # namespaces of their own, because a network has fixed names and addresses. Tests wait now and then,
 # for time or other processes: two processors get three. More unit tests at a time would not do: each

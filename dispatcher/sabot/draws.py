@@ -5,7 +5,6 @@ So neither the order of arrival nor how a block was divided changes what a photo
 """
 
 from collections.abc import Callable
-from functools import cache
 from hashlib import blake2b
 from typing import NamedTuple, Self
 
@@ -33,8 +32,10 @@ class PhotonDraws:
 
     def __init__(self, bits: Callable[[], Bytes], fractions: Callable[[], Uniform]) -> None:
         """Draw by calling these; each returns an array of shape (k,)."""
-        self.bits = cache(bits)  # a fair bit for each photon
-        self._fractions = cache(fractions)
+        # Thousands of these are made for single photons: functools.cache takes longer to make.
+        self._draw_bits, self._draw_fractions = bits, fractions
+        self._bits: Bytes | None = None
+        self._fractions: Uniform | None = None
 
     @classmethod
     def by(cls, random: np.random.Generator, count: int) -> Self:
@@ -52,15 +53,27 @@ class PhotonDraws:
         """Take these bits; uniform() gives a quarter or three."""
         return cls(bits.copy, lambda: np.full(len(bits), 0.5))
 
+    def bits(self) -> Bytes:
+        """Return a fair bit for each photon, the same whenever they are asked for."""
+        if self._bits is None:
+            self._bits = self._draw_bits()
+        return self._bits
+
+    def fractions(self) -> Uniform:
+        """Return a number from [0, 1) for each photon that does not depend on its bit."""
+        if self._fractions is None:
+            self._fractions = self._draw_fractions()
+        return self._fractions
+
     def uniform(self) -> Uniform:
         """Return a number from [0, 1) for each photon; bits() are their first binary digits."""
-        return (self.bits() + self._fractions()) / 2
+        return (self.bits() + self.fractions()) / 2
 
     def at(self, positions: NDArray[np.unsignedinteger] | slice) -> "PhotonDraws":
         """Return the draws of these photons alone, which are those that they have in the whole."""
         if isinstance(positions, slice) and positions == slice(None):
             return self
-        return PhotonDraws(lambda: self.bits()[positions], lambda: self._fractions()[positions])
+        return PhotonDraws(lambda: self.bits()[positions], lambda: self.fractions()[positions])
 
 
 class Draws:

@@ -1,6 +1,8 @@
 """From OpenQASM 2.0 (arXiv:1707.03429) to a circuit."""
 
+import gc
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import NoReturn
 
 from openqasm3 import ast
@@ -32,7 +34,20 @@ NOT_IN_2 = (
 
 def read_qasm(source: Source) -> Circuit:
     """Return the circuit of a program; raise CircuitError with its line and column."""
-    return _Reader(source).read(parse_qasm(source))
+    with _growing():
+        return _Reader(source).read(parse_qasm(source))
+
+
+@contextmanager
+def _growing() -> Iterator[None]:
+    """Look for no garbage meanwhile: a tree that only grows has none, and to look takes as long."""
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collects:
+            gc.enable()
 
 
 class _Reader:

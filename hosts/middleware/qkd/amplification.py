@@ -20,6 +20,16 @@ def seed_bits(key_bits: int) -> int:
     return key_bits - 1
 
 
+def fast_size(least: int) -> int:
+    """Return the least product of twos, threes and fives that is not less: fast to transform.
+
+    scipy.fft.next_fast_len finds the same, but to import scipy.fft takes twice as long as numpy.
+    """
+    powers = range(least.bit_length())
+    odd: list[int] = [3**i * 5**j for i in powers for j in powers]
+    return min(one << (-(-least // one) - 1).bit_length() for one in odd)
+
+
 def toeplitz(key: Bits, seed: Bits, length: int) -> Bits:
     """Return length bits; two-universal for a uniform seed of key.size - 1 bits."""
     if not 0 <= length <= key.size:
@@ -40,19 +50,3 @@ def toeplitz(key: Bits, seed: Bits, length: int) -> Bits:
         raise ArithmeticError(f"the transform of {size} points was not exact")
     result: Bits = (rounded.astype(np.int64) & 1).astype(np.uint8) ^ key[others:]
     return result
-
-
-def fast_size(least: int) -> int:
-    """Return the least number of points of a fast transform, without primes beyond 5.
-
-    scipy.fft has this as well, but would take each program of a run a fifth of a second to load.
-    """
-    best, fives = 1 << (least - 1).bit_length(), 1
-    while fives < best:
-        odd = fives
-        while odd < best:
-            twos = (-(-least // odd) - 1).bit_length()
-            best = min(best, odd << twos)
-            odd *= 3
-        fives *= 5
-    return best

@@ -26,18 +26,21 @@ def mixed(seed: bytes, purpose: str, size: int) -> Indices:
     """
     bits = max(2, (size - 1).bit_length())
     low = bits // 2
-    widths = low, bits - low  # of what a round looks up
-    sizes = [2 << widths[number % 2] for number in range(ROUNDS)]  # bytes
-    words = np.frombuffer(_stream(seed, purpose, sum(sizes)), dtype="<u2")
-    tables = np.split(words, np.cumsum(sizes)[:-1] // 2)
-    right = np.tile(np.arange(1 << low, dtype=np.uint16), 1 << bits - low)
-    left = np.repeat(np.arange(1 << bits - low, dtype=np.uint16), 1 << low)
-    for number, table in enumerate(tables):
+    rights, lefts = 1 << low, 1 << bits - low  # of what a round looks up: the other is changed
+    words = np.frombuffer(_stream(seed, purpose, ROUNDS * (rights + lefts)), dtype="<u2")
+    # A row for each left half and a column for each right one: of them all, the first round need
+    # not look anything up.
+    left = np.arange(lefts, dtype=np.uint16)[:, np.newaxis] ^ (words[:rights] & (lefts - 1))
+    right = np.tile(np.arange(rights, dtype=np.uint16), (lefts, 1))
+    at = rights
+    for number in range(1, ROUNDS):
         if number % 2:
-            right ^= (table & ((1 << low) - 1)).take(left)
+            right ^= (words[at : at + lefts] & (rights - 1)).take(left)
+            at += lefts
         else:
-            left ^= (table & ((1 << bits - low) - 1)).take(right)
-    found = left.astype(np.uint32) << low | right
+            left ^= (words[at : at + rights] & (lefts - 1)).take(right)
+            at += rights
+    found = (left.astype(np.uint32) << low | right).ravel()
     return np.compress(found < size, found).astype(np.int64)
 
 

@@ -56,8 +56,11 @@ class MetadataChannel:
         return channel
 
     def send(self, *messages: Message) -> None:
-        """Write messages, in one piece; nothing more once this end has given up."""
-        if self._given_up:
+        """Write messages, in one piece; nothing more once this end has given up.
+
+        To a peer that is gone nothing is written either: who reads next hears that.
+        """
+        if self._given_up or self._writer.is_closing():
             return
         for message in messages:
             if isinstance(message, Setup):
@@ -143,11 +146,15 @@ class MetadataChannel:
 
         Raise SilentPeer if it does not.
         """
-        self._writer.write_eof()
+        self._write_end()
         message = await self.next(ANSWER_TIMEOUT_S)
         self.close()
         if message is not None:
             raise unexpected(message, self.peer)
+
+    def _write_end(self) -> None:
+        if not self._writer.is_closing():  # uvloop would raise RuntimeError
+            self._writer.write_eof()
 
     async def give_up(self, error: Exception) -> None:
         """Tell the other end why it ends, and close when it has heard that.
@@ -162,7 +169,7 @@ class MetadataChannel:
         self._given_up = True
         with suppress(OSError):  # TimeoutError is one
             async with asyncio.timeout(LINGER_S):
-                self._writer.write_eof()
+                self._write_end()
                 while await self._reader.read(1 << 16):
                     continue
         self.close()

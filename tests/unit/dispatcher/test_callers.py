@@ -1,6 +1,5 @@
 """Who calls the dispatcher over a network: proof for each call, and no token on the wire."""
 
-import asyncio
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import Any
 
 import grpc
 import pytest
+import uvloop
 from dispatcher_network import JumpingClock, configuration, running
 
 from dispatcher.server import callers
@@ -40,7 +40,7 @@ def on_two_connections(folder: Path, act: Act) -> None:
                 stubs = [DispatcherStub(channel) for channel in (one, other)]  # type: ignore[no-untyped-call]
                 await act(*stubs)
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 async def nonce_of(stub: Any) -> bytes:
@@ -112,7 +112,7 @@ def test_by_tls_a_call_is_of_whom_proof_and_certificate_name(tmp_path: Path) -> 
                         await nonce_of(DispatcherStub(other))  # type: ignore[no-untyped-call]
                     assert caught.value.code() == grpc.StatusCode.UNAVAILABLE
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_the_proof_is_golden() -> None:

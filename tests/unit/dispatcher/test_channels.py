@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import uvloop
 from five_sigma import within
 
 from dispatcher.fiber.channels import Traffic
@@ -40,7 +41,7 @@ def scene(act: Callable[[Laboratory], Awaitable[None]], **fiber: Any) -> None:
     async def run() -> None:
         await act(Laboratory(config))
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def frequency_mhz(channel: int) -> int:

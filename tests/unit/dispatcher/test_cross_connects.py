@@ -8,6 +8,7 @@ from pathlib import Path
 
 import grpc
 import pytest
+import uvloop
 from dispatcher_network import DEADLINE_S, Bench, JumpingClock, configuration, running
 
 from wire import frames
@@ -31,7 +32,7 @@ def play(folder: Path, scene: Callable[[Bench], Awaitable[None]]) -> None:
         async with running(configuration(folder), JumpingClock()) as bench:
             await asyncio.wait_for(scene(bench), DEADLINE_S)
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 @asynccontextmanager
@@ -103,7 +104,7 @@ def test_the_agent_of_one_switch_cannot_act_on_another(tmp_path: Path) -> None:
             own = await other.cross_connect(cross_connect(switch="q2"))
             assert own.code == 0
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 @pytest.mark.parametrize(

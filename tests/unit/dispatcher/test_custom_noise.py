@@ -1,12 +1,12 @@
 """A noise model of the user's own: the one of examples/, and bad ones."""
 
-import asyncio
 import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import uvloop
 from dispatcher_network import JumpingClock, block, configuration, running
 from noise_cases import passage, within
 
@@ -43,7 +43,7 @@ def test_the_example_flickers(tmp_path: Path) -> None:
                 flipped.append(outcomes.count(2))
             return flipped
 
-    flipped = asyncio.run(run())
+    flipped = uvloop.run(run())
     # There and back: two lamps, each on half of the time.
     expected = {0: 0.0, 1: flip, 2: 2 * flip * (1 - flip)}
     lamps = [next(on for on, p in expected.items() if within(count, p, COUNT)) for count in flipped]

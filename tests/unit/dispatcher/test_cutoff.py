@@ -1,11 +1,11 @@
 """The cut-off of memories, beside sums over geometric gaps; 5 standard errors, seed 1."""
 
-import asyncio
 from collections.abc import Awaitable, Callable
 from typing import Any
 
 import numpy as np
 import pytest
+import uvloop
 from five_sigma import within
 
 from dispatcher.laboratory import Laboratory, outcomes
@@ -39,7 +39,7 @@ def scene(act: Callable[[Laboratory], Awaitable[None]], **memory: Any) -> None:
         devices = {"alice": device, "bob": device, "charlie": STATION}
         await act(Laboratory(DispatcherConfig("", "", 1, tokens, fibers, [], devices=devices)))
 
-    asyncio.run(inside())
+    uvloop.run(inside())
 
 
 async def herald(laboratory: Laboratory, number: int, told: tuple[float | None, ...]) -> Feedback:

@@ -1,9 +1,8 @@
 """Light of the shorter way waits for the other: 10^(-dB / 10) of it is left; 5 sigma, seed 1."""
 
-import asyncio
-
 import numpy as np
 import pytest
+import uvloop
 from five_sigma import within
 
 from dispatcher.laboratory import Laboratory
@@ -57,7 +56,7 @@ async def told(
 def test_so_much_fibre_as_the_ways_differ_by_costs_light(
     db_per_km: float, stored: bool, lengths_km: tuple[float, float], loss_db: float
 ) -> None:
-    found, laboratory = asyncio.run(
+    found, laboratory = uvloop.run(
         told(BellAnalyser(delay_line_db_per_km=db_per_km), stored, lengths_km)
     )
     seen = int(np.count_nonzero(found != NO_CLICK))
@@ -67,12 +66,12 @@ def test_so_much_fibre_as_the_ways_differ_by_costs_light(
 
 
 def test_two_thousand_kilometres_leave_nothing() -> None:
-    found, _laboratory = asyncio.run(told(BellAnalyser(), False, (0.0, 2_000.0)))
+    found, _laboratory = uvloop.run(told(BellAnalyser(), False, (0.0, 2_000.0)))
     assert (found == NO_CLICK).all()
 
 
 def test_without_a_delay_line_two_thousand_kilometres_are_no_coincidence() -> None:
-    found, laboratory = asyncio.run(told(BellAnalyser(delay_line_km=0.0), False, (0.0, 2_000.0)))
+    found, laboratory = uvloop.run(told(BellAnalyser(delay_line_km=0.0), False, (0.0, 2_000.0)))
     assert (found == NO_CLICK).all()
     assert not laboratory.layer.photons_lost  # they come 9.8 ms apart
 
@@ -84,7 +83,7 @@ def test_photons_that_come_apart_interfere_as_hong_ou_and_mandel_saw(bandwidth_n
     s = 2 * np.pi * 193.4e12**2 / 299_792_458 * bandwidth_nm * 1e-9
     source = PairSource(bandwidth_nm=bandwidth_nm)
     analyser = BellAnalyser(delay_line_km=0.0)
-    found, _laboratory = asyncio.run(told(analyser, False, (0.02, 0.01), source))
+    found, _laboratory = uvloop.run(told(analyser, False, (0.02, 0.01), source))
     wrong = int(np.count_nonzero(found == 2))
     assert set(np.unique(found)) <= {0, 2}
     assert within(wrong, COUNT, (1 - np.exp(-((s * tau_s) ** 2))) / 2)
@@ -93,5 +92,5 @@ def test_photons_that_come_apart_interfere_as_hong_ou_and_mandel_saw(bandwidth_n
 def test_a_delay_line_too_short_leaves_the_rest() -> None:
     """Of 11 km it takes out 10; the last 4.9 us are beyond the window of 1 us."""
     near, far = BellAnalyser(delay_line_km=11.0), BellAnalyser(delay_line_km=10.0)
-    assert (asyncio.run(told(near, False, (1.0, 12.0)))[0] != NO_CLICK).any()
-    assert (asyncio.run(told(far, False, (1.0, 12.0)))[0] == NO_CLICK).all()
+    assert (uvloop.run(told(near, False, (1.0, 12.0)))[0] != NO_CLICK).any()
+    assert (uvloop.run(told(far, False, (1.0, 12.0)))[0] == NO_CLICK).all()

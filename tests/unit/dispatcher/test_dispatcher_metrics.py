@@ -5,6 +5,7 @@ import socket
 import urllib.request
 from pathlib import Path
 
+import uvloop
 from dispatcher_network import JumpingClock, block, configuration, running
 from prometheus_client.parser import text_string_to_metric_families
 
@@ -46,4 +47,4 @@ def test_pairs_losses_live_qubits_and_calls_are_told(tmp_path: Path) -> None:
         assert after["qmn_rpc_seconds_count measure"] == 1  # also a step of an order
         assert after["qmn_rpc_seconds_sum send"] > 0
 
-    asyncio.run(asyncio.wait_for(run(), 20))
+    uvloop.run(asyncio.wait_for(run(), 20))

@@ -3,12 +3,12 @@
 Every block has 100,000 members; the seeds are written at each test.
 """
 
-import asyncio
 from collections.abc import Awaitable, Callable
 from typing import Any
 
 import numpy as np
 import pytest
+import uvloop
 from five_sigma import within
 from numpy.typing import NDArray
 
@@ -39,7 +39,7 @@ def run(scene: Scene, seed: int, fibers: list[Fiber] | None = None, **devices: D
     async def inside() -> None:
         await scene(Laboratory(config))
 
-    asyncio.run(inside())
+    uvloop.run(inside())
 
 
 def fiber(one: str, other: str, **noise: Any) -> Fiber:

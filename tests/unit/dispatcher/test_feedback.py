@@ -1,12 +1,12 @@
 """Every reply says what simulated the block and whether that was exact; limits refuse whole."""
 
-import asyncio
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
 import grpc
 import pytest
+import uvloop
 from dispatcher_network import Bench, JumpingClock, block, configuration, running
 
 from dispatcher.layer.ownership import BlockName
@@ -30,7 +30,7 @@ def attempt(folder: Path, action: Callable[[Bench], Awaitable[None]], **changes:
         async with running(configuration(folder, **changes), JumpingClock()) as bench:
             await action(bench)
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 async def every_operation(bench: Bench) -> list[Feedback]:

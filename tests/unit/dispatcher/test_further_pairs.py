@@ -1,11 +1,11 @@
 """Pulses of several pairs against an enumeration of what comes of each; 5 sigma, the seed is 1."""
 
-import asyncio
 from collections.abc import Awaitable, Callable
 from itertools import product
 
 import numpy as np
 import pytest
+import uvloop
 from five_sigma import within
 
 from dispatcher.devices.source import pair_probabilities
@@ -100,7 +100,7 @@ def run(
         config.devices.update(devices)
         await act(Laboratory(config))
 
-    asyncio.run(inside())
+    uvloop.run(inside())
 
 
 async def share(laboratory: Laboratory) -> None:

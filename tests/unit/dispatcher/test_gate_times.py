@@ -1,12 +1,12 @@
 """Gates, readings and initialisation that take time and err; closed forms, 5 sigma, seed 1."""
 
-import asyncio
 from collections.abc import Awaitable, Callable
 from math import exp
 from typing import Any
 
 import numpy as np
 import pytest
+import uvloop
 from five_sigma import within
 
 from dispatcher.laboratory import Laboratory, block_id
@@ -34,7 +34,7 @@ def at_alice(act: Callable[[Laboratory], Awaitable[None]], t2_s: float = 1.0, **
         tokens, devices = dict.fromkeys(("alice", "bob"), ""), {"alice": device, "bob": device}
         await act(Laboratory(DispatcherConfig("", "", 1, tokens, fibers, [], devices=devices)))
 
-    asyncio.run(inside())
+    uvloop.run(inside())
 
 
 def test_each_operation_is_over_when_its_time_is() -> None:

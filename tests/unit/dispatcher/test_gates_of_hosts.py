@@ -1,11 +1,11 @@
 """Gates with noise, Bell measurements made of them, within 5 standard errors; the seed is 1."""
 
-import asyncio
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import uvloop
 from five_sigma import within
 from numpy.typing import NDArray
 
@@ -38,7 +38,7 @@ def scene(
         config = DispatcherConfig("", "", 1, {"alice": "a"}, [], [], devices={"alice": device})
         await act(Laboratory(replace(config, backend=backend)))
 
-    asyncio.run(inside())
+    uvloop.run(inside())
 
 
 def between(act: Callable[[Laboratory], Awaitable[None]], device: Device, **fiber: float) -> None:
@@ -50,7 +50,7 @@ def between(act: Callable[[Laboratory], Awaitable[None]], device: Device, **fibe
         tokens, devices = {"alice": "a", "bob": "b"}, {"alice": device}
         await act(Laboratory(DispatcherConfig("", "", 1, tokens, fibers, [], devices=devices)))
 
-    asyncio.run(inside())
+    uvloop.run(inside())
 
 
 def noisy(**more: object) -> Device:
@@ -119,7 +119,7 @@ def test_a_part_of_a_block_that_comes_back_meets_new_noise() -> None:
         config = DispatcherConfig("", "", 1, tokens, fibers, [switch], devices=devices)
         await act(Laboratory(config))
 
-    asyncio.run(inside())
+    uvloop.run(inside())
 
 
 def test_pauli_operators_err_too_and_the_identity_does_not() -> None:

@@ -1,6 +1,5 @@
 """Photons that are gathered are the same photons, whatever has happened to them before."""
 
-import asyncio
 import io
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
@@ -8,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import uvloop
 from five_sigma import within
 from numpy.typing import NDArray
 
@@ -39,7 +39,7 @@ def scene(act: Callable[[Laboratory], Awaitable[None]], **changes: Any) -> None:
     async def inside() -> None:
         await act(Laboratory(network(**changes)))
 
-    asyncio.run(inside())
+    uvloop.run(inside())
 
 
 async def share(laboratory: Laboratory, number: int, count: int = COUNT) -> None:

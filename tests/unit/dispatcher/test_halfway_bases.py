@@ -3,13 +3,13 @@
 (Z+X)/sqrt 2 is told of |0> with cos^2(pi/8), and agrees with Z of the other half of Phi+ as often.
 """
 
-import asyncio
 from collections.abc import Awaitable, Callable
 from math import cos, pi
 from typing import Any, Literal
 
 import numpy as np
 import pytest
+import uvloop
 from five_sigma import within
 
 from dispatcher.laboratory import Laboratory
@@ -32,7 +32,7 @@ def scene(act: Callable[[Laboratory], Awaitable[None]], **changes: Any) -> None:
     config = DispatcherConfig(
         "", "", 1, {"alice": "", "bob": ""}, [Fiber(*ends, connectors_db=1.0)], [], **changes
     )
-    asyncio.run(_act(act, config))
+    uvloop.run(_act(act, config))
 
 
 async def _act(act: Callable[[Laboratory], Awaitable[None]], config: DispatcherConfig) -> None:

@@ -1,8 +1,8 @@
 """The runner can ask which blocks a node holds, and where."""
 
-import asyncio
 from pathlib import Path
 
+import uvloop
 from dispatcher_network import JumpingClock, block, configuration, running
 
 from wire.dispatcher_pb2 import HeldBlock, StatusRequest, StoreRequest
@@ -26,4 +26,4 @@ def test_the_status_lists_the_blocks_at_a_node_its_ports_and_its_memory(tmp_path
             assert await at("bob") == []
             assert await at("") == []
 
-    asyncio.run(inside())
+    uvloop.run(inside())

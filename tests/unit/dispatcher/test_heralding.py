@@ -1,6 +1,5 @@
 """Heralded pairs beside closed forms and a simulation in Fock space; 5 standard errors, seed 1."""
 
-import asyncio
 from collections import defaultdict
 from collections.abc import Awaitable, Callable
 from itertools import product
@@ -9,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import uvloop
 from five_sigma import within
 from numpy.typing import NDArray
 
@@ -170,7 +170,7 @@ def scene(
         await laboratory.wait(1e-3)
         await act(laboratory)
 
-    asyncio.run(inside())
+    uvloop.run(inside())
 
 
 async def heralded(

@@ -7,6 +7,7 @@ from typing import Any
 
 import grpc
 import pytest
+import uvloop
 from dispatcher_network import (
     START_NS,
     Bench,
@@ -46,7 +47,7 @@ def logged(folder: Path, seed: int) -> list[str]:
         async with running(fibers, NetworkClock()) as bench:
             await exchange(bench)
 
-    asyncio.run(run())
+    uvloop.run(run())
     return [line.split(" ", 1)[1] for line in path.read_text().splitlines()]
 
 
@@ -88,7 +89,7 @@ def test_a_watcher_sees_what_it_asked_for(tmp_path: Path) -> None:
             assert (event.kind, event.block.number) == ("create", 10)
             stream.cancel()
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_a_watcher_that_goes_away_is_forgotten(tmp_path: Path) -> None:
@@ -103,7 +104,7 @@ def test_a_watcher_that_goes_away_is_forgotten(tmp_path: Path) -> None:
                 while bench.layer.history._watchers:
                     await bench.alice.create(1, number=bench.layer.history.count)
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_a_node_may_not_watch_another(tmp_path: Path) -> None:
@@ -120,7 +121,7 @@ def test_a_node_may_not_watch_another(tmp_path: Path) -> None:
             own = bench.stub.Watch(WatchRequest(history=True), metadata=bench.bob.metadata)
             assert (await own.read()).node == "bob"
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_an_unknown_token_may_not_watch(tmp_path: Path) -> None:
@@ -133,7 +134,7 @@ def test_an_unknown_token_may_not_watch(tmp_path: Path) -> None:
                 await stream.read()
             assert refusal.value.code() == grpc.StatusCode.UNAUTHENTICATED
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def event(number: int) -> Event:
@@ -154,7 +155,7 @@ def test_a_slow_watcher_is_told_how_many_events_it_lost() -> None:
             history.record(event(1))
             assert (await watcher.next()).kind == "create"
 
-    asyncio.run(asyncio.wait_for(run(), 20))
+    uvloop.run(asyncio.wait_for(run(), 20))
 
 
 def test_history_is_as_deep_as_configured() -> None:
@@ -165,7 +166,7 @@ def test_history_is_as_deep_as_configured() -> None:
         with history.watching("", 0, remembered=True) as watcher:
             assert [(await watcher.next()).block.number for _ in range(3)] == [2, 3, 4]
 
-    asyncio.run(asyncio.wait_for(run(), 20))
+    uvloop.run(asyncio.wait_for(run(), 20))
 
 
 def test_the_first_photons_of_a_block_have_events_of_their_own_where_asked(tmp_path: Path) -> None:
@@ -185,7 +186,7 @@ def test_the_first_photons_of_a_block_have_events_of_their_own_where_asked(tmp_p
             assert [(await plain.read()).kind for _ in range(3)] == ["create", "apply", "measure"]
             return [await stream.read() for _ in range(27)]
 
-    events = asyncio.run(asyncio.wait_for(run(), 20))
+    events = uvloop.run(asyncio.wait_for(run(), 20))
     photons = [event for event in events if event.kind == "measure" and event.photon]
     assert [event.photon for event in photons] == list(range(1, 9))
     assert [event.detail for event in photons] == ["1", "0", "1", "0", "0", "0", "0", "1"]
@@ -200,7 +201,7 @@ def test_nobody_asked_means_no_event_of_a_photon(tmp_path: Path) -> None:
         async with running(configuration(tmp_path), JumpingClock()) as bench:
             assert bench.layer.history.photons_wanted == 0
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_events_carry_the_wall_clock_and_answers_the_time_of_the_network(tmp_path: Path) -> None:
@@ -216,4 +217,4 @@ def test_events_carry_the_wall_clock_and_answers_the_time_of_the_network(tmp_pat
             assert event.kind == "create"
             assert event.time_ns == since_ns + 10 * (told.time_ns - since_ns)
 
-    asyncio.run(run())
+    uvloop.run(run())

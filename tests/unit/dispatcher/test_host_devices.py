@@ -1,12 +1,12 @@
 """The devices of hosts in a running dispatcher, within 5 standard errors; the seed is 1."""
 
-import asyncio
 from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 
 import grpc
 import numpy as np
 import pytest
+import uvloop
 from dispatcher_network import Bench, JumpingClock, block, configuration, running
 from five_sigma import within
 
@@ -51,7 +51,7 @@ def run(
         async with running(config, JumpingClock()) as bench:
             await act(bench)
 
-    asyncio.run(inside())
+    uvloop.run(inside())
     return (folder / "events").read_text().splitlines()
 
 

@@ -1,9 +1,8 @@
 """The physical layer without a network does what the dispatcher's service does."""
 
-import asyncio
-
 import numpy as np
 import pytest
+import uvloop
 
 from dispatcher.laboratory import Laboratory
 from dispatcher.refusal import Refusal
@@ -37,7 +36,7 @@ def test_light_crosses_a_switch_and_time_passes() -> None:
         np.testing.assert_array_equal(mine, yours)
         assert 0 < mine.sum() < PAIRS
 
-    asyncio.run(scene())
+    uvloop.run(scene())
 
 
 def test_without_a_cross_connect_no_light_comes() -> None:
@@ -48,7 +47,7 @@ def test_without_a_cross_connect_no_light_comes() -> None:
         await alice.send({(0, 1): "alice-q0"})
         assert await bob.receive((0, 1), "bob-q0") is None
 
-    asyncio.run(scene())
+    uvloop.run(scene())
 
 
 def test_a_host_touches_only_what_it_holds() -> None:
@@ -58,7 +57,7 @@ def test_a_host_touches_only_what_it_holds() -> None:
         with pytest.raises(Refusal, match="is not at bob"):
             await laboratory.host("bob").measure((0, 0))
 
-    asyncio.run(scene())
+    uvloop.run(scene())
 
 
 def test_the_clock_jumps_as_far_as_asked() -> None:
@@ -68,4 +67,4 @@ def test_the_clock_jumps_as_far_as_asked() -> None:
         await laboratory.wait(2.5)
         assert laboratory.clock.now_ns() - start_ns == pytest.approx(2.5e9, abs=1)
 
-    asyncio.run(scene())
+    uvloop.run(scene())

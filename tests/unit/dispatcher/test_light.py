@@ -7,6 +7,7 @@ from pathlib import Path
 import grpc
 import numpy as np
 import pytest
+import uvloop
 from dispatcher_network import (
     DELAY_NS,
     START_NS,
@@ -80,7 +81,7 @@ def sdc_run(
             assert status.pairs_created == len(paulis)
             return outcomes
 
-    return np.array(asyncio.run(run()))
+    return np.array(uvloop.run(run()))
 
 
 def test_superdense_coding_carries_two_bits_a_photon(tmp_path: Path) -> None:
@@ -141,7 +142,7 @@ def test_light_needs_its_time_through_the_fiber(tmp_path: Path) -> None:
             assert received.last_ns - sent.last_ns == 100_000
             assert sent.time_ns >= received.last_ns
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_send_replies_only_when_the_last_photon_has_come(tmp_path: Path) -> None:
@@ -157,7 +158,7 @@ def test_send_replies_only_when_the_last_photon_has_come(tmp_path: Path) -> None
             await clock.set(START_NS + 1000 + DELAY_NS + 1)
             await sending
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 async def cut_in_the_middle(bench: Bench, clock: ManualClock, *then: tuple[int, int]) -> None:
@@ -194,7 +195,7 @@ def test_a_path_that_closes_cuts_the_block(tmp_path: Path) -> None:
             assert outcomes_present(measured.outcomes) == list(range(500))
             assert (await bench.runner.status()).photons_lost == 500
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_a_path_that_moves_divides_the_block(tmp_path: Path) -> None:
@@ -219,7 +220,7 @@ def test_a_path_that_moves_divides_the_block(tmp_path: Path) -> None:
                 elif position >= 600:
                     assert theirs.outcomes[position] == outcome
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_parts_that_come_to_two_ports_of_a_node_are_one_block_again(tmp_path: Path) -> None:
@@ -243,7 +244,7 @@ def test_parts_that_come_to_two_ports_of_a_node_are_one_block_again(tmp_path: Pa
             ours = await bench.bob.measure(block())
             assert outcomes_present(ours.outcomes) == [*range(200), *range(300, 400)]
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_light_that_meets_no_path_never_arrives(tmp_path: Path) -> None:
@@ -260,7 +261,7 @@ def test_light_that_meets_no_path_never_arrives(tmp_path: Path) -> None:
             assert (status.live_qubits, status.photons_lost) == (10, 10)
             assert [event.kind for event in bench.layer.history._events][-1] == "dark"
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_light_goes_through_several_switches(tmp_path: Path) -> None:
@@ -283,7 +284,7 @@ def test_light_goes_through_several_switches(tmp_path: Path) -> None:
             await bench.bob.send((block(), "bob-q0"))  # and it does not come back: one way
             assert (await bench.runner.status()).photons_lost == 4
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_light_in_a_ring_of_cross_connects_fades(tmp_path: Path) -> None:
@@ -308,7 +309,7 @@ def test_light_in_a_ring_of_cross_connects_fades(tmp_path: Path) -> None:
             status = await bench.runner.status()
             assert (status.live_qubits, status.photons_lost) == (0, 2)
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_the_order_of_arrival_does_not_change_what_photons_meet(tmp_path: Path) -> None:
@@ -327,7 +328,7 @@ def test_the_order_of_arrival_does_not_change_what_photons_meet(tmp_path: Path) 
             return [found[0], found[1]]
 
     forwards, backwards = (
-        asyncio.run(run(order, tmp_path / name)) for order, name in (([0, 1], "a"), ([1, 0], "b"))
+        uvloop.run(run(order, tmp_path / name)) for order, name in (([0, 1], "a"), ([1, 0], "b"))
     )
     assert forwards == backwards
     assert forwards[0] != forwards[1]

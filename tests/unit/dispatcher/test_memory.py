@@ -7,6 +7,7 @@ from pathlib import Path
 import grpc
 import numpy as np
 import pytest
+import uvloop
 from dispatcher_network import (
     DELAY_NS,
     START_NS,
@@ -61,7 +62,7 @@ def run(
         async with running(config, clock) as bench:
             await act(bench, clock)
 
-    asyncio.run(inside())
+    uvloop.run(inside())
 
 
 async def store(client: Client, half: int, number: int = 0) -> Feedback:
@@ -306,7 +307,7 @@ def test_a_part_that_comes_later_has_not_waited_with_the_first(tmp_path: Path) -
             outcomes = list((await bench.bob.measure(block())).outcomes)
             assert outcomes == [0] * 200 + [NO_CLICK] * 100 + [1] * 100
 
-    asyncio.run(inside())
+    uvloop.run(inside())
 
 
 def test_nothing_happens_to_qubits_in_an_ideal_memory() -> None:
@@ -331,7 +332,7 @@ def test_pairs_of_a_source_decay_from_what_they_were(tmp_path: Path) -> None:
             assert within(counts(found)[0], COUNT, 0.9 * (1 - z) + other * z)
             assert within(counts(found)[1], COUNT, other)
 
-    asyncio.run(inside())
+    uvloop.run(inside())
 
 
 class SlowClock(JumpingClock):
@@ -354,7 +355,7 @@ def test_replies_tell_the_wait_and_not_how_long_it_took_to_simulate(tmp_path: Pa
             applied = await bench.alice.apply(block(0, 0), bytes(10))
             return applied.time_ns - created.first_ns
 
-    told_ns = asyncio.run(scene())
+    told_ns = uvloop.run(scene())
     (waited,) = (line for line in log.read_text().splitlines() if " recall " in line)
     # The memory reads the clock itself, right after the time of the reply.
     assert round(float(waited.split(" after ")[1].split()[0]) * 1e9) == told_ns + 1_000_000

@@ -1,10 +1,10 @@
 """Each qubit waits from its own arrival: against sums over arrivals, within 5 standard errors."""
 
-import asyncio
 from collections.abc import Awaitable, Callable, Iterable
 
 import numpy as np
 import pytest
+import uvloop
 from five_sigma import within
 from numpy.typing import NDArray
 
@@ -31,7 +31,7 @@ def between(act: Callable[[Laboratory], Awaitable[None]], **devices: Device) -> 
         tokens = dict.fromkeys(("alice", "bob"), "")
         await act(Laboratory(DispatcherConfig("", "", 1, tokens, fibers, [], devices=devices)))
 
-    asyncio.run(inside())
+    uvloop.run(inside())
 
 
 def agree(probabilities: Iterable[float], agreeing: int, trials: int) -> bool:

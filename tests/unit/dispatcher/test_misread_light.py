@@ -1,8 +1,7 @@
 """Detectors of light that tell the other bit now and then; closed forms, 5 sigma, seed 1."""
 
-import asyncio
-
 import numpy as np
+import uvloop
 from five_sigma import within
 
 from dispatcher.laboratory import Laboratory
@@ -41,7 +40,7 @@ def test_detectors_of_light_tell_wrongly_what_they_see_and_nothing_else() -> Non
         assert within(int((told != NO_CLICK).sum()), COUNT, seen)
         assert within(int((told == 0).sum()), int((told != NO_CLICK).sum()), error)
 
-    asyncio.run(act())
+    uvloop.run(act())
 
 
 def test_who_resends_light_resends_what_was_told() -> None:
@@ -62,4 +61,4 @@ def test_who_resends_light_resends_what_was_told() -> None:
         assert within(int((told == 0).sum()), COUNT, error)
         assert np.array_equal(found, told)
 
-    asyncio.run(act())
+    uvloop.run(act())

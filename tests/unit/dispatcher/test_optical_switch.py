@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import uvloop
 from dispatcher_network import (
     DELAY_NS,
     START_NS,
@@ -37,7 +38,7 @@ def play(config: DispatcherConfig, scene: Callable[[Bench], Awaitable[None]]) ->
         async with running(config, JumpingClock()) as bench:
             await scene(bench)
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def optics(folder: Path, **changes: Any) -> DispatcherConfig:
@@ -145,7 +146,7 @@ def test_photons_of_a_circuit_count_also_after_it_has_closed(tmp_path: Path) -> 
             await clock.set(AT_SWITCH_NS + 500 + REMEMBERED_NS + 1)
             assert not (await bench.switch.statistics()).circuits
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_a_path_that_stays_is_not_interrupted_by_a_new_circuit(tmp_path: Path) -> None:
@@ -160,7 +161,7 @@ def test_a_path_that_stays_is_not_interrupted_by_a_new_circuit(tmp_path: Path) -
             assert counts == {5: 500, 6: 500}
             assert port(statistics, 3) == (0, 1000, 0)
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_ports_on_different_wavelengths_do_not_connect(tmp_path: Path) -> None:
@@ -216,7 +217,7 @@ def test_light_is_judged_by_the_tuning_of_its_moment(tmp_path: Path) -> None:
             outcomes = (await bench.alice.measure(block())).outcomes
             assert [value != 255 for value in outcomes] == [True] * 500 + [False] * 500
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_a_port_with_less_power_attenuates_what_leaves_there(tmp_path: Path) -> None:
@@ -310,7 +311,7 @@ def test_heat_takes_nothing_from_light_that_has_passed(tmp_path: Path) -> None:
             )
             assert port(await bench.switch.statistics(), 3) == (0, 500, 0)
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_a_stuck_cross_connect_is_made_and_stays(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import grpc
 import pytest
+import uvloop
 from dispatcher_network import (
     DEADLINE_S,
     FAST_HZ,
@@ -71,7 +72,7 @@ def on(folder: Path, act: Callable[[Bench], Awaitable[None]], clock: Any = None)
         async with running(configuration(folder), clock or JumpingClock()) as bench:
             await act(bench)
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_superdense_coding_takes_one_order_of_each_host(tmp_path: Path) -> None:
@@ -173,7 +174,7 @@ def test_light_that_comes_after_its_session_was_let_go_leaves_nothing(tmp_path: 
             await clock.set(clock.now_ns() + 1_000)  # the path opens
             await connecting
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 @pytest.mark.parametrize(

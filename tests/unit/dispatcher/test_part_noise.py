@@ -1,12 +1,12 @@
 """Noise models of one's own for parts of devices, beside closed forms; 5 sigma, seed 1."""
 
-import asyncio
 from collections.abc import Awaitable, Callable
 from math import exp
 from pathlib import Path
 from typing import Any
 
 import pytest
+import uvloop
 from five_sigma import within
 
 from dispatcher.laboratory import Laboratory
@@ -60,7 +60,7 @@ def at_alice(act: Callable[[Laboratory], Awaitable[None]], device: Device) -> No
         config = DispatcherConfig("", "", 1, {"alice": ""}, [], [], devices={"alice": device})
         await act(Laboratory(config))
 
-    asyncio.run(inside())
+    uvloop.run(inside())
 
 
 def sometimes(model: str, **parameters: Any) -> dict[str, Any]:

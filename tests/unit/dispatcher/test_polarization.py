@@ -1,11 +1,11 @@
 """Turns of polarisation about any axis, against matrices and closed forms; 5 sigma, seed 1."""
 
-import asyncio
 from collections.abc import Awaitable, Callable
 from typing import Any
 
 import numpy as np
 import pytest
+import uvloop
 from five_sigma import within
 from numpy.typing import NDArray
 
@@ -72,7 +72,7 @@ def between(
         tokens = dict.fromkeys(devices, "")
         await act(Laboratory(DispatcherConfig("", "", 1, tokens, fibers, [], devices=devices)))
 
-    asyncio.run(inside())
+    uvloop.run(inside())
 
 
 def kept(rms_rad: float) -> float:
@@ -193,4 +193,4 @@ def test_detectors_of_another_encoding_are_refused() -> None:
             with pytest.raises(Refusal, match="measures polarization qubits, and these are time"):
                 await act
 
-    asyncio.run(inside())
+    uvloop.run(inside())

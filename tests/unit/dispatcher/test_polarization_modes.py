@@ -1,10 +1,10 @@
 """Polarisation-dependent loss and mode dispersion, against matrices and sums; 5 sigma, seed 1."""
 
-import asyncio
 from typing import Any
 
 import numpy as np
 import pytest
+import uvloop
 from five_sigma import within
 from noise_cases import passage
 
@@ -47,7 +47,7 @@ def sent(bandwidth_nm: float = 0.0, encoding: str = "polarization", **fiber: Any
         bits = await bob.measure((0, 0), bases=states >> np.uint8(1))
         return np.where(bits == NO_CLICK, bits, bits ^ (states & np.uint8(1)))
 
-    return asyncio.run(inside())
+    return uvloop.run(inside())
 
 
 @pytest.mark.parametrize("loss_db", [1.0, 6.0, 40.0])

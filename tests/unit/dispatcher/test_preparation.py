@@ -1,6 +1,5 @@
 """Photons in states that their host has chosen."""
 
-import asyncio
 import io
 import math
 from collections.abc import Awaitable, Callable
@@ -9,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+import uvloop
 from five_sigma import within
 
 from dispatcher.build import build_layer
@@ -44,7 +44,7 @@ def run(backend: Backend, act: Callable[[LaboratoryHost], Awaitable[Bytes]]) -> 
     async def inside() -> Bytes:
         return await act(Laboratory(configuration(backend)).host("alice"))
 
-    return asyncio.run(inside())
+    return uvloop.run(inside())
 
 
 @pytest.mark.parametrize("backend", ["chp", "stim", "dense"])
@@ -95,7 +95,7 @@ def test_what_is_prepared_passes_gates_and_fibres() -> None:
         expected = (CHOSEN & 1) ^ (CHOSEN // 2 == Y)
         np.testing.assert_array_equal(found[seen], expected[seen])
 
-    asyncio.run(scene())
+    uvloop.run(scene())
 
 
 def test_the_event_says_which_states_there_are_and_which_a_photon_has() -> None:
@@ -123,7 +123,7 @@ def test_pulses_have_as_many_photons_as_their_intensity_says() -> None:
         seen = await alice.measure((0, 0)) != NO_CLICK
         return [int(seen[levels == level].sum()) for level in range(3)]
 
-    for mean, seen in zip(means, asyncio.run(run()), strict=True):
+    for mean, seen in zip(means, uvloop.run(run()), strict=True):
         assert within(seen, count // 3, -np.expm1(-mean))
 
 
@@ -145,7 +145,7 @@ def test_levels_that_a_source_does_not_have_are_refused(
         await alice.prepare(np.zeros(3, np.uint8), levels=np.frombuffer(levels, np.uint8))
 
     with pytest.raises(Refusal, match=says):
-        asyncio.run(run())
+        uvloop.run(run())
 
 
 @pytest.mark.parametrize(
@@ -190,7 +190,7 @@ def test_prepared_states_are_wrong_as_often_as_the_error_says(basis: int) -> Non
         bits = await alice.measure((0, 0), bases=np.full(count, basis, np.uint8))
         return int(np.count_nonzero(bits != states & 1))
 
-    assert within(asyncio.run(run()), count, error)
+    assert within(uvloop.run(run()), count, error)
 
 
 def test_g2_of_light_that_is_not_single_is_refused() -> None:

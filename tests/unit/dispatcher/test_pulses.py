@@ -9,6 +9,7 @@ from typing import Any
 import grpc
 import numpy as np
 import pytest
+import uvloop
 from dispatcher_network import (
     DELAY_NS,
     START_NS,
@@ -44,7 +45,7 @@ def play(config: DispatcherConfig, scene: Callable[[Bench], Awaitable[Any]]) -> 
         async with running(config, JumpingClock()) as bench:
             return await scene(bench)
 
-    return asyncio.run(run())
+    return uvloop.run(run())
 
 
 def held(bench: Bench, node: str, number: int = 0, half: int = 0) -> Block:
@@ -160,7 +161,7 @@ def test_further_photons_go_the_way_that_was_open_and_meet_again(
                 kept = found[there]
                 assert (kept == np.arange(1000)[there].astype(found.dtype)).all()
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_angles_of_fibres_add_up_and_a_flip_turns_them_around(tmp_path: Path) -> None:
@@ -382,7 +383,7 @@ def test_what_a_photon_meets_does_not_depend_on_how_its_block_was_divided(tmp_pa
             other = np.array(list((await bench.charlie.measure(block(half=1))).outcomes))
             return [int(v) for v in np.where(seen == 255, 255, seen ^ other)]
 
-    whole, parts = (np.array(asyncio.run(run(divided))) for divided in (False, True))
+    whole, parts = (np.array(uvloop.run(run(divided))) for divided in (False, True))
     dark = slice(count // 2 - 100, count // 2)  # while it switched
     assert (np.delete(whole, dark) == np.delete(parts, dark)).all()
     assert 0.3 < np.mean(whole == 255) < 0.7

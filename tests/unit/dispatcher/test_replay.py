@@ -13,6 +13,7 @@ from typing import Any
 
 import grpc
 import pytest
+import uvloop
 from dispatcher_network import (
     DEADLINE_S,
     START_NS,
@@ -68,7 +69,7 @@ def recorded(folder: Path, clock: Clock, act: Act, **changes: Any) -> tuple[byte
         async with running(config, clock) as bench:
             await act(bench)
 
-    asyncio.run(run())
+    uvloop.run(run())
     assert stat.S_IMODE(file.stat().st_mode) == 0o600
     content = file.read_bytes()
     assert b"token of" not in content
@@ -377,7 +378,7 @@ def test_waits_that_end_together_are_replayed_in_their_order(tmp_path: Path) -> 
             clock.over.set()
             await asyncio.gather(*tasks)
 
-    asyncio.run(run())
+    uvloop.run(run())
     kinds = [line.split()[2] for line in log.getvalue().splitlines()]
     assert kinds[-4:] == ["arrive", "arrive", "receive", "receive"]
     assert replayed(file.read_bytes()) == log.getvalue()

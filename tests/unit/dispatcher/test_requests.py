@@ -7,6 +7,7 @@ from typing import Any
 
 import grpc
 import pytest
+import uvloop
 from dispatcher_network import (
     FAST_HZ,
     START_NS,
@@ -340,7 +341,7 @@ def attempt(folder: Path, action: Callable[[Bench], Awaitable[None]], **changes:
         async with running(configuration(folder, **changes), JumpingClock()) as bench:
             await action(bench)
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 @pytest.mark.parametrize(("node", "method", "request_", "code", "message"), REFUSED)

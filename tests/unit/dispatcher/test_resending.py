@@ -1,6 +1,5 @@
 """Photons that are measured on the way and sent on, within 5 standard errors; the seed is 1."""
 
-import asyncio
 import io
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
@@ -8,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import uvloop
 from five_sigma import within
 from numpy.typing import NDArray
 
@@ -42,7 +42,7 @@ def scene(act: Callable[[Laboratory], Awaitable[None]], **changes: Any) -> None:
     async def inside() -> None:
         await act(Laboratory(network(**changes)))
 
-    asyncio.run(inside())
+    uvloop.run(inside())
 
 
 def attack(random: np.random.Generator, share: float, count: int) -> Bytes:

@@ -1,6 +1,5 @@
 """Sabot in another process: same results as in the dispatcher, and nothing that harms it."""
 
-import asyncio
 import os
 import signal
 import stat
@@ -16,6 +15,7 @@ import forked_python
 import grpc
 import numpy as np
 import pytest
+import uvloop
 from dispatcher_network import (
     Bench,
     JumpingClock,
@@ -218,9 +218,9 @@ async def each_turned(bench: Bench) -> list[Feedback]:
 
 @pytest.mark.parametrize("backend", sorted(BACKENDS))
 def test_the_dispatcher_gives_the_same_over_the_socket(tmp_path: Path, backend: str) -> None:
-    here = asyncio.run(transmission(tmp_path / "here", backend=backend))
+    here = uvloop.run(transmission(tmp_path / "here", backend=backend))
     with serving_in(tmp_path) as socket:
-        there = asyncio.run(transmission(tmp_path / "there", backend=backend, sabot=socket))
+        there = uvloop.run(transmission(tmp_path / "there", backend=backend, sabot=socket))
     assert there == here
 
 

@@ -1,12 +1,12 @@
 """One node's blocks leave room for those of others."""
 
-import asyncio
 import io
 from dataclasses import replace
 from pathlib import Path
 
 import grpc
 import pytest
+import uvloop
 from dispatcher_network import Bench, JumpingClock, block, configuration, running
 
 from dispatcher.build import LEAST_BLOCKS, LEAST_SHARE, equal_share
@@ -68,7 +68,7 @@ def test_who_makes_too_much_is_refused_and_others_are_not(tmp_path: Path) -> Non
         async with running(config, JumpingClock()) as bench:
             await act(bench)
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_who_has_many_small_blocks_leaves_some_for_others(tmp_path: Path) -> None:
@@ -90,7 +90,7 @@ def test_who_has_many_small_blocks_leaves_some_for_others(tmp_path: Path) -> Non
             assert layer.ownership.blocks_made_by("alice") == 0
             assert not layer.ownership._blocks_made
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_who_causes_many_events_fills_no_more_than_a_share_of_the_log() -> None:
@@ -129,7 +129,7 @@ def test_a_name_that_another_has_taken_first_is_there_for_its_owner(tmp_path: Pa
             other = await bench.charlie.measure(block(0, 1))
             assert other.outcomes == own.outcomes  # halves of a Bell pair agree
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_light_of_another_does_not_mix_with_what_waits_under_its_name(tmp_path: Path) -> None:
@@ -151,4 +151,4 @@ def test_light_of_another_does_not_mix_with_what_waits_under_its_name(tmp_path: 
             owned = bench.service.layer.ownership
             assert (owned.made_by("charlie"), owned.made_by("alice")) == (0, pairs)
 
-    asyncio.run(run())
+    uvloop.run(run())

@@ -1,12 +1,12 @@
 """Photons that are counted and split off pulses, within 5 standard errors; the seed is 1."""
 
-import asyncio
 from collections.abc import Awaitable, Callable
 from math import exp
 from typing import Any, Literal
 
 import numpy as np
 import pytest
+import uvloop
 from five_sigma import within
 
 from dispatcher.laboratory import Laboratory
@@ -31,7 +31,7 @@ def scene(
     tokens = {name: name for name in ("alice", "eve", "bob")}
     devices = {"alice": LASER, **changes.pop("devices", {})}
     config = DispatcherConfig("", "", 1, tokens, fibers, [], devices=devices, **changes)
-    asyncio.run(_act(act, config))
+    uvloop.run(_act(act, config))
 
 
 async def _act(act: Callable[[Laboratory], Awaitable[None]], config: DispatcherConfig) -> None:

@@ -3,13 +3,13 @@
 Every block has 100,000 members; the seed is the number of swaps.
 """
 
-import asyncio
 from functools import reduce
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
+import uvloop
 from five_sigma import within
 
 from dispatcher.laboratory import Laboratory
@@ -70,7 +70,7 @@ def swapped(links: list[Bell], memory: Memory | None = None, wait_s: float = 0.0
         assert laboratory.layer.sabot.live_qubits == 0
         return found
 
-    return asyncio.run(inside())
+    return uvloop.run(inside())
 
 
 def require_states(found: Bytes, expected: Bell) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import grpc
 import pytest
+import uvloop
 from dispatcher_network import Bench, JumpingClock, configuration, running
 
 from dispatcher.layer.network import Network
@@ -32,7 +33,7 @@ def play(folder: Path, scene: Callable[[Bench], Awaitable[None]]) -> None:
         async with running(configuration(folder), JumpingClock()) as bench:
             await scene(bench)
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def stuck(in_port: int, out_port: int) -> InjectFaultRequest:
@@ -169,7 +170,7 @@ def test_the_condition_names_paths_that_differ_with_what_heat_adds(tmp_path: Pat
             assert (condition.loss_db, condition.rotation) == (4.0, 2)
             assert (path.in_port, path.out_port, path.loss_db, path.rotation) == (1, 3, 5.0, 3)
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_a_watcher_that_has_gone_is_forgotten(tmp_path: Path) -> None:

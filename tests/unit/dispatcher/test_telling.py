@@ -1,8 +1,7 @@
 """The words of hosts to those who watch: one line each, and nothing that could pass for another."""
 
-import asyncio
-
 import pytest
+import uvloop
 
 from dispatcher.laboratory import Laboratory
 from dispatcher.refusal import Refusal
@@ -13,7 +12,7 @@ from wire.dispatcher_pb2 import TellRequest
 def told(text: str) -> list[tuple[str, str, str]]:
     """Return the events after alice has told a text."""
     laboratory = Laboratory(DispatcherConfig("", "", 1, {"alice": ""}, [], []))
-    asyncio.run(laboratory.act("alice", "tell", TellRequest(text=text)))
+    uvloop.run(laboratory.act("alice", "tell", TellRequest(text=text)))
     return [(e.node, e.kind, e.detail) for e in laboratory.layer.history._events]
 
 

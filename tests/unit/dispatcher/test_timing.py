@@ -1,11 +1,11 @@
 """When single photons are counted, and in which slot, against the normal distribution; 5 sigma."""
 
-import asyncio
 from math import erf, sqrt
 from typing import Any
 
 import numpy as np
 import pytest
+import uvloop
 from five_sigma import within
 
 from dispatcher.laboratory import Laboratory
@@ -51,7 +51,7 @@ def slots_of(
         clicked = np.flatnonzero(await bob.measure((0, 0)) != NO_CLICK)
         return np.bincount(clicked % EACH, minlength=EACH)
 
-    return asyncio.run(run())
+    return uvloop.run(run())
 
 
 def agree(found: np.ndarray, sigma_ps: float, gate_ps: float) -> bool:

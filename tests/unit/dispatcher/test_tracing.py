@@ -1,12 +1,12 @@
 """Dumps of the real dispatcher: they run, and find what the dispatcher found."""
 
-import asyncio
 import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import uvloop
 from dispatcher_network import Bench, JumpingClock, block, configuration, running, with_fibers
 
 from dispatcher.recording.writer import PHOTONS
@@ -41,7 +41,7 @@ def dumped(folder: Path, act: Any, **changes: Any) -> tuple[str, Any]:
         async with running(config, JumpingClock()) as bench:
             return await act(bench)
 
-    found = asyncio.run(run())
+    found = uvloop.run(run())
     return file.read_text(), found
 
 

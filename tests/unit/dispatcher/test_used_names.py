@@ -1,10 +1,10 @@
 """Names of blocks that are used again: other photons, other random numbers."""
 
-import asyncio
 from itertools import combinations
 
 import numpy as np
 import pytest
+import uvloop
 from five_sigma import within
 
 from dispatcher.laboratory import Laboratory
@@ -32,9 +32,9 @@ def test_the_outcomes_of_a_name_that_is_used_again_are_new() -> None:
             await alice.discard((0, 1))
         return found
 
-    for one, other in combinations(asyncio.run(seen(Device())), 2):
+    for one, other in combinations(uvloop.run(seen(Device())), 2):
         assert within(int(np.count_nonzero(one == other)), COUNT, 0.5)
-    for one, other in combinations(asyncio.run(seen(device)), 2):
+    for one, other in combinations(uvloop.run(seen(device)), 2):
         dark = np.exp(-0.5)  # a pulse that no detector sees: thinned Poisson of mean .5
         both = np.count_nonzero((one == NO_CLICK) & (other == NO_CLICK))
         assert within(int(both), COUNT, dark**2)

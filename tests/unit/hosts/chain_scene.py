@@ -13,6 +13,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import uvloop
 from stacks_scene import RELAYED, REPEATERS, Judge, grant, network, requested
 
 from controller_apps.policy.schedules import PARALLEL, UNPURIFIED, Purification
@@ -78,4 +79,4 @@ def swapped(folder: Path, repeaters: int, **options: Any) -> list[dict[str, Any]
         async with chain(folder, repeaters, **physics):
             return await asyncio.to_thread(requested, folder, "swap", **options)
 
-    return asyncio.run(run())
+    return uvloop.run(run())

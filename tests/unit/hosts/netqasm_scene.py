@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import netqasm.examples.apps
+import uvloop
 from dispatcher_status import require_nothing_left
 from stacks_scene import DEADLINE_S, RELAYED, network
 
@@ -68,7 +69,7 @@ def outputs(
 
     before = list(sys.path)
     try:
-        return asyncio.run(run())
+        return uvloop.run(run())
     finally:
         sys.path[:] = before
 

@@ -18,6 +18,7 @@ from typing import Any, Literal, TextIO
 
 import grpc
 import pytest
+import uvloop
 
 from dispatcher.build import build_layer
 from dispatcher.clock import NetworkClock
@@ -109,16 +110,23 @@ async def pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> No
     """Pass bytes on, and the end of this direction of the connection."""
     try:
         while data := await reader.read(1 << 16):
-            writer.write(data)
+            write(writer, data)
         end(writer)
     except ConnectionError:
         writer.close()
 
 
+def write(writer: asyncio.StreamWriter, data: bytes) -> None:
+    """Say something; who is gone hears nothing."""
+    if not writer.is_closing():
+        writer.write(data)
+
+
 def end(writer: asyncio.StreamWriter) -> None:
     """Say that no more is said; who has said it before, or is gone, need not."""
-    with suppress(OSError):
-        writer.write_eof()
+    if not writer.is_closing():
+        with suppress(OSError):
+            writer.write_eof()
 
 
 async def alter(
@@ -168,7 +176,7 @@ async def _pass_on(changes: Changes, writer: asyncio.StreamWriter) -> None:
     while (coming := await changes.get()) is not None:
         changed = await coming
         if changed is not None:
-            writer.write(changed.encode())
+            write(writer, changed.encode())
         if changed is None or getattr(changed, "last", False):
             writer.close()
             return
@@ -454,7 +462,7 @@ def ask(
         async with network(folder, judge, **(physics or {})):
             return await asyncio.to_thread(requested, folder, service, **options)
 
-    return asyncio.run(run())
+    return uvloop.run(run())
 
 
 def refusal(folder: Path, service: str, judge: Judge = grant, **options: Any) -> str:
@@ -472,4 +480,4 @@ def refusal(folder: Path, service: str, judge: Judge = grant, **options: Any) ->
         async with network(folder, judge):
             return await asyncio.to_thread(refused)
 
-    return asyncio.run(run())
+    return uvloop.run(run())

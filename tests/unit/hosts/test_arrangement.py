@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import uvloop
 from stacks_scene import grant, network, requested
 
 from hosts.middleware.session import arrangement
@@ -40,7 +41,7 @@ def two_sessions(folder: Path, judge: Judge) -> None:
             for _ in range(2):
                 await asyncio.to_thread(requested, folder, "teleport", count=100)
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import uvloop
 from stacks_scene import ask, network, requested
 from test_heralded_distribution import ATTEMPTS, STATION
 
@@ -64,4 +65,4 @@ def test_the_controller_sets_the_cutoff_of_memories(tmp_path: Path) -> None:
                 await asyncio.to_thread(requested, tmp_path, "distribute", count=5, sample=0)
         return str(caught.value)
 
-    assert "or choose a longer cut-off than 5e-05 s (memory.cutoff_s" in asyncio.run(run())
+    assert "or choose a longer cut-off than 5e-05 s (memory.cutoff_s" in uvloop.run(run())

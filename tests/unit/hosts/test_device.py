@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import pytest
+import uvloop
 
 from hosts.middleware.device import Device, changed
 from hosts.middleware.session.errors import SessionError
@@ -227,7 +228,7 @@ def test_the_agent_answers_is_set_and_reports_changes() -> None:
             assert isinstance(cut, DeviceReport)
             assert cut.ports == (DevicePort("bob-q0", False),)
 
-    asyncio.run(scene())
+    uvloop.run(scene())
 
 
 def test_the_agent_takes_orders_for_chains_of_repeaters() -> None:
@@ -239,7 +240,7 @@ def test_the_agent_takes_orders_for_chains_of_repeaters() -> None:
             assert await peer.next() == Answer(45, Reason.OK)
             assert await swaps.order(7) == order
 
-    asyncio.run(scene())
+    uvloop.run(scene())
 
 
 def test_the_agent_reports_losses_above_the_threshold_by_itself() -> None:
@@ -259,7 +260,7 @@ def test_the_agent_reports_losses_above_the_threshold_by_itself() -> None:
             assert (alarm.session, alarm.pairs_lost) == (0, 11)
 
     with device.opens(session):
-        asyncio.run(scene())
+        uvloop.run(scene())
 
 
 def test_what_is_old_foreign_or_for_another_host_changes_nothing() -> None:
@@ -280,4 +281,4 @@ def test_what_is_old_foreign_or_for_another_host_changes_nothing() -> None:
             assert await peer.silent()
             assert device.settings == DeviceSettings()
 
-    asyncio.run(scene())
+    uvloop.run(scene())

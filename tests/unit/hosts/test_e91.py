@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import uvloop
 from stacks_scene import DEADLINE_S, Judge, ask, grant, network, requested
 
 from hosts.service_socket import ServiceSocket
@@ -73,7 +74,7 @@ def spied(folder: Path, fraction: float, **options: Any) -> list[dict[str, Any]]
         async with network(folder, paths=BY_EVE):
             return await asyncio.to_thread(asked)
 
-    return asyncio.run(run())
+    return uvloop.run(run())
 
 
 def test_who_measures_a_fifth_lowers_s_by_a_tenth(tmp_path: Path) -> None:

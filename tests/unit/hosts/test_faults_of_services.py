@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import uvloop
 from fault_scene import (
     DATA,
     NOBODY,
@@ -63,7 +64,7 @@ def happens(
         async with running(folder, service, **physics):
             return await asyncio.to_thread(session, folder, service, **(options or {}))
 
-    return asyncio.run(run())
+    return uvloop.run(run())
 
 
 def broken(
@@ -79,7 +80,7 @@ def broken(
             assert [each.text for each in again] == ["", ""]
             return told
 
-    return asyncio.run(run())
+    return uvloop.run(run())
 
 
 @services
@@ -381,7 +382,7 @@ def test_an_application_that_goes_in_mid_session_ends_it_for_both(
             assert [each.text for each in again] == ["", ""]
             return told
 
-    alice, bob = asyncio.run(run())
+    alice, bob = uvloop.run(run())
     assert alice.text
     assert bob.text
     if gone == "bob":

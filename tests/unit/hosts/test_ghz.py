@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import uvloop
 from numpy.typing import NDArray
 from stacks_scene import DEADLINE_S, live_qubits, network, taken_part
 
@@ -95,7 +96,7 @@ def made(folder: Path, hosts: int, count: int = COUNT, **physics: Any) -> list[d
             assert await live_qubits(folder) == 0
             return found
 
-    return asyncio.run(run())
+    return uvloop.run(run())
 
 
 @pytest.mark.parametrize("hosts", [3, 4])
@@ -170,7 +171,7 @@ def test_a_line_that_cannot_be_is_refused_and_leaves_no_photon(
             assert await live_qubits(tmp_path) == 0
             return text
 
-    assert words in asyncio.run(run())
+    assert words in uvloop.run(run())
 
 
 def test_bases_are_those_of_stabilisers_each_as_often_as_others() -> None:

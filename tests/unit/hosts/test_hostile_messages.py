@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import uvloop
 from fault_scene import SERVICES, Once, Raw, running, session
 
 from hosts.middleware.session import swap_orders
@@ -72,5 +73,5 @@ def test_changed_bytes_leave_nothing_behind(tmp_path: Path, service: str) -> Non
             assert [each.text for each in again] == ["", ""]
         return texts
 
-    texts = asyncio.run(run())
+    texts = uvloop.run(run())
     assert sum(map(bool, texts)) > SESSIONS / 3

@@ -1,12 +1,12 @@
 """Key managers back to back: the same keys for a master and its slaves, once, and nobody else."""
 
-import asyncio
 import os
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from uuid import UUID, uuid4
 
 import pytest
+import uvloop
 
 from hosts.key_delivery.delivery import KeyDelivery
 from hosts.key_delivery.refusals import NOT_FOUND, Allowance, Refused, unavailable
@@ -83,7 +83,7 @@ def play(folder: Path, scene: Scene) -> None:
     async def whole() -> None:
         await scene(Managers(folder))
 
-    asyncio.run(whole())
+    uvloop.run(whole())
 
 
 def ids(keys: list[DeliveredKey]) -> list[UUID]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import uvloop
 from stacks_scene import (
     DEADLINE_S,
     Change,
@@ -96,7 +97,7 @@ def failure(
             failed = await asyncio.to_thread(asked)
             return replace(failed, live_qubits=await live_qubits(folder))
 
-    failed = asyncio.run(run())
+    failed = uvloop.run(run())
     assert [path for path in (folder / "keys").rglob("*") if path.is_file()] == []
     assert failed.live_qubits == 0
     return failed
@@ -373,7 +374,7 @@ def test_no_photon_is_left_behind(tmp_path: Path, protocol: str) -> None:
     def one_session() -> None:
         requested(tmp_path, protocol, count=COUNT)
 
-    assert asyncio.run(run()) == 0
+    assert uvloop.run(run()) == 0
 
 
 def weak(mean: float) -> dict[str, Any]:

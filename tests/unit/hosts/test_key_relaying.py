@@ -1,6 +1,5 @@
 """Key managers in a row, with the controller's own choice of a route, and nothing else between."""
 
-import asyncio
 import os
 import time
 from collections.abc import Awaitable, Callable
@@ -10,6 +9,7 @@ from typing import Any
 from uuid import uuid4
 
 import pytest
+import uvloop
 
 from controller_apps.keys.key_network import KeyNetwork, NoRoute
 from controller_apps.policy.policy import parse_policy
@@ -123,7 +123,7 @@ def play(folder: Path, scene: Callable[[Row], Awaitable[None]], policy: str = TR
     async def whole() -> None:
         await scene(Row(folder, policy))
 
-    asyncio.run(whole())
+    uvloop.run(whole())
 
 
 @pytest.mark.parametrize(("number", "size"), [(1, 256), (3, 8), (2, 264)])

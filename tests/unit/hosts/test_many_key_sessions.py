@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import uvloop
 from fault_scene import running, session
 
 SESSIONS = 6  # of each protocol, noise and correction
@@ -54,4 +55,4 @@ def test_both_stores_hold_the_same_keys_after_every_session(
         assert delivered >= 0.8 * SESSIONS
         assert len(mine["first"]) >= delivered
 
-    asyncio.run(run())
+    uvloop.run(run())

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import uvloop
 from netqasm.lang.instr import vanilla
 from netqasm.sdk import EPRSocket, Qubit
 from netqasm.sdk.epr_socket import EprMeasBasis
@@ -283,7 +284,7 @@ def said(folder: Path, *messages: bytes) -> str:
         async with network(folder):
             return await asyncio.to_thread(speak)
 
-    return asyncio.run(run())
+    return uvloop.run(run())
 
 
 def test_hostile_bytes_are_refused_whole(tmp_path: Path) -> None:

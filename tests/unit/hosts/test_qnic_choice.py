@@ -1,10 +1,10 @@
 """The hardware that a host's configuration names."""
 
-import asyncio
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import uvloop
 
 from hosts.hardware.choice import ClosableQnic, chosen_qnic
 from hosts.hardware.simulated import SimulatedQnic
@@ -55,7 +55,7 @@ def made(config: HostConfig) -> ClosableQnic:
         await qnic.close()
         return qnic
 
-    return asyncio.run(make())
+    return uvloop.run(make())
 
 
 def test_hardware_is_simulated_if_nothing_is_said() -> None:

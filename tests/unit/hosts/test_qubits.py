@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 import pytest
+import uvloop
 from dispatcher_status import require_nothing_left
 from stacks_scene import DEADLINE_S, network
 
@@ -34,7 +35,7 @@ def played(folder: Path, paths: list[tuple[int, int]], **programs: Program) -> d
         async with network(folder, paths=paths):
             return await asyncio.to_thread(perform)
 
-    return asyncio.run(run())
+    return uvloop.run(run())
 
 
 def test_gates_act_as_they_are_called(tmp_path: Path) -> None:
@@ -140,7 +141,7 @@ def subroutines(folder: Path, program: Program) -> list[str]:
             await asyncio.to_thread(perform)
 
     with (folder / "quantum.log").open("w") as events:
-        asyncio.run(run(events))
+        uvloop.run(run(events))
     lines = (folder / "quantum.log").read_text().splitlines()
     parts = [line.partition(" subroutine ") for line in lines]
     assert all(before.split()[-1] == "alice" for before, found, _text in parts if found)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import uvloop
 from stacks_scene import DEADLINE_S, ask, grant, network, refusal, requested
 
 from hosts.middleware.services.key_distribution import light
@@ -135,7 +136,7 @@ def test_who_measures_on_the_way_breaks_the_seal(tmp_path: Path) -> None:
         async with network(tmp_path, paths=BY_EVE):
             return await asyncio.to_thread(asked)
 
-    alice, _bob = asyncio.run(run())
+    alice, _bob = uvloop.run(run())
     assert alice["alarm"] is True
     assert alice["compared"] < 1000
     assert alice["emitted"] == QUICK["block_pairs"]  # of the first block, and no more light

@@ -5,6 +5,7 @@ import time
 
 import numpy as np
 import pytest
+import uvloop
 
 from hosts.middleware.services.swapping.bits import Bits
 from hosts.middleware.session import swap_orders
@@ -47,7 +48,7 @@ def test_orders_whose_sessions_never_come_make_room_for_others() -> None:
             swaps.take(SwapOrder(1, session, 1, "10.0.0.2"))
         assert swaps.sessions == frozenset(range(1, MAX_ORDERS + 1))
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_an_order_that_nobody_asks_for_is_dropped_and_one_in_use_is_not(
@@ -67,7 +68,7 @@ def test_an_order_that_nobody_asks_for_is_dropped_and_one_in_use_is_not(
         await asyncio.sleep(0.1)
         assert swaps.sessions == {6}
 
-    asyncio.run(run())
+    uvloop.run(run())
 
 
 def test_an_order_that_comes_late_is_waited_for() -> None:
@@ -79,4 +80,4 @@ def test_an_order_that_comes_late_is_waited_for() -> None:
         assert await waiting == order
         return await swaps.order(7)
 
-    assert asyncio.run(run()).right == "10.0.0.2"
+    assert uvloop.run(run()).right == "10.0.0.2"

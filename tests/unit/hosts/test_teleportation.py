@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import uvloop
 from stacks_scene import DEADLINE_S, Judge, accepted, ask, grant, network, refusal
 
 from dispatcher.sabot import capacity
@@ -68,7 +69,7 @@ def failure(folder: Path, physics: dict[str, Any], **options: Any) -> tuple[str,
         async with network(folder, **physics):
             return await asyncio.to_thread(asked)
 
-    return asyncio.run(run())
+    return uvloop.run(run())
 
 
 def told(rotation: int) -> Judge:
