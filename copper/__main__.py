@@ -1,20 +1,18 @@
 """`python -m copper --config FILE`: hold every packet as long as its cable is long."""
 
-import argparse
 import signal
 import sys
-from pathlib import Path
 
 from copper.forwarder import Forwarder
 from wire.config import BadConfig, CopperConfig
+from wire.config_argument import config_path
 
 
 def main() -> int:
     """Forward until SIGTERM or SIGINT; return the exit status."""
-    parser = argparse.ArgumentParser(prog="copper", description=__doc__)
-    parser.add_argument("--config", type=Path, required=True, help="written by the runner")
+    path = config_path("copper", __doc__)
     try:
-        forwarder = Forwarder(CopperConfig.read(parser.parse_args().config))
+        forwarder = Forwarder(CopperConfig.read(path))
     except (BadConfig, OSError) as error:
         print(f"copper: {error}", file=sys.stderr)
         return 1

@@ -1,10 +1,8 @@
 """python -m dispatcher --config FILE"""
 
-import argparse
 import logging
 import os
 import sys
-from pathlib import Path
 
 # gRPC's own lines about a taken port would hide ours; it reads this when imported.
 os.environ.setdefault("GRPC_VERBOSITY", "NONE")
@@ -13,19 +11,18 @@ import uvloop
 
 from dispatcher.server.server import serve
 from wire.config import BadConfig, DispatcherConfig
+from wire.config_argument import config_path
 from wire.parameters.physics import BadParameter
 
 
 def main() -> int:
     """Run the dispatcher; return its exit status."""
-    parser = argparse.ArgumentParser(prog="dispatcher", description="Hold all qubits of a network.")
-    parser.add_argument("--config", type=Path, required=True, help="written by the runner")
-    arguments = parser.parse_args()
+    path = config_path("dispatcher", "Hold all qubits of a network.")
     logging.basicConfig(
         stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s"
     )
     try:
-        uvloop.run(serve(DispatcherConfig.read(arguments.config)))
+        uvloop.run(serve(DispatcherConfig.read(path)))
     except (BadConfig, BadParameter, OSError) as error:
         print(f"dispatcher: {error}", file=sys.stderr)
         return 1

@@ -1,10 +1,10 @@
 """Run one host's stack: python -m hosts --config FILE."""
 
-import argparse
 import asyncio
 import logging
 import os
 import signal
+import socket
 import sys
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from hosts.hardware.choice import chosen_qnic
 from hosts.node_agent import start_node_agent
 from hosts.stack import Stack
 from wire.config import BadConfig, HostConfig
+from wire.config_argument import config_path
 from wire.metadata import METADATA_PORT
 from wire.netqasm.pair_requests import PAIRS_PORT
 
@@ -25,8 +26,10 @@ async def run(config: HostConfig) -> None:
     stopped = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, stopped.set)
-    metadata = await asyncio.start_server(stack.serve, config.address, METADATA_PORT)
-    pairs = await asyncio.start_server(stack.unit.pairs.serve, config.address, PAIRS_PORT)
+    # asyncio would look addresses up by names, in four threads of their own.
+    ports = [socket.create_server((config.address, port)) for port in (METADATA_PORT, PAIRS_PORT)]
+    metadata = await asyncio.start_server(stack.serve, sock=ports[0])
+    pairs = await asyncio.start_server(stack.unit.pairs.serve, sock=ports[1])
     local = await asyncio.start_unix_server(stack.applications.serve, config.socket)
     announcing = announce(
         config.name, config.address, config.qnics, config.node_features, config.device_key
@@ -51,12 +54,10 @@ async def run(config: HostConfig) -> None:
 
 def main() -> int:
     """Read the arguments, run, and turn faults into one line and an exit status."""
-    parser = argparse.ArgumentParser(prog="python -m hosts", description=__doc__)
-    parser.add_argument("--config", type=Path, required=True, help="JSON file (wire.config)")
-    arguments = parser.parse_args()
+    path = config_path("python -m hosts", __doc__)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
     try:
-        config = HostConfig.read(arguments.config)
+        config = HostConfig.read(path)
         network_loop.run(run(config), config.time)
     except (BadConfig, OSError) as error:
         print(f"host stack: {error}", file=sys.stderr)

@@ -171,8 +171,19 @@ class NodeAgent(asyncio.DatagramProtocol):
 async def start_node_agent(config: HostConfig, device: Device, swaps: Swaps) -> NodeAgent:
     """Open the port; raise OSError if it is taken."""
     _transport, agent = await asyncio.get_running_loop().create_datagram_endpoint(
-        lambda: NodeAgent(config, device, swaps),
-        local_addr=(config.address, DEVICE_PORT),
-        allow_broadcast=True,
+        lambda: NodeAgent(config, device, swaps), sock=agent_port(config.address)
     )
     return agent
+
+
+def agent_port(address: str) -> socket.socket:
+    """Return a socket for datagrams from the controller and to it, wherever it is."""
+    port = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        port.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+        port.setblocking(False)
+        port.bind((address, DEVICE_PORT))
+    except OSError:
+        port.close()
+        raise
+    return port

@@ -1,6 +1,5 @@
 """`python -m qswitch_agent --config FILE`: the agent of one quantum switch."""
 
-import argparse
 import asyncio
 import logging
 import os
@@ -8,7 +7,6 @@ import signal
 import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from pathlib import Path
 
 import uvloop
 
@@ -17,6 +15,7 @@ from qswitch_agent.bridge import BridgeFault
 from qswitch_agent.hardware.choice import hardware
 from qswitch_agent.hardware.optics import HardwareFault, OpticalHardware
 from wire.config import AgentConfig, BadConfig
+from wire.config_argument import config_path
 
 
 async def serve(config: AgentConfig) -> None:
@@ -52,15 +51,13 @@ async def measured(config: AgentConfig, optics: OpticalHardware) -> AsyncIterato
 
 def main() -> int:
     """Return 0 after a signal, 1 after a fault, which one line on stderr names."""
-    parser = argparse.ArgumentParser(prog="qswitch_agent", description=__doc__)
-    parser.add_argument("--config", type=Path, required=True, help="file of the runner")
-    arguments = parser.parse_args()
+    path = config_path("qswitch_agent", __doc__)
     logging.basicConfig(
         format="%(asctime)s %(levelname)s %(message)s", level=logging.INFO, stream=sys.stderr
     )
     faults: list[str] = []
     try:
-        uvloop.run(serve(AgentConfig.read(arguments.config)))
+        uvloop.run(serve(AgentConfig.read(path)))
     except* (BadConfig, BridgeFault, HardwareFault) as group:
         faults = [str(fault) for fault in group.exceptions]
     if faults:

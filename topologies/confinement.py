@@ -30,6 +30,8 @@ SHELL = ROOT / "topologies" / "confined_shell"
 # What could take covers off: mounting, opening files by their numbers, the kernel's memory. And
 # what could take limits off.
 GIVEN_UP = "-sys_admin,-dac_read_search,-sys_module,-sys_rawio,-sys_boot,-perfmon,-sys_resource"
+APART = ["unshare", "--pid", "--fork", "--kill-child", "unshare", "--mount", "--mount-proc"]
+FIRST_SHOWN = 10  # descriptor by which the shell has the first of what is shown
 CLONE_NEWPID = 0x20000000
 LIBC = ctypes.CDLL(None, use_errno=True)
 
@@ -43,20 +45,22 @@ class ConfinedNode(ShellWatcher):
     _memory_bytes = 0  # of each process's data
     _group: MemoryGroup | None = None
 
-    def confine(self, shown: Sequence[Path], covered: Sequence[Path], memory_mib: int) -> None:
+    def confine(
+        self, shown: Sequence[Path], covered: Sequence[Path], table: Path, memory_mib: int
+    ) -> None:
         """Let the shell, in which nothing runs, see no folder that is covered but those shown.
 
-        What people start has so much memory. Raise NetworkError, with the kernel's words, where it
+        The file of its mounts is written. What people start has so much memory. Raise
+        NetworkError, with the kernel's words, where it
         cannot be.
         """
         self._memory_bytes = memory_mib * MIB
         folders = [path for path in covered if not set(path.parents) & set(covered)]
-        apart = ["unshare", "--pid", "--fork", "--kill-child", "unshare", "--mount"]
+        table.write_text(fstab(shown, folders))
         limited = ["prlimit", f"--data={self._memory_bytes}", SHELL]
-        words = [*apart, *limited, self.name, GIVEN_UP, *shown, "--", *folders]
+        words = [*APART, *limited, self.name, GIVEN_UP, table, *shown, "--", *folders]
         self.write(f"exec {shlex.join(map(str, words))}\n")  # type: ignore[attr-defined]
-        self._await_prompt()
-        self.cmd("unset HISTFILE; set +m")
+        self.await_shell()
         (self._confined,) = children(self.shell.pid)
         self._group = MemoryGroup.of_host(self.name, memory_mib)
         self._admit(self._confined)
@@ -105,6 +109,26 @@ class ConfinedNode(ShellWatcher):
             programs = [each for pid in descendants(self._confined) if (each := owner(pid))]
             end_by_hanging_up(programs)
         super().hang_up()
+
+
+def fstab(shown: Sequence[Path], covered: Sequence[Path]) -> str:
+    """Return what is to be mounted so that folders are covered but those shown, as fstab(5) has it.
+
+    All by one mount(8): there may be a thousand hosts.
+    """
+    # A source that nothing else has: what is mounted in a place already is not mounted again.
+    covers = [f"qmn-cover {escaped(folder)} tmpfs mode=755" for folder in covered]
+    binds = [
+        f"/proc/self/fd/{number} {escaped(folder)} none bind,X-mount.mkdir"
+        for number, folder in enumerate(shown, FIRST_SHOWN)
+    ]
+    closes = [f"none {escaped(folder)} none remount,bind,ro" for folder in covered]
+    return "".join(f"{line}\n" for line in (*covers, *binds, *closes))
+
+
+def escaped(folder: Path) -> str:
+    """Return a path without what separates fields."""
+    return str(folder).translate({ord(sign): f"\\{ord(sign):03o}" for sign in "\\ \t\n"})
 
 
 def end_by_hanging_up(programs: Sequence[Owner]) -> None:

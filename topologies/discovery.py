@@ -1,17 +1,19 @@
 """The wait for a controller that has just started to find all switches and fibres."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 from mininet.net import Mininet
 from mininet.node import Switch
 
 from topologies.programs import NetworkError
 from topologies.runtime import Runtime
-from topologies.timeouts import CUT_S, DISCOVERY_TIMEOUT_S, POLL_S
+from topologies.timeouts import CUT_LOOK_S, CUT_S, DISCOVERY_TIMEOUT_S, POLL_S
 from wire.config import Fiber
-from wire.controller_lines import read_record
+from wire.controller_lines import NewFacts
 
 MESSAGES_OF_A_START = 40
 LEAST_FIBERS_PER_S = 20  # that a controller finds beside the first
@@ -41,16 +43,21 @@ class Discovery:
         limit_s /= (
             1 - self._runtime.settings.control_loss
         ) ** 4  # TCP waits longer after each loss
-        deadline = time.monotonic() + limit_s
+        with closing(NewFacts(self._runtime.logs)) as facts:
+            self._wait(facts, limit_s, check)
+
+    def _wait(self, facts: NewFacts, limit_s: float, check: Callable[[], None]) -> None:
+        began = time.monotonic()
+        unknown, look_again = self._switches | self._fibers.keys(), began
         cut_since: dict[str, float] = {}
-        while unknown := (self._switches | self._fibers.keys()) - self._discovered():
+        while unknown := unknown - found(facts.read()):
             check()
             now = time.monotonic()
-            cut_since = {name: cut_since.get(name, now) for name in self._cut(unknown)}
-            for name, since in cut_since.items():
-                if now - since > CUT_S:
-                    raise NetworkError(f"the fibre {name} was cut before the controller found it")
-            if now > deadline:
+            if now >= look_again:
+                cut_since = {name: cut_since.get(name, now) for name in self._cut(unknown)}
+                refuse_cut(cut_since, now)
+                look_again = now + CUT_LOOK_S
+            if now > began + limit_s:
                 raise NetworkError(
                     f"the controller did not find {', '.join(sorted(unknown))} in "
                     f"{limit_s:g} s; its log: {self._runtime.logs}/c0.log"
@@ -65,14 +72,6 @@ class Discovery:
                 return end.port
         return link_name((dpids[end.node], int(end.port)) for end in (fiber.a, fiber.b))
 
-    def _discovered(self) -> set[str]:
-        """Return the switches and fibres in the controller's record."""
-        facts = read_record(self._runtime.logs)
-        switches = {f"switch {fact['dpid']:#x}" for fact in facts if fact["event"] == "switch"}
-        hosts = {fact["port"] for fact in facts if fact["event"] == "fiber"}
-        links = {link_name(fact["ends"]) for fact in facts if fact["event"] == "link"}
-        return switches | hosts | links
-
     def _cut(self, names: set[str]) -> Iterator[str]:
         """Yield those of the names whose fibre is down at a switch of it, by the port, too."""
         for name in names & self._fibers.keys():
@@ -83,6 +82,27 @@ class Discovery:
                 port = str(node.intfs[int(end.port)])
                 if not up(port):
                     yield f"{name} at {port}"
+
+
+def refuse_cut(since: Mapping[str, float], now: float) -> None:
+    """Raise NetworkError for a fibre that is seen cut for too long."""
+    for name, first in since.items():
+        if now - first > CUT_S:
+            raise NetworkError(f"the fibre {name} was cut before the controller found it")
+
+
+def found(facts: Iterable[dict[str, Any]]) -> set[str]:
+    """Return the switches and fibres that these facts of the controller's record tell of."""
+    names = set()
+    for fact in facts:
+        match fact["event"]:
+            case "switch":
+                names.add(f"switch {fact['dpid']:#x}")
+            case "fiber":
+                names.add(fact["port"])
+            case "link":
+                names.add(link_name(fact["ends"]))
+    return names
 
 
 def up(interface: str) -> bool:

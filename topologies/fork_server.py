@@ -9,6 +9,7 @@ with a process id. What it forks off becomes a child of the runner, as what that
 import array
 import ctypes
 import gc
+import hmac
 import json
 import os
 import signal
@@ -43,6 +44,7 @@ def main() -> int:
     if threads() != 1:
         print(f"fork server: {threads()} threads after imports; only one can fork", file=sys.stderr)
         return 1
+    hmac.digest(b"", b"", "sha256")  # OpenSSL loads what it needs for the first one
     gc.collect()
     gc.freeze()  # so that a collection in a child copies no memory that all share
     channel = socket.socket(fileno=int(descriptor))

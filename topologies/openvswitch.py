@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from topologies import owners
+from topologies import owners, packet_sockets
 from topologies.owners import Owner
 from topologies.programs import NetworkError
 from topologies.runtime import RUNTIME_ROOT
@@ -310,8 +310,9 @@ def delete(*names: str) -> None:
         )
     for name in names:
         remove_agent_sockets(name)
-    if _answers(daemons(), SWITCH_DAEMON):
-        vsctl(*words)
+    if _answers(found := daemons(), SWITCH_DAEMON):
+        with packet_sockets.held(found[SWITCH_DAEMON].pid):
+            vsctl(*words)
         return
     vsctl("--no-wait", *words)
     for name in names:

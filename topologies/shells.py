@@ -16,6 +16,8 @@ from topologies.programs import NetworkError
 from topologies.timeouts import COMMAND_TIMEOUT_S, END_TIMEOUT_S, SHELL_POLL_MS, SHELL_TIMEOUT_S
 
 PROMPT = chr(127)  # Mininet's
+QUIETLY = "unset HISTFILE; set +m\n"  # what a shell is told first
+PROMPTS = 2  # of a new shell: this one comes after it
 NEEDED = ("mnexec", "ifconfig", "bash")
 LOCAL_FLAGS = 3  # of the settings of a terminal
 
@@ -62,7 +64,6 @@ class ShellWatcher:
         As Mininet does, but in a session of its own from birth, so that no Ctrl-C reaches it.
         """
         del mnopts  # of remote nodes
-        marked = [f"PS1={PROMPT}", *(f"{name}={value}" for name, value in mark().items())]
         bash = ["bash", "--norc", "--noediting", "-is", f"mininet:{self.name}"]
         namespace = "-cn" if self.inNamespace else "-c"
         self.master, self.slave = pty.openpty()
@@ -70,11 +71,12 @@ class ShellWatcher:
         settings[LOCAL_FLAGS] &= ~termios.ECHO
         termios.tcsetattr(self.slave, termios.TCSANOW, settings)
         self.shell: subprocess.Popen[bytes] = subprocess.Popen(
-            ["mnexec", namespace, "env", *marked, *bash],
+            ["mnexec", namespace, *bash],
             stdin=self.slave,
             stdout=self.slave,
             stderr=self.slave,
             close_fds=False,
+            env={**os.environ, **self.environment(), "PS1": PROMPT, **mark()},
             start_new_session=True,
         )
         self.pid = self.shell.pid
@@ -90,12 +92,20 @@ class ShellWatcher:
         nodes.outToNode[self.master] = nodes.inToNode[self.master] = self
         self.execed, self.waiting, self.readbuf = False, False, ""
         self.lastCmd = self.lastPid = None
-        self._await_prompt()
-        self.cmd("unset HISTFILE; set +m")
+        self.await_shell()
 
-    def _await_prompt(self) -> None:
+    def await_shell(self) -> None:
+        """Wait until a new shell, which has just been begun, takes commands."""
+        os.write(self.master, QUIETLY.encode())
+        self._await_prompts()
+
+    def environment(self) -> dict[str, str]:
+        """Return what is in the environment of the shell beside that of this process."""
+        return {}
+
+    def _await_prompts(self) -> None:
         deadline, said = time.monotonic() + SHELL_TIMEOUT_S, ""
-        while not said.endswith(PROMPT):
+        while said.count(PROMPT) < PROMPTS:
             if self._has_output():
                 said += os.read(self.master, 1024).decode(errors="replace")
                 continue

@@ -41,5 +41,6 @@ LOST_TIMEOUT_S = 5.0  # that it may say nothing
 # Fibres and files
 DISCOVERY_TIMEOUT_S = 20.0  # until the controller has found all fibres; more where copper is slow
 CUT_S = 2.0  # that a fibre which nobody has found is seen cut before that is the cause
+CUT_LOOK_S = 0.5  # between two looks for such fibres
 SETTLE_S = 1.0  # until the last packets have reached their captures
 DISK_LOOK_S = 1.0  # between two looks at the disk

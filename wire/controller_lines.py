@@ -7,9 +7,10 @@ The lines of the controller's console: a request of JSON, and its answer, one a 
 """
 
 import json
+import os
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from wire.metadata import MalformedPacket
 
@@ -64,6 +65,37 @@ def decode_answer(line: bytes) -> Any:
 def fact_line(event: str, **fields: Any) -> bytes:
     """Return the line of a fact of this moment."""
     return json.dumps({"time_ns": time.time_ns(), "event": event, **fields}).encode() + b"\n"
+
+
+class NewFacts:
+    """The facts of a record that is being written, each once."""
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / RECORD
+        self._file: BinaryIO | None = None
+        self._rest = b""  # of a line still being written
+
+    def close(self) -> None:
+        """Let go of the file."""
+        if self._file is not None:
+            self._file.close()
+
+    def read(self) -> list[dict[str, Any]]:
+        """Return the facts that have come since the last time, none before there is a file."""
+        text = self._rest + (self._file.read() if self._file is not None else b"")
+        if self._is_another():  # what is in the one before was read above
+            self.close()
+            self._file = self._path.open("rb")
+            text += self._file.read()
+        *lines, self._rest = text.split(b"\n")
+        return [json.loads(line) for line in lines]
+
+    def _is_another(self) -> bool:
+        try:
+            there = self._path.stat()
+        except FileNotFoundError:
+            return False
+        return self._file is None or os.fstat(self._file.fileno()).st_ino != there.st_ino
 
 
 def read_record(folder: Path) -> list[dict[str, Any]]:

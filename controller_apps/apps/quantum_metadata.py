@@ -127,6 +127,7 @@ class QuantumMetadata(App):
         self.state = state
         for number in take_over(state, self.arbiter, self.logger, self._now()):
             self._note(Note("resumed", number))
+        self._hosts_kept: object = None
         self._keep_hosts()
 
     def start(self) -> Any:
@@ -135,8 +136,11 @@ class QuantumMetadata(App):
         hub.spawn(self._tick_for_ever)
 
     def _keep_hosts(self) -> None:
-        self._hosts_kept = self.network.hosts
-        self.state.keep_hosts(encode_hosts(self._hosts_kept))
+        """Keep where hosts are, if that has changed: not at each of a thousand that are found."""
+        hosts = self.network.hosts
+        if hosts is not self._hosts_kept:
+            self.state.keep_hosts(encode_hosts(hosts))
+            self._hosts_kept = hosts
 
     def _tick_for_ever(self) -> None:
         while True:
@@ -151,6 +155,7 @@ class QuantumMetadata(App):
     def time_passed(self, event: Any) -> None:
         """Do what is due."""
         self.fibers.time_passed(time.monotonic())
+        self._keep_hosts()
         self._do(self.arbiter.tick(self._now()))
 
     def _now(self) -> float:
@@ -275,8 +280,6 @@ class QuantumMetadata(App):
         except MalformedPacket as error:
             self._drop(Drop("lldp", f"switch {at.dpid:#x} port {at.port}: {error}"))
             return
-        if self.network.hosts is not self._hosts_kept:
-            self._keep_hosts()
         if news:
             self._do(self.arbiter.network_changed(self._now()))
 
@@ -398,7 +401,8 @@ class QuantumMetadata(App):
         flow_entries.send(datapath, filter_entries(datapath, stations))
 
     def close(self) -> None:
-        """Record the end."""
+        """Keep what there is, and record the end."""
+        self._keep_hosts()
         self.record.write("stopped", packet_in_count=self.packet_in_count)
 
     def _do(self, actions: list[Action]) -> None:
@@ -408,6 +412,7 @@ class QuantumMetadata(App):
             elif isinstance(action, Drop):
                 self._drop(action)
             elif isinstance(action, Keep):
+                self._keep_hosts()
                 self.state.keep_session(action.session, action.data)
             elif isinstance(action, Forget):
                 self.state.forget_session(action.session)

@@ -1,24 +1,33 @@
 """Fibres between switches, as heard from both their ends.
 
-    port up --> asked quickly, then every LINK_PERIOD_S
-    heard at both ends --> a link --port down, switch gone, not heard for LINK_EXPIRY_S--> none
+    port up --> speaks, and again until it hears somebody, then every LINK_PERIOD_S
+    hears who has not heard it --> answers at once
+    heard at both ends --> a link --port down, switch gone, not heard for long--> none
 
 No socket, no clock: `now` is in seconds of one steady clock.
 """
 
 from dataclasses import dataclass, field
+from math import inf
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Network
 from controller_apps.timeouts import LINK_EXPIRY_S, LINK_FAST_PERIOD_S, LINK_PERIOD_S
 
 FAST_TIMES = 10  # while the network starts (802.1AB fast start)
+ANNOUNCEMENTS_PER_S = 100  # at most, of all ports that have been heard: each less often then
+LEAST_AT_ONCE = 4  # of these that are due
 
 
 @dataclass
 class _Port:
     due: float
     sent: int = 0
+    spoke_s: float = -inf
+
+    def speak(self, now: float, pause_s: float) -> None:
+        self.sent += 1
+        self.spoke_s, self.due = now, now + pause_s
 
 
 @dataclass
@@ -28,6 +37,7 @@ class Links:
     network: Network
     _ports: dict[SwitchPort, _Port] = field(default_factory=dict)
     _heard: dict[SwitchPort, tuple[SwitchPort, float]] = field(default_factory=dict)
+    _last_s: float = 0.0  # when it was asked who shall speak
 
     def port_up(self, at: SwitchPort, now: float) -> None:
         """Let a port speak, quickly at first."""
@@ -45,20 +55,43 @@ class Links:
         for at in ends:
             self.port_down(at)
 
-    def hurry(self, now: float) -> None:
-        """Let every port speak quickly again, because somebody new may hear it."""
-        for at in self._ports:
-            self.port_up(at, now)
+    @property
+    def slower(self) -> float:
+        """How many times longer a large network waits than a small one."""
+        return max(1.0, len(self._ports) / (LINK_PERIOD_S * ANNOUNCEMENTS_PER_S))
 
     def due(self, now: float) -> list[SwitchPort]:
-        """Return the ports that shall speak now."""
-        speaking = []
+        """Return the ports that shall speak now; never all of a large network at once."""
+        period_s, spoken, waiting = LINK_PERIOD_S * self.slower, [], []
         for at, port in self._ports.items():
-            if port.due <= now:
-                port.sent += 1
-                port.due = now + (LINK_FAST_PERIOD_S if port.sent < FAST_TIMES else LINK_PERIOD_S)
-                speaking.append(at)
-        return speaking
+            if port.due <= now and self._is_new(at, port):
+                port.speak(now, LINK_FAST_PERIOD_S if port.sent + 1 < FAST_TIMES else period_s)
+                spoken.append(at)
+            elif port.due <= now:
+                waiting.append((port.due, at))
+        waiting.sort()
+        at_once = LEAST_AT_ONCE + int(ANNOUNCEMENTS_PER_S * (now - self._last_s))
+        for _due, at in waiting[:at_once]:
+            self._ports[at].speak(now, period_s)
+            spoken.append(at)
+        self._last_s = now
+        return spoken
+
+    def _is_new(self, at: SwitchPort, port: _Port) -> bool:
+        """Whether nobody was heard at a port that has not spoken often either."""
+        unheard = at not in self._heard and at not in self.network.hosts
+        return unheard and port.sent < FAST_TIMES
+
+    def answers(self, at: SwitchPort, speaker: SwitchPort, now: float) -> bool:
+        """Tell whether a port that has heard another shall speak now: to who has not heard it.
+
+        What it has said a moment ago is on its way.
+        """
+        port, (heard, _when) = self._ports.get(at), self._heard.get(speaker, (None, 0.0))
+        if port is None or heard == at or now - port.spoke_s < LINK_FAST_PERIOD_S:
+            return False
+        port.speak(now, LINK_PERIOD_S * self.slower)
+        return True
 
     def heard(self, speaker: SwitchPort, at: SwitchPort, now: float) -> bool:
         """Take what a port was heard to say at another; tell whether that is a new link."""
@@ -70,7 +103,8 @@ class Links:
 
     def expired(self, now: float) -> list[SwitchPort]:
         """Forget the links that were not heard for long at one end; return these ends."""
-        silent = [at for at, (_, when) in self._heard.items() if now - when > LINK_EXPIRY_S]
+        expiry_s = LINK_EXPIRY_S * self.slower
+        silent = [at for at, (_, when) in self._heard.items() if now - when > expiry_s]
         for at in silent:
             del self._heard[at]
         return [at for at in silent if self.network.remove_link(at) is not None]

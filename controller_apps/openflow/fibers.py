@@ -41,7 +41,6 @@ class Fibers:
         self._datapaths[datapath.id] = datapath
         for port in list(datapath.ports.values()):
             self._port_is(datapath, port, optical_messages.is_up(port), now)
-        self._links.hurry(now)
         self._ask(datapath)
 
     def switch_left(self, dpid: int) -> None:
@@ -137,6 +136,8 @@ class Fibers:
         news = self._links.heard(said.at, at, now)
         if news:
             self._link("link", said.at, at)
+        if self._links.answers(at, said.at, now):
+            self._speak(at)
         return news
 
     def _host_spoke(self, at: SwitchPort, said: discovery.Announcement) -> None:

@@ -1,16 +1,15 @@
 """`python -m controller_apps.tls --config FILE`: let switches in to the controller by TLS."""
 
-import argparse
 import asyncio
 import logging
 import signal
 import sys
-from pathlib import Path
 
 import uvloop
 
 from controller_apps.tls.entrance import Entrance
 from wire.config import BadConfig, EntranceConfig
+from wire.config_argument import config_path
 
 
 async def serve(config: EntranceConfig) -> None:
@@ -27,13 +26,12 @@ async def serve(config: EntranceConfig) -> None:
 
 def main() -> int:
     """Return 0 after a signal, 1 if the entrance cannot be."""
-    parser = argparse.ArgumentParser(prog="controller_apps.tls", description=__doc__)
-    parser.add_argument("--config", type=Path, required=True, help="written by the runner")
+    path = config_path("controller_apps.tls", __doc__)
     logging.basicConfig(
         stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(name)s: %(message)s"
     )
     try:
-        uvloop.run(serve(EntranceConfig.read(parser.parse_args().config)))
+        uvloop.run(serve(EntranceConfig.read(path)))
     except (BadConfig, OSError) as error:
         print(f"entrance: {error}", file=sys.stderr)
         return 1

@@ -1,16 +1,15 @@
 """Run one host's q0: python -m hosts.ip_over_light --config FILE."""
 
-import argparse
 import logging
 import os
 import queue
 import signal
 import sys
-from pathlib import Path
 
 from hosts.ip_over_light.interface import Interface
 from hosts.ip_over_light.tun import Tun, TunError
 from wire.config import BadConfig
+from wire.config_argument import config_path
 from wire.ip_over_light import INTERFACE, IpOverLightConfig
 
 
@@ -35,12 +34,10 @@ def run(config: IpOverLightConfig) -> int:
 
 def main() -> int:
     """Read the arguments, run, and turn faults into one line and an exit status."""
-    parser = argparse.ArgumentParser(prog="python -m hosts.ip_over_light", description=__doc__)
-    parser.add_argument("--config", type=Path, required=True, help="JSON file (wire.ip_over_light)")
-    arguments = parser.parse_args()
+    path = config_path("python -m hosts.ip_over_light", __doc__)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
     try:
-        return run(IpOverLightConfig.read(arguments.config))
+        return run(IpOverLightConfig.read(path))
     except (BadConfig, TunError, OSError) as error:  # QuantumSocketError is an OSError
         print(f"q0: {error}", file=sys.stderr)
         return 1

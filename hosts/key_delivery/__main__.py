@@ -1,12 +1,10 @@
 """Run one host's key manager: python -m hosts.key_delivery --config FILE."""
 
-import argparse
 import asyncio
 import logging
 import os
 import signal
 import sys
-from pathlib import Path
 
 from hosts import network_loop
 from hosts.key_delivery.delivery import KeyDelivery
@@ -18,6 +16,7 @@ from hosts.key_delivery.sessions import StackGone
 from hosts.key_delivery.web import serve
 from hosts.middleware.qkd.key_store import KeyStoreError
 from wire.config import BadConfig
+from wire.config_argument import config_path
 from wire.key_manager import KeyManagerConfig
 
 
@@ -52,13 +51,11 @@ async def run(config: KeyManagerConfig) -> None:
 
 def main() -> int:
     """Read the arguments, run, and turn faults into one line and an exit status."""
-    parser = argparse.ArgumentParser(prog="python -m hosts.key_delivery", description=__doc__)
-    parser.add_argument("--config", type=Path, required=True, help="JSON file (wire.key_manager)")
-    arguments = parser.parse_args()
+    path = config_path("python -m hosts.key_delivery", __doc__)
     logging.getLogger("tornado.access").setLevel(logging.ERROR)  # what is given is said, in words
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
     try:
-        config = KeyManagerConfig.read(arguments.config)
+        config = KeyManagerConfig.read(path)
         network_loop.run(run(config), config.time)
     except (BadConfig, KeyStoreError, StackGone, OSError) as error:  # ssl.SSLError is an OSError
         print(f"key manager: {error}", file=sys.stderr)

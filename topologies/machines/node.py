@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from topologies.confinement import APART, fstab
 from topologies.machines.machine import NOWHERE, Machine, ProcessElsewhere
 from topologies.memory_share import MIB
 from topologies.programs import NetworkError
@@ -31,13 +32,17 @@ class NodeElsewhere:
         ours, self._terminal = socket.socketpair()
         command = ["mnexec", "-cn", "env", f"PS1={PROMPT}", "bash", "--norc", "--noediting"]
         shell = self.machine.start(
-            [*command, "-is", f"mininet:{self.name}"], self._terminal_says, terminal=True
+            [*command, "-is", f"mininet:{self.name}"],
+            self._terminal_says,
+            terminal=True,
         )
         self.pid_there = shell.pid_there
         self.machine.connect(self._terminal, shell)
         node.pid, node.slave = NOWHERE, os.open(os.devnull, os.O_RDWR)  # Mininet closes it
         node.attach(shell, ours.detach())
         node.without_ipv6()
+        words = self.environment()
+        node.cmd("export " + " ".join(f'{name}="{value}"' for name, value in words.items()))
 
     def _terminal_says(self, data: bytes) -> None:
         self._terminal.setblocking(True)
@@ -66,7 +71,9 @@ class NodeElsewhere:
         super().terminate()  # type: ignore[misc]
         self.machine.disconnect(self._terminal)
 
-    def confine(self, shown: Sequence[Path], covered: Sequence[Path], memory_mib: int) -> None:
+    def confine(
+        self, shown: Sequence[Path], covered: Sequence[Path], table: Path, memory_mib: int
+    ) -> None:
         """Confine the shell as on this machine; of what is covered here only /run has a part there.
 
         It is the agent's own. Each process may take so much memory; for all together is no limit.
@@ -75,19 +82,18 @@ class NodeElsewhere:
         for folder in (*shown, *there):
             self.machine.ask("folder", path=str(folder))
         shell = f"{self.machine.root}/topologies/confined_shell"
-        apart = ["unshare", "--pid", "--fork", "--kill-child", "unshare", "--mount"]
+        self.machine.put(table, fstab(shown, there).encode())
         limited = ["prlimit", f"--data={memory_mib * MIB}", shell]
-        words = [*apart, *limited, self.name, GIVEN_UP, *shown, "--", *there]
+        words = [*APART, *limited, self.name, GIVEN_UP, table, *shown, "--", *there]
         node: Any = self
         node.write(f"exec {shlex.join(map(str, words))}\n")
-        node._await_prompt()
-        node.cmd("unset HISTFILE; set +m")
+        node.await_shell()
 
-    def find_our_programs(self) -> None:
+    def environment(self) -> dict[str, str]:
         """Let programs of ours be found where they are on that machine."""
         root, python = self.machine.root, os.path.dirname(self.machine.python)
-        node: Any = self
-        node.cmd(f'export PYTHONPATH="{root}" PATH="{root}/bin:{python}:$PATH"')
+        own: dict[str, str] = super().environment()  # type: ignore[misc]
+        return {**own, "PYTHONPATH": str(root), "PATH": f"{root}/bin:{python}:$PATH"}
 
     def popen(self, *arguments: Any, **_options: Any) -> Any:
         """Raise NetworkError: a process of another machine is no Popen of this one."""

@@ -50,8 +50,9 @@ class ClassicalHost(QuantumNode, ConfinedNode, Host):
         if self.network.mtu:
             within(self, set_mtu, str(self.defaultIntf()), self.network.mtu)
         if self.confined:
-            self.confine(self.shown_folders(), covered_folders(self.network), self.memory_mib)
-        self.find_our_programs()
+            table = self.network.folder / f"{self.name}.fstab"
+            covered = covered_folders(self.network)
+            self.confine(self.shown_folders(), covered, table, self.memory_mib)
         return result
 
     def shown_folders(self) -> list[Path]:

@@ -82,7 +82,6 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
         """Make the bridge with its ports, which nobody programs yet."""
         if not self._laid:
             super().start([])
-            self.find_our_programs()
             self._laid = True
 
     def _obey(self, targets: Mapping[str, Mapping[str, int]]) -> None:

@@ -1,8 +1,9 @@
 """The part that all nodes of a network of ours share."""
 
+import os
 from pathlib import Path
 
-from topologies.interfaces import switch_ipv6_off
+from topologies.interfaces import set_up, switch_ipv6_off, within
 from topologies.programs import ROOT, python
 from topologies.runtime import Runtime
 from topologies.shells import ShellWatcher
@@ -28,7 +29,14 @@ class QuantumNode(ShellWatcher):
         if self.inNamespace:
             switch_ipv6_off(self, "all", "default")
 
-    def find_our_programs(self) -> None:
+    def environment(self) -> dict[str, str]:
         """Let `qmn spy`, and `python` with our packages, work in the node's shell."""
-        folders = f"{ROOT / 'bin'}:{Path(python()).parent}"
-        self.cmd(f'export PYTHONPATH="{ROOT}" PATH="{folders}:$PATH"')
+        folders = ROOT / "bin", Path(python()).parent, os.environ["PATH"]
+        return {"PYTHONPATH": str(ROOT), "PATH": ":".join(map(str, folders))}
+
+    def cmd(self, *arguments: object, **options: object) -> str:
+        """Run a command in the node's shell; what Mininet has each node do takes no program."""
+        if " ".join(map(str, arguments)) == "ifconfig lo up":
+            within(self, set_up, "lo")
+            return ""
+        return super().cmd(*arguments, **options)

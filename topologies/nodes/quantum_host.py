@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from topologies import runtime
 from topologies.addresses import broadcast
 from topologies.fiber import python_file, qnics
 from topologies.launching import launch
@@ -83,14 +84,18 @@ class QuantumHost(ClassicalHost):
         described = device_of(name, {"source": source, "device": device, **parts})
         self.qnic = python_file(f"{name}: qnic", qnic)
         self.qnic_parameters = dict(qnic_parameters or {})
+        runtime.current().devices[name] = described
         super().__init__(name, confined, memory_mib, **params)
-        self.network.devices[name] = described
         self.network.token(name)
         self.pairs_from = pairs_from
         self.light = light
         self.network.device_key(name)
         if source:
             self.network.source = name
+
+    def environment(self) -> dict[str, str]:
+        """Name the socket of its stack as well."""
+        return {**super().environment(), "QMN_STACK": self.network.socket(self.name)}
 
     def shown_folders(self) -> list[Path]:
         """Return those of its stack's socket and of its keys."""
@@ -139,7 +144,6 @@ class QuantumHost(ClassicalHost):
         if self.light == STANDING:
             require_unrotated(network.switches.values())
         self.program = launch(network, self.name, "hosts", config, self)
-        self.cmd(f'export QMN_STACK="{config.socket}"')
         return result
 
 
