@@ -8,13 +8,15 @@ import asyncio
 import time
 from collections.abc import Callable, Coroutine
 from contextvars import Context
-from typing import Any, TypeVarTuple, Unpack
+from typing import Any, TypeVar, TypeVarTuple, Unpack
 
 import uvloop
 
 from wire.network_time import NetworkTime
 
+T = TypeVar("T")
 Ts = TypeVarTuple("Ts")
+WALL = NetworkTime()  # without a scale: a second of the network is one of the wall
 
 
 class NetworkLoop(uvloop.Loop):
@@ -61,7 +63,7 @@ def _network_s(wall_s: float) -> float:
     return loop.network_time.network_s(wall_s) if isinstance(loop, NetworkLoop) else wall_s
 
 
-def run(main: Coroutine[Any, Any, None], network_time: NetworkTime) -> None:
-    """Run a host's program to its end."""
+def run(main: Coroutine[Any, Any, T], network_time: NetworkTime = WALL) -> T:
+    """Run a host's program to its end, and return what it does."""
     with asyncio.Runner(loop_factory=lambda: NetworkLoop(network_time)) as runner:
-        runner.run(main)
+        return runner.run(main)

@@ -13,13 +13,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import uvloop
 from stacks_scene import RELAYED, REPEATERS, Judge, grant, network, requested
 
 from controller_apps.policy.schedules import PARALLEL, UNPURIFIED, Purification
 from controller_apps.sessions.actions import SwapsOrdered
 from controller_apps.sessions.chains import orders
 from controller_apps.sessions.sessions import Stop
+from hosts import network_loop
 from hosts.stack import Stack
 from wire.metadata import Service, Setup
 
@@ -79,4 +79,4 @@ def swapped(folder: Path, repeaters: int, **options: Any) -> list[dict[str, Any]
         async with chain(folder, repeaters, **physics):
             return await asyncio.to_thread(requested, folder, "swap", **options)
 
-    return uvloop.run(run())
+    return network_loop.run(run())

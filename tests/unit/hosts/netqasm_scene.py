@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import netqasm.examples.apps
-import uvloop
 from dispatcher_status import require_nothing_left
 from stacks_scene import DEADLINE_S, RELAYED, network
 
+from hosts import network_loop
 from hosts.applications.netqasm_program import begin, load
 from hosts.netqasm_sdk.external import installed
 from hosts.netqasm_sdk.placement import Placement
@@ -69,7 +69,7 @@ def outputs(
 
     before = list(sys.path)
     try:
-        return uvloop.run(run())
+        return network_loop.run(run())
     finally:
         sys.path[:] = before
 

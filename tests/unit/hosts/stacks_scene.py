@@ -18,11 +18,11 @@ from typing import Any, Literal, TextIO
 
 import grpc
 import pytest
-import uvloop
 
 from dispatcher.build import build_layer
 from dispatcher.clock import NetworkClock
 from dispatcher.server.server import build_server, build_service
+from hosts import network_loop
 from hosts.hardware.simulated import SimulatedQnic
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.quantum_socket import QuantumSocket
@@ -462,7 +462,7 @@ def ask(
         async with network(folder, judge, **(physics or {})):
             return await asyncio.to_thread(requested, folder, service, **options)
 
-    return uvloop.run(run())
+    return network_loop.run(run())
 
 
 def refusal(folder: Path, service: str, judge: Judge = grant, **options: Any) -> str:
@@ -480,4 +480,4 @@ def refusal(folder: Path, service: str, judge: Judge = grant, **options: Any) ->
         async with network(folder, judge):
             return await asyncio.to_thread(refused)
 
-    return uvloop.run(run())
+    return network_loop.run(run())

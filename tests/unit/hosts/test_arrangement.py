@@ -6,9 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-import uvloop
 from stacks_scene import grant, network, requested
 
+from hosts import network_loop
 from hosts.middleware.session import arrangement
 from hosts.stack_socket import QuantumSocketError
 from wire.metadata import Reason, Service, Setup, Verdict
@@ -41,7 +41,7 @@ def two_sessions(folder: Path, judge: Judge) -> None:
             for _ in range(2):
                 await asyncio.to_thread(requested, folder, "teleport", count=100)
 
-    uvloop.run(run())
+    network_loop.run(run())
 
 
 @pytest.fixture

@@ -4,8 +4,8 @@ import asyncio
 from collections.abc import Awaitable, Callable
 
 import pytest
-import uvloop
 
+from hosts import network_loop
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError
 from wire.metadata import Answer, Emit, Finish, Handshake, Message, Reason, Service, Setup
@@ -32,7 +32,7 @@ async def heard_after(loss: bool) -> str:
 
 @pytest.mark.parametrize("loss", [False, True])
 def test_what_the_peer_said_before_the_connection_was_lost_is_heard(loss: bool) -> None:
-    assert uvloop.run(heard_after(loss)) == "a fibre is cut"
+    assert network_loop.run(heard_after(loss)) == "a fibre is cut"
 
 
 async def said_after_loss(say: Callable[[MetadataChannel], Awaitable[None]]) -> Message | None:
@@ -61,7 +61,7 @@ def test_what_is_said_to_a_peer_that_is_gone_is_no_error_and_its_end_is_heard(
     say: Callable[[MetadataChannel], Awaitable[None]],
 ) -> None:
     """uvloop, other than asyncio, raises RuntimeError for a write to a connection that is lost."""
-    assert uvloop.run(said_after_loss(say)) is None
+    assert network_loop.run(said_after_loss(say)) is None
 
 
 async def heard_byte_by_byte(sent: list[Message]) -> list[Message | None]:
@@ -95,7 +95,7 @@ def test_messages_may_come_in_pieces_of_one_byte() -> None:
         Emit(1, 2, 30, 4000),
         Finish(1, 5, bytes(range(32))),
     ]
-    assert uvloop.run(heard_byte_by_byte(sent)) == [*sent, None]
+    assert network_loop.run(heard_byte_by_byte(sent)) == [*sent, None]
 
 
 async def unanswered(message: Message) -> str:
@@ -122,4 +122,4 @@ SETUP = Setup(1, Service.SDC, Handshake.FRAMED, "10.0.0.3", 9, 9, 9)
 def test_of_a_set_up_that_nobody_answers_the_controller_is_asked_for_too(
     message: Message, asked: str
 ) -> None:
-    assert uvloop.run(unanswered(message)).endswith(f" in 0.05 s: {asked} still up?")
+    assert network_loop.run(unanswered(message)).endswith(f" in 0.05 s: {asked} still up?")

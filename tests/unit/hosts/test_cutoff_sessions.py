@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import uvloop
 from stacks_scene import ask, network, requested
 from test_heralded_distribution import ATTEMPTS, STATION
 
+from hosts import network_loop
 from hosts.stack_socket import QuantumSocketError
 from wire.device import DeviceSettings
 from wire.metadata import Message, Topic, Values
@@ -65,4 +65,4 @@ def test_the_controller_sets_the_cutoff_of_memories(tmp_path: Path) -> None:
                 await asyncio.to_thread(requested, tmp_path, "distribute", count=5, sample=0)
         return str(caught.value)
 
-    assert "or choose a longer cut-off than 5e-05 s (memory.cutoff_s" in uvloop.run(run())
+    assert "or choose a longer cut-off than 5e-05 s (memory.cutoff_s" in network_loop.run(run())

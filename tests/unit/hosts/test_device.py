@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import pytest
-import uvloop
 
+from hosts import network_loop
 from hosts.middleware.device import Device, changed
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import overridden
@@ -242,7 +242,7 @@ def test_the_agent_answers_is_set_and_reports_changes() -> None:
             assert isinstance(cut, DeviceReport)
             assert cut.ports == (DevicePort("bob-q0", False),)
 
-    uvloop.run(scene())
+    network_loop.run(scene())
 
 
 def test_the_agent_takes_orders_for_chains_of_repeaters() -> None:
@@ -254,7 +254,7 @@ def test_the_agent_takes_orders_for_chains_of_repeaters() -> None:
             assert await peer.next() == Answer(45, Reason.OK)
             assert await swaps.order(7) == order
 
-    uvloop.run(scene())
+    network_loop.run(scene())
 
 
 def test_the_agent_reports_losses_above_the_threshold_by_itself() -> None:
@@ -274,7 +274,7 @@ def test_the_agent_reports_losses_above_the_threshold_by_itself() -> None:
             assert (alarm.session, alarm.pairs_lost) == (0, 11)
 
     with device.opens(session):
-        uvloop.run(scene())
+        network_loop.run(scene())
 
 
 def test_what_is_old_foreign_or_for_another_host_changes_nothing() -> None:
@@ -295,4 +295,4 @@ def test_what_is_old_foreign_or_for_another_host_changes_nothing() -> None:
             assert await peer.silent()
             assert device.settings == DeviceSettings()
 
-    uvloop.run(scene())
+    network_loop.run(scene())

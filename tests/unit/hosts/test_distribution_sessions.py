@@ -10,10 +10,10 @@ from threading import Event
 from typing import Any
 
 import pytest
-import uvloop
 from dispatcher_status import held, require_nothing_left
 from stacks_scene import DEADLINE_S, OWN_ADDRESS, Cut, arbitrated, network, refusal
 
+from hosts import network_loop
 from hosts.middleware.services.distribution import protocol
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError
@@ -35,7 +35,7 @@ def inside(folder: Path, scene: Callable[[], None], **physics: Any) -> None:
             await asyncio.to_thread(scene)
             await asyncio.to_thread(require_nothing_left, folder)
 
-    uvloop.run(run())
+    network_loop.run(run())
 
 
 @contextmanager
@@ -343,7 +343,7 @@ def test_an_opener_that_breaks_the_protocol_is_refused(
                     await asyncio.to_thread(list, bob.results())
             await asyncio.to_thread(require_nothing_left, tmp_path)
 
-    uvloop.run(run())
+    network_loop.run(run())
 
 
 @pytest.mark.parametrize(

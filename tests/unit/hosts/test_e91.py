@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import uvloop
 from stacks_scene import DEADLINE_S, Judge, ask, grant, network, requested
 
+from hosts import network_loop
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from wire.config import PathOptics
@@ -74,7 +74,7 @@ def spied(folder: Path, fraction: float, **options: Any) -> list[dict[str, Any]]
         async with network(folder, paths=BY_EVE):
             return await asyncio.to_thread(asked)
 
-    return uvloop.run(run())
+    return network_loop.run(run())
 
 
 def test_who_measures_a_fifth_lowers_s_by_a_tenth(tmp_path: Path) -> None:

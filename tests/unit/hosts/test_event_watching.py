@@ -10,10 +10,10 @@ from itertools import islice
 from pathlib import Path
 
 import pytest
-import uvloop
 from forked_python import Forked
 from stacks_scene import network, transfer
 
+from hosts import network_loop
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
 from wire.dispatcher_pb2 import Event
 
@@ -36,7 +36,7 @@ def test_a_host_sees_its_own_events_alone(tmp_path: Path) -> None:
         assert {event.node for event in bob} == {"bob"}
         assert bob[-1].kind == "bell-measure"
 
-    uvloop.run(asyncio.wait_for(run(), 30))
+    network_loop.run(asyncio.wait_for(run(), 30))
 
 
 def test_without_following_it_ends_behind_what_is_remembered(tmp_path: Path) -> None:
@@ -47,7 +47,7 @@ def test_without_following_it_ends_behind_what_is_remembered(tmp_path: Path) -> 
             assert [line.split()[2] for line in lines] == ["arrive", "receive", "apply", "send"]
             assert said == "qmn: 4 events shown, 0 dropped\n"
 
-    uvloop.run(asyncio.wait_for(run(), 30))
+    network_loop.run(asyncio.wait_for(run(), 30))
 
 
 def test_neither_history_nor_following_is_refused(tmp_path: Path) -> None:
@@ -71,7 +71,7 @@ def test_a_request_that_cannot_be_is_refused(tmp_path: Path, fields: dict[str, i
         async with network(tmp_path):
             assert "give a number and two bools" in await asyncio.to_thread(refused)
 
-    uvloop.run(asyncio.wait_for(run(), 30))
+    network_loop.run(asyncio.wait_for(run(), 30))
 
 
 def spied(folder: Path, *words: str, lines: int = 0) -> tuple[list[str], str]:
@@ -102,4 +102,4 @@ def test_the_verb_on_a_host_shows_what_happens_there(tmp_path: Path) -> None:
             _, said = await asyncio.to_thread(spied, tmp_path, "--node", "bob")
             assert said == "qmn: --node bob: on alice only what happens there is told\n"
 
-    uvloop.run(asyncio.wait_for(run(), 60))
+    network_loop.run(asyncio.wait_for(run(), 60))

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import uvloop
 from fault_scene import (
     DATA,
     NOBODY,
@@ -23,6 +22,7 @@ from fault_scene import (
     takes_part,
 )
 
+from hosts import network_loop
 from hosts.middleware.session import swap_orders
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from wire.device import DeviceReport
@@ -64,7 +64,7 @@ def happens(
         async with running(folder, service, **physics):
             return await asyncio.to_thread(session, folder, service, **(options or {}))
 
-    return uvloop.run(run())
+    return network_loop.run(run())
 
 
 def broken(
@@ -80,7 +80,7 @@ def broken(
             assert [each.text for each in again] == ["", ""]
             return told
 
-    return uvloop.run(run())
+    return network_loop.run(run())
 
 
 @services
@@ -382,7 +382,7 @@ def test_an_application_that_goes_in_mid_session_ends_it_for_both(
             assert [each.text for each in again] == ["", ""]
             return told
 
-    alice, bob = uvloop.run(run())
+    alice, bob = network_loop.run(run())
     assert alice.text
     assert bob.text
     if gone == "bob":

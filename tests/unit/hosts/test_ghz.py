@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-import uvloop
 from numpy.typing import NDArray
 from stacks_scene import DEADLINE_S, live_qubits, network, taken_part
 
+from hosts import network_loop
 from hosts.middleware.services.ghz.witness import Tally, X, Y, Z, chosen_bases
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
@@ -96,7 +96,7 @@ def made(folder: Path, hosts: int, count: int = COUNT, **physics: Any) -> list[d
             assert await live_qubits(folder) == 0
             return found
 
-    return uvloop.run(run())
+    return network_loop.run(run())
 
 
 @pytest.mark.parametrize("hosts", [3, 4])
@@ -171,7 +171,7 @@ def test_a_line_that_cannot_be_is_refused_and_leaves_no_photon(
             assert await live_qubits(tmp_path) == 0
             return text
 
-    assert words in uvloop.run(run())
+    assert words in network_loop.run(run())
 
 
 def test_bases_are_those_of_stabilisers_each_as_often_as_others() -> None:

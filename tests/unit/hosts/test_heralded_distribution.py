@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import uvloop
 from stacks_scene import ask, grant, network, requested
 from test_node_kinds import require_estimate
 
+from hosts import network_loop
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.offers import check_light
 from hosts.stack_socket import QuantumSocketError
@@ -69,7 +69,7 @@ def test_nothing_that_a_station_refuses_goes_on(tmp_path: Path) -> None:
                 await asyncio.to_thread(requested, tmp_path, "distribute", count=10)
         return str(caught.value)
 
-    assert "light that leaves bob-q0 of bob comes out nowhere" in uvloop.run(run())
+    assert "light that leaves bob-q0 of bob comes out nowhere" in network_loop.run(run())
 
 
 def test_a_service_without_stations_refuses_memories_that_emit() -> None:

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import uvloop
 from fault_scene import SERVICES, Once, Raw, running, session
 
+from hosts import network_loop
 from hosts.middleware.session import swap_orders
 from wire.metadata import HEADER, Message
 
@@ -73,5 +73,5 @@ def test_changed_bytes_leave_nothing_behind(tmp_path: Path, service: str) -> Non
             assert [each.text for each in again] == ["", ""]
         return texts
 
-    texts = uvloop.run(run())
+    texts = network_loop.run(run())
     assert sum(map(bool, texts)) > SESSIONS / 3

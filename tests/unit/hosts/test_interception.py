@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-import uvloop
 from forked_python import Forked
 from stacks_scene import DEADLINE_S, accepted, live_qubits, network, requested
 
+from hosts import network_loop
 from hosts.hardware.qnic import Received
 from hosts.middleware.qkd.alice import Alice
 from hosts.middleware.qkd.bob import Bob
@@ -52,7 +52,7 @@ def intercepted(folder: Path, protocol: str, fraction: float, **options: Any) ->
         async with network(folder, paths=BY_EVE[protocol]):
             return await asyncio.to_thread(asked)
 
-    return uvloop.run(run())
+    return network_loop.run(run())
 
 
 @protocols
@@ -133,7 +133,7 @@ def test_who_measures_everything_leaves_no_key_at_either_end(tmp_path: Path, pro
             assert await live_qubits(tmp_path) == 0
             return told
 
-    for told in uvloop.run(run()):
+    for told in network_loop.run(run()):
         found = re.search(r"no key: (\d+) of (\d+) test bits are wrong", told)
         assert found, told
         wrong, tested = map(int, found.groups())
@@ -158,7 +158,7 @@ def test_light_stops_at_a_host_on_the_fibre_that_does_nothing(tmp_path: Path) ->
         async with network(tmp_path, paths=BY_EVE["bb84"]):
             return await asyncio.to_thread(asked)
 
-    assert "no photon was measured by both ends" in uvloop.run(run())
+    assert "no photon was measured by both ends" in network_loop.run(run())
 
 
 def test_the_application_tells_what_was_seen_when_it_is_told_to_end(tmp_path: Path) -> None:
@@ -180,7 +180,7 @@ def test_the_application_tells_what_was_seen_when_it_is_told_to_end(tmp_path: Pa
         async with network(tmp_path, paths=BY_EVE["bb84"]):
             return await asyncio.to_thread(asked)
 
-    (begun, *blocks, done), alice, status = uvloop.run(run())
+    (begun, *blocks, done), alice, status = network_loop.run(run())
     assert status == 0
     assert begun == {"event": "intercepting", "fraction": 0.1, "attack": "resend"}
     assert (done["event"], done["fraction"]) == ("done", 0.1)
@@ -227,7 +227,7 @@ def test_what_cannot_be_asked_is_refused_with_the_remedy(
         async with network(tmp_path):
             return await asyncio.to_thread(refused)
 
-    assert words in uvloop.run(run())
+    assert words in network_loop.run(run())
 
 
 def test_light_is_sent_on_as_fast_as_it_came() -> None:

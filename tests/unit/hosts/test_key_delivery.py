@@ -6,8 +6,8 @@ from pathlib import Path
 from uuid import UUID, uuid4
 
 import pytest
-import uvloop
 
+from hosts import network_loop
 from hosts.key_delivery.delivery import KeyDelivery
 from hosts.key_delivery.refusals import NOT_FOUND, Allowance, Refused, unavailable
 from hosts.key_delivery.waiting import WaitingKeys
@@ -83,7 +83,7 @@ def play(folder: Path, scene: Scene) -> None:
     async def whole() -> None:
         await scene(Managers(folder))
 
-    uvloop.run(whole())
+    network_loop.run(whole())
 
 
 def ids(keys: list[DeliveredKey]) -> list[UUID]:

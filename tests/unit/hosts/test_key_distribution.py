@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import uvloop
 from stacks_scene import (
     DEADLINE_S,
     Change,
@@ -22,6 +21,7 @@ from stacks_scene import (
     requested,
 )
 
+from hosts import network_loop
 from hosts.middleware.qkd import keyring
 from hosts.middleware.qkd.key_length import finite_key_length
 from hosts.middleware.services.key_distribution import light as key_light
@@ -97,7 +97,7 @@ def failure(
             failed = await asyncio.to_thread(asked)
             return replace(failed, live_qubits=await live_qubits(folder))
 
-    failed = uvloop.run(run())
+    failed = network_loop.run(run())
     assert [path for path in (folder / "keys").rglob("*") if path.is_file()] == []
     assert failed.live_qubits == 0
     return failed
@@ -374,7 +374,7 @@ def test_no_photon_is_left_behind(tmp_path: Path, protocol: str) -> None:
     def one_session() -> None:
         requested(tmp_path, protocol, count=COUNT)
 
-    assert uvloop.run(run()) == 0
+    assert network_loop.run(run()) == 0
 
 
 def weak(mean: float) -> dict[str, Any]:

@@ -9,10 +9,10 @@ from typing import Any
 from uuid import uuid4
 
 import pytest
-import uvloop
 
 from controller_apps.keys.key_network import KeyNetwork, NoRoute
 from controller_apps.policy.policy import parse_policy
+from hosts import network_loop
 from hosts.key_delivery.delivery import KeyDelivery
 from hosts.key_delivery.link_states import KeyLinkStates
 from hosts.key_delivery.refusals import Refused, unavailable
@@ -123,7 +123,7 @@ def play(folder: Path, scene: Callable[[Row], Awaitable[None]], policy: str = TR
     async def whole() -> None:
         await scene(Row(folder, policy))
 
-    uvloop.run(whole())
+    network_loop.run(whole())
 
 
 @pytest.mark.parametrize(("number", "size"), [(1, 256), (3, 8), (2, 264)])

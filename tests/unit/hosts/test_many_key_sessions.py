@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import uvloop
 from fault_scene import running, session
+
+from hosts import network_loop
 
 SESSIONS = 6  # of each protocol, noise and correction
 NOISES = (0.002, 0.005, 0.015, 0.025)  # depolarising of each fibre
@@ -55,4 +56,4 @@ def test_both_stores_hold_the_same_keys_after_every_session(
         assert delivered >= 0.8 * SESSIONS
         assert len(mine["first"]) >= delivered
 
-    uvloop.run(run())
+    network_loop.run(run())

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-import uvloop
 from chain_scene import chain
 from stacks_scene import RELAYED, ask, grant, network, refusal, requested
 from test_distribution_sessions import failed, inside
 
+from hosts import network_loop
 from hosts.middleware.services.distribution import protocol
 from hosts.middleware.session.values import Lifetimes, values
 from hosts.service_socket import ServiceSocket
@@ -125,7 +125,7 @@ def swapped(folder: Path, devices: dict[str, Device], **options: Any) -> dict[st
             assert alice["pairs"] == bob["pairs"]
             return alice
 
-    return uvloop.run(run())
+    return network_loop.run(run())
 
 
 def test_ion_traps_swap_by_gates(tmp_path: Path) -> None:
@@ -240,7 +240,7 @@ def told(folder: Path, physics: dict[str, Any], **options: Any) -> str:
         async with network(folder, **physics):
             return await asyncio.to_thread(failed)
 
-    return uvloop.run(run())
+    return network_loop.run(run())
 
 
 @pytest.mark.parametrize(

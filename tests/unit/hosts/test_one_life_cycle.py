@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import pytest
-import uvloop
 from fault_scene import DATA, SERVICES, SESSIONS, running, session
 from stacks_scene import DEADLINE_S, network
 
+from hosts import network_loop
 from hosts.middleware.services import KINDS, NAMES
 from hosts.service_socket import ServiceSocket
 from hosts.stack import Stack
@@ -49,7 +49,7 @@ def test_a_session_is_counted_at_both_its_ends_while_it_runs(tmp_path: Path, ser
                 # 256 bytes are 1024 dibits, a pair each: none is lost, no frame repeated
                 assert getattr(stacks[name].device.report(), count) == 4 * len(DATA)
 
-    uvloop.run(scene())
+    network_loop.run(scene())
     assert seen == {"alice": (1, 0), "bob": (0, 1)}
 
 
@@ -101,4 +101,4 @@ def _with_network(folder: Path, ask: Callable[[], T]) -> T:
         async with network(folder):
             return await asyncio.to_thread(ask)
 
-    return uvloop.run(run())
+    return network_loop.run(run())

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-import uvloop
 from numpy.typing import NDArray
 from stacks_scene import DEADLINE_S, live_qubits, network, requested
 
+from hosts import network_loop
 from hosts.middleware.qkd.alice import Alice
 from hosts.middleware.qkd.bob import Bob
 from hosts.middleware.qkd.sifting import Record
@@ -88,7 +88,7 @@ def attacked(
             assert await live_qubits(folder) == 0
             return ends
 
-    return uvloop.run(run())
+    return network_loop.run(run())
 
 
 def known(monkeypatch: pytest.MonkeyPatch) -> tuple[list[Record], list[Record]]:
@@ -171,7 +171,7 @@ def test_what_has_no_room_in_the_memory_is_let_go(tmp_path: Path) -> None:
             assert await live_qubits(tmp_path) == 0
             return summary
 
-    eve = uvloop.run(run())
+    eve = network_loop.run(run())
     assert eve["multi_photon"] - 1000 <= eve["discarded"] <= eve["multi_photon"]
 
 
@@ -188,4 +188,4 @@ def test_a_host_without_a_memory_cannot_split(tmp_path: Path) -> None:
         async with network(tmp_path, devices=devices):
             return await asyncio.to_thread(asked)
 
-    assert "wait in a memory, and this host has none" in uvloop.run(run())
+    assert "wait in a memory, and this host has none" in network_loop.run(run())

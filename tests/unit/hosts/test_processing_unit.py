@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-import uvloop
 from netqasm.lang.instr import vanilla
 from netqasm.sdk import EPRSocket, Qubit
 from netqasm.sdk.epr_socket import EprMeasBasis
 from netqasm_scene import EXAMPLES, outputs
 from stacks_scene import DEADLINE_S, network
 
+from hosts import network_loop
 from hosts.stack_socket import QuantumSocketError
 from wire.socket_calls import HEADER, Call, decode_fields, decode_header, encode, encode_fields
 
@@ -284,7 +284,7 @@ def said(folder: Path, *messages: bytes) -> str:
         async with network(folder):
             return await asyncio.to_thread(speak)
 
-    return uvloop.run(run())
+    return network_loop.run(run())
 
 
 def test_hostile_bytes_are_refused_whole(tmp_path: Path) -> None:

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any, cast
 
 import pytest
-import uvloop
 from scapy.layers.inet import ICMP, IP
 from scapy.layers.inet6 import ICMPv6DestUnreach, ICMPv6EchoRequest, IPv6
 from stacks_scene import DEADLINE_S, PORTS, QNICS, Judge, grant, live_qubits, network
 
+from hosts import network_loop
 from hosts.ip_over_light.interface import Interface
 from hosts.ip_over_light.outgoing import MOST_QUEUED_BYTES
 from hosts.ip_over_light.tun import Tun
@@ -125,7 +125,7 @@ def with_scene(
                 interface.close()
             return live
 
-    assert uvloop.run(run()) == 0
+    assert network_loop.run(run()) == 0
 
 
 def test_packets_go_both_ways_as_they_are(tmp_path: Path) -> None:

@@ -4,8 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-import uvloop
 
+from hosts import network_loop
 from hosts.hardware.choice import ClosableQnic, chosen_qnic
 from hosts.hardware.simulated import SimulatedQnic
 from wire.config import BadConfig, HostConfig
@@ -55,7 +55,7 @@ def made(config: HostConfig) -> ClosableQnic:
         await qnic.close()
         return qnic
 
-    return uvloop.run(make())
+    return network_loop.run(make())
 
 
 def test_hardware_is_simulated_if_nothing_is_said() -> None:

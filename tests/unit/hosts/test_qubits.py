@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any, TextIO
 
 import pytest
-import uvloop
 from dispatcher_status import require_nothing_left
 from stacks_scene import DEADLINE_S, network
 
+from hosts import network_loop
 from hosts.qubits import Processor
 from hosts.stack_socket import QuantumSocketError
 
@@ -35,7 +35,7 @@ def played(folder: Path, paths: list[tuple[int, int]], **programs: Program) -> d
         async with network(folder, paths=paths):
             return await asyncio.to_thread(perform)
 
-    return uvloop.run(run())
+    return network_loop.run(run())
 
 
 def test_gates_act_as_they_are_called(tmp_path: Path) -> None:
@@ -141,7 +141,7 @@ def subroutines(folder: Path, program: Program) -> list[str]:
             await asyncio.to_thread(perform)
 
     with (folder / "quantum.log").open("w") as events:
-        uvloop.run(run(events))
+        network_loop.run(run(events))
     lines = (folder / "quantum.log").read_text().splitlines()
     parts = [line.partition(" subroutine ") for line in lines]
     assert all(before.split()[-1] == "alice" for before, found, _text in parts if found)

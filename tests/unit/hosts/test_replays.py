@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import uvloop
 from fault_scene import DATA, PORT, SERVICES, Once, require_no_session, running, session
 from stacks_scene import DEADLINE_S, OWN_ADDRESS, arbitrated, grant
 
+from hosts import network_loop
 from hosts.middleware.services.key_distribution import acceptor as key_acceptor
 from hosts.middleware.services.key_distribution import light as key_light
 from hosts.middleware.session import protocol
@@ -92,7 +92,7 @@ def test_a_set_up_that_is_sent_again_in_mid_session_disturbs_nobody(
             told = await asyncio.to_thread(session, tmp_path, service_name)
             assert [each.text for each in told] == ["", ""]
 
-    uvloop.run(run())
+    network_loop.run(run())
     require_refused(errors, Reason.BUSY, "is under way here: is its set-up message a replay?")
 
 
@@ -113,7 +113,7 @@ def test_a_set_up_that_is_sent_again_later_opens_nothing(tmp_path: Path, service
                 setups = first_of_each(recorder)
                 return [await sent(setup, host_of(setup)) for setup in setups]
 
-    errors = uvloop.run(run())
+    errors = network_loop.run(run())
     require_refused(errors, Reason.UNKNOWN_SESSION, "was here before: is its set-up message a")
 
 
@@ -155,7 +155,7 @@ def test_no_other_service_is_opened_with_the_number_of_a_session(
             told = await asyncio.to_thread(session, tmp_path, service_name)
             assert [each.text for each in told] == ["", ""]
 
-    uvloop.run(run())
+    network_loop.run(run())
     at_alice, at_bob = errors
     require_refused([at_bob], Reason.BUSY, "is under way here")
     assert at_alice is not None
@@ -179,7 +179,7 @@ def test_no_session_is_opened_with_the_number_of_a_link_of_a_repeater(tmp_path: 
             told = await asyncio.to_thread(session, tmp_path, "swap")
             assert [each.text for each in told] == ["", ""]
 
-    uvloop.run(run())
+    network_loop.run(run())
     require_refused(errors, Reason.BUSY, "is under way here")
 
 
@@ -199,7 +199,7 @@ def test_a_service_that_nobody_knows_is_refused_by_its_number(tmp_path: Path, nu
             assert isinstance(answer, Answer)
             return answer
 
-    answer = uvloop.run(run())
+    answer = network_loop.run(run())
     assert answer.reason == Reason.UNSUPPORTED
     assert f"asks for an unknown service {number}: choose one of 1 (SDC), 2 (PAIR" in answer.text
 
@@ -229,7 +229,7 @@ def test_who_has_been_granted_nothing_gets_no_light_and_holds_nothing(
                 assert await sent(forged, "bob") is None
                 assert "gone" in await accepting
 
-    uvloop.run(run())
+    network_loop.run(run())
 
 
 def _outcome(listener: QuantumSocket | ServiceSocket) -> str:
@@ -273,7 +273,7 @@ def test_a_source_makes_no_more_than_was_granted(
             assert caught.value.reason == reason
             assert words in str(caught.value)
 
-    uvloop.run(run())
+    network_loop.run(run())
 
 
 def test_a_pair_of_a_session_is_taken_once(tmp_path: Path) -> None:
@@ -296,7 +296,7 @@ def test_a_pair_of_a_session_is_taken_once(tmp_path: Path) -> None:
             told = await asyncio.to_thread(session, tmp_path, "sdc", **options)
             assert [each.text for each in told] == ["", ""]
 
-    uvloop.run(run())
+    network_loop.run(run())
     require_refused(errors, Reason.PROTOCOL, "is not expected (any more): is its set-up a replay?")
 
 
@@ -321,7 +321,7 @@ def test_a_pair_of_a_session_is_taken_from_its_own_sender_alone(tmp_path: Path) 
             told = await asyncio.to_thread(session, tmp_path, "sdc", **options)
             assert [each.text for each in told] == ["", ""]
 
-    uvloop.run(run())
+    network_loop.run(run())
     assert max(setup.block for setup in recorder.granted) >= 150
     words = f"pair 150 of a session of 127.0.0.1 from {OWN_ADDRESS['eve']}"
     require_refused(errors, Reason.UNKNOWN_SESSION, words)

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import uvloop
 from stacks_scene import DEADLINE_S, live_qubits, network
 
+from hosts import network_loop
 from hosts.quantum_socket import QuantumSocket
 from wire.metadata import Pauli, Setup, Verdict
 
@@ -51,7 +51,7 @@ def test_bytes_come_back_whatever_the_paths_turn(
             got, used = await asyncio.to_thread(returned, folder)
             return got, used, await live_qubits(folder)
 
-    got, used, live = uvloop.run(scene())
+    got, used, live = network_loop.run(scene())
     assert (got, live) == (DATA, 0)
     assert used["lost_pairs"] == used["symbol_errors"] == 0
     assert pairs in (None, used["bell_pairs"])  # two bits a pair

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import uvloop
 from stacks_scene import DEADLINE_S, ask, grant, network, refusal, requested
 
+from hosts import network_loop
 from hosts.middleware.services.key_distribution import light
 from hosts.middleware.services.sealing.sequential_test import Question, SequentialTest
 from hosts.service_socket import ServiceSocket
@@ -136,7 +136,7 @@ def test_who_measures_on_the_way_breaks_the_seal(tmp_path: Path) -> None:
         async with network(tmp_path, paths=BY_EVE):
             return await asyncio.to_thread(asked)
 
-    alice, _bob = uvloop.run(run())
+    alice, _bob = network_loop.run(run())
     assert alice["alarm"] is True
     assert alice["compared"] < 1000
     assert alice["emitted"] == QUICK["block_pairs"]  # of the first block, and no more light

@@ -11,9 +11,9 @@ from typing import Any
 import grpc
 import numpy as np
 import pytest
-import uvloop
 from stacks_scene import DEADLINE_S, OWN_ADDRESS, PORTS, QNICS, Judge, grant, network, transfer
 
+from hosts import network_loop
 from hosts.hardware.qnic import BlockName
 from hosts.hardware.simulated import SimulatedQnic
 from hosts.middleware.services.superdense import sender
@@ -52,7 +52,7 @@ def exchange(
         async with network(folder, judge, **(physics or {})):
             return await asyncio.to_thread(transfer, folder, data, **options)
 
-    return uvloop.run(run())
+    return network_loop.run(run())
 
 
 @pytest.mark.parametrize("handshake", ["framed", "per-pair", "sequential"])
@@ -284,8 +284,8 @@ def test_modulated_light_leaves_with_the_wavelength_of_its_session(tmp_path: Pat
             await charlie.close()
             return await photons_lost(dispatcher, PORTS["alice-q0"])
 
-    assert uvloop.run(lost_at_alices_port(1_550_120)) == 0
-    assert uvloop.run(lost_at_alices_port(1_549_720)) == 100
+    assert network_loop.run(lost_at_alices_port(1_550_120)) == 0
+    assert network_loop.run(lost_at_alices_port(1_549_720)) == 100
 
 
 async def photons_lost(dispatcher: str, port: int) -> int:
@@ -317,7 +317,7 @@ def test_a_sender_that_gives_up_in_mid_send_ends_the_session_at_once(tmp_path: P
         async with network(tmp_path, grant):
             await asyncio.to_thread(give_up, tmp_path)
 
-    uvloop.run(run())
+    network_loop.run(run())
 
 
 @pytest.mark.parametrize("reason", [Reason.BUSY, Reason.NO_PATH, Reason.SWITCH_TIMEOUT])
@@ -362,7 +362,7 @@ def on_network(folder: Path, act: Callable[[], None]) -> None:
         async with network(folder):
             await asyncio.to_thread(act)
 
-    uvloop.run(run())
+    network_loop.run(run())
 
 
 def test_an_unknown_host_is_named_with_those_that_are_known(tmp_path: Path) -> None:
@@ -438,7 +438,7 @@ def test_lists_in_lists_without_end_are_an_error_of_that_application_alone(tmp_p
             got, _ = await asyncio.to_thread(transfer, tmp_path, b"still here")
             assert got == b"still here"
 
-    uvloop.run(run())
+    network_loop.run(run())
 
 
 def test_rubbish_on_the_metadata_port_ends_that_connection_alone(tmp_path: Path) -> None:
@@ -452,4 +452,4 @@ def test_rubbish_on_the_metadata_port_ends_that_connection_alone(tmp_path: Path)
             got, _ = await asyncio.to_thread(transfer, tmp_path, b"still here")
             assert got == b"still here"
 
-    uvloop.run(run())
+    network_loop.run(run())

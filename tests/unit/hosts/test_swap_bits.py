@@ -5,8 +5,8 @@ import time
 
 import numpy as np
 import pytest
-import uvloop
 
+from hosts import network_loop
 from hosts.middleware.services.swapping.bits import Bits
 from hosts.middleware.session import swap_orders
 from hosts.middleware.session.swap_orders import MAX_ORDERS, Swaps
@@ -48,7 +48,7 @@ def test_orders_whose_sessions_never_come_make_room_for_others() -> None:
             swaps.take(SwapOrder(1, session, 1, "10.0.0.2"))
         assert swaps.sessions == frozenset(range(1, MAX_ORDERS + 1))
 
-    uvloop.run(run())
+    network_loop.run(run())
 
 
 def test_an_order_that_nobody_asks_for_is_dropped_and_one_in_use_is_not(
@@ -68,7 +68,7 @@ def test_an_order_that_nobody_asks_for_is_dropped_and_one_in_use_is_not(
         await asyncio.sleep(0.1)
         assert swaps.sessions == {6}
 
-    uvloop.run(run())
+    network_loop.run(run())
 
 
 def test_an_order_that_comes_late_is_waited_for() -> None:
@@ -80,4 +80,4 @@ def test_an_order_that_comes_late_is_waited_for() -> None:
         assert await waiting == order
         return await swaps.order(7)
 
-    assert uvloop.run(run()).right == "10.0.0.2"
+    assert network_loop.run(run()).right == "10.0.0.2"

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import uvloop
 from chain_scene import Stacks, chain, order_swaps
 from dispatcher_status import held, require_nothing_left
 from stacks_scene import DEADLINE_S, OWN_ADDRESS, RELAYED, Change, grant, sealed
 
+from hosts import network_loop
 from hosts.middleware.session import swap_orders
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError
@@ -37,7 +37,7 @@ def inside(folder: Path, repeaters: int, scene: Callable[[], None], **options: A
             if "order" not in options:
                 await require_no_orders(stacks)
 
-    uvloop.run(run())
+    network_loop.run(run())
 
 
 async def require_no_orders(stacks: Stacks) -> None:
@@ -245,7 +245,7 @@ def test_a_link_that_nobody_has_ordered_is_refused(
             assert caught.value.reason == Reason.NOT_ARBITRATED
             channel.close()
 
-    uvloop.run(run())
+    network_loop.run(run())
 
 
 def test_the_acceptor_names_the_node_that_the_controller_has_not_reached(tmp_path: Path) -> None:
@@ -260,4 +260,4 @@ def test_the_acceptor_names_the_node_that_the_controller_has_not_reached(tmp_pat
                 )
             channel.close()
 
-    uvloop.run(run())
+    network_loop.run(run())

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import uvloop
 from stacks_scene import DEADLINE_S, Judge, accepted, ask, grant, network, refusal
 
 from dispatcher.sabot import capacity
+from hosts import network_loop
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from wire.config import PathOptics
@@ -69,7 +69,7 @@ def failure(folder: Path, physics: dict[str, Any], **options: Any) -> tuple[str,
         async with network(folder, **physics):
             return await asyncio.to_thread(asked)
 
-    return uvloop.run(run())
+    return network_loop.run(run())
 
 
 def told(rotation: int) -> Judge:

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import uvloop
 from stacks_scene import DEADLINE_S, Change, accepted, network, requested
 
+from hosts import network_loop
 from hosts.middleware.session.values import numbers_of, values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
@@ -35,7 +35,7 @@ def teleported(folder: Path, change: Change, events: io.StringIO) -> list[dict[s
                 requested, folder, "teleport", count=COUNT, block_pairs=BLOCK
             )
 
-    return uvloop.run(run())
+    return network_loop.run(run())
 
 
 def touched(events: io.StringIO) -> list[str]:
@@ -113,7 +113,7 @@ def test_if_the_bits_never_come_nothing_is_done_to_the_halves_and_both_ends_are_
         async with network(tmp_path, change=change, events=events):
             await asyncio.to_thread(asked)
 
-    uvloop.run(run())
+    network_loop.run(run())
     assert "store" in events.getvalue()
     assert touched(events) == []
 

@@ -6,9 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-import uvloop
 from stacks_scene import DEADLINE_S, OWN_ADDRESS, arbitrated, grant, network, sealed
 
+from hosts import network_loop
 from hosts.middleware import verdicts
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError
@@ -69,7 +69,7 @@ def test_a_verdict_that_is_not_the_controllers_takes_no_listener(
                 await channel.receive(Values, DEADLINE_S)
                 channel.close()
 
-    uvloop.run(run())
+    network_loop.run(run())
 
 
 def test_a_refusal_that_is_not_the_controllers_is_not_taken_for_one(tmp_path: Path) -> None:
@@ -85,7 +85,7 @@ def test_a_refusal_that_is_not_the_controllers_is_not_taken_for_one(tmp_path: Pa
                 assert caught.value.reason == reason
                 channel.close()
 
-    uvloop.run(run())
+    network_loop.run(run())
 
 
 def test_a_verdict_counts_once(monkeypatch: pytest.MonkeyPatch) -> None:

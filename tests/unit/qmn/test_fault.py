@@ -3,6 +3,7 @@
 import argparse
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +17,8 @@ from topologies.owners import owner
 from topologies.programs import NetworkError
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.dispatcher_service import RUNNER
+
+DEADLINE_S = 10.0
 
 
 @contextmanager
@@ -65,11 +68,22 @@ def run(
     return status, said.out + said.err
 
 
+def logged(log: Path, text: str, count: int) -> list[str]:
+    """Return the lines of an event log that have a text, once there are so many: it is late."""
+    deadline = time.monotonic() + DEADLINE_S
+    while True:
+        found = [line for line in log.read_text().splitlines() if text in line]
+        if len(found) == count:
+            return found
+        assert time.monotonic() < deadline, f"{len(found)} of {count} events {text!r}"
+        time.sleep(0.005)
+
+
 def test_faults_reach_the_running_network(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with network(tmp_path) as (_process, log):
-        for words, said, logged in (
+        for words, said, text in (
             ("q1 stuck 2 3", "q1: cross-connect 2 -> 3 is stuck\n", "stuck 2 -> 3"),
             (
                 "q1 temperature 80",
@@ -80,8 +94,9 @@ def test_faults_reach_the_running_network(
             ("q1 repair", "q1: repaired, 25 C\n", "repaired"),
         ):
             assert run(tmp_path, capsys, monkeypatch, *words.split()) == (0, said)
-            (line,) = [line for line in log.read_text().splitlines() if line.endswith(logged)]
+            (line,) = logged(log, text, 1)
             assert " fault " in line
+            assert line.endswith(text)
 
 
 @pytest.mark.parametrize(

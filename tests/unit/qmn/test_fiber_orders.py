@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 import pytest
-from test_fault import network
+from test_fault import logged, network
 
 from qmn.live import fiber_order, running
 from qmn.verbs import calibrate, classical, tap
@@ -34,7 +34,7 @@ def test_orders_reach_the_fibres_of_the_running_network(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with network(tmp_path) as (_process, log):
-        for words, said, logged in (
+        for words, said, text in (
             ("calibrate alice q1", "2 fibres between alice and q1: calibrated\n", "calibrate"),
             (
                 "classical q1 alice 2.5",
@@ -48,7 +48,7 @@ def test_orders_reach_the_fibres_of_the_running_network(
             ),
         ):
             assert run(tmp_path, capsys, monkeypatch, words) == (0, said)
-            assert len([line for line in log.read_text().splitlines() if logged in line]) == 4
+            assert len(logged(log, text, 4)) == 4
 
 
 @pytest.mark.parametrize(

@@ -128,7 +128,7 @@ def test_a_file_with_a_grid_is_swept_and_flags_come_first(tmp_path: Path, schedu
     ("words", "text"),
     [
         (["nonsense"], "unknown sweep 'nonsense': choose sdc, teleport"),
-        (["swap", "--emulate"], "unknown sweep 'swap': choose sdc, teleport with --emulate"),
+        (["swap", "--emulate"], "unknown sweep 'swap': choose sdc, teleport, congestion, "),
         (["teleport", "--emulate", "--classical-mbps", "0"], "choose 0.001 to 10000 Mbit/s"),
         (["teleport", "--classical-mbps", "1"], "classical_mbps is not a parameter of teleport"),
         (["teleport", "--depolarizing", "0.1"], "depolarizing is not a parameter of teleport"),
