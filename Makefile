@@ -5,7 +5,7 @@ SHELL := /bin/bash
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
 .PHONY: help setup packages strongswan notebooks install uninstall run-sdc test test-docker lint types unit \
-    emulation chaos fuzz bench curves labs picture image clean lock browser
+    emulation commands chaos fuzz bench curves labs picture image clean lock browser
 
 PYTHON := .venv/bin/python
 # The caches and byte code of root would be in the user's way.
@@ -90,6 +90,9 @@ chaos: setup ## Strike runs at random for MINUTES (3), from SEED (1): nothing ma
 
 fuzz: setup ## Feed decoders and dispatcher INPUTS (10000000) spoiled messages, from SEED (1)
 	$(PYTHON) tests/fuzz/feed.py --inputs $(or $(INPUTS),10000000) --seed $(or $(SEED),1)
+
+commands: setup ## Run every command of the documentation, some an hour in all
+	@$(call in_folder,$(AS_ROOT),tests/commands)
 
 bench: setup ## Measure and print the speed of this machine
 	bin/qmn bench
