@@ -28,6 +28,9 @@ ENVIRONMENT = {
     # A process with threads cannot be forked; no program of ours multiplies large matrices.
     "OPENBLAS_NUM_THREADS": "1",
 }
+# The kernel ends it with the runner; if that has ended before it asked for this, it ends itself.
+UNLESS_ORPHANED = '[ "$PPID" = "$0" ] && exec "$@"'
+WITH_RUNNER = ("setpriv", "--pdeathsig", "TERM", "sh", "-c", UNLESS_ORPHANED)
 TRACEBACK = "Traceback (most recent call last)"
 FRAME = re.compile(r"^[ |]*[|+][-+ |]*(\d+ -+)?(?=\S|$)")  # around errors of a group
 ERROR = re.compile(r"[A-Za-z_][\w.]*(:|$)")
@@ -121,7 +124,7 @@ class Program:
                 return
             inside = ["mnexec", "-a", str(namespace_pid)] if namespace_pid else []
             self._process = subprocess.Popen(
-                [*inside, "setpriv", "--pdeathsig", "TERM", *command],
+                [*inside, *WITH_RUNNER, str(os.getpid()), *command],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,

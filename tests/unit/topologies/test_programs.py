@@ -3,13 +3,14 @@
 import os
 import signal
 import socket
+import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
 from topologies.owners import marked
-from topologies.programs import NetworkError, Program, stop_all
+from topologies.programs import WITH_RUNNER, NetworkError, Program, stop_all
 
 
 def program(folder: Path, code: str, name: str = "clock") -> Program:
@@ -142,3 +143,11 @@ def test_one_that_is_stopped_by_a_signal_is_noticed_and_ends_when_told(tmp_path:
 def pid_of(started: Program) -> int:
     assert started._process is not None
     return started._process.pid
+
+
+@pytest.mark.parametrize(("runner", "begins"), [(os.getpid(), True), (1, False)])
+def test_it_begins_only_while_its_runner_is_there(runner: int, begins: bool) -> None:
+    """The kernel ends it with the runner, but only if that is there when it is asked to."""
+    command = [*WITH_RUNNER, str(runner), "echo", "begun"]
+    done = subprocess.run(command, capture_output=True, check=False, timeout=10)
+    assert (done.stdout, done.returncode) == ((b"begun\n", 0) if begins else (b"", 1))
