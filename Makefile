@@ -25,6 +25,8 @@ APART = --dist=worksteal --tx="$(AT_A_TIME)*popen//python=topologies/own_namespa
 in_folder = folder=$$(mktemp -d /tmp/qmn.XXXX) && \
     $1 $(PYTEST) --basetemp="$$folder" $2 && $1 rm -r "$$folder"
 TESTS := tests/emulation  # of test-docker
+# What notebooks need is large, and not in the image.
+NOT_IN_IMAGE := --ignore=tests/emulation/test_notebooks.py
 PRODUCT := wire dispatcher hosts controller_apps qswitch_agent copper topologies qmn
 PROTOCOLS := $(patsubst %.proto,%,$(wildcard wire/*.proto))
 GENERATED := $(foreach end,_pb2.py _pb2.pyi _pb2_grpc.py,$(addsuffix $(end),$(PROTOCOLS)))
@@ -67,7 +69,7 @@ test: setup ## Run all checks and tests natively
 	@$(MAKE) --no-print-directory emulation
 
 test-docker: ## Run the emulation tests inside the image (DEBIAN=13: of Debian 13)
-	@docker/run $(PYTEST) $(APART) $(TESTS)
+	@docker/run $(PYTEST) $(APART) $(NOT_IN_IMAGE) $(TESTS)
 
 lint: setup ## Check style and formatting
 	$(PYTHON) -m ruff check
@@ -76,12 +78,12 @@ lint: setup ## Check style and formatting
 types: setup ## Check types
 	$(PYTHON) -m mypy
 
-unit: setup browser ## Run the unit tests (no root)
+unit: setup browser notebooks ## Run the unit tests (no root)
 	@$(call in_folder,$(WITH_BYTE_CODE),$(IN_PARALLEL) tests/unit)
 	@echo 'unit: handlers of the controller on os-ken, too: a process loads one framework'
 	@QMN_CONTROLLER_FRAMEWORK=os-ken $(WITH_BYTE_CODE) $(PYTEST) tests/unit/controller_apps/handlers
 
-emulation: setup strongswan ## Run the emulation tests (root, Open vSwitch)
+emulation: setup strongswan notebooks ## Run the emulation tests (root, Open vSwitch)
 	@$(call in_folder,$(AS_ROOT),$(APART) tests/emulation)
 
 chaos: setup ## Strike runs at random for MINUTES (3), from SEED (1): nothing may hang or stay
@@ -113,8 +115,12 @@ clean: ## Remove what was built here (not runs/)
 	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache $(GENERATED)
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
-notebooks: .venv/complete notebooks.lock ## Install what notebooks, data frames and Parquet need
+notebooks: .venv/notebooks ## Install what notebooks, data frames and Parquet need
+
+.venv/notebooks: .venv/complete notebooks.lock
+	@echo 'setup: what notebooks and data frames need'
 	@$(PYTHON) -m pip install --quiet --disable-pip-version-check --require-hashes -r notebooks.lock
+	@touch $@
 
 lock: ## Choose new versions of the Python packages
 	@setup/lock

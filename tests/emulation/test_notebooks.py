@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
+import nbclient
+import nbformat
 import pytest
 from conftest import ROOT, nothing_left
 
-nbformat = pytest.importorskip("nbformat", reason="make notebooks")
-nbclient = pytest.importorskip("nbclient", reason="make notebooks")
 FOLDER = ROOT / "examples" / "notebooks"
 DEADLINE_S = 120
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from pyarrow import parquet
 
 from qmn.reports.drawing import VARIABLES
 from qmn.reports.page import STYLE
@@ -61,7 +62,6 @@ def test_a_figure_has_its_colours_with_it() -> None:
 
 
 def test_a_data_frame_has_the_rows() -> None:
-    pytest.importorskip("pandas")
     frame = TableOf([EXCHANGE, replace(EXCHANGE, bell_pairs=8000)]).to_dataframe()
     assert frame["loss"].tolist() == [0.25, 0.125]
     assert frame["received_symbols"].dtype.kind == "i"
@@ -75,7 +75,6 @@ def test_without_pandas_the_error_names_the_remedy(monkeypatch: pytest.MonkeyPat
 
 def test_parquet_has_what_the_table_has(tmp_path: Path) -> None:
     """Types as in the experiment; a theory that there is not is null."""
-    parquet = pytest.importorskip("pyarrow.parquet")
     teleport = EXPERIMENTS["teleport"]
     with opened(tmp_path / "teleport.csv", teleport) as table:
         for fidelity in (0.5, 0.75):
