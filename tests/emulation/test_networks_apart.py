@@ -41,6 +41,6 @@ def test_a_network_runs_beside_another_and_can_be_looked_at_and_ended(
         process.kill()
         process.wait()
         os.close(writer)
-    assert "no `qmn apart` that runs" in says("devices").stderr
+    assert "is not a `qmn apart` that runs" in says("devices").stderr
     shared_network.check()
     assert subprocess.check_output(["ovs-vsctl", "list-br"]) == ours
