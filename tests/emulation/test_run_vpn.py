@@ -254,7 +254,8 @@ def test_without_the_same_psk_tls_gives_up(tmp_path: Path) -> None:
                 ends.append(network.run_on(host, f"{host}-{answer}", command))
                 wait_until(partial(more_listening, network, "bob", before), "bob's server", 30)
             ends[1].wait_for("handshake", 30.0, network.check)
-            assert ends[1].said().split("handshake ")[1].strip() == answer
+            # What is said later is of further attempts, as this server takes one connection.
+            assert ends[1].said().split("handshake ")[1].split()[0] == answer
             assert f"{lost} packet loss" in network.host("alice").cmd(ping)
             for end in ends:
                 end.stop()
