@@ -25,8 +25,11 @@ APART = --dist=worksteal --tx="$(AT_A_TIME)*popen//python=topologies/own_namespa
 in_folder = folder=$$(mktemp -d /tmp/qmn.XXXX) && \
     $1 $(PYTEST) --basetemp="$$folder" $2 && $1 rm -r "$$folder"
 TESTS := tests/emulation  # of test-docker
-# What notebooks need is large, and not in the image; and Docker lets no process take files of others.
-NOT_IN_IMAGE := $(patsubst %,--ignore=tests/emulation/test_%.py,notebooks held_packet_sockets)
+# What notebooks need is large, and not in the image; and Docker lets no process take files of others,
+# nor make groups of processes.
+IN_GROUPS := several_together_do_not_take_more what_a_killed_run_leaves_is_found_and_goes
+NOT_IN_IMAGE := $(patsubst %,--ignore=tests/emulation/test_%.py,notebooks held_packet_sockets) \
+    $(patsubst %,--deselect=tests/emulation/test_memory_shares.py::test_%,$(IN_GROUPS))
 PRODUCT := wire dispatcher hosts controller_apps qswitch_agent copper topologies qmn
 PROTOCOLS := $(patsubst %.proto,%,$(wildcard wire/*.proto))
 GENERATED := $(foreach end,_pb2.py _pb2.pyi _pb2_grpc.py,$(addsuffix $(end),$(PROTOCOLS)))
