@@ -263,10 +263,12 @@ class Network:
             machine.check()
         openvswitch.require_alive(self._daemons)
         self._disk.check()
-        for program in (*self.runtime.programs, *self.captures.programs):
-            if not program.running:
-                self._require_daemons_for(DAEMON_END_TIMEOUT_S)
-                raise NetworkError(f"{program.name} died in mid-run: {program.end()}")
+        programs = (*self.runtime.programs, *self.captures.programs)
+        if not all(program.running for program in programs):
+            self._require_daemons_for(DAEMON_END_TIMEOUT_S)
+            # What ends because the dispatcher does was started later, and may have ended before.
+            first = next(program for program in programs if not program.running)
+            raise NetworkError(f"{first.name} died in mid-run: {first.end()}")
         for node in self._watched():
             if node.shell_ended:
                 raise NetworkError(f"{node.name} died in mid-run: its shell was ended")
