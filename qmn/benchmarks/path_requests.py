@@ -2,15 +2,16 @@
 
 python -m qmn.benchmarks.path_requests COUNT RECEIVER SOURCE LOG
 
-Prints the seconds of all. LOG is the dispatcher's: it proves that cross-connects opened
-before the receiver answered, and tells when they are closed, so that each set-up is for
-itself. Nobody listens at the receiver's port, which refuses a session only after the
-controller has granted it.
+Prints the seconds of all. LOG is the dispatcher's, which is written some milliseconds late; its
+times, of this machine's clock, prove that cross-connects opened before the receiver answered, and
+tell when they were closed, so that each set-up is for itself. Nobody listens at the receiver's
+port, which refuses a session only after the controller has granted it.
 """
 
 import argparse
 import socket
 import time
+from datetime import datetime
 from pathlib import Path
 from typing import BinaryIO
 
@@ -35,7 +36,10 @@ class NoPath(Exception):
 
 
 class Openings:
-    """Follows the dispatcher's log: how many cross-connects were opened, and how many closed."""
+    """Follows the dispatcher's log: how many cross-connects were opened, and how many closed.
+
+    Also when the last of these were, in ns since 1970.
+    """
 
     def __init__(self, log: BinaryIO) -> None:
         """Count from the end of the log."""
@@ -43,13 +47,23 @@ class Openings:
         self._log = log
         self._rest = b""
         self.opened = self.closed = 0
+        self.opened_ns = self.closed_ns = 0
 
     def read(self) -> None:
         """Take in what has been written since the last time."""
         *lines, self._rest = (self._rest + self._log.read()).split(b"\n")
-        kinds = [fields[2] for fields in map(bytes.split, lines) if len(fields) > 2]
-        self.opened += kinds.count(b"open")
-        self.closed += kinds.count(b"close")
+        for fields in map(bytes.split, lines):
+            kind = fields[2] if len(fields) > 2 else b""
+            if kind == b"open":
+                self.opened, self.opened_ns = self.opened + 1, time_ns(fields[0].decode())
+            elif kind == b"close":
+                self.closed, self.closed_ns = self.closed + 1, time_ns(fields[0].decode())
+
+
+def time_ns(text: str) -> int:
+    """Return a time of the log, such as 2026-11-22T15:23:39.978776440Z, in ns since 1970."""
+    seconds, _point, fraction = text.removesuffix("Z").partition(".")
+    return int(datetime.fromisoformat(f"{seconds}+00:00").timestamp()) * 10**9 + int(fraction)
 
 
 def ask(session: int, receiver: str, source: str, service: Service = Service.SDC) -> socket.socket:
@@ -81,13 +95,15 @@ def answered(connection: socket.socket) -> Answer:
     return message
 
 
-def wait_until_closed(openings: Openings) -> None:
-    """Return when whatever was opened is closed again."""
+def wait_until_closed(openings: Openings, before: int) -> None:
+    """Return when more was opened than before, and all of it is closed again."""
     deadline = time.monotonic() + CLOSE_TIMEOUT_S
     openings.read()
-    while openings.closed < openings.opened:
+    while openings.opened == before or openings.closed < openings.opened:
         if time.monotonic() > deadline:
             left = openings.opened - openings.closed
+            if openings.opened == before:
+                raise NoPath(f"no cross-connect has opened in {CLOSE_TIMEOUT_S:g} s")
             raise NoPath(f"{left} cross-connects stay open after {CLOSE_TIMEOUT_S:g} s")
         time.sleep(PATH_POLL_S)
         openings.read()
@@ -96,16 +112,17 @@ def wait_until_closed(openings: Openings) -> None:
 def requests(count: int, receiver: str, source: str, openings: Openings) -> float:
     """Have so many paths opened and closed again; return the seconds that all took."""
     first = time.time_ns()  # sessions that nobody else has
-    started = time.perf_counter()
+    took_ns = 0
     for session in range(first, first + count):
-        before = openings.opened
+        before, asked_ns = openings.opened, time.time_ns()
         connection = ask(session, receiver, source)
-        openings.read()
+        answered_ns = time.time_ns()
         connection.close()
-        if openings.opened == before:
-            raise NoPath(f"session {session:016x} was granted, but no cross-connect opened")
-        wait_until_closed(openings)
-    return time.perf_counter() - started
+        wait_until_closed(openings, before)
+        if openings.opened_ns > answered_ns:
+            raise NoPath(f"session {session:016x} was answered before its cross-connects opened")
+        took_ns += openings.closed_ns - asked_ns
+    return took_ns / 1e9
 
 
 def main() -> None:

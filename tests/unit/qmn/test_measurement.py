@@ -9,7 +9,7 @@ import pytest
 
 from qmn.benchmarks.measurement import Times
 from qmn.benchmarks.path_benchmarks import parts, ratio
-from qmn.benchmarks.path_requests import NoPath, Openings, answered, wait_until_closed
+from qmn.benchmarks.path_requests import NoPath, Openings, answered, time_ns, wait_until_closed
 from wire.metadata import Answer, Emit, Reason
 
 OPEN = b"2026-11-21T08:00:00.000000000Z q1       open          port=1 1 -> 2\n"
@@ -50,12 +50,19 @@ def test_openings_are_counted_from_the_end_of_the_log_and_by_whole_lines(tmp_pat
         assert (openings.opened, openings.closed) == (1, 1)
 
 
+def test_times_of_the_log_are_those_of_the_clock() -> None:
+    # `date -d 2026-11-22T15:23:39Z +%s`
+    assert time_ns("2026-11-22T15:23:39.978776440Z") == 1_795_361_019_978_776_440
+
+
 def test_a_path_that_stays_open_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("qmn.benchmarks.path_requests.CLOSE_TIMEOUT_S", 0.01)
     openings = Openings(io.BytesIO())
     openings.opened = 3
     with pytest.raises(NoPath, match="3 cross-connects stay open"):
-        wait_until_closed(openings)
+        wait_until_closed(openings, 0)
+    with pytest.raises(NoPath, match="no cross-connect has opened"):
+        wait_until_closed(openings, 3)
 
 
 @pytest.mark.parametrize(
