@@ -14,7 +14,7 @@ from dispatcher.laboratory import Laboratory
 from hosts.middleware.qkd.decoy import SHARES, Decoys, Sifted, bounds
 from hosts.middleware.qkd.key_length import binary_entropy
 from qmn.sweeps import theory
-from qmn.sweeps.estimates import Estimate, proportion
+from qmn.sweeps.estimates import Estimate, of_counts, proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, number, pairs_parameter
 from qmn.sweeps.link import TESTED, configuration, fiber
 from qmn.sweeps.parameters import Parameter, Values
@@ -97,14 +97,7 @@ def key(decoys: Decoys, counts: Counts, pulses: int) -> Estimate:
         told = CORRECTION * sifted.key.sum() * binary_entropy(given[X][1].sum() / sifted.key.sum())
         return max(0.0, float(bounds(decoys, sifted, None).secret - told)) / pulses
 
-    square = 0.0
-    for place in np.ndindex(*counts.shape):
-        more, less = counts.astype(float), counts.astype(float)
-        step = math.sqrt(max(int(counts[place]), 1))
-        more[place] += step
-        less[place] = max(less[place] - step, 0.0)
-        square += ((rate(more) - rate(less)) / 2) ** 2
-    return Estimate(rate(counts), math.sqrt(square))
+    return of_counts(rate, counts)
 
 
 def _seen(values: Values, level: int) -> tuple[float, float]:

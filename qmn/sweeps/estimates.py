@@ -1,11 +1,12 @@
 """Measured numbers with their standard errors."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 SIGMAS = 5  # how far a measured number may be from theory, in standard errors
 
@@ -37,6 +38,18 @@ def proportion(events: int, trials: int) -> Estimate:
         return NOTHING
     likely = (events + 1) / (trials + 2)
     return Estimate(events / trials, math.sqrt(likely * (1 - likely) / trials))
+
+
+def of_counts(figure: Callable[[NDArray[Any]], float], counts: NDArray[Any]) -> Estimate:
+    """Return a figure of counts of events; their errors (Poisson) are propagated one by one."""
+    square = 0.0
+    for place in np.ndindex(*counts.shape):
+        more, less = counts.astype(float), counts.astype(float)
+        step = math.sqrt(max(int(counts[place]), 1))
+        more[place] += step
+        less[place] = max(less[place] - step, 0.0)
+        square += ((figure(more) - figure(less)) / 2) ** 2
+    return Estimate(figure(counts), math.sqrt(square))
 
 
 def mean(values: Sequence[float], counts: Sequence[int]) -> Estimate:

@@ -5,6 +5,7 @@ nanowires (90 %, 1e-6 dark counts in a gate), corrections at 1.16 times the limi
 """
 
 import math
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -18,7 +19,7 @@ from hosts.middleware.qkd.relayed_decoys import PairSifted, bounds
 from hosts.middleware.services.key_distribution.relayed import fitting
 from qmn.sweeps import relay_theory, theory
 from qmn.sweeps.decoy_states import GATE_S, LENGTH, LOSS_DB_PER_KM
-from qmn.sweeps.estimates import Estimate, proportion
+from qmn.sweeps.estimates import Estimate, of_counts, proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, number, pairs_parameter
 from qmn.sweeps.link import configuration, fiber
 from qmn.sweeps.parameters import Parameter, Values
@@ -105,14 +106,8 @@ def key(decoys: Decoys, counts: Counts, pulses: int) -> Estimate:
         secret = bounds((decoys, decoys), sifted, None).secret * share**2
         return float(secret - told) / pulses
 
-    square = 0.0
-    for place in np.ndindex(*counts.shape):
-        more, less = counts.astype(float), counts.astype(float)
-        step = math.sqrt(max(int(counts[place]), 1))
-        more[place] += step
-        less[place] = max(less[place] - step, 0.0)
-        square += ((rate(more) - rate(less)) / 2) ** 2
-    return Estimate(max(0.0, rate(counts)), math.sqrt(square))
+    found = of_counts(rate, counts)
+    return replace(found, value=max(0.0, found.value))
 
 
 def arrives(length_km: float) -> float:
