@@ -20,7 +20,6 @@ import tempfile
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from random import Random
@@ -33,8 +32,7 @@ ROOT = Path(__file__).resolve().parents[2]
 APART = str(ROOT / "topologies" / "own_namespaces")
 LONGEST_WAIT_S = 9.0  # from the start to the strike
 AFTER_START = 2.5  # before which there is little to strike
-HANG_S = 90.0  # from the strike to the end, where a process has a processor of its own
-LOOK_S = 0.5
+HANG_S = 90.0  # from the strike to the end
 NAMED_S, STALLED_NAMED_S = 5.0, 30.0
 
 
@@ -66,9 +64,8 @@ class Outcome:
 
     @property
     def late(self) -> bool:
-        """Whether the cause was named too late, for a machine as busy as it was."""
+        """Whether the cause was named too late."""
         limit = STALLED_NAMED_S if self.strike and self.strike.stalls else NAMED_S
-        limit *= self.slowness
         return self.named_after_s is not None and self.named_after_s > limit
 
 
@@ -100,18 +97,13 @@ class Struck:
         return self._process.poll() is None
 
     def end(self, timeout_s: float) -> int | None:
-        """Wait for its end; return the status, None for one that hangs, which is killed.
-
-        Where processes wait for processors, a second is as much longer.
-        """
-        had_s, status = 0.0, None
-        while status is None and had_s < timeout_s:
-            with suppress(subprocess.TimeoutExpired):
-                status = self._process.wait(LOOK_S)
-            had_s += LOOK_S / machine.slowness()
-        if status is None:
+        """Wait for its end; return the status, None for one that hangs, which is killed."""
+        try:
+            status = self._process.wait(timeout_s)
+        except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
+            status = None
         self._reader.join(5)
         return status
 

@@ -374,6 +374,8 @@ def running_switch(
     for near, far in zip(names[::2], names[1::2], strict=True):
         run("ip", "link", "add", near, "type", "veth", "peer", "name", far)
         for name in (near, far):
+            # Else the kernel says something of its own at any time.
+            Path(f"/proc/sys/net/ipv6/conf/{name}/disable_ipv6").write_text("1")
             run("ip", "link", "set", name, "up")
     switch = Switch(folder, controllers, fiber_ports)
     try:

@@ -124,11 +124,17 @@ def test_a_file_with_a_grid_is_swept_and_flags_come_first(tmp_path: Path, schedu
     assert line[:3] == ["4", "0.7", "6000"]
 
 
+SWAP_ALONE = (
+    "unknown sweep 'swap': choose sdc, teleport, congestion, control, flapping, head-of-line with "
+    "--emulate"
+)
+
+
 @pytest.mark.parametrize(
     ("words", "text"),
     [
         (["nonsense"], "unknown sweep 'nonsense': choose sdc, teleport"),
-        (["swap", "--emulate"], "unknown sweep 'swap': choose sdc, teleport, congestion, "),
+        (["swap", "--emulate"], SWAP_ALONE),
         (["teleport", "--emulate", "--classical-mbps", "0"], "choose 0.001 to 10000 Mbit/s"),
         (["teleport", "--classical-mbps", "1"], "classical_mbps is not a parameter of teleport"),
         (["teleport", "--depolarizing", "0.1"], "depolarizing is not a parameter of teleport"),
