@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from documentation import NAMES, ROOT, blocks
+from documentation import NAMES, ROOT, blocks, shell
 
 pytestmark = pytest.mark.timeout(3600)
 
@@ -65,19 +65,6 @@ def typed(page: str) -> Iterator[Typed]:
 LINES = [each for page in NAMES if page not in ELSEWHERE for each in typed(page)]
 
 
-def shell(text: str, folder: Path, typed: str = "exit\n") -> "subprocess.CompletedProcess[str]":
-    """Type text to a shell in a folder where `qmn` is on the PATH."""
-    return subprocess.run(
-        ["bash", "-c", text],
-        cwd=folder,
-        env={**os.environ, "PATH": f"{ROOT / 'bin'}:{os.environ['PATH']}"},
-        input=typed,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-
 @pytest.fixture(scope="session")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return where a reader works, who has had runs before."""
@@ -123,7 +110,7 @@ def test_a_command_of_a_page_ends_as_it_says(
     line = ELSEWHERE_ONLY.sub("qmn runs --runs elsewhere", line)
     if UNTIL_CTRL_C.match(line):
         line = f"timeout --preserve-status --signal=INT {SECONDS} {line}"
-    done = shell("\n".join([*command.before, line]), folder)
+    done = shell("\n".join([*command.before, line]), folder, typed="exit\n")
     statuses = {0}
     if UNTIL_CTRL_C.match(command.line):
         statuses = {0, 130}

@@ -1,30 +1,19 @@
 """The commands of the README, run as it says, and of some pages; outputs as these print them."""
 
-import os
 import re
 import shlex
-import subprocess
 from pathlib import Path
 
 import pytest
 from conftest import ROOT
-from documentation import blocks, commands, without_numbers
+from documentation import blocks, commands, shell, without_numbers
 
 TIMEOUT_S = 110
 
 
 def bash(text: str, cwd: Path, typed: str = "") -> str:
     """Type text to a shell in a folder where `qmn` is on the PATH; return what it printed."""
-    done = subprocess.run(
-        ["bash", "-ec", text],
-        cwd=cwd,
-        env={**os.environ, "PATH": f"{ROOT / 'bin'}:{os.environ['PATH']}"},
-        input=typed,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=TIMEOUT_S,
-    )
+    done = shell(text, cwd, typed, TIMEOUT_S)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 

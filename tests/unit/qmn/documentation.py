@@ -1,7 +1,9 @@
 """The documentation as tests read it: its pages, their blocks, and the commands in these."""
 
+import os
 import re
 import shlex
+import subprocess
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -28,6 +30,22 @@ def commands(page: str, program: str) -> list[list[str]]:
             end = next((i for i, word in enumerate(words) if word in ENDS_COMMAND), len(words))
             found += [words[1:end]] if words else []
     return found
+
+
+def shell(
+    text: str, cwd: Path, typed: str = "", timeout_s: float | None = None
+) -> "subprocess.CompletedProcess[str]":
+    """Type text to a shell in a folder where `qmn` is on the PATH; it ends at the first error."""
+    return subprocess.run(
+        ["bash", "-ec", text],
+        cwd=cwd,
+        env={**os.environ, "PATH": f"{ROOT / 'bin'}:{os.environ['PATH']}"},
+        input=typed,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=timeout_s,
+    )
 
 
 def without_numbers(text: str) -> str:
