@@ -317,7 +317,7 @@ def test_light_of_attempts_meets_no_kraus_operators() -> None:
             await heralded(laboratory, 10)
 
     damping = str(Path(__file__).parents[3] / "examples" / "damping.py") + ":Damping"
-    own = {"noise": damping, "noise_parameters": {"gamma": 0.1}}
+    own: dict[str, Any] = {"noise": damping, "noise_parameters": {"gamma": 0.1}}
     scene(act, Device(emitter=Emitter("two-click")), **own)
 
 

@@ -176,8 +176,8 @@ def test_kraus_operators_of_many_qubits_are_sent_in_parts(
 
 
 def test_kraus_operators_that_no_channel_has_are_refused(tmp_path: Path) -> None:
-    numbers = {"operators": 1, "real": [1, 0, 0, 1], "imaginary": [0, 0, 0, 0]}
-    refused = {
+    numbers: dict[str, Any] = {"operators": 1, "real": [1, 0, 0, 1], "imaginary": [0, 0, 0, 0]}
+    refused: dict[str, dict[str, Any]] = {
         "sum of K†K is [[0.25": {"real": [0.5, 0, 0, 0.5]},
         "not a number": {"real": [float("nan"), 0, 0, 1]},
         "operators 0; send 1 to 16": {"operators": 0},
@@ -191,7 +191,7 @@ def test_kraus_operators_that_no_channel_has_are_refused(tmp_path: Path) -> None
         for backend in ("dense", "chp"):
             workspace = stub.Begin(messages.BeginRequest(backend=backend)).workspace
             stub.Create(messages.CreateRequest(workspace=workspace, count=4, state=PAIRS))
-        named = {"workspace": 1, "register": 1, "mask": b"\x0f", "draws": DRAWS}
+        named: dict[str, Any] = {"workspace": 1, "register": 1, "mask": b"\x0f", "draws": DRAWS}
         for words, wrong in refused.items():
             with pytest.raises(grpc.RpcError) as raised:
                 stub.Kraus(messages.KrausRequest(**{**named, **numbers, **wrong}))

@@ -120,7 +120,7 @@ async def gathered(bench: Bench) -> list[bytes]:
 
 def test_kraus_operators_are_a_comment_of_the_dump(tmp_path: Path) -> None:
     damping = str(Path(__file__).parents[3] / "examples" / "damping.py") + ":Damping"
-    own = {"noise": damping, "noise_parameters": {"gamma": 0.1}}
+    own: dict[str, Any] = {"noise": damping, "noise_parameters": {"gamma": 0.1}}
     fibers = with_fibers(configuration(tmp_path), **own).fibers
     text, _outcomes = dumped(tmp_path, gathered, fibers=fibers, backend="dense")
     assert text.count("Kraus operators, not written") > PHOTONS // 2
