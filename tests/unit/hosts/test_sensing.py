@@ -61,7 +61,7 @@ def sensed(
 
 def off(told: dict[str, Any], total: float) -> float:
     """Return by how much the sum is wrong, on the circle."""
-    return (told["sum_rad"] - total + pi) % (2 * pi) - pi
+    return float((told["sum_rad"] - total + pi) % (2 * pi) - pi)
 
 
 def test_the_sum_of_phases_is_told_at_the_limit_of_heisenberg(tmp_path: Path) -> None:

@@ -46,8 +46,9 @@ def test_ghz_states_over_links_that_depolarise(hosts: int, p: float, fidelity: f
 def test_the_mean_phase_is_told_at_its_limit(
     probes: str, hosts: int, p: float, efficiency: float, error: float
 ) -> None:
-    given = {"probes": probes, "hosts": hosts, "depolarizing": p, "efficiency": efficiency}
-    values = EXPERIMENTS["sensing"].complete({**given, "estimates": 100})
+    given: Values = {"probes": probes, "hosts": hosts, "estimates": 100}
+    given |= {"depolarizing": p, "efficiency": efficiency}
+    values = EXPERIMENTS["sensing"].complete(given)
     told, spread = measure("sensing", values, SEED)["mean_error"]
     assert spread == pytest.approx(told / sqrt(200))
     assert abs(told - error) < 5 * error / sqrt(200)
