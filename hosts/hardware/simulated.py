@@ -48,6 +48,7 @@ from wire.dispatcher_pb2 import (
     ReceiveRequest,
     ResendRequest,
     SendRequest,
+    SenseRequest,
     SplitRequest,
     Step,
     StoreRequest,
@@ -311,6 +312,19 @@ class SimulatedQnic:
         apply = ApplyRequest(block=_named(block), gates=turns)
         measure = MeasureRequest(block=_named(block), basis=MeasureRequest.Z)
         feedbacks = await self._orders.perform(Step(apply=apply), Step(measure=measure))
+        return np.frombuffer(feedbacks[-1].outcomes, dtype=np.uint8)
+
+    async def sense(self, block: BlockName) -> None:
+        """Let photons at this host take the phase of its sensor."""
+        await self._orders.perform(Step(sense=SenseRequest(block=_named(block))))
+
+    async def measure_at(self, block: BlockName, angle_rad: float) -> Symbols:
+        """Measure photons at this host between X and Y."""
+        steps = [Step(measure=MeasureRequest(block=_named(block), basis=MeasureRequest.X))]
+        if angle_rad:
+            gates = [Gate(name=Gate.RZ, angle_rad=-angle_rad)]
+            steps.insert(0, Step(apply=ApplyRequest(block=_named(block), gates=gates)))
+        feedbacks = await self._orders.perform(*steps)
         return np.frombuffer(feedbacks[-1].outcomes, dtype=np.uint8)
 
     async def measure_arrivals(
