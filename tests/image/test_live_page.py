@@ -22,7 +22,7 @@ def test_the_page_of_a_network_in_a_container_is_on_this_machines_loopback() -> 
     if subprocess.run([ROOT / "docker/engine"], stdout=subprocess.DEVNULL, check=False).returncode:
         pytest.skip("no Docker engine answers")
     volumes = said_by("docker", "volume", "ls", "--quiet")
-    command = [ROOT / "docker/run", "--input", "qmn", "cli", "sdc", "--live"]
+    command = ["docker/run", "--input", "qmn", "cli", "sdc", "--live"]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, cwd=ROOT, stdin=pipe, stdout=pipe, text=True) as network:
         assert network.stdin is not None
