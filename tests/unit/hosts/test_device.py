@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import pytest
+from stacks_scene import OWN_ADDRESS
 
 from hosts import network_loop
 from hosts.middleware.device import Device, changed
@@ -37,7 +38,7 @@ from wire.seal_orders import GiveBack, SealOrder
 
 KEY = "00112233445566778899aabbccddeeff"
 SETUP = Setup(7, Service.SDC, Handshake.FRAMED, "10.0.0.3", 65_536, 256, 50_000_000)
-CONTROLLER, HOST = "127.0.2.1", "127.0.2.2"
+CONTROLLER, HOST = OWN_ADDRESS["alice"], OWN_ADDRESS["bob"]
 DEADLINE_S = 5.0
 
 
