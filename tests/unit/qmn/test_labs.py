@@ -50,6 +50,12 @@ def test_the_list_names_every_folder_with_its_title(capsys: pytest.CaptureFixtur
         assert line.endswith(catalogue.lab(line.split()[0]).title)
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_a_page_shows_every_figure_of_its_lab(name: str) -> None:
+    for chart in catalogue.lab(name).charts:
+        assert f"]({chart.name}.png)" in page(name), f"{chart.name}: setup/lab-pictures makes it"
+
+
 def test_an_unknown_lab_is_refused_with_the_nearest() -> None:
     with pytest.raises(BadInput, match="there is no lab sdc-fiber: did you mean sdc-fibre"):
         catalogue.lab("sdc-fiber")
