@@ -1,4 +1,4 @@
-"""What labs compute by themselves, beside enumerations and sums of their own."""
+"""Models that labs compute by themselves, beside enumerations and sums of their own."""
 
 from itertools import pairwise
 from math import exp, factorial
