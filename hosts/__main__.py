@@ -36,7 +36,7 @@ async def run(config: HostConfig) -> None:
     )
     speaking = [asyncio.create_task(announcing)]
     if config.device_key:
-        agent = await start_node_agent(config, stack.device, stack.swaps)
+        agent = await start_node_agent(config, stack.device, stack.swaps, stack.seals)
         speaking.append(asyncio.create_task(agent.run()))
     print("ready", flush=True)
     stopping = asyncio.create_task(stopped.wait())

@@ -16,6 +16,7 @@ from hosts.middleware.device import Device, changed
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.swap_orders import Swaps
 from hosts.network_loop import wall_sleep, wall_timeout
+from hosts.serving.ordered_seals import OrderedSeals
 from hosts.timeouts import (
     CHECK_PERIOD_S,
     FIRST_REPORTS_S,
@@ -35,6 +36,7 @@ from wire.device import (
     open_sealed,
 )
 from wire.metadata import Answer, MalformedPacket, Message, Reason
+from wire.seal_orders import GiveBack, SealOrder
 
 log = logging.getLogger("node-agent")
 
@@ -44,11 +46,13 @@ UNASKED_AFTER = 3  # periods without a request: report, so that a new controller
 class NodeAgent(asyncio.DatagramProtocol):
     """Speaks for one device."""
 
-    def __init__(self, config: HostConfig, device: Device, swaps: Swaps) -> None:
+    def __init__(
+        self, config: HostConfig, device: Device, swaps: Swaps, seals: OrderedSeals
+    ) -> None:
         self._name = config.name
         self._key = config.device_key
         self._report_to = config.report_to
-        self._device, self._swaps = device, swaps
+        self._device, self._swaps, self._seals = device, swaps, seals
         self._heard = 0  # number of the last datagram that was taken
         self._number = 0
         self._last = device.report()
@@ -77,6 +81,10 @@ class NodeAgent(asyncio.DatagramProtocol):
         elif isinstance(message, SwapOrder):
             self._swaps.take(message)
             self._send(Answer(message.session, Reason.OK))
+        elif isinstance(message, SealOrder):
+            self._send(self._seals.take(message))
+        elif isinstance(message, GiveBack):
+            self._send(self._seals.give_back(message))
         elif isinstance(message, DeviceQuery):
             self._report(message.session)
         else:
@@ -168,10 +176,12 @@ class NodeAgent(asyncio.DatagramProtocol):
         self._transport.sendto(data, (self._report_to, DEVICE_PORT))
 
 
-async def start_node_agent(config: HostConfig, device: Device, swaps: Swaps) -> NodeAgent:
+async def start_node_agent(
+    config: HostConfig, device: Device, swaps: Swaps, seals: OrderedSeals
+) -> NodeAgent:
     """Open the port; raise OSError if it is taken."""
     _transport, agent = await asyncio.get_running_loop().create_datagram_endpoint(
-        lambda: NodeAgent(config, device, swaps), sock=agent_port(config.address)
+        lambda: NodeAgent(config, device, swaps, seals), sock=agent_port(config.address)
     )
     return agent
 

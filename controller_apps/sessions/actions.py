@@ -6,6 +6,7 @@ from controller_apps.light.paths import Hop
 from controller_apps.packets.segments import FiveTuple
 from controller_apps.policy.schedules import UNPURIFIED, Purification
 from controller_apps.sessions.sessions import Chain
+from wire.seal_orders import GiveBack, SealOrder
 
 
 @dataclass(frozen=True)
@@ -95,6 +96,14 @@ class SwapsOrdered:
 
 
 @dataclass(frozen=True)
+class Order:
+    """Tell a host's node agent to do something, until it has answered."""
+
+    node: str  # address
+    message: SealOrder | GiveBack  # without the number of the request
+
+
+@dataclass(frozen=True)
 class Note:
     """A fact for the log and the record."""
 
@@ -122,6 +131,7 @@ Action = (
     | Keep
     | Forget
     | SwapsOrdered
+    | Order
     | Note
     | Drop
 )

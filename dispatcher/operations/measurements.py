@@ -52,6 +52,9 @@ class Measurements:
         if values.any():  # a measurement of Z does not see the angles
             drift.twirl(block, layer.sabot, layer.draws)
         feedback = layer.feedback(block)
+        own = layer.devices, layer.draws, block, "detectors", "detectors", "measure"
+        effect = part_noise.of_part(*own, layer.clock.now_ns())
+        part_noise.in_front(layer.sabot, layer.draws, block, effect, "measure", values)
         bits = layer.sabot.measure(block.register, values, self._draws(block))
         more = further.measure(layer.sabot, block, values, layer.draws, "measure")
         layer.ownership.remove(block)
@@ -68,8 +71,6 @@ class Measurements:
             timed=True,
         )
         told, wrong = imperfections.misread(layer, block, found.bits, "measure")
-        own = layer.devices, layer.draws, block, "detectors", "detectors", "measure"
-        effect = part_noise.of_part(*own, layer.clock.now_ns())
         feedback.exact &= effect is None or effect.exact
         told = part_noise.told(told, effect)
         incidents = found.incidents() | ({"misread": wrong} if wrong else {})
@@ -112,11 +113,13 @@ class Measurements:
         if not by_gates:
             waited, apart_ns = self._let_wait(like, matched, (first, second))
         errors = gate_noise.before_bell_measurement(layer, first, second) if by_gates else {}
+        own = layer.devices, layer.draws, first, "detectors", "detectors", "Bell"
+        effect = part_noise.of_part(*own, layer.clock.now_ns())
+        as_it_is = np.zeros(first.register.size, np.uint8)
+        part_noise.in_front(layer.sabot, layer.draws, first, effect, "Bell", as_it_is)
         look = self._interfere if like.kind == BEAM_SPLITTER else self._analyse
         found = look(node, (first, second), matched, apart_ns * 1e3)
         feedback.exact = layer.count_exact((first, second))
-        own = layer.devices, layer.draws, first, "detectors", "detectors", "Bell"
-        effect = part_noise.of_part(*own, layer.clock.now_ns())
         feedback.exact &= effect is None or effect.exact
         outcomes = part_noise.told(found.outcomes, effect, part_noise.BELL_STATE)
         if by_gates:
