@@ -5,7 +5,7 @@ SHELL := /bin/bash
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
 .PHONY: help setup packages strongswan notebooks install uninstall run-sdc test test-docker lint types unit \
-    emulation commands chaos fuzz bench curves labs picture image clean lock browser
+    emulation commands chaos fuzz bench curves labs picture lab-pictures site image clean lock browser
 
 PYTHON := .venv/bin/python
 # The caches and byte code of root would be in the user's way.
@@ -111,11 +111,19 @@ labs: setup ## Hold published results beside runs of the network (runs/labs/)
 picture: setup ## Make the README's picture of a report anew
 	@setup/picture
 
+lab-pictures: setup ## Make the figures on the labs' pages anew
+	@setup/lab-pictures
+
+# The theme would advertise its successor.
+site: .venv/site ## Build the documentation as web pages (site/index.html)
+	@NO_MKDOCS_2_WARNING=1 $(PYTHON) -m mkdocs build --strict --quiet
+	@echo 'site: site/index.html'
+
 image: ## Build the Docker image
 	@docker/build
 
 clean: ## Remove what was built here (not runs/)
-	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache $(GENERATED)
+	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache site $(GENERATED)
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 notebooks: .venv/notebooks ## Install what notebooks, data frames and Parquet need
@@ -123,6 +131,11 @@ notebooks: .venv/notebooks ## Install what notebooks, data frames and Parquet ne
 .venv/notebooks: .venv/complete notebooks.lock
 	@echo 'setup: what notebooks and data frames need'
 	@$(PYTHON) -m pip install --quiet --disable-pip-version-check --require-hashes -r notebooks.lock
+	@touch $@
+
+.venv/site: .venv/complete site.lock
+	@echo 'setup: what the site is built by'
+	@$(PYTHON) -m pip install --quiet --disable-pip-version-check --require-hashes -r site.lock
 	@touch $@
 
 lock: ## Choose new versions of the Python packages

@@ -46,6 +46,7 @@ from wire.dispatcher_pb2 import (
     ReceiveRequest,
     ResendRequest,
     SendRequest,
+    SenseRequest,
     SplitRequest,
     StoreRequest,
     TellRequest,
@@ -71,6 +72,7 @@ Request = (
     | HeraldRequest
     | SplitRequest
     | TellRequest
+    | SenseRequest
 )
 
 
@@ -235,6 +237,10 @@ class LaboratoryHost:
             session=SESSION, number=number, count=count, ports=ports, timeout_s=timeout_s
         )
         return await self._act("herald", request)
+
+    async def sense(self, block: BlockKey) -> Feedback:
+        """Let every photon of a block take the phase of the host's sensor."""
+        return await self._act("sense", SenseRequest(block=block_id(block)))
 
     async def discard(self, block: BlockKey) -> Feedback:
         """Discard a block."""

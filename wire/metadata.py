@@ -51,6 +51,7 @@ class Service(IntEnum):
     SEAL = 10  # pairs that watch a fibre
     GHZ = 11  # states of several hosts: this is between two neighbours of their line
     E91 = 12  # quantum key distribution by entangled pairs, with a CHSH test
+    SENSE = 14  # phases at hosts, by GHZ states: this is between two neighbours of their line
     MDI = 13  # by photons that both ends prepare and a relay measures in pairs
 
 
@@ -83,6 +84,10 @@ class Topic(IntEnum):
     NODE_FEATURES = 13
     HOSTS = 15  # names of those behind the acceptor, in a line, UTF-8 with commas between
     LAUNCH = 16  # both ends send a block now; the number of intensities that the sender's has
+    # Of sensing: by which angles the hosts behind measure between X and Y, in turns / 2^32; with
+    # PROBES, before them, how many qubits each makes by itself.
+    ANGLES = 17
+    PROBES = 18
     KEPT = 14  # the opener holds the key of this number (block) in its store; no values
     PURIFY = 32  # protocol (1 BBPSSW, 2 DEJMPS) and seed of the twirl, of a round of a block
     # Of a station, or passed on by the opener: the Bell state of each heralded pair, as 0 Phi+,

@@ -11,6 +11,7 @@ from dispatcher.operations.imperfections import over
 from dispatcher.operations.looking import Telling
 from dispatcher.operations.measurements import Measurements
 from dispatcher.operations.resending import Resending
+from dispatcher.operations.sensing import sense as take_phase
 from dispatcher.operations.splitting import Splitting
 from dispatcher.operations.transport import Transport
 from dispatcher.refusal import invalid
@@ -50,8 +51,7 @@ def operation_handlers(
 
     async def measure(node: str, request: messages.MeasureRequest) -> messages.Feedback:
         name = block_name(request.block)
-        told = measurements.measure(node, name, request.basis, request.bases)
-        return await over(layer, node, told)
+        return await over(layer, node, measurements.measure(node, name, request))
 
     async def bell_measure(node: str, request: messages.BellMeasureRequest) -> messages.Feedback:
         names = block_name(request.first), block_name(request.second)
@@ -92,6 +92,9 @@ def operation_handlers(
     async def tell(node: str, request: messages.TellRequest) -> messages.Feedback:
         return telling.tell(node, request)
 
+    async def sense(node: str, request: messages.SenseRequest) -> messages.Feedback:
+        return take_phase(layer, node, block_name(request.block))
+
     return {
         "create": create,
         "apply": apply,
@@ -107,4 +110,5 @@ def operation_handlers(
         "herald": herald,
         "split": split,
         "tell": tell,
+        "sense": sense,
     }

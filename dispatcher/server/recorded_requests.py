@@ -30,6 +30,7 @@ REQUESTS: dict[str, type[Any]] = {
     "herald": messages.HeraldRequest,
     "split": messages.SplitRequest,
     "tell": messages.TellRequest,
+    "sense": messages.SenseRequest,
     "look": messages.LookRequest,
     "cross_connect": messages.CrossConnectRequest,
     "tune_port": messages.TunePortRequest,

@@ -242,6 +242,16 @@ class Qnic(Protocol):
         clicked; the photons are used up.
         """
 
+    async def sense(self, block: BlockName) -> None:
+        """Let photons at this host take the phase of what it senses, which nobody is told."""
+
+    async def measure_at(self, block: BlockName, angle_rad: float) -> Symbols:
+        """Measure photons at this host between X (angle 0) and Y (pi/2); shape (k,).
+
+        Return 0 for |0> + exp(i angle) |1> and 1 for the opposite, 255 where no detector clicked;
+        the photons are used up.
+        """
+
     async def measure_arrivals(
         self, block: BlockName, port: str, bases: Symbols, timeout_s: float
     ) -> Symbols:

@@ -14,7 +14,7 @@ from hosts.key_delivery.other_managers import OtherManagers
 from hosts.key_delivery.routes import open_routes
 from hosts.key_delivery.sessions import StackGone
 from hosts.key_delivery.web import serve
-from hosts.middleware.qkd.key_store import KeyStoreError
+from hosts.middleware.qkd.key_files import KeyStoreError
 from wire.config import BadConfig
 from wire.config_argument import config_path
 from wire.key_manager import KeyManagerConfig

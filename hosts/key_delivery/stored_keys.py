@@ -6,7 +6,8 @@ from pathlib import Path
 from uuid import UUID
 
 from hosts.key_delivery.refusals import unavailable
-from hosts.middleware.qkd.key_store import KeyStore, MissingKey, StoredKey
+from hosts.middleware.qkd.key_files import MissingKey
+from hosts.middleware.qkd.key_store import KeyStore, StoredKey
 from hosts.middleware.qkd.keyring import store_in
 from hosts.network_loop import now_s
 from hosts.timeouts import STORING_LOOK_S, STORING_TIMEOUT_S

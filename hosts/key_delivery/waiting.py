@@ -11,7 +11,7 @@ from pathlib import Path
 from uuid import UUID
 
 from hosts.key_delivery.refusals import NOT_FOUND, bad_request, unauthorized, unavailable
-from hosts.middleware.qkd.key_store import KeyStoreError, sync_folder
+from hosts.middleware.qkd.key_files import KeyStoreError, sync_folder
 from hosts.timeouts import FETCH_TIMEOUT_S
 from wire.key_delivery import DeliveredKey
 

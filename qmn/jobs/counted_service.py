@@ -8,6 +8,7 @@ from rich.console import Console
 
 from controller_apps.policy.schedules import PARALLEL, SCHEDULES
 from hosts.middleware.services.ghz.options import GhzOptions
+from hosts.middleware.services.sensing.options import SensingOptions
 from hosts.middleware.services.teleportation import qubit_states
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.service_options import ServiceOptions
@@ -132,6 +133,7 @@ def job(request: ServiceRequest, network: NetworkDescription) -> runner.Job:
             "eve_hides_db": request.eve_hides_db,
             "schedule": request.schedule,
             "purify": request.purify,
+            **_phases(request, network),
             **{name: getattr(options, name) for name in own},
         },
         said=f"{service} {_between(request)}: {options.count:,} {named}",
@@ -140,6 +142,14 @@ def job(request: ServiceRequest, network: NetworkDescription) -> runner.Job:
         done=lambda line: line.get(verb.unit, 0),
         eve=attack_of(request, network),
     )
+
+
+def _phases(request: ServiceRequest, network: NetworkDescription) -> dict[str, list[float]]:
+    """Return what the hosts of a line are to find out, which they are not told."""
+    if not isinstance(request.options, SensingOptions):
+        return {}
+    devices = network.parts.hosts
+    return {"phases_rad": [devices[name].sensor.phase_rad for name in request.options.names]}
 
 
 def _between(request: ServiceRequest) -> str:

@@ -6,6 +6,7 @@ from types import MappingProxyType
 
 from hosts.middleware.services.distribution.options import PROTOCOLS
 from hosts.middleware.services.key_distribution.options import BOUNDS, CORRECTIONS, KeyOptions
+from hosts.middleware.services.sensing.options import PROBES
 from hosts.middleware.services.teleportation import qubit_states
 from qmn.options import Words
 
@@ -50,6 +51,10 @@ PAIRS: Mapping[str, Words] = MappingProxyType(
         },
     }
 )
+LINE = {
+    "metavar": "A,B,C",
+    "help": "hosts in the order of their links: each makes pairs with the next (alice,bob,charlie)",
+}
 VERBS: Mapping[str, Verb] = MappingProxyType(
     {
         "distribute": Verb(
@@ -68,12 +73,18 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
         "ghz": Verb(
             "make GHZ states of several hosts, and tell their fidelity",
             "states",
+            {"line": LINE},
+            line=True,
+        ),
+        "sense": Verb(
+            "tell the sum of phases at several hosts, by GHZ states or by separate probes",
+            "states",
             {
-                "line": {
-                    "metavar": "A,B,C",
-                    "help": "hosts in the order of their links: each makes pairs with the next "
-                    "(alice,bob,charlie)",
-                }
+                "line": LINE,
+                "probes": {
+                    "choices": PROBES,
+                    "help": "qubits of GHZ states of all, or as many of each host's own (ghz)",
+                },
             },
             line=True,
         ),

@@ -24,6 +24,7 @@ from qmn.sweeps.polarization import MODES, POLARIZATION
 from qmn.sweeps.relayed_keys import RELAYED_KEYS
 from qmn.sweeps.scheduling import SCHEDULE
 from qmn.sweeps.seal import SEAL
+from qmn.sweeps.sensing import SENSING
 from qmn.sweeps.spied_pairs import SPIED_PAIRS
 from qmn.sweeps.superdense import SUPERDENSE
 from qmn.sweeps.teleportation import SWAP, TELEPORT
@@ -65,6 +66,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         SEVERAL_FIBERS,
         SCHEDULE,
         SEAL,
+        SENSING,
     )
 }
 

@@ -6,6 +6,7 @@ Below them residuals, where there is theory: how many standard errors each point
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
@@ -25,6 +26,7 @@ PREFIXED_UNITS = ("s", "Hz")  # written as ns or MHz
 LINE_WIDTH = 1.2
 SIZE_INCHES = (7.2, 4.6)
 DOTS_PER_INCH = 150
+LIMIT_STYLES = ("--", "-.")
 RESIDUALS = 1.2  # so much higher is a figure with residuals
 BOUND = 5  # standard errors, beyond which a curve fails
 
@@ -42,6 +44,13 @@ class Mark:
     x_error: float = 0.0
 
 
+class Limit(NamedTuple):
+    """A line that theory draws whatever is measured, with its name."""
+
+    label: str
+    points: Sequence[tuple[float, float]]
+
+
 @dataclass(frozen=True)
 class Picture:
     """What one figure shows."""
@@ -53,6 +62,7 @@ class Picture:
     series: Sequence[tuple[str, list[Point]]]
     marks: Sequence[Mark] = field(default=())
     levels: Sequence[tuple[float, str]] = field(default=())  # horizontal lines with their labels
+    limits: Sequence[Limit] = field(default=())
 
 
 def draw(picture: Picture, file: Path) -> None:
@@ -84,6 +94,8 @@ def draw(picture: Picture, file: Path) -> None:
         labels.add(mark.label)
     for level, label in picture.levels:
         axes.axhline(level, color="k", linestyle=":", linewidth=LINE_WIDTH, label=label)
+    for limit, style in zip(picture.limits, LIMIT_STYLES, strict=False):
+        axes.plot(*zip(*limit.points, strict=True), f"k{style}", label=limit.label)
     axes.set_title(picture.title)
     (below or [axes])[-1].set_xlabel(picture.x_label)
     for panel in below:

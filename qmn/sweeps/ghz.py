@@ -1,10 +1,12 @@
 """GHZ states of a line of hosts, by fusing pairs over links that depolarise."""
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dispatcher.laboratory import Laboratory, LaboratoryHost, block_id
+from dispatcher.laboratory import BlockKey, Laboratory, LaboratoryHost, block_id
 from dispatcher.sabot.backend import Bytes
 from hosts.middleware.services.ghz.witness import Tally, chosen_bases
 from qmn.sweeps.estimates import Estimate, proportion
@@ -28,16 +30,8 @@ async def fuse(values: Values, seed: int) -> Outcome:
     hosts = [laboratory.host(name) for name in names]
     random, tally = np.random.default_rng(seed), Tally()
     for block, size in enumerate(blocks(int(values["pairs"]))):
-        first = block * len(ways)
-        for place, way in enumerate(ways):
-            await hosts[place].create(size, first + place)
-            await hosts[place].send({(first + place, 1): way[0]})
-            await hosts[place + 1].receive((first + place, 1), way[1])
-        flips = np.zeros(size, dtype=np.uint8)
-        for place, host in enumerate(hosts[1:]):
-            flips = await _joined(host, first + place, flips, place + 2 == len(hosts))
+        kept, _there = await states(hosts, ways, block * len(ways), size)
         bases = chosen_bases(random, len(hosts), size)
-        kept = [(first, 0), *((first + place, 1) for place in range(len(ways)))]
         found = [
             await host.measure(name, bases=own)
             for host, name, own in zip(hosts, kept, bases, strict=True)
@@ -48,15 +42,34 @@ async def fuse(values: Values, seed: int) -> Outcome:
     return {"fidelity": Estimate(float(tally.summary()["fidelity"]), error), "equal": equal}
 
 
+async def states(
+    hosts: Sequence[LaboratoryHost], ways: Sequence[tuple[str, str]], first: int, size: int
+) -> tuple[list[BlockKey], NDArray[np.bool_]]:
+    """Make states of a line of hosts, of blocks of pairs that are numbered from the first on.
+
+    Return the block of each host, and for which states every fusion was seen; shape (size,).
+    """
+    for place, way in enumerate(ways):
+        await hosts[place].create(size, first + place)
+        await hosts[place].send({(first + place, 1): way[0]})
+        await hosts[place + 1].receive((first + place, 1), way[1])
+    flips, there = np.zeros(size, dtype=np.uint8), np.ones(size, dtype=bool)
+    for place, host in enumerate(hosts[1:]):
+        bits = await _joined(host, first + place, flips, place + 2 == len(hosts))
+        there &= bits <= 1
+        flips = flips ^ np.where(bits <= 1, bits, 0).astype(np.uint8)
+    return [(first, 0), *((first + place, 1) for place in range(len(ways)))], there
+
+
 async def _joined(host: LaboratoryHost, pair: int, flips: Bytes, last: bool) -> Bytes:
-    """Fuse the half that came with the next pair, and correct it; return what those behind need."""
+    """Fuse the half that came with the next pair, and correct it; return what was measured."""
     bits = np.zeros_like(flips)
     if not last:
         cx = Gate(name=Gate.CX, target=block_id((pair + 1, 0)))
         await host.apply((pair, 1), gates=[cx])
         bits = await host.measure((pair + 1, 0))
     await host.apply((pair, 1), paulis=flips)
-    return flips ^ bits
+    return bits
 
 
 def _fidelity(values: Values) -> float:

@@ -6,14 +6,16 @@ from dataclasses import dataclass, field, replace
 
 from qmn.sweeps import relay_theory, relayed_keys, theory
 from qmn.sweeps.catalogue import EXPERIMENTS
-from qmn.sweeps.figure import Mark, Picture
+from qmn.sweeps.figure import Limit, Mark, Picture
 from qmn.sweeps.grid import Grid, Row, build
 from qmn.sweeps.links import routes
 from qmn.sweeps.pictures import series
 from qmn.sweeps.seal import error, question
+from qmn.sweeps.sensing import limits
 from qmn.sweeps.wald import wald_pairs_to_alarm
 from qmn.traffic.erlang import reduced_load
 
+SENSORS, SENSED = (2, 3, 4, 5, 6), 200  # hosts, probes at each
 CODES = ("none", "repetition", "hamming", "golay")
 EXPERIMENT = Mark(
     theory.EXPERIMENT_P,
@@ -30,6 +32,16 @@ def wald_marks(fractions: Sequence[float]) -> list[Mark]:
     labels = ["Wald's approximations (1945)", *[""] * (len(points) - 1)]  # one in the legend
     places = zip(fractions, pairs, labels, strict=True)
     return [Mark(fraction, each, 0.0, label) for fraction, each, label in places]
+
+
+def sensing_limits() -> list[Limit]:
+    """Return Heisenberg's limit and the standard quantum limit of sensing."""
+    names = "Heisenberg's limit 1/(N sqrt M)", "standard quantum limit 1/sqrt(N M)"
+    lines = zip(*(limits(hosts, SENSED) for hosts in SENSORS), strict=True)
+    return [
+        Limit(name, list(zip(SENSORS, line, strict=True)))
+        for name, line in zip(names, lines, strict=True)
+    ]
 
 
 def endless_decoys(lengths_km: Sequence[float]) -> list[Mark]:
@@ -67,6 +79,7 @@ class Curve:
     marks: Sequence[Mark] = field(default=())
     levels: Sequence[tuple[float, str]] = field(default=())
     logarithmic: bool = False
+    limits: Sequence[Limit] = field(default=())
 
 
 @dataclass(frozen=True)
@@ -107,6 +120,7 @@ class Sheet:
             series(rows, [experiment.parameter(name) for name in curve.by], curve.measure),
             curve.marks,
             curve.levels,
+            curve.limits,
         )
 
 
@@ -436,6 +450,32 @@ SHEETS = (
                 levels=[(0.5, "no witness of entanglement among all")],
             )
         ],
+    ),
+    *(
+        Sheet(
+            f"sensing-{axis}",
+            "sensing",
+            {"hosts": list(SENSORS), "states": SENSED, "estimates": 250, **axes},
+            [
+                Curve(
+                    f"sensing-{axis}",
+                    f"Sensing by M = {SENSED} probes a host: {text}",
+                    "hosts",
+                    "hosts N",
+                    "mean_error",
+                    by=list(axes),
+                    limits=sensing_limits(),
+                )
+            ],
+        )
+        for axis, text, axes in (
+            (
+                "loss",
+                "detectors of efficiency eta",
+                {"probes": ["ghz", "separate"], "efficiency": [0.9, 1.0]},
+            ),
+            ("noise", "links that depolarise with p", {"depolarizing": [0.0, 0.05, 0.2]}),
+        )
     ),
     Sheet(
         "pair-keys",

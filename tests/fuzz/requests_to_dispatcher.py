@@ -64,6 +64,7 @@ def requests(host: int) -> list[tuple[str, Any]]:
         ("gather", messages.GatherRequest(into=block(host + 20), picks=[pick])),
         ("resend", messages.ResendRequest(block=mine, bases=b"\0\1\xff\2")),
         ("tell", messages.TellRequest(text="set Q0 0; init Q0")),
+        ("sense", messages.SenseRequest(block=mine)),
         ("split", messages.SplitRequest(block=mine, into=block(host + 30))),
     ]
 

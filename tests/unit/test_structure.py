@@ -128,7 +128,8 @@ PROTOCOLS = [
     *(
         SERVICES / service / f"{name}.py"
         for service, names in {
-            "ghz": ("options", "protocol", "witness"),
+            "ghz": ("line", "options", "protocol", "witness"),
+            "sensing": ("fringe", "options", "protocol"),
             "distribution": ("fidelity", "pairs", "protocol", "purification", "sharing"),
             "interception": ("attacks", "passing"),
             "key_distribution": (

@@ -338,6 +338,17 @@ class Emitter:
 
 
 @dataclass(frozen=True)
+class Sensor:
+    """What a host's qubits can be exposed to: a phase that each takes, which nobody is told."""
+
+    phase_rad: float = parameter(0.0, -1e3, 1e3)  # of |1> beside |0>, each time
+
+    def check(self, where: str) -> None:
+        """Raise BadParameter for what no sensor is like."""
+        check(where, self)
+
+
+@dataclass(frozen=True)
 class Device:
     """The quantum hardware of one host."""
 
@@ -347,6 +358,7 @@ class Device:
     analyser: BellAnalyser = BellAnalyser()
     gates: Gates = Gates()
     emitter: Emitter = Emitter()
+    sensor: Sensor = Sensor()
 
     @cached_property
     def features(self) -> Feature:
@@ -397,6 +409,7 @@ class Device:
             BellAnalyser(**given.get("analyser", {})),
             Gates(**given.get("gates", {})),
             Emitter(**given.get("emitter", {})),
+            Sensor(**given.get("sensor", {})),
         )
 
     def check(self, where: str) -> None:

@@ -14,32 +14,21 @@ stored_key_count and `capacity` max_key_count.
 """
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from uuid import UUID, uuid5
 
+from hosts.middleware.qkd import key_files
 from hosts.middleware.qkd.bits import Bits, pack
+from hosts.middleware.qkd.key_files import DuplicateKey, KeyStoreError, MissingKey
 
 KEY_BITS = 256
 _NAMESPACE = UUID("2f0c4cf4-6b7b-5d0e-9a43-5f7c1e3b8d10")
-_UNFINISHED = ".new"
-
-
-class KeyStoreError(Exception):
-    """The store cannot do what it was asked to do."""
 
 
 class StoreFull(KeyStoreError):
     """The store holds as many keys as it may."""
-
-
-class MissingKey(KeyStoreError):
-    """There is no such key: it never was here, or it was handed out already."""
-
-
-class DuplicateKey(KeyStoreError):
-    """A key of this id is in the store."""
 
 
 class InsecureStore(KeyStoreError):
@@ -84,7 +73,7 @@ class KeyStore:
                     f"{folder} has mode {status.st_mode & 0o777:o} and owner {status.st_uid}: "
                     "it must be 700 and yours"
                 )
-            _clean(folder)
+            key_files.clean(folder)
 
     @property
     def stored(self) -> int:
@@ -94,12 +83,12 @@ class KeyStore:
     @property
     def mine(self) -> int:
         """How many of them this end hands out first."""
-        return sum(1 for _ in _keys(self._first))
+        return sum(1 for _ in key_files.names(self._first))
 
     @property
     def theirs(self) -> int:
         """How many of them the other end hands out first."""
-        return sum(1 for _ in _keys(self._second))
+        return sum(1 for _ in key_files.names(self._second))
 
     def put(self, stored: StoredKey, *, first: bool) -> None:
         """Add a key, on disk when this returns; StoreFull or DuplicateKey changes nothing."""
@@ -109,34 +98,25 @@ class KeyStore:
         if self.stored >= self.capacity:
             raise self._full()
         folder = self._first if first else self._second
-        _write(folder / name, stored.key)
+        key_files.write(folder / name, stored.key)
         if self.stored > self.capacity and self.discard(stored.key_id):
             raise self._full()  # another process was faster
 
     def put_all(self, keys: Sequence[StoredKey], *, first: bool) -> None:
         """Add keys, on disk when this returns; StoreFull or DuplicateKey: none is added."""
-        if self.stored + len(keys) > self.capacity:
+        there = {*key_files.names(self._first), *key_files.names(self._second)}
+        if len(there) + len(keys) > self.capacity:
             raise self._full()
-        folder = self._first if first else self._second
-        other = self._second if first else self._first
-        added: list[StoredKey] = []
-        try:
-            for key in keys:
-                name = str(key.key_id)
-                if (other / name).exists():
-                    raise DuplicateKey(f"key {name} is in the store already")
-                _create(folder / name, key.key)
-                added.append(key)
-        except (KeyStoreError, OSError):
-            for key in added:
-                self.discard(key.key_id)
-            raise
-        finally:
-            sync_folder(folder)
+        by_name = {str(key.key_id): key.key for key in keys}
+        if twice := there & by_name.keys():
+            raise DuplicateKey(f"key {min(twice)} is in the store already")
+        if len(by_name) < len(keys):
+            raise DuplicateKey(f"{len(keys)} keys have {len(by_name)} ids")
+        key_files.create_all(self._first if first else self._second, by_name)
 
     def take(self, wanted: UUID) -> bytes:
         """Hand out a key that the other end handed out first; MissingKey if it is not here."""
-        return _remove(self._second, str(wanted))
+        return key_files.remove(self._second, str(wanted))
 
     def take_all(self, wanted: Sequence[UUID]) -> list[bytes]:
         """Hand out keys that the other end handed out first; MissingKey if one is not here.
@@ -148,9 +128,9 @@ class KeyStore:
             if not (self._second / name).exists():
                 raise MissingKey(f"key {name} is not in the store, or was handed out already")
         try:
-            return [_unlink(self._second, name) for name in names]
+            return [key_files.unlink(self._second, name) for name in names]
         finally:
-            sync_folder(self._second)
+            key_files.sync_folder(self._second)
 
     def take_next(self) -> StoredKey:
         """Hand out the oldest key that is this end's to hand out first; MissingKey if none."""
@@ -162,16 +142,18 @@ class KeyStore:
 
         MissingKey if there are fewer, and then none goes.
         """
-        names = sorted(_keys(self._first), key=lambda name: _age(self._first / name))
+        names = sorted(
+            key_files.names(self._first), key=lambda name: key_files.age(self._first / name)
+        )
         taken: list[StoredKey] = []
         for name in names if len(names) >= count else ():
             if len(taken) == count:
                 break
             try:
-                taken.append(StoredKey(UUID(name), _unlink(self._first, name)))
+                taken.append(StoredKey(UUID(name), key_files.unlink(self._first, name)))
             except MissingKey:
                 continue  # another process was faster
-        sync_folder(self._first)
+        key_files.sync_folder(self._first)
         if len(taken) < count:
             for key in taken:
                 self.put(key, first=True)
@@ -183,7 +165,7 @@ class KeyStore:
         """Remove a key that must not be used; whether it was still here."""
         for folder in (self._first, self._second):
             try:
-                _remove(folder, str(unwanted))
+                key_files.remove(folder, str(unwanted))
             except MissingKey:
                 continue
             return True
@@ -191,71 +173,3 @@ class KeyStore:
 
     def _full(self) -> StoreFull:
         return StoreFull(f"the store holds {self.capacity} keys: take some before more are put")
-
-
-def _keys(folder: Path) -> Iterator[str]:
-    with os.scandir(folder) as entries:
-        yield from (entry.name for entry in entries if not entry.name.endswith(_UNFINISHED))
-
-
-def _clean(folder: Path) -> None:
-    """Remove what a process that crashed has left unfinished."""
-    for path in folder.glob(f"*{_UNFINISHED}"):
-        if not Path("/proc", path.suffixes[-2].removeprefix(".")).exists():
-            path.unlink(missing_ok=True)
-
-
-def _age(path: Path) -> int:
-    try:
-        return path.stat().st_mtime_ns
-    except FileNotFoundError:
-        return 0
-
-
-def _write(path: Path, key: bytes) -> None:
-    """Create a file with its whole content, or raise DuplicateKey; both are on disk then."""
-    _create(path, key)
-    sync_folder(path.parent)
-
-
-def _create(path: Path, key: bytes) -> None:
-    """Create a file with its whole content, or raise DuplicateKey; the folder is not synced."""
-    name = str(path)
-    unfinished = f"{name}.{os.getpid()}{_UNFINISHED}"
-    descriptor = os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-    try:
-        os.write(descriptor, key)
-        os.fsync(descriptor)
-        os.link(unfinished, name)
-    except FileExistsError as error:
-        raise DuplicateKey(f"key {path.name} is in the store already") from error
-    finally:
-        os.close(descriptor)
-        os.unlink(unfinished)
-
-
-def _remove(folder: Path, name: str) -> bytes:
-    """Return the content of a file that this call has removed; MissingKey if another did."""
-    key = _unlink(folder, name)
-    sync_folder(folder)
-    return key
-
-
-def _unlink(folder: Path, name: str) -> bytes:
-    """Do the same; that it is removed is not on disk yet."""
-    path = folder / name
-    try:
-        with path.open("rb") as file:
-            path.unlink()
-            return file.read()
-    except FileNotFoundError as error:
-        raise MissingKey(f"key {name} is not in the store, or was handed out already") from error
-
-
-def sync_folder(folder: Path) -> None:
-    """Wait until what was made and removed in a folder is on disk."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -12,7 +12,8 @@ from uuid import UUID
 
 from hosts.middleware.qkd.authentication import KeyPool, pool_bytes
 from hosts.middleware.qkd.bits import Bits
-from hosts.middleware.qkd.key_store import KeyStore, KeyStoreError, cut
+from hosts.middleware.qkd.key_files import KeyStoreError
+from hosts.middleware.qkd.key_store import KeyStore, cut
 from wire.credentials import secret_file
 
 MESSAGES = 8192  # of one direction of a session, at most

@@ -7,6 +7,7 @@ from hosts.middleware.services.distribution import distribute
 from hosts.middleware.services.ghz import ghz
 from hosts.middleware.services.key_distribution import protocols, relayed
 from hosts.middleware.services.sealing import seal
+from hosts.middleware.services.sensing import sensing
 from hosts.middleware.services.superdense import superdense
 from hosts.middleware.services.swapping import swap
 from hosts.middleware.services.teleportation import teleport
@@ -26,6 +27,7 @@ KINDS: Mapping[Service, ServiceKind] = MappingProxyType(
             distribute.KIND,
             ghz.KIND,
             seal.KIND,
+            sensing.KIND,
             swap.KIND,
             teleport.KIND,
         )

@@ -11,7 +11,8 @@ from hosts import network_loop
 from hosts.key_delivery.delivery import KeyDelivery
 from hosts.key_delivery.refusals import NOT_FOUND, Allowance, Refused, unavailable
 from hosts.key_delivery.waiting import WaitingKeys
-from hosts.middleware.qkd.key_store import KeyStoreError, StoredKey
+from hosts.middleware.qkd.key_files import KeyStoreError
+from hosts.middleware.qkd.key_store import StoredKey
 from hosts.timeouts import FETCH_TIMEOUT_S
 from wire.ip_over_light import PACKETS_PORT, RETURNED_PACKETS_PORT
 from wire.key_assignment import Assignment

@@ -34,6 +34,26 @@ def test_ghz_states_over_links_that_depolarise(hosts: int, p: float, fidelity: f
     assert abs(told - fidelity) < 5 * sqrt(1.25 / (PAIRS / 2))  # of a coherence, and half a share
 
 
+@pytest.mark.parametrize(
+    ("probes", "hosts", "p", "efficiency", "error"),
+    [
+        ("ghz", 4, 0.0, 1.0, 0.0176777),  # 1/(4 sqrt 200): Heisenberg's limit
+        ("separate", 4, 0.0, 1.0, 0.0353553),  # 1/sqrt(4 200): the standard quantum limit
+        ("ghz", 3, 0.1, 0.9, 0.0340812),  # 1/(3 .9^2 sqrt(200 .9^3))
+        ("separate", 3, 0.1, 0.9, 0.0430331),  # 1/sqrt(3 200 .9)
+    ],
+)
+def test_the_mean_phase_is_told_at_its_limit(
+    probes: str, hosts: int, p: float, efficiency: float, error: float
+) -> None:
+    given: Values = {"probes": probes, "hosts": hosts, "estimates": 100}
+    given |= {"depolarizing": p, "efficiency": efficiency}
+    values = EXPERIMENTS["sensing"].complete(given)
+    told, spread = measure("sensing", values, SEED)["mean_error"]
+    assert spread == pytest.approx(told / sqrt(200))
+    assert abs(told - error) < 5 * error / sqrt(200)
+
+
 @pytest.mark.parametrize("protocol", ["bbm92", "e91"])
 def test_pairs_are_seen_as_often_and_err_as_often_as_an_enumeration_has_it(protocol: str) -> None:
     """At 20 km each arm sees .1 10^(-.2) of the photons, or 6e-7 dark counts in either detector."""

@@ -28,7 +28,7 @@ from hosts.middleware.qkd.authentication import KeyPool
 from hosts.middleware.qkd.bob import Bob
 from hosts.middleware.qkd.decoy import Decoys
 from hosts.middleware.qkd.end import Terms
-from hosts.middleware.qkd.key_store import KeyStoreError
+from hosts.middleware.qkd.key_files import KeyStoreError
 from hosts.middleware.qkd.keyring import NothingShared
 from hosts.middleware.qkd.parameters import Parameters
 from hosts.middleware.services.key_distribution.acceptor import (

@@ -6,7 +6,8 @@ from uuid import uuid4
 
 import pytest
 
-from hosts.middleware.qkd.key_store import KeyStore, MissingKey, StoredKey
+from hosts.middleware.qkd.key_files import DuplicateKey, MissingKey
+from hosts.middleware.qkd.key_store import KeyStore, StoredKey
 
 
 def filled(folder: Path, *, first: bool, count: int = 5) -> tuple[KeyStore, list[StoredKey]]:
@@ -53,3 +54,31 @@ def test_if_another_process_is_faster_what_was_taken_goes_back(tmp_path: Path) -
     with pytest.raises(MissingKey):
         store.take_oldest(3)
     assert {key.key_id for key in store.take_oldest(2)} == {key.key_id for key in keys}
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_of_keys_of_which_one_is_there_none_is_added(tmp_path: Path, there: bool) -> None:
+    store, keys = filled(tmp_path / "keys", first=True)
+    more = [StoredKey(uuid4(), os.urandom(32)), StoredKey(keys[2].key_id, os.urandom(32))]
+    with pytest.raises(DuplicateKey, match=str(keys[2].key_id)):
+        store.put_all(more, first=there)
+    assert store.take_oldest(5) == keys
+    assert store.stored == 0
+
+
+def test_keys_of_one_id_are_not_added(tmp_path: Path) -> None:
+    store = KeyStore(tmp_path / "keys", 10)
+    key = StoredKey(uuid4(), os.urandom(32))
+    with pytest.raises(DuplicateKey, match="2 keys have 1 ids"):
+        store.put_all([key, key], first=True)
+    assert store.stored == 0
+
+
+def test_if_one_file_cannot_be_written_no_key_is_added(tmp_path: Path) -> None:
+    store = KeyStore(tmp_path / "keys", 10)
+    keys = [StoredKey(uuid4(), os.urandom(32)) for _ in range(3)]
+    in_the_way = tmp_path / "keys" / "first" / f"{keys[1].key_id}.{os.getpid()}.new"
+    in_the_way.mkdir()
+    with pytest.raises(IsADirectoryError):
+        store.put_all(keys, first=True)
+    assert list((tmp_path / "keys" / "first").iterdir()) == [in_the_way]

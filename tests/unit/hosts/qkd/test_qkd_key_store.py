@@ -9,14 +9,12 @@ from uuid import UUID, uuid4
 import numpy as np
 import pytest
 
+from hosts.middleware.qkd.key_files import DuplicateKey, MissingKey, write
 from hosts.middleware.qkd.key_store import (
-    DuplicateKey,
     InsecureStore,
     KeyStore,
-    MissingKey,
     StoredKey,
     StoreFull,
-    _write,
     cut,
     key_id,
 )
@@ -25,7 +23,8 @@ ROOT = Path(__file__).resolve().parents[4]
 RACE = """
 import sys
 from pathlib import Path
-from hosts.middleware.qkd.key_store import KeyStore, MissingKey
+from hosts.middleware.qkd.key_files import MissingKey
+from hosts.middleware.qkd.key_store import KeyStore
 store = KeyStore(Path(sys.argv[1]), 1000)
 print("ready", flush=True)
 sys.stdin.readline()
@@ -150,9 +149,9 @@ def test_a_key_is_put_once(tmp_path: Path, first: bool) -> None:
 
 
 def test_a_file_is_never_written_over(tmp_path: Path) -> None:
-    _write(tmp_path / "key", b"first")
+    write(tmp_path / "key", b"first")
     with pytest.raises(DuplicateKey):
-        _write(tmp_path / "key", b"second")
+        write(tmp_path / "key", b"second")
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"first"]
 
 

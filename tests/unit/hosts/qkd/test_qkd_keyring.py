@@ -1,12 +1,14 @@
 """Secrets of pairs of hosts: keys that authenticate, used once, and keys that both keep."""
 
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hosts.middleware.qkd.bits import Bits
-from hosts.middleware.qkd.key_store import DuplicateKey, KeyStoreError, StoreFull, cut
+from hosts.middleware.qkd.key_files import DuplicateKey, KeyStoreError
+from hosts.middleware.qkd.key_store import StoreFull, cut
 from hosts.middleware.qkd.keyring import CAPACITY, Keyring, NothingShared
 
 SECRET = "5e" * 32
@@ -85,18 +87,19 @@ def test_a_disk_that_fails_is_told_and_leaves_nothing(
 ) -> None:
     alice, _bob = rings(tmp_path)
     store = alice.store("bob")
-    written: list[Path] = []
+    rename = os.rename
+    named: list[str] = []
 
-    def link(source: str, target: Path) -> None:
-        if len(written) == 7:
+    def rename_some(source: str, target: str, *, src_dir_fd: int, dst_dir_fd: int) -> None:
+        if len(named) == 7:
             raise OSError(28, "No space left on device")
-        written.append(target)
-        Path(target).write_bytes(Path(source).read_bytes())
+        named.append(target)
+        rename(source, target, src_dir_fd=src_dir_fd, dst_dir_fd=dst_dir_fd)
 
-    monkeypatch.setattr("os.link", link)
+    monkeypatch.setattr("os.rename", rename_some)
     with pytest.raises(KeyStoreError, match="No space left"):
         alice.keep("bob", SESSION, final(), opened=True)
-    assert len(written) == 7
+    assert len(named) == 7
     assert store.stored == 0
     (tmp_path / "file").touch()
     with pytest.raises(KeyStoreError, match="no store of keys can be"):

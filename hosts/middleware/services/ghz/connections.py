@@ -1,0 +1,77 @@
+"""The sessions of a line of hosts: each has one with the next, the first asks.
+
+line.py decides what is said and done; here connections are opened. A host that is asked opens
+the next one's session before it says that it is ready, so that the line stands when the leader
+hears that; what goes wrong behind a host ends the sessions before it, too.
+"""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import replace
+
+from hosts.hardware.qnic import HardwareError, release
+from hosts.middleware.services.ghz.line import Follower, Leader, Right, introduce, introduced
+from hosts.middleware.services.ghz.options import GhzOptions
+from hosts.middleware.session import node_features
+from hosts.middleware.session.arrangement import Arrangement, Light
+from hosts.middleware.session.ends import AcceptorEnd, ConnectionEnd, OpenerEnd
+from hosts.middleware.session.errors import SessionError
+from wire.metadata import SEAL_BYTES, Pauli, Reason, Service, Setup, Topic, Verdict
+
+
+async def lead(end: OpenerEnd, options: GhzOptions, kind: type[Leader]) -> None:
+    """Do what the first host of the line does."""
+    most = await end.perform(introduce(end.side, options.names[2:]))
+    leader = kind(end.side, Right(end, end.side), options, min(most, end.setup.pairs))
+    await end.perform(leader.run())
+
+
+async def follow(end: AcceptorEnd, kind: type[Follower]) -> None:
+    """Do what another host of the line does."""
+    names = await end.perform(introduced())
+    if not names:
+        end.say(Topic.COUNTS, 0, [end.setup.pairs], 32)
+        await end.perform(kind(end.side, None, 0).run())
+        return
+    async with _opened(end, names[0]) as right:
+        most = await right.perform(introduce(right.side, names[1:]))
+        # Of each state there are two halves in this host's memory until they are fused.
+        room = max(1, end.resources.node_features.memory_qubits // 2)
+        end.say(Topic.COUNTS, 0, [min(most, right.setup.pairs, end.setup.pairs, room)], 32)
+        follower = kind(end.side, Right(right, right.side), len(names))
+        await end.perform(follower.run())
+
+
+@asynccontextmanager
+async def _opened(end: AcceptorEnd, name: str) -> AsyncIterator[ConnectionEnd]:
+    """Open the session with the next host of the line."""
+    address = end.resources.addresses().get(name)
+    if address is None:
+        raise SessionError(Reason.UNKNOWN_HOST, f"{end.resources.name} knows no host {name}")
+    setup, qnic = _asked_of_next(end.setup), end.qnic
+    arrangement = Arrangement(setup, (name, address), name, Light())
+    try:
+        await arrangement.open()
+        right = ConnectionEnd(qnic, setup, arrangement.channel, arrangement=arrangement)
+        if node_features.are_told(Service(setup.service)):
+            pairs, *_others = await right.perform(node_features.hear(right.side))
+            right.setup = replace(setup, pairs=pairs)
+        yield right
+    except (SessionError, HardwareError) as error:
+        await arrangement.give_up(error)
+        raise
+    finally:
+        arrangement.close()
+        await release(qnic, setup.session)
+
+
+def _asked_of_next(asked: Setup) -> Setup:
+    """Return what this host asks the next one for, as it was asked itself."""
+    return replace(
+        asked,
+        session=(asked.session + 1) % (1 << 64),
+        verdict=Verdict.PENDING,
+        rotation=Pauli.I,
+        reason=Reason.OK,
+        seal=bytes(SEAL_BYTES),
+    )

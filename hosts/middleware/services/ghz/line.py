@@ -1,0 +1,265 @@
+"""GHZ states of a line of hosts, made of pairs between neighbours: no socket, no clock.
+
+    leader                      next                        last
+      | Envelope(HOSTS) ---------> | Envelope(HOSTS) -------> |  who comes behind
+      | <--------- Values(COUNTS)  | <------ Values(COUNTS)   |  how large blocks may be
+      | Values(COMING) ----------> | Values(COMING) --------> |  ready, from the last on
+      | -- light, half 1 --------> | -- light, half 1 ------> |  into memory
+      | Values(ARRIVED) ---------> | Values(ARRIVED) -------> |  of those that all have so far
+      | <-------- Values(ARRIVED)  | <----- Values(ARRIVED)   |  that all have
+      |                            | CX, one half measured    |
+      | Values(CORRECTIONS) -----> | Values(CORRECTIONS) ---> |  sum of the bits so far: X
+      | <-------- Values(ARRIVED)  | <----- Values(ARRIVED)   |  that all have
+
+Each host makes pairs with the next one. Who has halves of two pairs fuses them: CX from the half
+that came to its own, which it then measures in Z; all hosts behind turn theirs by the outcome.
+What the states are used for is the service's own.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hosts.hardware.qnic import BlockName, Qnic, Symbols
+from hosts.middleware.services.ghz.options import MOST_HOSTS, GhzOptions
+from hosts.middleware.session.blocks import LOST, Mask, correct_rotation, keep_of_all
+from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.options import MAX_BLOCK_PAIRS
+from hosts.middleware.session.protocol import (
+    Connection,
+    Hear,
+    HostSide,
+    Now,
+    OpenerSide,
+    Say,
+    Side,
+    Steps,
+    Tell,
+    Through,
+    coming,
+    do,
+    hear,
+    own_pairs,
+    request,
+)
+from hosts.timeouts import BITS_TIMEOUT_S, REPORT_TIMEOUT_S
+from wire.metadata import Envelope, Finish, Reason, Topic, Values
+
+NO_DIGEST = bytes(32)
+MOST_DARK = 10  # blocks in a row of which nothing is left
+MARGIN = 1.1  # of light beyond what is expected to be needed
+MAX_NAMES_BYTES = 1024
+FLIP = 1  # X, as a Pauli operator
+
+Table = NDArray[np.uint8]  # shape (hosts, states)
+
+
+def introduce(side: Side, names: list[str]) -> Steps[int]:
+    """Tell the next host who comes behind it; return how large blocks may be to the right."""
+    yield Say((Envelope(side.setup.session, Topic.HOSTS, ",".join(names).encode()),))
+    (most,) = yield from hear(Topic.COUNTS, 0, 1, MAX_BLOCK_PAIRS, REPORT_TIMEOUT_S)
+    return int(most)
+
+
+def introduced() -> Steps[list[str]]:
+    """Hear who comes behind this host."""
+    message = yield Hear(Envelope)
+    if message.topic != Topic.HOSTS or len(message.content) > MAX_NAMES_BYTES:
+        raise SessionError(Reason.PROTOCOL, "a GHZ state does not begin so")
+    try:
+        names = message.content.decode().split(",") if message.content else []
+    except UnicodeDecodeError as error:
+        raise SessionError(Reason.PROTOCOL, f"no names of hosts: {error}") from error
+    if len(names) > MOST_HOSTS:
+        raise SessionError(Reason.PROTOCOL, f"{len(names)} hosts behind this one")
+    return names
+
+
+@dataclass(frozen=True)
+class Right:
+    """The connection to the next host."""
+
+    connection: Connection
+    side: Side
+
+    def block(self, number: int) -> BlockName:
+        """Return the name of the halves that are kept here."""
+        return self.side.block(number, half=0)
+
+    def make(self, number: int, size: int, there: Mask) -> Steps[Mask]:
+        """Make pairs with the next host of those states that are there; return which all have."""
+        side = self.side
+        stored = yield from own_pairs(side, number, size, side.ports[-1])
+        yield Through(self.connection, _say(side, Topic.ARRIVED, number, stored.arrived & there, 1))
+        heard = yield Through(self.connection, hear(Topic.ARRIVED, number, size, 1, BITS_TIMEOUT_S))
+        return heard.astype(bool)  # type: ignore[no-any-return]
+
+    def correct(self, number: int, bits: Symbols) -> Steps[Mask]:
+        """Tell by what all behind turn their qubits; return which states are left then."""
+        side, size = self.side, bits.size
+        yield Through(self.connection, _say(side, Topic.CORRECTIONS, number, bits, 2))
+        heard = yield Through(self.connection, hear(Topic.ARRIVED, number, size, 1, BITS_TIMEOUT_S))
+        return heard.astype(bool)  # type: ignore[no-any-return]
+
+    def ask(
+        self, topic: Topic, number: int, values: Any, width: int, shape: tuple[int, int]
+    ) -> Steps[Table]:
+        """Tell the next host by what all behind measure; return their outcomes, of this shape."""
+        yield Through(self.connection, _say(self.side, topic, number, values, width))
+        told = hear(Topic.OUTCOMES, number, shape[0] * shape[1], LOST, BITS_TIMEOUT_S)
+        heard = yield Through(self.connection, told)
+        return heard.astype(np.uint8).reshape(shape)  # type: ignore[no-any-return]
+
+
+def _say(side: Side, topic: Topic, number: int, values: Any, width: int) -> Steps[None]:
+    yield side.say(topic, number, values, width)
+
+
+def seen(outcomes: Symbols) -> Symbols:
+    """Return outcomes as they are told: LOST where no detector has clicked."""
+    return np.where(outcomes <= 1, outcomes, LOST).astype(np.uint8)
+
+
+@dataclass
+class Leader(ABC):
+    """The host that asks: the first of the line."""
+
+    side: OpenerSide
+    right: Right
+    options: GhzOptions
+    most: int  # states in a block
+    emitted: int = 0  # pairs of its own
+    made: int = 0  # states, as far as anybody can tell
+
+    @property
+    @abstractmethod
+    def states(self) -> int:
+        """Return how many states have told something."""
+
+    @abstractmethod
+    def use(self, number: int, states: int) -> Steps[None]:
+        """Use so many states, of which a qubit is in the block of this number here."""
+
+    @abstractmethod
+    def figures(self) -> dict[str, Any]:
+        """Return what they have told."""
+
+    def wanted(self) -> int:
+        """Return how many states the next block should have told, of those still missing."""
+        return self.options.count - self.states
+
+    def run(self) -> Steps[None]:
+        """Make states and use them until so many have told something."""
+        began_s, number, dark = (yield Now()), 0, 0
+        while self.states < self.options.count:
+            number, before = number + 1, self.states
+            yield from self.block(number, self._size())
+            dark = 0 if self.states > before else dark + 1
+            if dark == MOST_DARK:
+                text = f"no state of the last {MOST_DARK} blocks was seen by all hosts: see that "
+                raise SessionError(Reason.NO_LIGHT, f"{text}fibres are whole, and the loss")
+            yield Tell(self._summary((yield Now()) - began_s))
+
+    def _size(self) -> int:
+        """Return how many states to begin, by what has come of those before."""
+        share = self.states / self.emitted if self.states else 1.0
+        wanted = self.wanted() / share * (MARGIN if share < 1 else 1)
+        return max(1, min(int(np.ceil(wanted)), self.most))
+
+    def block(self, number: int, size: int) -> Steps[None]:
+        """Make a block of states and use it."""
+        right, name = self.right, self.right.block(number)
+        yield Through(right.connection, right.side.announce(number, size))
+        self.emitted += size
+        kept = yield from right.make(number, size, np.ones(size, dtype=bool))
+        if not (yield from keep_of_all(name, kept)):
+            return
+        kept = yield from right.correct(number, np.zeros(np.count_nonzero(kept), dtype=np.uint8))
+        if states := (yield from keep_of_all(name, kept)):
+            self.made += states
+            yield from self.use(number, states)
+
+    def _summary(self, elapsed_s: float) -> dict[str, Any]:
+        return {
+            "states": self.states,
+            "hosts": len(self.options.names),
+            **self.figures(),
+            "made": self.made,
+            "emitted": self.emitted,
+            "states_per_s": self.states / elapsed_s,
+            "elapsed_s": elapsed_s,
+        }
+
+
+@dataclass
+class Follower(ABC):
+    """A host that another has asked: it fuses, unless it is the last."""
+
+    side: HostSide
+    right: Right | None  # of the last there is none
+    behind: int  # hosts
+    fused: int = 0
+    measured: int = 0
+
+    @abstractmethod
+    def use(self, number: int, states: int) -> Steps[None]:
+        """Use so many states, of which a qubit is in the block of this number here."""
+
+    def run(self) -> Steps[None]:
+        """Do what the line does until its leader ends it."""
+        while (message := (yield from self.side.next_values())) is not None:
+            yield from self.heard(message)
+            yield Tell({"states": self.measured, "fused": self.fused})
+        if self.right is not None:
+            finish = Finish(self.right.side.setup.session, 0, NO_DIGEST)
+            yield Through(self.right.connection, request(finish, BITS_TIMEOUT_S))
+
+    def heard(self, message: Values) -> Steps[None]:
+        """Take part in what the message announces: a block of states."""
+        yield from self._block(*coming(message, self.side.setup.pairs))
+
+    def _block(self, number: int, size: int) -> Steps[None]:
+        side, right, name = self.side, self.right, self.side.block(number, half=1)
+        if right is not None:
+            yield Through(right.connection, right.side.announce(number, size))
+        light = yield from side.expect_light(name)
+        yield side.agree()
+        there = (yield from hear(Topic.ARRIVED, number, size, 1, BITS_TIMEOUT_S)).astype(bool)
+        stored = yield from side.stored(light, size)
+        there &= yield from correct_rotation(name, stored.arrived, side.setup.rotation)
+        if right is not None:
+            there = yield from right.make(number, size, there)
+        yield side.say(Topic.ARRIVED, number, there, 1)
+        left = yield from keep_of_all(name, there)
+        if right is not None:
+            yield from keep_of_all(right.block(number), there)
+        if left:
+            yield from self._fuse(number, left)
+
+    def _fuse(self, number: int, size: int) -> Steps[None]:
+        """Fuse with the next host, correct, and use what is left."""
+        side, right, name = self.side, self.right, self.side.block(number, half=1)
+        outcomes = np.zeros(size, dtype=np.uint8)
+        if right is not None:
+            yield from do(Qnic.controlled_x, name, right.block(number))
+            in_z = np.zeros(size, dtype=np.uint8)
+            outcomes = seen((yield from do(Qnic.measure, right.block(number), in_z)))
+            self.fused += size
+        heard = yield from hear(Topic.CORRECTIONS, number, size, LOST, BITS_TIMEOUT_S)
+        bits = heard.astype(np.uint8)
+        yield from do(Qnic.apply, name, np.where(bits == FLIP, FLIP, 0).astype(np.uint8))
+        there = bits != LOST
+        if right is not None:
+            lost = ~there | (outcomes == LOST)
+            there = yield from right.correct(number, np.where(lost, LOST, bits ^ outcomes))
+        yield side.say(Topic.ARRIVED, number, there, 1)
+        if states := (yield from keep_of_all(name, there)):
+            yield from self.use(number, states)
+            self.measured += states
+
+    def answer(self, number: int, own: Symbols, others: list[Table]) -> Say:
+        """Tell outcomes: this host's, and those of all behind it."""
+        return self.side.say(Topic.OUTCOMES, number, np.vstack([own[None], *others]).ravel(), 2)

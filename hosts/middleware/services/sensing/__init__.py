@@ -1,0 +1,1 @@
+"""Distributed sensing: the sum of phases at several hosts."""

@@ -1,0 +1,166 @@
+"""The protocol of distributed sensing at all hosts of a line: no socket, no clock.
+
+    leader                      next                        last
+      | (ghz/line.py)              |                          |  GHZ states
+      | Values(ANGLES) ----------> | Values(ANGLES) --------> |  all take their phases, and measure
+      | <------- Values(OUTCOMES)  | <---- Values(OUTCOMES)   |
+
+      | Values(PROBES) ----------> | Values(PROBES) --------> |  all make probes of their own |+>,
+      | <------- Values(OUTCOMES)  | <---- Values(OUTCOMES)   |  take phases, and measure
+
+Of a GHZ state |0...0> + exp(i sum of phases) |1...1> the parity of all outcomes between X and Y
+tells the sum: one fringe. Only the leader turns its angle. Of separate probes each host has a
+fringe and an angle of its own.
+"""
+
+from dataclasses import dataclass, field
+from math import sqrt
+from typing import Any
+
+import numpy as np
+
+from hosts.hardware.qnic import BlockName, Qnic, Symbols
+from hosts.middleware.services.ghz import line
+from hosts.middleware.services.ghz.line import Table
+from hosts.middleware.services.sensing.fringe import Fringe, in_rad
+from hosts.middleware.services.sensing.options import SEPARATE, SensingOptions
+from hosts.middleware.session.blocks import LOST, PAIRS
+from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.protocol import Steps, do, hear
+from hosts.middleware.session.values import MAX_WORD, numbers_of
+from hosts.timeouts import BITS_TIMEOUT_S
+from wire.metadata import Reason, Topic, Values
+
+PLUS = 2  # as states are prepared
+FIRST_SHARE = 1 / 32  # of the probes, in X, and as many in Y
+LEAST_FIRST = 16
+GROWTH = 4  # of what is known, until the middle of the fringe is known better
+
+
+def exposed(name: BlockName, steps: int) -> Steps[Symbols]:
+    """Let qubits take the phase of this host, and measure them at an angle."""
+    yield from do(Qnic.sense, name)
+    return line.seen((yield from do(Qnic.measure_at, name, in_rad(steps))))
+
+
+def own_probes(name: BlockName, count: int, steps: int) -> Steps[Symbols]:
+    """Make probes at this host, and use them."""
+    states = np.full(count, PLUS, dtype=np.uint8)
+    made = yield from do(Qnic.prepare, name.session, name.number, states)
+    return (yield from exposed(made, steps))
+
+
+@dataclass
+class Leader(line.Leader):
+    """The host that asks: it says at which angles all measure, and tells the sum."""
+
+    options: SensingOptions
+    fringes: list[Fringe] = field(init=False)  # of the parity; or one for each host
+
+    def __post_init__(self) -> None:
+        """Begin with no outcomes."""
+        hosts = len(self.options.names)
+        self.fringes = [Fringe() for _ in range(hosts if self._separate else 1)]
+
+    @property
+    def _separate(self) -> bool:
+        return self.options.probes == SEPARATE
+
+    @property
+    def states(self) -> int:
+        """Return how many states have told something, or probes of each host."""
+        return min(fringe.seen for fringe in self.fringes)
+
+    def wanted(self) -> int:
+        """Return how many are measured at an angle, before it is chosen anew."""
+        first = max(LEAST_FIRST, round(self.options.count * FIRST_SHARE))
+        located = all(fringe.located for fringe in self.fringes)
+        return min(super().wanted(), GROWTH * self.states if located else first)
+
+    def block(self, number: int, size: int) -> Steps[None]:
+        """Make a block of states, or of separate probes, and use it."""
+        if not self._separate:
+            yield from super().block(number, size)
+            return
+        angles = [fringe.next_steps() for fringe in self.fringes]
+        self.emitted += size
+        self.made += size
+        shape = len(angles) - 1, size
+        theirs = yield from self.right.ask(Topic.PROBES, number, [size, *angles[1:]], 32, shape)
+        ours = yield from own_probes(self.right.block(number), size, angles[0])
+        for fringe, steps, found in zip(self.fringes, angles, [ours, *theirs], strict=True):
+            fringe.add(steps, found[found != LOST])
+
+    def use(self, number: int, states: int) -> Steps[None]:
+        """Let a block of states take all phases, and measure it."""
+        (fringe,), others = self.fringes, len(self.options.names) - 1
+        steps, angles = fringe.next_steps(), [0] * others
+        theirs = yield from self.right.ask(Topic.ANGLES, number, angles, 32, (others, states))
+        ours = yield from exposed(self.right.block(number), steps)
+        there = (theirs != LOST).all(axis=0) & (ours != LOST)
+        parities = (ours[there] + theirs[:, there].sum(axis=0)) & 1
+        fringe.add(steps, parities.astype(np.uint8))
+
+    def figures(self) -> dict[str, Any]:
+        """Return the sum of the phases and their mean, with the limits of its error."""
+        hosts, count = len(self.options.names), self.states
+        told = dict.fromkeys(FIGURES)
+        if not all(fringe.located for fringe in self.fringes):
+            return told
+        phases = [fringe.phase() for fringe in self.fringes]
+        total = sum(phase.phase_rad for phase in phases)
+        error = sqrt(sum(phase.error_rad**2 for phase in phases))
+        return {
+            "sum_rad": total,
+            "sum_error_rad": error,
+            "mean_rad": total / hosts,
+            "mean_error_rad": error / hosts,
+            "heisenberg_limit_rad": 1 / (hosts * sqrt(count)),
+            "standard_limit_rad": 1 / sqrt(hosts * count),
+            "visibility": sum(phase.visibility for phase in phases) / len(phases),
+        }
+
+
+FIGURES = (
+    "sum_rad",
+    "sum_error_rad",
+    "mean_rad",
+    "mean_error_rad",
+    "heisenberg_limit_rad",
+    "standard_limit_rad",
+    "visibility",
+)
+
+
+class Follower(line.Follower):
+    """A host that another has asked."""
+
+    def heard(self, message: Values) -> Steps[None]:
+        """Take part in a block of states, or make probes of its own."""
+        if message.topic != Topic.PROBES:
+            yield from super().heard(message)
+            return
+        numbers = numbers_of(message)
+        if numbers.size != 2 + self.behind or not 1 <= numbers[0] <= self.side.setup.pairs:
+            text = f"probes by {numbers.size} numbers, of {self.side.setup.pairs} at most"
+            raise SessionError(Reason.PROTOCOL, text)
+        size, steps, *behind = numbers.tolist()
+        number, others = message.block, list[Table]()
+        if self.right is not None:
+            shape = self.behind, size
+            ask = self.right.ask(Topic.PROBES, number, [size, *behind], 32, shape)
+            others.append((yield from ask))
+        own = yield from own_probes(self.side.block(PAIRS), size, steps)
+        self.measured += size
+        yield self.answer(number, own, others)
+
+    def use(self, number: int, states: int) -> Steps[None]:
+        """Let a block of states take all phases behind, and this one, and measure it."""
+        told = yield from hear(Topic.ANGLES, number, 1 + self.behind, MAX_WORD, BITS_TIMEOUT_S)
+        steps, *behind = told.tolist()
+        others = list[Table]()
+        if self.right is not None:
+            shape = self.behind, states
+            others.append((yield from self.right.ask(Topic.ANGLES, number, behind, 32, shape)))
+        own = yield from exposed(self.side.block(number, half=1), steps)
+        yield self.answer(number, own, others)

@@ -1,0 +1,65 @@
+"""The documentation as a site: its navigation, and pages that read alike there and on GitHub.
+
+`make site` builds it, and ends with an error if a link or an anchor leads nowhere.
+"""
+
+import base64
+import hashlib
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from documentation import NAMES, ROOT
+
+CONFIGURATION = yaml.safe_load((ROOT / "mkdocs.yml").read_text())
+EVERY_PAGE = [*NAMES, "CHANGELOG.md"]
+THEME = ROOT / "setup" / "site" / "theme"
+
+
+def navigation(part: Any) -> Iterator[str]:
+    """Yield the pages in a part of the navigation."""
+    if isinstance(part, str):
+        yield part
+    else:
+        for inner in part.values() if isinstance(part, dict) else part:
+            yield from navigation(inner)
+
+
+def test_every_page_is_in_the_navigation_once() -> None:
+    assert sorted(navigation(CONFIGURATION["nav"])) == sorted(EVERY_PAGE)
+
+
+def test_every_example_is_on_their_page() -> None:
+    folder = ROOT / "examples"
+    text = (folder / "README.md").read_text()
+    for file in [*folder.glob("*.*"), *folder.glob("notebooks/*.ipynb")]:
+        if file.suffix in {".py", ".toml", ".ipynb"}:
+            assert f"]({file.relative_to(folder)})" in text, file
+
+
+def test_nothing_is_loaded_from_elsewhere() -> None:
+    assert CONFIGURATION["theme"]["font"] is False
+    assert "offline" in CONFIGURATION["plugins"]
+    for script in CONFIGURATION["extra"]["polyfills"]:
+        assert (THEME / script).is_file()
+
+
+@pytest.mark.parametrize("name", EVERY_PAGE)
+def test_a_page_has_the_same_paragraphs_in_both_dialects(name: str) -> None:
+    """In a list, Python-Markdown wants four blanks after an empty line, GitHub takes them too."""
+    text = re.sub(r"^```.*?^```", "", (ROOT / name).read_text(), flags=re.MULTILINE | re.DOTALL)
+    for line in re.findall(r"\n\n( {1,3}\S.*)", text):
+        pytest.fail(f"{name}: four blanks, or none: {line}")
+    for line in re.findall(r"\n(?! |- |\d+\. |\||#|\n)[^\n]+\n((?:- |1\. |\|).*)", text):
+        pytest.fail(f"{name}: an empty line before: {line}")
+
+
+def test_the_shim_is_the_published_one() -> None:
+    folder: Path = THEME / "iframe-worker"
+    for name, said in json.loads((folder / "origin.json").read_text())["sha512"].items():
+        digest = hashlib.sha512((folder / name).read_bytes()).digest()
+        assert base64.b64encode(digest).decode() == said, name
