@@ -28,6 +28,7 @@ from wire.device import (
     DeviceQuery,
     DeviceReport,
     DeviceSettings,
+    SessionQuery,
     SetDevice,
     Subscribe,
     SwapOrder,
@@ -40,6 +41,7 @@ KEY = "00112233445566778899aabbccddeeff"
 SETUP = Setup(7, Service.SDC, Handshake.FRAMED, "10.0.0.3", 65_536, 256, 50_000_000)
 CONTROLLER, HOST = OWN_ADDRESS["alice"], OWN_ADDRESS["bob"]
 DEADLINE_S = 5.0
+LIVING = 0x11  # the session that the host is in
 
 
 @dataclass
@@ -238,7 +240,8 @@ async def agent(
         Peer, local_addr=(CONTROLLER, DEVICE_PORT)
     )
     seals = OrderedSeals("bob", HOST, request or nothing, device.opens, device.give_back)
-    node = await start_node_agent(config, device, swaps or Swaps(HOST), seals)
+    parts = device, swaps or Swaps(HOST), seals
+    node = await start_node_agent(config, *parts, lambda session: session == LIVING)
     running = asyncio.create_task(node.run())
     try:
         yield peer
@@ -320,6 +323,18 @@ def test_the_agent_takes_orders_for_seals() -> None:
             assert fields["missed"] == 0.02
             peer.send(GiveBack(46, 7), time.time_ns())
             assert await peer.next() == Answer(46, Reason.UNKNOWN_SESSION)
+
+    network_loop.run(scene())
+
+
+def test_the_agent_says_in_which_sessions_its_host_is() -> None:
+    async def scene() -> None:
+        async with agent(Device(Fibers())) as peer:
+            await peer.next()
+            for request, about in ((51, LIVING), (52, LIVING + 1)):
+                peer.send(SessionQuery(request, about), time.time_ns())
+            assert await peer.next() == Answer(51, Reason.OK)
+            assert await peer.next() == Answer(52, Reason.UNKNOWN_SESSION)
 
     network_loop.run(scene())
 
