@@ -104,7 +104,7 @@ def test_a_whole_fibre_keeps_its_seal(tmp_path: Path) -> None:
 
 
 def test_the_largest_block_there_may_be_is_compared(tmp_path: Path) -> None:
-    light = {"block_pairs": MAX_BLOCK_PAIRS, "rate_hz": 100_000_000}
+    light: dict[str, Any] = {"block_pairs": MAX_BLOCK_PAIRS, "rate_hz": 100_000_000}
     count = MAX_BLOCK_PAIRS // 4
     alice, bob = ask(tmp_path, "seal", physics={"paths": PAIRS}, count=count, **light)
     assert (alice["alarm"], alice["emitted"]) == (False, MAX_BLOCK_PAIRS)
