@@ -13,7 +13,7 @@ from dispatcher.photon_random import Source
 from wire.config import BadConfig
 
 DEPTH = 1000  # values that a model remembers
-FOR_PARTS = Effect()._asdict().keys() - {"lost", "paulis", "exact"}  # is of fibres alone
+FOR_PARTS = Effect()._asdict().keys() - {"lost", "paulis", "kraus", "exact"}  # is of fibres alone
 
 
 class Moment(Passage):
@@ -67,5 +67,7 @@ class PartNoise:
         for name in FOR_PARTS:
             given = getattr(effect, name)
             if given is not None and not (name == "transmission" and given == 1):
-                raise BadConfig(f"{self._reference}: {name} is of fibres; give lost and paulis")
+                raise BadConfig(
+                    f"{self._reference}: {name} is of fibres; give lost, paulis and kraus"
+                )
         return effect

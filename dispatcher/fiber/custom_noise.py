@@ -4,9 +4,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from dispatcher.fiber.noise import Effect, NoiseModel, Passage
+from dispatcher.sabot.kraus import Operators, wrong_with
 from wire.config import BadConfig
 from wire.custom_class import load_class
 
@@ -37,7 +38,18 @@ class OwnNoise:
             raise BadConfig(f"{self._reference}: Pauli {effect.paulis.max()} is not 0 to 3")
         if not 0 <= effect.transmission <= 1:
             raise BadConfig(f"{self._reference}: transmission {effect.transmission} is not 0 to 1")
+        if effect.kraus is not None:
+            return effect._replace(kraus=self._channel(effect.kraus, passage.photons))
         return effect
+
+    def _channel(self, given: ArrayLike, photons: int) -> Operators:
+        try:
+            operators = np.asarray(given, dtype=np.complex128)
+        except (TypeError, ValueError) as error:
+            raise BadConfig(f"{self._reference}: Kraus operators {given!r}: {error}") from error
+        if (wrong := wrong_with(operators, photons)) is not None:
+            raise BadConfig(f"{self._reference}: Kraus operators: {wrong}")
+        return operators
 
     def _check(
         self, name: str, array: NDArray[Any] | None, kind: type[np.generic], photons: int

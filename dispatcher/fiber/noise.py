@@ -130,6 +130,9 @@ class Effect(NamedTuple):
     transmission: float = 1.0  # how likely light that is in the same pulse comes through
     exact: bool = True  # whether this is what the physics does, or an approximation of it
     extras: NDArray[np.uint8] | None = None  # more photons that come out with each
+    # Kraus operators, of which each photon meets one, behind all the rest: shape (m, 2, 2), or
+    # (k, m, 2, 2), those of each photon. On the backend dense alone.
+    kraus: NDArray[np.complex128] | None = None
 
 
 class NoiseModel(Protocol):

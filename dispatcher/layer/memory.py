@@ -135,7 +135,8 @@ class Memories:
         if self._devices.noise(block.node, "memory") is not None:
             waited_s = waits.of(np.arange(waits.qubits))
             own = self._devices, self._draws, block, "memory", "memory", where, now_ns, waited_s
-            counts["lost"] += part_noise.meet(self._sabot, block, part_noise.of_part(*own))
+            effect = part_noise.of_part(*own)
+            counts["lost"] += part_noise.meet(self._sabot, self._draws, block, effect, where)
         if not leaves:
             block.stored_ns, block.stores = now_ns, block.stores + 1
         told = "".join(f" {name}={count}" for name, count in counts.items() if count)

@@ -139,10 +139,11 @@ class Operations:
         effect = part_noise.of_part(*own, first.start_ns)
         if effect is None:
             return
-        layer.photons_lost += part_noise.meet(layer.sabot, first, effect)
+        layer.photons_lost += part_noise.meet(layer.sabot, layer.draws, first, effect, "made")
+        lost = effect._replace(paulis=None, kraus=None)
         for other in blocks[1:]:
             other.pulses.exact &= effect.exact
-            layer.photons_lost += part_noise.meet(layer.sabot, other, effect._replace(paulis=None))
+            layer.photons_lost += part_noise.meet(layer.sabot, layer.draws, other, lost, "made")
 
     def _make(self, request: CreateRequest, states: Bytes | None) -> Sequence[Register]:
         """Return new registers, one for each half."""

@@ -22,11 +22,13 @@ from dispatcher.fiber.polarization_modes import (
 )
 from dispatcher.fiber.turn import Turn
 from dispatcher.layer import drift, further, pulses
+from dispatcher.layer.kraus import Channels
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.network import Line
 from dispatcher.layer.ownership import Block
 from dispatcher.operations.ways import MAX_FIBERS, way_of
 from dispatcher.photon_random import PhotonRandom
+from dispatcher.sabot.kraus import Operators
 from dispatcher.sabot.registers import Mask, everything
 from dispatcher.switch.optical_switch import Light, OpticalSwitch
 from wire.config import FiberEnd
@@ -61,7 +63,8 @@ class Beam:
     fibers_passed: int
     delay_ns: int = 0  # from its departure to the far end of the fibre that it is in
     noise: NDArray[np.uint8] | None = None  # Paulis that fibres have added up to, shape (k,)
-    rotation: int = 0  # Pauli that switches have added up to
+    applied: NDArray[np.uint8] | None = None  # what of that is in the state already
+    rotation: int = 0  # Pauli that switches have added up to, and that is not in it
     turn: Turn | None = None  # rotations of polarisation by fibres, behind that Pauli
     dispersion_ps_per_nm: float = 0.0
 
@@ -127,22 +130,41 @@ class Flight:
         return None
 
     def _arrive(self, beam: Beam, end: FiberEnd) -> Arrival:
-        block = self._block
-        photons = beam.members & block.register.present
+        photons = beam.members & self._block.register.present
         errors = [0, 0, 0]
         if beam.noise is not None:
             noise = beam.noise * photons
             errors = [int(np.count_nonzero(noise == pauli)) for pauli in (1, 2, 3)]
-            self._layer.sabot.pauli(block.register, noise ^ (photons * np.uint8(beam.rotation)))
-        elif beam.rotation:
-            self._layer.sabot.pauli(block.register, photons * np.uint8(beam.rotation))
-        if block.further is not None:
-            turn = Effect(paulis=beam.members * np.uint8(beam.rotation))
-            further.meet(self._layer.sabot, block, beam.members, turn, alone=False)
+        self._apply(beam, photons)
         schedule = self._departure.after(beam.delay_ns)
         way = end, beam.members, schedule, beam.fibers_passed
         turned = beam.rotation, beam.turn, beam.dispersion_ps_per_nm
         return Arrival(*way, errors, *turned, beam.delay_ns)
+
+    def _apply(self, beam: Beam, photons: Mask) -> None:
+        """Let the Paulis that a beam has met so far be in the state of these photons."""
+        block, rotation = self._block, np.uint8(beam.rotation)
+        if beam.noise is not None:
+            noise = beam.noise if beam.applied is None else beam.noise ^ beam.applied
+            self._layer.sabot.pauli(block.register, (noise ^ rotation) * photons)
+        elif beam.rotation:
+            self._layer.sabot.pauli(block.register, photons * rotation)
+        if block.further is not None:
+            turn = Effect(paulis=beam.members * rotation)
+            further.meet(self._layer.sabot, block, beam.members, turn, alone=False)
+
+    def _meet_channel(self, beam: Beam, operators: Operators, place: str, told: str) -> None:
+        """Let Kraus operators act on a beam, behind what it has met before."""
+        block = self._block
+        channels = Channels(self._layer.sabot, self._layer.draws, block, place, told)
+        channels.settle_turn()
+        self._apply(beam, beam.members & block.register.present)
+        beam.applied, beam.rotation = beam.noise, 0
+        if beam.turn is not None:
+            channels.turn(beam.turn, beam.members)
+            beam.turn = None
+        channels.settle_angles(beam.members)
+        channels.act(operators, beam.members)
 
     def _cross(self, beam: Beam, switch: OpticalSwitch, in_port: int) -> None:
         """Send a beam on through the switch that it has come to."""
@@ -203,7 +225,8 @@ class Flight:
             where = self._layer.draws, block.name, place
             passage = Passage(*where, schedule, history, width_rad_per_s)
             effect = model.effect(passage)
-            told = f"{type(model).__name__} in the fibre to {line.far.port} of {line.far.node}"
+            where_told = f"in the fibre to {line.far.port} of {line.far.node}"
+            told = f"{type(model).__name__} {where_told}"
             if effect.lost is not None:
                 self._lose(effect.lost & beam.members, told)
             if effect.transmission < 1:
@@ -217,6 +240,8 @@ class Flight:
             if effect.turn is not None:
                 beam.turn = effect.turn.after(beam.turn)
             self._pass_further(beam, model, passage, effect)
+            if effect.kraus is not None:
+                self._meet_channel(beam, effect.kraus, place, f"noise {where_told}")
 
     def _pass_further(
         self, beam: Beam, model: NoiseModel, passage: Passage, effect: Effect

@@ -62,13 +62,15 @@ def _own_noise(layer: PhysicalLayer, block: Block, qubits: int, met: Mask) -> No
     if layer.devices.noise(block.node, "gates") is None:
         return
     block.gates += 1
-    own = layer.devices, layer.draws, block, "gate", "gates", f"gate {block.gates}"
+    place = f"gate {block.gates}"
+    own = layer.devices, layer.draws, block, "gate", "gates", place
     effect = part_noise.of_part(*own, layer.clock.now_ns(), qubits=qubits)
     if effect is not None and effect.paulis is not None:
         effect = effect._replace(paulis=effect.paulis * met)
     if effect is not None and effect.lost is not None:
         effect = effect._replace(lost=effect.lost & met)
-    layer.photons_lost += part_noise.meet(layer.sabot, block, effect)
+    lost = part_noise.meet(layer.sabot, layer.draws, block, effect, place, met)
+    layer.photons_lost += lost
 
 
 def _one_qubit_errors(layer: PhysicalLayer, block: Block, met: Mask) -> tuple[Positions, Bytes]:

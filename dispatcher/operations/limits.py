@@ -15,7 +15,15 @@ from dispatcher.sabot.limits import packed
 from dispatcher.switch.optical_switch import MAX_POWER_DBM, Channel
 from dispatcher.timeouts import MAX_TIMEOUT_S
 from wire import dibits
-from wire.dispatcher_pb2 import ApplyRequest, Connection, CreateRequest, Gate, TunePortRequest
+from wire.dispatcher_pb2 import (
+    ApplyRequest,
+    Connection,
+    CreateRequest,
+    Gate,
+    MeasureRequest,
+    TunePortRequest,
+)
+from wire.outcomes import BASES
 from wire.parameters.switch import TEMPERATURE_C, QuantumSwitch
 
 MAX_ANGLE_RAD = 1e6
@@ -28,12 +36,20 @@ MAX_EMISSION_S = 30.0
 
 def states(request: CreateRequest) -> Bytes | None:
     """Return the state of each photon of a block that is to be prepared, None of any other."""
-    if request.state == CreateRequest.PREPARED:
+    given = request.states or request.state_dibits
+    if request.state != CreateRequest.PREPARED:
+        if given:
+            name = CreateRequest.State.Name(request.state)
+            raise invalid(f"{len(given)} states for a block of {name}; only PREPARED has any")
+        return None
+    if not request.state_dibits:
         return packed("states", request.states, request.count, len(preparation.STATES) - 1)
     if request.states:
-        name = CreateRequest.State.Name(request.state)
-        raise invalid(f"{len(request.states)} states for a block of {name}; only PREPARED has any")
-    return None
+        raise invalid("a request with states and state_dibits; leave one of them out")
+    try:
+        return dibits.unpack(request.state_dibits, request.count, "little")
+    except ValueError as error:
+        raise invalid(f"state_dibits: {error}; send two bits for each, and fill up by 0") from error
 
 
 def levels(request: CreateRequest, intensities: int) -> Bytes | None:
@@ -59,6 +75,27 @@ def paulis(request: ApplyRequest, photons: int) -> Bytes | None:
         return dibits.unpack(request.dibits, photons, "little")
     except ValueError as error:
         raise invalid(f"dibits: {error}; send two for each photon, and fill up by 0") from error
+
+
+def bases(request: MeasureRequest, photons: int) -> Bytes:
+    """Return the basis of each photon, however they are packed."""
+    if request.basis not in MeasureRequest.Basis.values():
+        raise invalid(f"basis {request.basis} is unknown; use {', '.join(BASES)}")
+    if request.bases and request.basis_bits:
+        raise invalid("a request with bases and basis_bits; leave one of them out")
+    if request.bases:
+        return packed("bases", request.bases, photons, len(BASES) - 1)
+    if not request.basis_bits:
+        return np.full(photons, request.basis, np.uint8)
+    if len(request.basis_bits) != (photons + 7) // 8:
+        raise invalid(
+            f"basis_bits has {len(request.basis_bits)} bytes for {photons} photons; send one for "
+            "each eight"
+        )
+    bits = np.unpackbits(np.frombuffer(request.basis_bits, np.uint8))
+    if bits[photons:].any():
+        raise invalid(f"basis_bits has bits set behind the last of {photons} photons; fill up by 0")
+    return bits[:photons]
 
 
 def angle(name: str, gate: Gate, photons: int, backend: str) -> Angle:

@@ -12,15 +12,13 @@ from dispatcher.devices.overlap import Overlap, overlap
 from dispatcher.layer import drift, further, part_noise, pulses
 from dispatcher.layer.layer import PhysicalLayer, tally
 from dispatcher.layer.ownership import Block, BlockName
-from dispatcher.operations import gate_noise, imperfections
+from dispatcher.operations import gate_noise, imperfections, limits
 from dispatcher.operations.blocks import require_pairs
 from dispatcher.operations.interference import Interference
 from dispatcher.photon_random import PhotonRandom
-from dispatcher.refusal import invalid
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.capacity import DIAGONAL, GateStep
 from dispatcher.sabot.draws import PhotonDraws
-from dispatcher.sabot.limits import packed
 from dispatcher.sabot.registers import Mask
 from wire import dibits
 from wire.dispatcher_pb2 import Feedback, MeasureRequest
@@ -37,18 +35,14 @@ class Measurements:
         """Act on this layer."""
         self._layer = layer
 
-    def measure(self, node: str, name: BlockName, basis: int, bases: bytes) -> Feedback:
-        """Measure and use up every photon, each in its basis."""
+    def measure(self, node: str, name: BlockName, request: MeasureRequest) -> Feedback:
+        """Measure and use up every photon, each in its basis; tell them packed or not."""
         layer = self._layer
         block = layer.ownership.require(name, node)
         hardware.require(layer.devices, node, MEASURE)
         hardware.require_encoding(layer.devices, node, block.pulses.encoding)
         size = block.register.size
-        if basis not in MeasureRequest.Basis.values():
-            raise invalid(f"basis {basis} is unknown; use {', '.join(BASES)}")
-        values = np.full(size, basis, np.uint8)
-        if bases:
-            values = packed("bases", bases, size, len(BASES) - 1)
+        values = limits.bases(request, size)
         if (values >= PAULI_BASES).any():
             registers = [block.register, *([block.further.register] if block.further else [])]
             for register in registers:
@@ -58,6 +52,9 @@ class Measurements:
         if values.any():  # a measurement of Z does not see the angles
             drift.twirl(block, layer.sabot, layer.draws)
         feedback = layer.feedback(block)
+        own = layer.devices, layer.draws, block, "detectors", "detectors", "measure"
+        effect = part_noise.of_part(*own, layer.clock.now_ns())
+        part_noise.in_front(layer.sabot, layer.draws, block, effect, "measure", values)
         bits = layer.sabot.measure(block.register, values, self._draws(block))
         more = further.measure(layer.sabot, block, values, layer.draws, "measure")
         layer.ownership.remove(block)
@@ -74,15 +71,18 @@ class Measurements:
             timed=True,
         )
         told, wrong = imperfections.misread(layer, block, found.bits, "measure")
-        own = layer.devices, layer.draws, block, "detectors", "detectors", "measure"
-        effect = part_noise.of_part(*own, layer.clock.now_ns())
         feedback.exact &= effect is None or effect.exact
         told = part_noise.told(told, effect)
         incidents = found.incidents() | ({"misread": wrong} if wrong else {})
         detail = f"{tally(values, BASES)}: {tally(told, ('0', '1'))}" + listed(incidents)
         each = partial(outcome, told, ("0", "1"))
         layer.record(node, "measure", block, detail=detail, each=each)
-        feedback.clicks, feedback.outcomes = found.clicks, told.tobytes()
+        feedback.clicks = found.clicks
+        if request.packed:
+            feedback.bits = np.packbits(told & np.uint8(1)).tobytes()
+            feedback.missed = _packed_mask(told == NO_CLICK)
+        else:
+            feedback.outcomes = told.tobytes()
         seconds = layer.devices.of(node).gates.readout_s if block.kept else 0.0
         return imperfections.lasts(feedback, seconds)
 
@@ -113,11 +113,13 @@ class Measurements:
         if not by_gates:
             waited, apart_ns = self._let_wait(like, matched, (first, second))
         errors = gate_noise.before_bell_measurement(layer, first, second) if by_gates else {}
+        own = layer.devices, layer.draws, first, "detectors", "detectors", "Bell"
+        effect = part_noise.of_part(*own, layer.clock.now_ns())
+        as_it_is = np.zeros(first.register.size, np.uint8)
+        part_noise.in_front(layer.sabot, layer.draws, first, effect, "Bell", as_it_is)
         look = self._interfere if like.kind == BEAM_SPLITTER else self._analyse
         found = look(node, (first, second), matched, apart_ns * 1e3)
         feedback.exact = layer.count_exact((first, second))
-        own = layer.devices, layer.draws, first, "detectors", "detectors", "Bell"
-        effect = part_noise.of_part(*own, layer.clock.now_ns())
         feedback.exact &= effect is None or effect.exact
         outcomes = part_noise.told(found.outcomes, effect, part_noise.BELL_STATE)
         if by_gates:
@@ -132,7 +134,7 @@ class Measurements:
         feedback.coincidences = missed.size - int(np.count_nonzero(missed))
         if packed:
             feedback.dibits = dibits.pack(outcomes & dibits.LARGEST, "little")
-            feedback.missed = np.packbits(missed).tobytes() if missed.any() else b""
+            feedback.missed = _packed_mask(missed)
         else:
             feedback.outcomes = outcomes.tobytes()
         gates = layer.devices.of(node).gates
@@ -248,6 +250,11 @@ class Measurements:
     def _draws(self, block: Block) -> PhotonDraws:
         purpose = block.draws_for("measure")
         return self._layer.draws.photons(block.name, purpose, block.register.size)
+
+
+def _packed_mask(mask: Mask) -> bytes:
+    """Return a mask as bits, the first in the highest bit of its byte; nothing if it has none."""
+    return np.packbits(mask).tobytes() if mask.any() else b""
 
 
 def outcome(found: Bytes, names: tuple[str, ...], position: int) -> str:

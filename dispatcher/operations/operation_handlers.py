@@ -51,8 +51,7 @@ def operation_handlers(
 
     async def measure(node: str, request: messages.MeasureRequest) -> messages.Feedback:
         name = block_name(request.block)
-        told = measurements.measure(node, name, request.basis, request.bases)
-        return await over(layer, node, told)
+        return await over(layer, node, measurements.measure(node, name, request))
 
     async def bell_measure(node: str, request: messages.BellMeasureRequest) -> messages.Feedback:
         names = block_name(request.first), block_name(request.second)

@@ -19,7 +19,7 @@ from dispatcher.operations.flight import meets
 from dispatcher.operations.ways import Crossing, way_of
 from dispatcher.refusal import precondition
 from dispatcher.sabot.registers import Mask
-from wire.config import FiberEnd
+from wire.config import BadConfig, FiberEnd
 from wire.parameters.physics import PairSource
 
 PHASE = np.uint8(2)
@@ -119,6 +119,11 @@ class Follower:
             passage = Passage(*where, schedule, history, self._width_rad_per_s)
             effect = model.effect(passage)
             met.exact &= effect.exact
+            if effect.kraus is not None:
+                raise BadConfig(
+                    f"Kraus operators of noise in the fibre to {line.far.port} of {line.far.node}: "
+                    "light of heralded attempts cannot meet any; let the model return Paulis"
+                )
             if effect.lost is not None:
                 met.arrived &= ~effect.lost
             if effect.paulis is not None:

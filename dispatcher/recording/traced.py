@@ -12,6 +12,7 @@ from dispatcher.sabot.backend import Angle, Bytes, GateName
 from dispatcher.sabot.capacity import GateStep
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.gates import ROTATIONS
+from dispatcher.sabot.kraus import Operators
 from dispatcher.sabot.registers import Mask, Pick, Register
 from dispatcher.sabot.simulation import Simulation
 from wire.outcomes import NO_CLICK
@@ -28,7 +29,8 @@ GATES: dict[GateName, str] = {
     "CZ": "cz {0}, {1};",
     **{name: f"{name.lower()}({{2!r}}) {{0}};" for name in ROTATIONS},
 }
-UNWRITTEN = "with a photon that is not written: what is found of them later may differ"
+DIFFERS = "what is found of them later may differ"
+UNWRITTEN = f"with a photon that is not written: {DIFFERS}"
 BELL_STATES = ("Phi+", "Psi+", "Phi-", "Psi-")
 
 
@@ -136,6 +138,17 @@ class TracedSabot:
         for position, qubit in self._present(register):
             if mask[position]:
                 self._writer.line(f"reset {qubit};", self._comment(position))
+
+    def kraus(
+        self, register: Register, operators: Operators, mask: Mask, draws: PhotonDraws
+    ) -> None:
+        """Let Kraus operators act, for which there are no gates to write."""
+        self._inner.kraus(register, operators, mask, draws)
+        for position, _qubit in self._present(register):
+            if mask[position]:
+                self._writer.comment(
+                    f"{self._comment(position)}: Kraus operators, not written: {DIFFERS}"
+                )
 
     def drop(self, register: Register, draws: PhotonDraws) -> None:
         """Discard a register."""

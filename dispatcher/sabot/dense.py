@@ -9,6 +9,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from dispatcher.sabot import kraus
 from dispatcher.sabot.backend import Angle, Backend, Bytes, GateName, Generators, Randomness
 from dispatcher.sabot.gates import RotationName, as_rotation
 
@@ -137,6 +138,28 @@ class Dense:
         one[paulis > 1] *= -1
         flipped = (paulis & 1).astype(bool)
         zero[flipped], one[flipped] = one[flipped], zero[flipped]
+
+    def kraus(
+        self,
+        qubit: int,
+        operators: Amplitudes,
+        met: NDArray[np.bool_],
+        randomness: Randomness,
+    ) -> None:
+        """Let a qubit of the members that it meets undergo one of these operators, drawn.
+
+        They have shape (m, 2, 2), or (k, m, 2, 2): those of each member.
+        """
+        halves = self._halves(qubit)
+        density = np.empty((self.members, 2, 2), dtype=np.complex128)
+        for row, one in enumerate(halves):
+            for column, other in enumerate(halves):
+                density[:, row, column] = np.sum(one * other.conj(), axis=(1, 2))
+        uniform = randomness.uniform() if operators.shape[-3] > 1 else None
+        matrices = np.tile(np.eye(2, dtype=np.complex128), (self.members, 1, 1))
+        matrices[met] = kraus.drawn(operators, density, uniform)[met]
+        self._apply(qubit, matrices.transpose(1, 2, 0))
+        self._normalize()
 
     def measure(self, qubit: int, randomness: Randomness) -> tuple[Bytes, bool]:
         """Measure Z; return a bit for each member and whether the states determined them all."""

@@ -10,6 +10,7 @@ from dispatcher.sabot.dense import Dense
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.gates import TWO_QUBIT_GATES, as_clifford
 from dispatcher.sabot.joining import join
+from dispatcher.sabot.kraus import Operators, of_qubits
 from dispatcher.sabot.registers import (
     WHOLE,
     Component,
@@ -125,6 +126,21 @@ class Sabot:
             if both[share.first]:
                 for clifford in as_clifford(name) or ():
                     share.component.state.gate(clifford, share.qubit, other.qubit)
+
+    def kraus(
+        self, register: Register, operators: Operators, mask: Mask, draws: PhotonDraws
+    ) -> None:
+        """Let each qubit of mask, shape (k,), meet one of these Kraus operators, drawn.
+
+        They have shape (m, 2, 2), or (k, m, 2, 2): those of each qubit. Raise ValueError where
+        states are no state vectors: begin with them (backend dense).
+        """
+        if self.backend != Dense.NAME:
+            raise ValueError(f"Kraus operators on backend {self.backend}; begin with {Dense.NAME}")
+        for share in register.shares:
+            state, at = share.component.state, share.positions
+            assert isinstance(state, Dense)
+            state.kraus(share.qubit, of_qubits(operators, at), mask[at], draws.at(at))
 
     def measure(self, register: Register, bases: Bytes, draws: PhotonDraws) -> Bytes:
         """Measure and discard every qubit in its own basis: 0 Z, 1 X, 2 Y, 3 Z+X, 4 Z-X.

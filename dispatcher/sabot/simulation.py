@@ -6,6 +6,7 @@ from typing import Protocol
 from dispatcher.sabot.backend import Angle, Bytes, GateName
 from dispatcher.sabot.capacity import GateStep
 from dispatcher.sabot.draws import PhotonDraws
+from dispatcher.sabot.kraus import Operators
 from dispatcher.sabot.registers import Mask, Pick, Register
 
 
@@ -37,6 +38,10 @@ class Simulation(Protocol):
         register: Register,
         target: Register | None = None,
         angle_rad: Angle = 0.0,
+    ) -> None: ...
+
+    def kraus(
+        self, register: Register, operators: Operators, mask: Mask, draws: PhotonDraws
     ) -> None: ...
 
     def measure(self, register: Register, bases: Bytes, draws: PhotonDraws) -> Bytes: ...

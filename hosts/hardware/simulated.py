@@ -197,7 +197,7 @@ class SimulatedQnic:
             number=number,
             count=states.size,
             state=CreateRequest.PREPARED,
-            states=states.tobytes(),
+            **_states(states),
             levels=b"" if levels is None else levels.tobytes(),
         )
         await self._orders.perform(Step(create=create))
@@ -302,9 +302,8 @@ class SimulatedQnic:
 
     async def measure(self, block: BlockName, bases: Symbols) -> Symbols:
         """Measure photons at this host, each in a basis."""
-        measure = MeasureRequest(block=_named(block), bases=bases.tobytes())
-        (feedback,) = await self._orders.perform(Step(measure=measure))
-        return np.frombuffer(feedback.outcomes, dtype=np.uint8)
+        (feedback,) = await self._orders.perform(Step(measure=_measure(_named(block), bases)))
+        return _outcomes(feedback)
 
     async def measure_along(self, block: BlockName, directions: Directions) -> Symbols:
         """Measure photons at this host, each along a direction."""
@@ -335,9 +334,9 @@ class SimulatedQnic:
         name = _named(block)
         feedbacks = await self._orders.perform(
             Step(receive=ReceiveRequest(block=name, port=port, timeout_s=timeout_s)),
-            Step(measure=MeasureRequest(block=name, bases=bases.tobytes())),
+            Step(measure=_measure(name, bases)),
         )
-        return np.frombuffer(feedbacks[-1].outcomes, dtype=np.uint8)
+        return _outcomes(feedbacks[-1])
 
     async def bell_measure(self, first: BlockName, second: BlockName) -> Symbols:
         """Make Bell measurements on pairs of photons at this host."""
@@ -430,12 +429,42 @@ def _stored(arrived: bytes, light: Feedback) -> Stored:
     return Stored(np.frombuffer(arrived, dtype=bool), (light.first_ns + light.last_ns) // 2)
 
 
+def _states(states: Symbols) -> dict[str, bytes]:
+    """Return the field of a CreateRequest that tells states in the fewest bytes."""
+    if states.max(initial=0) > dibits.LARGEST:
+        return {"states": states.tobytes()}
+    return {"state_dibits": dibits.pack(states, "little")}
+
+
+def _measure(name: BlockId, bases: Symbols) -> MeasureRequest:
+    """Return the request to measure in these bases, which are told in the fewest bytes."""
+    if bases.max(initial=0) > MeasureRequest.X:
+        return MeasureRequest(block=name, bases=bases.tobytes(), packed=True)
+    return MeasureRequest(block=name, basis_bits=np.packbits(bases).tobytes(), packed=True)
+
+
+def _outcomes(feedback: Feedback) -> Symbols:
+    """Return what was measured: 0 or 1, 255 where no detector clicked."""
+    return _with_missed(_unpacked(feedback.bits, feedback.photons), feedback)
+
+
+def _with_missed(outcomes: Symbols, feedback: Feedback) -> Symbols:
+    """Return outcomes, and 255 where there was none."""
+    if feedback.missed:
+        outcomes |= _unpacked(feedback.missed, feedback.photons) * np.uint8(NO_COINCIDENCE)
+    return outcomes
+
+
+def _unpacked(packed: bytes, count: int) -> Symbols:
+    """Return the first count bits; HardwareError if there are not just as many bytes."""
+    if len(packed) != (count + 7) // 8:
+        raise HardwareError(f"the dispatcher tells {len(packed)} bytes of {count} bits")
+    return np.unpackbits(np.frombuffer(packed, np.uint8), count=count)
+
+
 def _coincidences(feedback: Feedback) -> Coincidences:
     outcomes = dibits.unpack(feedback.dibits, feedback.photons, "little")
-    if feedback.missed:
-        missed = np.unpackbits(np.frombuffer(feedback.missed, np.uint8), count=feedback.photons)
-        outcomes |= missed * np.uint8(NO_COINCIDENCE)
-    return Coincidences(outcomes, feedback.clicks, feedback.time_ns)
+    return Coincidences(_with_missed(outcomes, feedback), feedback.clicks, feedback.time_ns)
 
 
 def _half(session: int, number: int, half: int) -> BlockId:

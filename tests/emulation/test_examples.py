@@ -1,5 +1,5 @@
 """Every file of examples/, run as its first lines say; flicker.py is in test_run_sdc.py, ageing.py
-in test_run_part_noise.py."""
+in test_run_part_noise.py, damping.py in test_run_kraus.py."""
 
 import csv
 import json

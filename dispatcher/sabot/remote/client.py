@@ -18,12 +18,15 @@ from dispatcher.sabot.capacity import GateStep
 from dispatcher.sabot.dense import TooLarge
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.gates import as_clifford
+from dispatcher.sabot.kraus import Operators, of_qubits
 from dispatcher.sabot.registers import Mask, Pick, Register
 from dispatcher.sabot.remote.requests import packed_mask
 from dispatcher.timeouts import SIMULATION_TIMEOUT_S
 from wire import sabot_pb2 as messages
 from wire.dispatcher_service import CHANNEL_OPTIONS
 from wire.sabot_pb2_grpc import SabotStub
+
+MAX_KRAUS_NUMBERS = 1 << 18  # of a request: 4 MiB, half of what a message may have
 
 
 class SabotUnreachable(ConnectionError):
@@ -155,6 +158,28 @@ class RemoteSabot:
             draws=_draws(draws),
         )
         self._done = self._call(self._stub.Reset, request)
+
+    def kraus(
+        self, register: Register, operators: Operators, mask: Mask, draws: PhotonDraws
+    ) -> None:
+        """Let each qubit of mask, shape (k,), meet one of these Kraus operators, drawn."""
+        count, met = operators.shape[-3], np.flatnonzero(mask)
+        most = met.size if operators.ndim == 3 else MAX_KRAUS_NUMBERS // (4 * count)
+        for start in range(0, met.size, max(most, 1)):
+            some = met[start : start + most]
+            part = np.zeros(register.size, dtype=bool)
+            part[some] = True
+            own = of_qubits(operators, some)
+            request = messages.KrausRequest(
+                workspace=self._workspace,
+                register=_number(register),
+                mask=packed_mask(part),
+                operators=count,
+                real=own.real.ravel(),
+                imaginary=own.imag.ravel(),
+                draws=_draws(draws),
+            )
+            self._done = self._call(self._stub.Kraus, request)
 
     def drop(self, register: Register, draws: PhotonDraws) -> None:
         """Discard a register whatever its state, as measuring it unseen does."""

@@ -10,8 +10,10 @@ from dispatcher.refusal import invalid
 from dispatcher.sabot import limits
 from dispatcher.sabot.backend import Angle, Bytes, GateName
 from dispatcher.sabot.capacity import GateStep
+from dispatcher.sabot.dense import Dense
 from dispatcher.sabot.draws import Draws, PhotonDraws
 from dispatcher.sabot.gates import ROTATIONS, TWO_QUBIT_GATES
+from dispatcher.sabot.kraus import MOST_OPERATORS, Operators, wrong_with
 from dispatcher.sabot.registers import Mask, Pick, Register
 from dispatcher.sabot.remote.workspace import Workspace
 from wire import sabot_pb2 as messages
@@ -95,6 +97,37 @@ def _angle(name: str, gate: messages.Gate, register: Register) -> Angle:
     if angles.size != register.size:
         raise invalid(f"{angles.size} angles of {name} for {register.size} qubits; send one each")
     return angles
+
+
+def require_vectors(workspace: Workspace) -> None:
+    """Refuse what needs state vectors where states need not be any."""
+    backend = workspace.sabot.backend
+    if backend != Dense.NAME:
+        raise invalid(f"Kraus operators on backend {backend}; begin a workspace on {Dense.NAME}")
+
+
+def operators(request: messages.KrausRequest, mask: Mask) -> Operators:
+    """Return the Kraus operators of all qubits, or those of each; where none are meant, 1."""
+    count, given = request.operators, len(request.real)
+    met = int(np.count_nonzero(mask))
+    if not 1 <= count <= MOST_OPERATORS:
+        raise invalid(f"operators {count}; send 1 to {MOST_OPERATORS}")
+    if not given or len(request.imaginary) != given or given not in (4 * count, 4 * count * met):
+        raise invalid(
+            f"{given} real and {len(request.imaginary)} imaginary numbers for {count} operators "
+            f"on {met} qubits; send 4 for each operator, of all qubits or of each"
+        )
+    values = np.array(request.real) + 1j * np.array(request.imaginary)
+    alike = given == 4 * count
+    own: Operators = values.reshape((count, 2, 2) if alike else (met, count, 2, 2))
+    if (wrong := wrong_with(own, met)) is not None:
+        raise invalid(f"Kraus operators: {wrong}; send those of a channel")
+    if alike:
+        return own
+    every = np.zeros((mask.size, count, 2, 2), dtype=np.complex128)
+    every[:, 0] = np.eye(2)
+    every[mask] = own
+    return every
 
 
 def picks(workspace: Workspace, picked: Sequence[messages.GatherRequest.Pick]) -> list[Pick]:

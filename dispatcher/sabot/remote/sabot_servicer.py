@@ -133,6 +133,18 @@ class SabotService(SabotServicer):
         return _done(workspace)
 
     @call
+    def Kraus(self, request: messages.KrausRequest) -> messages.Done:
+        """Let a channel act on qubits."""
+        workspace = self._workspaces.require(request.workspace)
+        requests.require_vectors(workspace)
+        register = workspace.require(request.register)
+        mask = requests.mask(request.mask, register)
+        operators = requests.operators(request, mask)
+        draws = requests.draws(request.draws, register)
+        workspace.sabot.kraus(register, operators, mask, draws)
+        return _done(workspace)
+
+    @call
     def Lose(self, request: messages.LoseRequest) -> messages.Done:
         """Mark qubits as lost."""
         workspace = self._workspaces.require(request.workspace)

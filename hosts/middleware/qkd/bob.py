@@ -22,7 +22,7 @@ from hosts.middleware.qkd.decoy import Decoys
 from hosts.middleware.qkd.end import End, SessionFailed, State, Terms, out_of_place
 from hosts.middleware.qkd.ldpc_decoding import LdpcDecoding
 from hosts.middleware.qkd.parities import to_message
-from hosts.middleware.qkd.sifting import Record, sifted
+from hosts.middleware.qkd.sifting import Record, places
 from wire.qkd import (
     AbortReason,
     Amplify,
@@ -128,14 +128,14 @@ class Bob(End):
         record = self._records.popleft()
         if record.tests is not None and self._answered != due:
             raise SessionFailed(AbortReason.PROTOCOL, f"block {due} without an answer of its tests")
-        clicks = int(record.clicked.sum())
-        if message.clicks != clicks:
-            raise SessionFailed(AbortReason.PROTOCOL, f"{message.clicks} clicks, not {clicks}")
-        kept = unpack(message.kept, clicks).astype(bool)
-        bits, bases = sifted(record, record.clicked, kept), record.bases[record.clicked][kept]
+        clicked = np.flatnonzero(record.clicked)
+        if message.clicks != clicked.size:
+            text = f"{message.clicks} clicks, not {clicked.size}"
+            raise SessionFailed(AbortReason.PROTOCOL, text)
+        kept = places(clicked, unpack(message.kept, clicked.size).view(np.bool_))
+        self._keep(record, kept, clicked.size)
         if record.levels is not None:
-            self._bobs_levels = np.append(self._bobs_levels, record.levels[record.clicked][kept])
-        self._add_sifted(bits, bases, clicks, record.photons)
+            self._bobs_levels = np.append(self._bobs_levels, record.levels[kept])
         return []
 
     def _learn_levels(self, message: Intensities) -> list[QkdMessage]:

@@ -4,6 +4,7 @@ from collections import defaultdict
 from collections.abc import Awaitable, Callable
 from itertools import product
 from math import cos, exp, expm1, factorial, prod, sin, sqrt
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from dispatcher.devices.heralding import (
 )
 from dispatcher.laboratory import Laboratory, LaboratoryHost
 from dispatcher.refusal import Refusal
-from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
+from wire.config import BadConfig, DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.dispatcher_pb2 import MeasureRequest
 from wire.parameters.physics import BellAnalyser, Detectors, Device, Emitter, Memory
 
@@ -306,6 +307,18 @@ def test_noise_of_fibres_and_of_emitters_is_in_the_pairs() -> None:
             assert within(found, of, (1 + keeps) / 2)
 
     scene(act, device, depolarizing=p)
+
+
+def test_light_of_attempts_meets_no_kraus_operators() -> None:
+    """What they do to heralds is not modelled: refused, not left out."""
+
+    async def act(laboratory: Laboratory) -> None:
+        with pytest.raises(BadConfig, match=r"fibre to 1 of q1: light of heralded attempts cannot"):
+            await heralded(laboratory, 10)
+
+    damping = str(Path(__file__).parents[3] / "examples" / "damping.py") + ":Damping"
+    own: dict[str, Any] = {"noise": damping, "noise_parameters": {"gamma": 0.1}}
+    scene(act, Device(emitter=Emitter("two-click")), **own)
 
 
 def test_each_qubit_waits_from_its_own_emission() -> None:

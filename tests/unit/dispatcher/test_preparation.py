@@ -13,7 +13,7 @@ from five_sigma import within
 
 from dispatcher.build import build_layer
 from dispatcher.devices.source import emit, most_further
-from dispatcher.laboratory import JumpingClock, Laboratory, LaboratoryHost
+from dispatcher.laboratory import SESSION, JumpingClock, Laboratory, LaboratoryHost, block_id
 from dispatcher.operations.blocks import Operations
 from dispatcher.operations.preparation import STATES
 from dispatcher.photon_random import PhotonRandom
@@ -21,7 +21,7 @@ from dispatcher.refusal import Refusal
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.draws import Draws
 from wire.config import DispatcherConfig, Fiber, FiberEnd
-from wire.dispatcher_pb2 import CreateRequest, Gate
+from wire.dispatcher_pb2 import CreateRequest, Feedback, Gate, MeasureRequest
 from wire.outcomes import NO_CLICK
 from wire.parameters.physics import BadParameter, Device, PairSource
 
@@ -96,6 +96,37 @@ def test_what_is_prepared_passes_gates_and_fibres() -> None:
         np.testing.assert_array_equal(found[seen], expected[seen])
 
     uvloop.run(scene())
+
+
+def test_states_bases_and_outcomes_may_be_packed() -> None:
+    """Beside the fibre's loss, known without error: each photon is measured in its own basis."""
+    chosen = CHOSEN[CHOSEN // 2 != Y][:3_899]  # fills neither bytes of four nor of eight
+
+    async def scene() -> Feedback:
+        laboratory = Laboratory(configuration())
+        alice, bob = laboratory.host("alice"), laboratory.host("bob")
+        bits = np.stack([chosen & 1, chosen >> 1], axis=1)
+        states = np.packbits(bits, bitorder="little").tobytes()
+        create = CreateRequest(session=SESSION, count=3_899, state=CreateRequest.PREPARED)
+        create.state_dibits = states
+        await laboratory.act("alice", "create", create)
+        await alice.send({(0, 0): "alice-q0"})
+        await bob.receive((0, 0), "bob-q0")
+        request = MeasureRequest(block=block_id((0, 0)), packed=True)
+        request.basis_bits = np.packbits(chosen // 2).tobytes()
+        return await laboratory.act("bob", "measure", request)
+
+    feedback = uvloop.run(scene())
+    assert (feedback.photons, feedback.outcomes) == (3_899, b"")
+    assert (len(feedback.bits), len(feedback.missed)) == (488, 488)
+    found, missed = (
+        np.unpackbits(np.frombuffer(packed, np.uint8))[:3_899]
+        for packed in (feedback.bits, feedback.missed)
+    )
+    seen = missed == 0
+    assert int(seen.sum()) == feedback.clicks
+    assert within(feedback.clicks, 3_899, 10**-0.3)
+    np.testing.assert_array_equal(found[seen], (chosen & 1)[seen])
 
 
 def test_the_event_says_which_states_there_are_and_which_a_photon_has() -> None:

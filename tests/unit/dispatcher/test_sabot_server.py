@@ -16,6 +16,7 @@ import grpc
 import numpy as np
 import pytest
 import uvloop
+from channels_of_qubits import damping
 from dispatcher_network import (
     Bench,
     JumpingClock,
@@ -31,6 +32,7 @@ from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.limits import MAX_COUNT
 from dispatcher.sabot.manager import Sabot
 from dispatcher.sabot.registers import Pick, Register
+from dispatcher.sabot.remote import client
 from dispatcher.sabot.remote.client import RemoteSabot, SabotUnreachable
 from dispatcher.sabot.remote.server import serving
 from dispatcher.sabot.remote.workspace import MAX_WORKSPACES
@@ -91,7 +93,8 @@ class Experiment:
         which, target = (int(index) for index in self.random.permutation(4)[:2])
         register, other = self.registers[which], self.registers[target]
         values = self.random.integers(0, 4, self.size, dtype=np.uint8)
-        self.act(int(self.random.integers(10)), which, register, other, values)
+        kinds = 11 if self.sabot.backend == "dense" else 10
+        self.act(int(self.random.integers(kinds)), which, register, other, values)
         self.found.append((self.sabot.live_qubits, register.remaining, register.present.tolist()))
 
     def act(self, kind: int, which: int, register: Register, other: Register, values: Any) -> None:
@@ -123,6 +126,10 @@ class Experiment:
             self.registers[self.registers.index(other)] = sabot.zeros(self.size)
         elif kind == 8:
             self.gather(which, register, other)
+        elif kind == 10:
+            own = np.array([damping(0.2 * int(value)) for value in values])
+            sabot.kraus(register, own, values != 1, self.photons())
+            sabot.kraus(other, damping(0.5), values == 0, self.photons())
         else:
             sabot.drop(register, self.photons())
             self.registers[which] = sabot.zeros(self.size)
@@ -150,6 +157,51 @@ def test_a_server_does_what_the_manager_does(tmp_path: Path, backend: str) -> No
                 there.step()
             expected = [(e[0] + base, *e[1:]) if isinstance(e, tuple) else e for e in here.found]
             assert there.found == expected
+
+
+def test_kraus_operators_of_many_qubits_are_sent_in_parts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(client, "MAX_KRAUS_NUMBERS", 8 * 8)  # of eight qubits
+    own = np.array([damping(position / 100) for position in range(100)])
+    found = []
+    with serving_in(tmp_path) as socket, RemoteSabot(socket, "dense") as remote:
+        for sabot in (Sabot(BACKENDS["dense"]), remote):
+            first, second = sabot.bell_pairs(100)
+            draws = [Draws(1).photons((7, 0, 0), purpose, 100) for purpose in "abc"]
+            sabot.kraus(first, own, np.arange(100) % 3 > 0, draws[0])
+            found.append(sabot.bell_measure(first, second, (draws[1], draws[2])).tolist())
+    assert found[0] == found[1]
+    assert len(set(found[0])) == 4
+
+
+def test_kraus_operators_that_no_channel_has_are_refused(tmp_path: Path) -> None:
+    numbers: dict[str, Any] = {"operators": 1, "real": [1, 0, 0, 1], "imaginary": [0, 0, 0, 0]}
+    refused: dict[str, dict[str, Any]] = {
+        "sum of K†K is [[0.25": {"real": [0.5, 0, 0, 0.5]},
+        "not a number": {"real": [float("nan"), 0, 0, 1]},
+        "operators 0; send 1 to 16": {"operators": 0},
+        "operators 17": {"operators": 17},
+        "4 real and 3 imaginary": {"imaginary": [0, 0, 0]},
+        "4 real and 4 imaginary numbers for 2 operators": {"operators": 2},
+        "0 real and 0 imaginary": {"real": [], "imaginary": []},
+        "2 bytes for 4 qubits": {"mask": b"\x01\x01"},
+    }
+    with stub_of(tmp_path) as stub:
+        for backend in ("dense", "chp"):
+            workspace = stub.Begin(messages.BeginRequest(backend=backend)).workspace
+            stub.Create(messages.CreateRequest(workspace=workspace, count=4, state=PAIRS))
+        named: dict[str, Any] = {"workspace": 1, "register": 1, "mask": b"\x0f", "draws": DRAWS}
+        for words, wrong in refused.items():
+            with pytest.raises(grpc.RpcError) as raised:
+                stub.Kraus(messages.KrausRequest(**{**named, **numbers, **wrong}))
+            assert raised.value.code() == Code.INVALID_ARGUMENT
+            assert words in str(raised.value.details())
+        with pytest.raises(grpc.RpcError, match="on backend chp; begin a workspace on dense"):
+            stub.Kraus(messages.KrausRequest(**{**named, **numbers, "workspace": 2}))
+        stub.Kraus(messages.KrausRequest(**named, **numbers))
+        answers = [stub.Measure(measure(register=n), timeout=DEADLINE_S) for n in (1, 2)]
+        assert answers[0].outcomes == answers[1].outcomes
 
 
 def test_gates_that_are_not_clifford_bring_state_vectors_and_their_limits(tmp_path: Path) -> None:

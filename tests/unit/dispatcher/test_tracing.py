@@ -118,6 +118,15 @@ async def gathered(bench: Bench) -> list[bytes]:
     return outcomes
 
 
+def test_kraus_operators_are_a_comment_of_the_dump(tmp_path: Path) -> None:
+    damping = str(Path(__file__).parents[3] / "examples" / "damping.py") + ":Damping"
+    own: dict[str, Any] = {"noise": damping, "noise_parameters": {"gamma": 0.1}}
+    fibers = with_fibers(configuration(tmp_path), **own).fibers
+    text, _outcomes = dumped(tmp_path, gathered, fibers=fibers, backend="dense")
+    assert text.count("Kraus operators, not written") > PHOTONS // 2
+    run(text)
+
+
 def test_gathered_photons_are_the_same_qubits_in_the_dump(tmp_path: Path) -> None:
     text, outcomes = dumped(tmp_path, gathered)
     assert "CX with a photon that is not written" in text
