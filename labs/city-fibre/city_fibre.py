@@ -104,7 +104,7 @@ LAB = Lab(
     paper="Craddock et al., PRX Quantum 5, 030330 (2024), arXiv:2404.08626;"
     " Sena et al., J. Opt. Commun. Netw. 17, 1072 (2025), arXiv:2504.08927",
     runs={name: session("bbm92", COUNTS[name], rate, KM) for name, rate in RATES.items()}
-    | {name: session("e91", 1500, RATES["middle"], km) for name, km in BERLIN.items()},
+    | {name: session("e91 --chsh-fraction 0.5", 1200, RATES["middle"], km) for name, km in BERLIN.items()},
     findings=findings,
     charts=(
         Chart("lower", "lower bound by two bases", *AXES, lower),
