@@ -11,6 +11,7 @@ import pytest
 from stacks_scene import OWN_ADDRESS
 
 from hosts import network_loop
+from hosts.hardware.ports import read_ports
 from hosts.middleware.device import Device, changed
 from hosts.middleware.session.ends import Watched
 from hosts.middleware.session.errors import SessionError
@@ -378,3 +379,8 @@ def test_what_is_old_foreign_or_for_another_host_changes_nothing() -> None:
             assert device.settings == DeviceSettings()
 
     network_loop.run(scene())
+
+
+def test_a_port_has_light_that_is_up_or_cannot_tell() -> None:
+    """Of loopback, as of VXLAN, the kernel says "unknown" (Linux, operstates.rst)."""
+    assert read_ports(["lo", "gone"]) == (DevicePort("lo", True), DevicePort("gone", False))
