@@ -8,6 +8,7 @@ import asyncio
 import logging
 import socket
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from typing import cast
 
@@ -16,6 +17,7 @@ from hosts.middleware.device import Device, changed
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.swap_orders import Swaps
 from hosts.network_loop import wall_sleep, wall_timeout
+from hosts.serving.ordered_seals import OrderedSeals
 from hosts.timeouts import (
     CHECK_PERIOD_S,
     FIRST_REPORTS_S,
@@ -29,12 +31,14 @@ from wire.device import (
     Datagram,
     DeviceQuery,
     DeviceReport,
+    SessionQuery,
     SetDevice,
     Subscribe,
     SwapOrder,
     open_sealed,
 )
 from wire.metadata import Answer, MalformedPacket, Message, Reason
+from wire.seal_orders import GiveBack, SealOrder
 
 log = logging.getLogger("node-agent")
 
@@ -44,11 +48,19 @@ UNASKED_AFTER = 3  # periods without a request: report, so that a new controller
 class NodeAgent(asyncio.DatagramProtocol):
     """Speaks for one device."""
 
-    def __init__(self, config: HostConfig, device: Device, swaps: Swaps) -> None:
+    def __init__(
+        self,
+        config: HostConfig,
+        device: Device,
+        swaps: Swaps,
+        seals: OrderedSeals,
+        takes_part: Callable[[int], bool],
+    ) -> None:
         self._name = config.name
         self._key = config.device_key
         self._report_to = config.report_to
-        self._device, self._swaps = device, swaps
+        self._device, self._swaps, self._seals = device, swaps, seals
+        self._takes_part = takes_part
         self._heard = 0  # number of the last datagram that was taken
         self._number = 0
         self._last = device.report()
@@ -77,6 +89,13 @@ class NodeAgent(asyncio.DatagramProtocol):
         elif isinstance(message, SwapOrder):
             self._swaps.take(message)
             self._send(Answer(message.session, Reason.OK))
+        elif isinstance(message, SealOrder):
+            self._send(self._seals.take(message))
+        elif isinstance(message, GiveBack):
+            self._send(self._seals.give_back(message))
+        elif isinstance(message, SessionQuery):
+            there = self._takes_part(message.about)
+            self._send(Answer(message.session, Reason.OK if there else Reason.UNKNOWN_SESSION))
         elif isinstance(message, DeviceQuery):
             self._report(message.session)
         else:
@@ -168,10 +187,16 @@ class NodeAgent(asyncio.DatagramProtocol):
         self._transport.sendto(data, (self._report_to, DEVICE_PORT))
 
 
-async def start_node_agent(config: HostConfig, device: Device, swaps: Swaps) -> NodeAgent:
-    """Open the port; raise OSError if it is taken."""
+async def start_node_agent(
+    config: HostConfig,
+    device: Device,
+    swaps: Swaps,
+    seals: OrderedSeals,
+    takes_part: Callable[[int], bool],
+) -> NodeAgent:
+    """Open the port; raise OSError if it is taken. The host says in which sessions it is."""
     _transport, agent = await asyncio.get_running_loop().create_datagram_endpoint(
-        lambda: NodeAgent(config, device, swaps), sock=agent_port(config.address)
+        lambda: NodeAgent(config, device, swaps, seals, takes_part), sock=agent_port(config.address)
     )
     return agent
 

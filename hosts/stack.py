@@ -37,6 +37,7 @@ from hosts.processing_unit.unit import ProcessingUnit
 from hosts.serving.active_sessions import ActiveSessions
 from hosts.serving.applications_port import ApplicationsPort
 from hosts.serving.incoming import Incoming
+from hosts.serving.ordered_seals import OrderedSeals, Unattended
 from hosts.timeouts import ANSWER_TIMEOUT_S
 from wire.config import STANDING, HostConfig
 from wire.features import HERALD
@@ -45,6 +46,8 @@ from wire.optical import ANY_WAVELENGTH
 from wire.services import HERALDED_LIGHT, Role
 
 log = logging.getLogger("stack")
+
+Attending = Incoming | Arriving | Unattended  # who takes part, at the end that was asked
 
 
 class Stack:
@@ -82,6 +85,8 @@ class Stack:
         sessions = Sessions(self.request, self._opening, self.applications.expecting)
         self.unit = ProcessingUnit(config, qnic, sessions, self._new_session)
         self.applications.unit = self.unit
+        ordering = self.request, self._opening, self.device.give_back
+        self.seals = OrderedSeals(config.name, config.address, *ordering)
 
     def _cut_off(self, cutoff_us: int | None) -> None:
         """Have the memory drop what is older, by its own default if none is set."""
@@ -90,8 +95,11 @@ class Stack:
         lifetimes = self._resources.lifetimes._replace(cutoff_s=cutoff_s)
         self._resources = replace(self._resources, lifetimes=lifetimes)
 
-    def request(self, fields: dict[str, Any]) -> OpeningSession:
-        """Prepare a session of a service; raise SessionError for what cannot be asked."""
+    def request(self, fields: dict[str, Any], number: int | None = None) -> OpeningSession:
+        """Prepare a session of a service; raise SessionError for what cannot be asked.
+
+        Its number is a new one, unless the controller has chosen it.
+        """
         name = fields.pop("service", None)
         kind = NAMES.get(name) if isinstance(name, str) else None
         if kind is None:
@@ -103,7 +111,7 @@ class Stack:
         is_source = source == self._config.name
         require_source(kind.service, source, is_source, peer[0])
         setup = Setup(
-            session=self._new_session(),
+            session=self._new_session() if number is None else number,
             service=kind.service,
             source=address,
             wavelength_pm=ANY_WAVELENGTH,
@@ -129,6 +137,10 @@ class Stack:
         config = self._config
         qnic = self._resources.at(options.wavelength_pm).qnic
         return Interception(qnic, options, config.seed, config.name, config.memory_qubits)
+
+    def takes_part(self, session: int) -> bool:
+        """Tell whether this host is in a session, or opens a link of that number."""
+        return session in self.active_sessions.sessions or self.swaps.opens(session)
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Serve one connection on the quantum-metadata port."""
@@ -195,7 +207,7 @@ class Stack:
         service = Service(setup.service)
         session = AcceptingSession(KINDS[service], self._resources, channel, setup)
         with self.active_sessions.engage(setup.session, Role.ACCEPTOR):
-            incoming = self.applications.incoming(setup.port, channel.peer, service.name.lower())
+            incoming = self._attending(channel, setup)
             with self.device.accepts(session):
                 self._accepting[setup.session] = session
                 try:
@@ -204,7 +216,14 @@ class Stack:
                     del self._accepting[setup.session]
                     await session.close()
 
-    async def _take_part(self, session: AcceptingSession, incoming: Incoming | Arriving) -> None:
+    def _attending(self, channel: MetadataChannel, setup: Setup) -> Attending:
+        ordered = self.seals.expected(setup, channel.connection[0])
+        if ordered is not None:
+            return ordered
+        service = Service(setup.service).name.lower()
+        return self.applications.incoming(setup.port, channel.peer, service)
+
+    async def _take_part(self, session: AcceptingSession, incoming: Attending) -> None:
         try:
             await session.run(incoming)
             if session.answer is not None:

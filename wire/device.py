@@ -7,8 +7,9 @@
 controller                       node agent, UDP port DEVICE_PORT
 DeviceQuery, Subscribe, SetDevice ->
                               <-  DeviceReport: asked for, or on its own (session 0)
-SwapOrder                         ->
-                              <-  Answer to SetDevice and SwapOrder
+SwapOrder, SealOrder, GiveBack,
+SessionQuery                      ->
+                              <-  Answer to SetDevice, to orders and to SessionQuery
 
 Key managers speak by datagrams like these (wire.key_routes), from a port of their own.
 
@@ -34,8 +35,10 @@ from wire.metadata import (
     Answer,
     MalformedPacket,
     Message,
+    Reason,
 )
 from wire.padded_name import padded_name
+from wire.seal_orders import GiveBack, SealOrder
 
 DEVICE_PORT = 9012
 MAX_DATAGRAM = 1400  # never a fragment: switches do not see the ports of those
@@ -183,7 +186,7 @@ class DeviceReport(Message):
     """The state of a host. Counts are since its stack started."""
 
     KIND = 35
-    FIELDS = struct.Struct(f"!HHHQQQQQQIIIIIIIIQ{_SETTINGS.size}s")
+    FIELDS = struct.Struct(f"!HHHQQQQQQIIIIIIIIQQIIIB{_SETTINGS.size}s")
 
     sending: int = 0  # sessions that run
     receiving: int = 0
@@ -203,6 +206,11 @@ class DeviceReport(Message):
     lost_ppm: int = 0
     symbol_error_ppm: int = 0
     alarm: int = 0  # the session of the seal of this host that has ended in an alarm last
+    seal: int = 0  # the session of its seal that has ended last, whatever in
+    seal_compared: int = 0  # pairs in that
+    seal_errors: int = 0  # of these, pairs that differed
+    seal_tests: int = 0  # that found the way whole
+    seal_end: int = 0  # a Reason: OK, BUSY if its light was given back, or why it failed
     settings: DeviceSettings = DeviceSettings()  # the overrides in force
     ports: tuple[DevicePort, ...] = ()
 
@@ -225,6 +233,8 @@ class DeviceReport(Message):
             DevicePort(padded_name(name), up) for name, up in PORT.iter_unpack(body[size:])
         )
         report = cls(session, *numbers)
+        if report.seal_end not in set(Reason):
+            raise MalformedPacket(f"DeviceReport: a seal that ended with {report.seal_end}")
         return replace(report, settings=_unpack_settings(settings), ports=ports)
 
 
@@ -337,6 +347,16 @@ class SwapOrder(Message):
             raise MalformedPacket(f"SwapOrder: place {self.place} purifies {text}")
 
 
+@dataclass(frozen=True)
+class SessionQuery(Message):
+    """Ask whether a host takes part in a session: OK, or UNKNOWN_SESSION."""
+
+    KIND = 42
+    FIELDS = struct.Struct("!Q")
+
+    about: int  # the session
+
+
 KINDS: dict[int, type[Message]] = {
     kind.KIND: kind
     for kind in (
@@ -345,6 +365,9 @@ KINDS: dict[int, type[Message]] = {
         SetDevice,
         DeviceReport,
         SwapOrder,
+        SealOrder,
+        GiveBack,
+        SessionQuery,
         KeyLinks,
         KeyRouteRequest,
         KeyRoute,

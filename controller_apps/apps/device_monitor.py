@@ -16,11 +16,15 @@ from dataclasses import dataclass, fields, replace
 from math import ceil, inf
 from typing import Any
 
-from controller_apps.apps.swap_orders import (
+from controller_apps.apps.host_orders import (
     EventAlarm,
     EventNodeAnswered,
+    EventOrder,
+    EventSealOver,
+    EventSessionTold,
     EventSwapsOrdered,
-    SwapOrders,
+    HostOrders,
+    session_of,
 )
 from controller_apps.console.questions import EventQuestion, Refused, reply
 from controller_apps.devices.device_view import host_view, switch_view
@@ -41,12 +45,21 @@ from controller_apps.openflow.framework import (
 from controller_apps.packets.datagrams import CONTROLLER_MAC, Frame, is_udp
 from controller_apps.policy.policy import BadPolicy, Policy, read_policy
 from controller_apps.record import Record
+from controller_apps.sessions.actions import HostOrder
 from controller_apps.sessions.chains import orders
 from controller_apps.timeouts import DEVICE_TICK_S, SET_TIMEOUT_S
 from wire.config import ControllerConfig
-from wire.device import DEVICE_PORT, PERIODS_S, DeviceQuery, DeviceSettings, check_settings
+from wire.device import (
+    DEVICE_PORT,
+    PERIODS_S,
+    DeviceQuery,
+    DeviceSettings,
+    SessionQuery,
+    check_settings,
+)
 from wire.key_routes import KEY_AGENT_PORT
 from wire.metadata import Answer, MalformedPacket, Message, Reason
+from wire.seal_orders import GiveBack
 
 POLLS_PER_S = 100  # at most, of all devices: what they do meanwhile they report by themselves
 LEAST_AT_ONCE = 4  # that are due
@@ -84,7 +97,7 @@ class DeviceMonitor(App):
         self._number = 0
         self._polled: dict[int | str, float] = {}  # when each device was last
         self._waiting: list[Waiting] = []
-        self._orders = SwapOrders()
+        self._orders = HostOrders()
         self._silent: set[str] = set()
 
     def start(self) -> Any:
@@ -227,6 +240,8 @@ class DeviceMonitor(App):
         state = self.hosts.states[host]
         if told.alarm:
             self.send_event(METADATA, EventAlarm(told.alarm, host, state.place.address))
+        if told.sealed:
+            self.send_event(METADATA, EventSealOver(host, state.place.address, state.report))
         if told.answer is not None:
             self._order_answered(state.place.address, told.answer)
         if state.report.settings == self.hosts.wanted.get(host, DeviceSettings()):
@@ -245,15 +260,27 @@ class DeviceMonitor(App):
         facts = {"nodes": [stop.address for stop in ordered.chain], "schedule": ordered.schedule}
         self.record.write("chain", session=f"{ordered.session:016x}", **facts)
 
+    @on(EventOrder)
+    def ordered(self, event: Any) -> None:
+        """Tell or ask a host something about a session, until it has answered."""
+        order = event.order
+        self._orders.add(order.node, self._numbered(order.message), self._now())
+        self._send_orders()
+
+    def _numbered(self, message: HostOrder) -> HostOrder:
+        return replace(message, session=self._next_number())
+
     def _order_answered(self, node: str, answer: Answer) -> None:
         order = self._orders.answered(node, answer.session)
-        if order is not None:
-            reason = Reason(answer.reason)
-            self.send_event(METADATA, EventNodeAnswered(order.chain, node, reason))
+        if order is None or isinstance(order, GiveBack):
+            return  # a seal may have ended before it is told to
+        told = EventSessionTold if isinstance(order, SessionQuery) else EventNodeAnswered
+        self.send_event(METADATA, told(session_of(order), node, Reason(answer.reason)))
 
     def _repeat_orders(self, now: float) -> None:
         for node, order in self._orders.give_up(now):
-            self.logger.warning("%s has not answered its order for %016x", node, order.chain)
+            session = session_of(order)
+            self.logger.warning("%s has not answered its order for %016x", node, session)
         self._send_orders()
 
     def _send_orders(self) -> None:

@@ -6,10 +6,18 @@ OpenFlow. All state belongs to this app's own thread: the clock comes as an even
 
 import time
 from collections import Counter
+from hashlib import blake2b
 from itertools import count
 from typing import Any
 
-from controller_apps.apps.swap_orders import EventAlarm, EventNodeAnswered, EventSwapsOrdered
+from controller_apps.apps.host_orders import (
+    EventAlarm,
+    EventNodeAnswered,
+    EventOrder,
+    EventSealOver,
+    EventSessionTold,
+    EventSwapsOrdered,
+)
 from controller_apps.console.questions import EventQuestion, Refused, reply
 from controller_apps.console.views import (
     fibers_view,
@@ -55,14 +63,17 @@ from controller_apps.sessions.actions import (
     Keep,
     Note,
     OpenPaths,
+    Order,
     RemoveBypass,
     SwapsOrdered,
 )
-from controller_apps.sessions.admission import Admission
+from controller_apps.sessions.admission import Admission, find_light
 from controller_apps.sessions.arbiter import Arbiter
+from controller_apps.sessions.given_back import TAKEN_BACK
+from controller_apps.sessions.idle_light import IdleLight
 from controller_apps.sessions.permission import Permission
 from controller_apps.sessions.restore import take_over
-from controller_apps.sessions.seals import Seals
+from controller_apps.sessions.seals import Seals, names_of
 from controller_apps.sessions.snapshot import encode_hosts
 from controller_apps.sessions.state_folder import StateFolder
 from controller_apps.timeouts import SESSION_TICK_S
@@ -114,6 +125,9 @@ class QuantumMetadata(App):
         self.permission = Permission(policy, self.network, self.arbiter.sessions)
         self.arbiter.forbid = self._forbid
         self.seals = Seals(self.network)
+        self._seal_names = (f"{time.time_ns()}/{number}" for number in count())
+        sessions = self.arbiter.sessions
+        self.idle = IdleLight(self.network, sessions, self._find_idle, self._new_seal)
         self.stations = config.stations
         self.datapaths: dict[int, Any] = {}
         self._follow_policy()
@@ -127,6 +141,7 @@ class QuantumMetadata(App):
         self.state = state
         for number in take_over(state, self.arbiter, self.logger, self._now()):
             self._note(Note("resumed", number))
+            self.seals.granted(self.arbiter.sessions.by_number.get(number))
         self._hosts_kept: object = None
         self._keep_hosts()
 
@@ -157,6 +172,7 @@ class QuantumMetadata(App):
         self.fibers.time_passed(time.monotonic())
         self._keep_hosts()
         self._do(self.arbiter.tick(self._now()))
+        self._do(self.idle.tick(self._now()))
 
     def _now(self) -> float:
         """Return the time of the network, by which sessions go; discovery goes by the wall."""
@@ -329,16 +345,23 @@ class QuantumMetadata(App):
 
     @on(EventNodeAnswered)
     def node_answered(self, event: Any) -> None:
-        """Tell the arbiter that a node of a chain has, or will not."""
-        session, node = event.session, event.node
-        self._do(self.arbiter.node_answered(session, node, event.reason, self._now()))
+        """Tell the arbiter that a node of a chain has, or will not; likewise a host of a seal."""
+        answered = event.session, event.node, event.reason, self._now()
+        self._do(self.arbiter.node_answered(*answered))
+        self._do(self.idle.node_answered(*answered))
+
+    @on(EventSessionTold)
+    def session_told(self, event: Any) -> None:
+        """Tell the arbiter whether a host takes part in a session that was taken over."""
+        told = event.session, event.node, event.reason
+        self._do(self.arbiter.session_told(*told, self._now()))
 
     @on(EventAlarm)
     def seal_alarmed(self, event: Any) -> None:
         """Close the way on which a seal has found somebody, if the policy says so."""
-        ways = self.seals.alarmed(event.session, event.address)
+        ways = self.seals.watched(event.session, event.address)
         closes = self.permission.policy.alarm == CLOSE and bool(ways)
-        watched = sorted("-".join(sorted(way)) for way in ways)
+        watched = names_of(ways)
         self.logger.warning("%s: alarm of its seal %016x on %s", event.host, event.session, watched)
         facts = {"session": f"{event.session:016x}", "host": event.host, "watched": watched}
         self.record.write("alarm", **facts, closed=closes)
@@ -346,6 +369,35 @@ class QuantumMetadata(App):
             self.seals.close(ways)
             self._follow_policy()
             self._do(self.arbiter.network_changed(self._now()))
+
+    @on(EventSealOver)
+    def seal_over(self, event: Any) -> None:
+        """Record what a seal has seen of the fibres that it has watched."""
+        told = event.report
+        if not self.seals.is_of(told.seal, event.address):
+            return  # it says what it likes
+        self.record.write(
+            "watched",
+            session=f"{told.seal:016x}",
+            host=event.host,
+            watched=names_of(self.seals.watched(told.seal, event.address)),
+            compared=told.seal_compared,
+            errors=told.seal_errors,
+            tests_whole=told.seal_tests,
+            alarm=told.alarm == told.seal,
+            end=Reason(told.seal_end).name,
+        )
+
+    def _find_idle(self, setup: Setup, connection: FiveTuple) -> Admission:
+        """Return light for a seal that is to begin."""
+        arbiter = self.arbiter
+        words = arbiter.sessions, self.network, arbiter.budget_mdb, arbiter.taps
+        return find_light(setup, connection, *words)
+
+    def _new_seal(self) -> int:
+        """Return the number of a session that nobody else makes."""
+        name = f"seal/{next(self._seal_names)}"
+        return int.from_bytes(blake2b(name.encode(), digest_size=8).digest(), "big")
 
     @on(EventQuestion)
     def asked(self, question: Any) -> None:
@@ -360,6 +412,8 @@ class QuantumMetadata(App):
         reply(question, handlers)
 
     def _forbid(self, setup: Setup, five_tuple: FiveTuple) -> Admission | None:
+        if self.idle.ordered(setup, five_tuple):
+            return None  # the policy's own
         objection = self.permission.objection(setup, five_tuple)
         if not objection:
             return None
@@ -392,6 +446,7 @@ class QuantumMetadata(App):
         self.fibers.needs_seal = policy.filter.announcements
         self.mac_table.place(self.stations if policy.filter.addresses else [])
         self.network.closed = policy.closed | self.seals.closed
+        self.idle.follow(policy.watches, self._now())
         for dpid, datapath in self.datapaths.items():
             if dpid not in self.quantum_switches:
                 self._filter(datapath)
@@ -418,6 +473,8 @@ class QuantumMetadata(App):
                 self.state.forget_session(action.session)
             elif isinstance(action, SwapsOrdered):
                 self.send_event(DEVICE_MONITOR, EventSwapsOrdered(action))
+            elif isinstance(action, Order):
+                self.send_event(DEVICE_MONITOR, EventOrder(action))
             elif action.dpid in self.datapaths:  # what is gone needs nothing
                 datapath = self.datapaths[action.dpid]
                 flow_entries.send(datapath, self._messages(datapath, action))
@@ -462,6 +519,10 @@ class QuantumMetadata(App):
             self.logger.info("session %016x: refused, %s", note.session, note.detail)
         if note.event in ("granted", "moved"):
             self.seals.granted(self.arbiter.sessions.by_number.get(note.session))
+        if note.event in ("refused", "torn_down"):
+            self.idle.over(note.session, self._now())
+        if note.event == "torn_down" and note.detail == TAKEN_BACK:
+            self.seals.forget(note.session)
         self.record.write(note.event, **fields, packet_in_count=self.packet_in_count)
 
     def _drop(self, drop: Drop) -> None:

@@ -52,6 +52,7 @@ class Told:
     changed: bool = False
     first: bool = False
     alarm: int = 0  # the session of a seal that has found somebody since the last report
+    sealed: bool = False  # whether another seal of this host is over since then
     answer: Answer | None = None
 
 
@@ -79,7 +80,8 @@ class Hosts:
             changed = known is None or _facts(known.report) != _facts(message)
             before = known.report.alarm if known is not None else 0
             alarm = message.alarm if message.alarm != before else 0
-            return Told(host, changed, known is None, alarm)
+            sealed = message.seal not in (0, known.report.seal if known is not None else 0)
+            return Told(host, changed, known is None, alarm, sealed)
         if known is None or not isinstance(message, Answer):
             raise MalformedPacket(f"{host} sent {type(message).__name__} unasked")
         known.number, known.heard, known.place = datagram.number, now, place

@@ -21,6 +21,17 @@ by = "eve"
 [[closed]]                  # no session has light through the fibres between these two switches
 between = ["q1", "q2"]
 
+[[watch]]                   # the way between these two is watched while no session has its light:
+between = ["alice", "bob"]  # pairs are made by the first
+over = ["q1", "q2"]         # the fibre that is to be on the way; left out: by any way that is idle
+every_s = 10.0              # of the network, from the end of one seal to the next
+pairs = 2000                # compared by each
+rate_hz = 100_000           # pairs a second
+whole_error = 0.01          # of these differ at most though nobody is there
+fraction = 0.25             # of the photons that an intruder measures, who is to be found
+false_alarm = 1e-6          # of a test, at most
+missed = 0.01               # chance at most that a test takes such an intruder for nobody
+
 [seal]                      # when a seal finds somebody on its way,
 alarm = "close"             # that is closed until the policy is read again; "tell": it is not
 
@@ -70,6 +81,7 @@ from controller_apps.policy.schedules import (
     UNPURIFIED,
     Purification,
 )
+from controller_apps.policy.watches import KINDS, MAX_WATCHES, RANGES, Watch
 from wire.device import (
     MAX_LEVEL_ROUNDS,
     MAX_SHARE,
@@ -230,6 +242,7 @@ class Policy:
     names_elements: bool = True  # to hosts that are refused light
     trusted: tuple[Trusted, ...] = ()  # with keys of others; without: nobody is
     alarm: str = TELL  # what the alarm of a seal does
+    watches: tuple[Watch, ...] = ()  # of light that is idle
 
     def trusts(self, host: str, ends: frozenset[str]) -> bool:
         """Whether a host may relay keys of two others."""
@@ -270,12 +283,14 @@ def read_policy(path: str | Path) -> Policy:
 
 
 def require_switches(policy: Policy, known: Collection[str]) -> None:
-    """Raise BadPolicy for a fibre that is closed between switches that there are not."""
-    for name in sorted(frozenset().union(*policy.closed) - set(known)):
-        listed = ", ".join(sorted(known)) or "none"
-        raise BadPolicy(
-            f"closed: {name!r} is not a quantum switch of this network: choose of {listed}"
-        )
+    """Raise BadPolicy for a fibre, closed or watched, between switches that there are not."""
+    watched = [watch.over for watch in policy.watches]
+    for place, named in (("closed", policy.closed), ("watch: over", watched)):
+        for name in sorted(frozenset().union(*named) - set(known)):
+            listed = ", ".join(sorted(known)) or "none"
+            raise BadPolicy(
+                f"{place}: {name!r} is not a quantum switch of this network: choose of {listed}"
+            )
 
 
 def parse_policy(text: str) -> Policy:
@@ -289,6 +304,7 @@ def parse_policy(text: str) -> Policy:
             "rule",
             "tap",
             "closed",
+            "watch",
             "seal",
             "trusted",
             "swap",
@@ -301,6 +317,7 @@ def parse_policy(text: str) -> Policy:
     )
     rules = _array(content, "rule", MAX_RULES)
     devices = _table(content.get("device", {}), "device")
+    queue = _parse_queue(_table(content.get("queue", {}), "queue"))
     return Policy(
         _one_of(content.get("default", "allow"), ACTIONS, "default"),
         tuple(_parse_rule(rule, f"rule {number}") for number, rule in enumerate(rules, 1)),
@@ -309,7 +326,7 @@ def parse_policy(text: str) -> Policy:
         _parse_taps(_array(content, "tap", MAX_TAPS)),
         *_parse_swap(_table(content.get("swap", {}), "swap")),
         _parse_filter(_table(content.get("filter", {}), "filter")),
-        _parse_queue(_table(content.get("queue", {}), "queue")),
+        queue,
         _parse_closed(_array(content, "closed", MAX_CLOSED)),
         _parse_refusal(_table(content.get("refusal", {}), "refusal")),
         tuple(
@@ -317,6 +334,7 @@ def parse_policy(text: str) -> Policy:
             for number, table in enumerate(_array(content, "trusted", MAX_TRUSTED), 1)
         ),
         _parse_seal(_table(content.get("seal", {}), "seal")),
+        _parse_watches(_array(content, "watch", MAX_WATCHES), queue),
     )
 
 
@@ -383,6 +401,35 @@ def _parse_seal(table: dict[str, Any]) -> str:
     return _one_of(table.get("alarm", TELL), ALARMS, "seal: alarm")
 
 
+def _parse_watches(given: list[Any], queue: Queue) -> tuple[Watch, ...]:
+    if given and queue.order == SLOTS:
+        raise ValueError(f'watch: not with the queue\'s order = "{SLOTS}", which plans all light')
+    watches = tuple(_parse_watch(each, f"watch {place}") for place, each in enumerate(given, 1))
+    for place, watch in enumerate(watches, 1):
+        if watch in watches[: place - 1]:
+            raise ValueError(f"watch {place}: {watch} is watched so already; keep one of them")
+    return watches
+
+
+def _parse_watch(given: object, place: str) -> Watch:
+    table = _table(given, place)
+    _only(table, place, {"between", "over", *RANGES})
+    hosts = 'write between = ["alice", "bob"], two different hosts, of which the first makes pairs'
+    between: Any = table.get("between")  # in this order, if they are two
+    _two(between, place, hosts)
+    over: frozenset[str] = frozenset()
+    if "over" in table:
+        remedy = 'write over = ["q1", "q2"], two different switches'
+        over = _two(table["over"], place, remedy, "over")
+    numbers = {
+        name: _number(table[name], *RANGES[name], f"{place}: {name}", KINDS[name])
+        for name in RANGES
+        if name in table
+    }
+    first, second = between
+    return Watch((first, second), over, **numbers)
+
+
 def _parse_trusted(given: object, place: str) -> Trusted:
     table = _table(given, place)
     _only(table, place, {"host", "between"})
@@ -396,11 +443,11 @@ def _parse_trusted(given: object, place: str) -> Trusted:
     return Trusted(host, between)
 
 
-def _two(between: object, place: str, remedy: str) -> frozenset[str]:
+def _two(between: object, place: str, remedy: str, name: str = "between") -> frozenset[str]:
     """Return the two names of a list."""
     names = between if isinstance(between, list) else []
     if len(names) != 2 or names[0] == names[1] or not all(_is_name(each) for each in names):
-        raise ValueError(f"{place}: between is {between!r}: {remedy}")
+        raise ValueError(f"{place}: {name} is {between!r}: {remedy}")
     return frozenset(names)
 
 

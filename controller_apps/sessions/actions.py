@@ -6,6 +6,10 @@ from controller_apps.light.paths import Hop
 from controller_apps.packets.segments import FiveTuple
 from controller_apps.policy.schedules import UNPURIFIED, Purification
 from controller_apps.sessions.sessions import Chain
+from wire.device import SessionQuery
+from wire.seal_orders import GiveBack, SealOrder
+
+HostOrder = SealOrder | GiveBack | SessionQuery
 
 
 @dataclass(frozen=True)
@@ -95,6 +99,14 @@ class SwapsOrdered:
 
 
 @dataclass(frozen=True)
+class Order:
+    """Tell or ask a host's node agent something, until it has answered."""
+
+    node: str  # address
+    message: HostOrder  # without the number of the request
+
+
+@dataclass(frozen=True)
 class Note:
     """A fact for the log and the record."""
 
@@ -122,6 +134,7 @@ Action = (
     | Keep
     | Forget
     | SwapsOrdered
+    | Order
     | Note
     | Drop
 )

@@ -10,6 +10,7 @@ from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Network
 from controller_apps.light.routing import Leg, LightPath, Limits, route, why_not
 from controller_apps.light.taps import CannotTap, tapped
+from controller_apps.light.waypoints import path_over
 from controller_apps.packets.segments import FiveTuple
 from controller_apps.policy.policy import Tap
 from controller_apps.sessions.chains import (
@@ -213,10 +214,15 @@ def _find_in_channel(
         return _find_repeaters(setup, hosts, network, limits._replace(blocked=Limits().blocked))
     if setup.handshake == Handshake.PER_PAIR:  # light comes with each pair
         limits = limits._replace(blocked=Limits().blocked)
-    paths = route(network, legs, limits)
+    over = sessions.over.get(setup.session)
+    paths = _over(network, legs, over, limits) if over else route(network, legs, limits)
     if paths is None and not why:
         return Admission(Reason.BUSY)
     if paths is None:
+        if over:
+            free = _over(network, legs, over, limits._replace(blocked=Limits().blocked))
+            reason = Reason.NO_PATH if free is None else Reason.BUSY
+            return Admission(reason, waits_for_light=reason == Reason.BUSY)
         reason = why_not(network, legs, limits)
         if reason == Reason.NO_PATH and (broken := obstacles(network, legs)):
             return _broken(broken)
@@ -224,6 +230,19 @@ def _find_in_channel(
     if setup.handshake == Handshake.PER_PAIR:
         return Admission()
     return Admission(paths=paths, block_pairs=block_pairs(setup, hosts, (), network))
+
+
+def _over(
+    network: Network, legs: Sequence[Leg], over: frozenset[str], limits: Limits
+) -> tuple[LightPath, ...] | None:
+    """Return the paths of a seal, of which one is to cross a fibre between two switches."""
+    for place, leg in enumerate(legs):
+        path = path_over(network, leg, over, limits)
+        others = [*legs[:place], *legs[place + 1 :]]
+        found = route(network, others, limits, [path]) if path is not None else None
+        if path is not None and found is not None:
+            return (*found[:place], path, *found[place:])
+    return None
 
 
 def _broken(found: Sequence[Obstacle]) -> Admission:

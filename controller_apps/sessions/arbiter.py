@@ -27,6 +27,8 @@ from controller_apps.sessions.actions import (
 )
 from controller_apps.sessions.admission import Admission, admit, find_light
 from controller_apps.sessions.chains import beside, links_of
+from controller_apps.sessions.enquiries import Enquiries
+from controller_apps.sessions.given_back import TAKEN_BACK, GivenBack
 from controller_apps.sessions.handshakes import WINDOW, Handshakes, is_expected, position
 from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.ordering import Ordering
@@ -86,6 +88,8 @@ class Arbiter:
         self.light = Light(self.network, self.sessions, self.budget_mdb)
         self.verdicts = Verdicts(self.sessions, self.light, self.keys)
         self.ordering = Ordering(self.sessions, self.light, self.verdicts)
+        self.given_back = GivenBack(self.sessions)
+        self.enquiries = Enquiries(self.sessions)
         self.recovery = Recovery(self.sessions, self.light)
         self._looked = -inf  # at all that wait
         self.slots: Slots | None = None
@@ -180,7 +184,7 @@ class Arbiter:
         if waits:
             request.obstacles = frozenset(self.sessions.obstacles)
             self.sessions.queue[request.five_tuple] = request
-            return [Note("queued", session.number)]
+            return [Note("queued", session.number), *self._want_back(request, now)]
         if admission.chain:
             plan = self.schedule, self.purification
             return self.ordering.order(request, session, admission.chain, *plan)
@@ -248,6 +252,17 @@ class Arbiter:
         words = self.network, self.budget_mdb, self.taps
         return bool(watching and find_light(setup, connection, without, *words).paths)
 
+    def _want_back(self, request: Request, now: float) -> list[Action]:
+        """Have the seals end that have light which a request waits for."""
+        actions: list[Action] = []
+        for seal in self.given_back.in_the_way(request):
+            asking = seal.requests[seal.owner]
+            if asking.held is not None:  # it has not begun
+                actions += self.verdicts.refuse(asking, Refusal(Reason.BUSY, TAKEN_BACK), now)
+            else:
+                actions += self.given_back.tell(seal, now)
+        return actions
+
     def node_answered(self, number: int, node: str, reason: Reason, now: float) -> list[Action]:
         """Note what a node of a chain (its address) says to its order."""
         return self.ordering.node_answered(number, node, reason, now)
@@ -278,6 +293,8 @@ class Arbiter:
                 actions += self.light.open(request, session, found.paths)
             elif not found.waits_for_light:
                 actions += self.verdicts.refuse(request, found.refusal, now)
+            else:
+                actions += self._want_back(request, now)
         return actions
 
     def _find_light(self, request: Request) -> Admission:
@@ -439,8 +456,17 @@ class Arbiter:
     def resume(self, session: Session, now: float) -> None:
         """Take over what another controller has kept; raise MalformedPacket if that cannot be."""
         self.recovery.resume(session, now)
+        self.enquiries.begin(session, now)
         for request in session.requests.values():
             self.verdicts.seal(request)
+
+    def session_told(self, number: int, node: str, reason: Reason, now: float) -> list[Action]:
+        """Note what a host (its address) says of a session; end one that ended unseen."""
+        over = self.enquiries.told(number, node, reason)
+        if over is None:
+            return []
+        ended = self.verdicts.tear_down(over, "ended while no controller was there", now)
+        return [*ended, *self._serve_queue(now)]
 
     def bypasses_found(self, dpid: int, entries: Iterable[tuple[int, FiveTuple]]) -> list[Action]:
         """Take what a classical switch lets pass (session and connection of each entry)."""
@@ -467,6 +493,8 @@ class Arbiter:
             elif now - request.started >= self.hold_timeout_s:
                 actions += self.verdicts.refuse(request, Refusal(Reason.BUSY), now)
         actions += self._hand_out(now)
+        for seal in self.given_back.late(now):
+            actions += self.verdicts.tear_down(seal, TAKEN_BACK, now)
         for session in self.light.overdue(now - self.hold_timeout_s):
             actions += self.verdicts.tear_down(session, "no switch in time for the other way", now)
         for session in list(self.sessions.by_number.values()):
@@ -492,4 +520,5 @@ class Arbiter:
         if now - self._looked >= QUEUE_LOOK_S:  # losses and tunings change, too
             self._looked, self.sessions.changed = now, True
         counting = self._count_doubted(now)
-        return [*actions, *counting, *self.recovery.restored(), *self._serve_queue(now)]
+        asking = self.enquiries.due(now)
+        return [*actions, *counting, *asking, *self.recovery.restored(), *self._serve_queue(now)]

@@ -1,7 +1,8 @@
 """Ways that seals watch, and those that are closed because of an alarm.
 
     granted(seal)   its way is known, also when the seal is over
-    alarmed(seal)   between which switches light went there: what the policy has closed then
+    watched(seal)   between which switches light went there: what the policy has closed at an alarm
+    forget(seal)    its light was taken from it: what it says of the way is worth nothing
 
 A host is believed only about seals that it has opened. No socket, no clock.
 """
@@ -36,10 +37,18 @@ class Seals:
         if len(self._watched) > MOST_SEALS:
             del self._watched[next(iter(self._watched))]
 
-    def alarmed(self, number: int, host: str) -> Ways:
+    def watched(self, number: int, host: str) -> Ways:
         """Return where a seal has watched that a host, given by its address, has opened."""
         opener, ways = self._watched.get(number, ("", NOWHERE))
         return ways if opener == host else NOWHERE
+
+    def is_of(self, number: int, host: str) -> bool:
+        """Tell whether a host, given by its address, has opened such a seal, and had light."""
+        return self._watched.get(number, ("", NOWHERE))[0] == host
+
+    def forget(self, number: int) -> None:
+        """Believe nothing of a seal any more."""
+        self._watched.pop(number, None)
 
     def close(self, ways: Ways) -> None:
         """Keep ways closed until the policy is read again."""
@@ -52,3 +61,8 @@ class Seals:
             if far is not None:
                 ways.add(frozenset({network.name_of(hop.dpid), network.name_of(far.dpid)}))
         return frozenset(ways)
+
+
+def names_of(ways: Ways) -> list[str]:
+    """Return ways as records name them."""
+    return sorted("-".join(sorted(way)) for way in ways)

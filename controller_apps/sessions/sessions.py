@@ -224,6 +224,8 @@ class Sessions:
     obstacles: set[Direction] = field(
         default_factory=set
     )  # that `blocks` has met; cleared by users
+    over: dict[int, frozenset[str]] = field(default_factory=dict)
+    # Seals that are to cross a fibre between two switches, given by their names; empty: any way.
     max_sessions: int = MAX_SESSIONS
     max_requests: int = MAX_REQUESTS
     max_retired: int = MAX_RETIRED

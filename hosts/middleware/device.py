@@ -8,13 +8,14 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from hosts.middleware.services.superdense.coding import CODES, NAMES
+from hosts.middleware.session.ends import Watched
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import overridden
 from wire.device import DevicePort, DeviceReport, DeviceSettings, Subscribe
-from wire.metadata import Reason, Setup
+from wire.metadata import Reason, Service, Setup
 
 log = logging.getLogger("device")
 
@@ -33,8 +34,18 @@ class Counted(Protocol):
         """What it has used so far, as DeviceReport names it."""
 
     @property
-    def alarmed(self) -> bool:
-        """Whether it watches a way, and has found somebody there."""
+    def watched(self) -> Watched | None:
+        """What it has found if it watches a way, and does no more."""
+
+
+class Opened(Counted, Protocol):
+    """A session that this host has asked for."""
+
+    def give_back(self) -> None:
+        """End soon, if it watches a way."""
+
+
+T = TypeVar("T", bound=Counted)
 
 
 @dataclass
@@ -46,12 +57,12 @@ class Device:
     subscription: Subscribe = field(default_factory=lambda: Subscribe(0, 0, 0, 0))
     changed: Callable[[], None] = lambda: None  # called when more than counts may have changed
     cut_off: Callable[[int | None], None] = lambda _us: None  # the memory; None: by its own default
-    _opened: list[Counted] = field(default_factory=list)
+    _opened: list[Opened] = field(default_factory=list)
     _accepted: list[Counted] = field(default_factory=list)
     _serving: int = 0
     _ended: Counter[str] = field(default_factory=Counter)
     _in_use: dict[str, int] = field(default_factory=dict)
-    _alarm: int = 0  # the session that has alarmed last
+    _seal: dict[str, int] = field(default_factory=dict)  # the last one, as DeviceReport names it
 
     @property
     def at_work(self) -> bool:
@@ -80,10 +91,21 @@ class Device:
         return used
 
     @contextmanager
-    def opens(self, session: Counted) -> Iterator[None]:
+    def opens(self, session: Opened) -> Iterator[None]:
         """Count a session that this host asks for."""
         with self._counting(session, self._opened):
             yield
+
+    def give_back(self, seal: int) -> bool:
+        """End a seal that this host has opened, between two blocks; tell whether there is one."""
+        seals = [
+            session
+            for session in self._opened
+            if (session.setup.session, session.setup.service) == (seal, Service.SEAL)
+        ]
+        for session in seals:
+            session.give_back()
+        return bool(seals)
 
     @contextmanager
     def accepts(self, session: Counted) -> Iterator[None]:
@@ -93,7 +115,7 @@ class Device:
             yield
 
     @contextmanager
-    def _counting(self, session: Counted, among: list[Counted]) -> Iterator[None]:
+    def _counting(self, session: T, among: list[T]) -> Iterator[None]:
         among.append(session)
         self.changed()
         try:
@@ -101,9 +123,17 @@ class Device:
         finally:
             among.remove(session)
             self._ended.update(session.counts)
-            if session.alarmed:
-                self._alarm = session.setup.session
+            if session.watched is not None:
+                self._sealed(session.setup.session, session.watched)
             self.changed()
+
+    def _sealed(self, session: int, watched: Watched) -> None:
+        """Note how a seal has ended."""
+        told = watched.compared, watched.errors, watched.tests, watched.ended
+        names = "seal_compared", "seal_errors", "seal_tests", "seal_end"
+        self._seal |= {"seal": session, **dict(zip(names, told, strict=True))}
+        if watched.alarm:
+            self._seal["alarm"] = session
 
     @contextmanager
     def serves(self, setup: Setup) -> Iterator[None]:
@@ -134,11 +164,11 @@ class Device:
             period_ms=self.subscription.period_ms,
             lost_ppm=self.subscription.lost_ppm,
             symbol_error_ppm=self.subscription.symbol_error_ppm,
-            alarm=self._alarm,
             settings=self.settings,
             ports=self.read_ports(),
             **counts,
             **self._in_use,
+            **self._seal,
         )
 
     def alarming(self, before: DeviceReport, now: DeviceReport) -> bool:
@@ -163,7 +193,8 @@ def changed(before: DeviceReport, now: DeviceReport) -> bool:
 def _facts(report: DeviceReport) -> tuple[object, ...]:
     sessions = report.sending, report.receiving, report.serving
     subscription = report.period_ms, report.lost_ppm, report.symbol_error_ppm
-    return sessions, subscription, report.alarm, report.settings, report.ports
+    seals = report.alarm, report.seal
+    return sessions, subscription, seals, report.settings, report.ports
 
 
 def _exceeds(part: int, whole: int, ppm: int) -> bool:

@@ -10,6 +10,7 @@ POST /SECRET/act              one of acts.py, as JSON
 import asyncio
 import json
 import secrets
+import socket
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,10 +18,11 @@ from typing import Any
 
 from tornado.httpserver import HTTPServer
 from tornado.iostream import StreamClosedError
-from tornado.netutil import bind_sockets
+from tornado.netutil import bind_sockets, bind_unix_socket
 from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandler
 
 from qmn.live_view.acts import BadAct, perform, words_of
+from qmn.live_view.address import LOOPBACK, Place
 from qmn.live_view.sources import ACT
 from qmn.live_view.timeline import Timeline
 from qmn.timeouts import LIVE_LAST_S, LIVE_POLL_S
@@ -29,7 +31,6 @@ from wire.metadata import MalformedPacket
 
 PAGE = Path(__file__).with_name("page")
 STYLE = Path(__file__).parents[1] / "reports" / "report.css"
-LOOPBACK = "127.0.0.1"
 AT_ONCE = 2000  # messages in one list
 MOST_REQUEST = 1 << 16  # bytes
 MOST_DEPTH = 2  # of objects in a request
@@ -51,18 +52,22 @@ class View:
     streams: set["asyncio.Task[Any]"] = field(default_factory=set)  # of messages, being sent
 
 
-def address_of(socket: Any, secret: str) -> str:
-    """Return where the page is."""
-    return f"http://{LOOPBACK}:{socket.getsockname()[1]}/{secret}/"
+def bound(place: Place) -> tuple[list[socket.socket], int]:
+    """Return sockets that listen there, and the port of the page."""
+    if place.socket is not None:
+        return [bind_unix_socket(str(place.socket))], place.port
+    sockets = bind_sockets(place.port, LOOPBACK)
+    port: int = sockets[0].getsockname()[1]
+    return sockets, port
 
 
-async def serve(view: View, port: int, opened: Callable[[str], None]) -> None:
+async def serve(view: View, place: Place, opened: Callable[[str], None]) -> None:
     """Serve until this task is cancelled; `opened` gets the address once it can be asked.
 
-    Raise OSError if the port cannot be had.
+    Raise OSError if the place cannot be had.
     """
     secret = secrets.token_urlsafe(16)
-    sockets = bind_sockets(port, LOOPBACK)
+    sockets, port = bound(place)
     given = {"view": view}
     application = Application(
         [
@@ -78,7 +83,7 @@ async def serve(view: View, port: int, opened: Callable[[str], None]) -> None:
     server = HTTPServer(application, max_body_size=MOST_REQUEST)
     server.add_sockets(sockets)
     try:
-        opened(address_of(sockets[0], secret))
+        opened(f"http://{LOOPBACK}:{port}/{secret}/")
         await asyncio.Event().wait()
     finally:
         server.stop()

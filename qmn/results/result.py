@@ -10,9 +10,10 @@ from rich.console import Console
 
 from qmn.results import message_result, service_result, software_share
 from qmn.results.message_result import RECEIVED as RECEIVED
-from qmn.results.schema import RunFacts, SetUpTimes
+from qmn.results.schema import RunFacts, SetUpTimes, WatchedLight
 from topologies.runtime import EVENT_LOG
 from wire.controller_lines import read_record
+from wire.metadata import Reason
 
 EXACTNESS = {True: "exact", False: "with approximations", None: "exactness unknown"}
 
@@ -38,10 +39,36 @@ def emulation(told: dict[str, Any], facts: RunFacts) -> dict[str, float]:
 
 
 def note_controller(facts: RunFacts, lines: list[dict[str, Any]]) -> None:
-    """Add path set-up times (ms) and packet-ins from the controller's record."""
+    """Add path set-up times (ms), packet-ins and seals from the controller's record."""
     times = [line["setup_ms"] for line in lines if line["event"] == "path_ready"]
     counts = [line["packet_in_count"] for line in lines if "packet_in_count" in line]
     facts["path_setup_ms"], facts["packet_in_count"] = percentiles(times), max(counts, default=0)
+    if any(line["event"] in ("watched", "alarm") for line in lines):
+        facts["watched"] = _watched(lines)
+
+
+def _watched(lines: list[dict[str, Any]]) -> WatchedLight:
+    """Return what seals have found."""
+    over = [line for line in lines if line["event"] == "watched"]
+    alarms = [line for line in lines if line["event"] == "alarm"]
+    return {
+        "seals": len(over),
+        "given_back": sum(line["end"] == Reason.BUSY.name for line in over),
+        "compared": sum(line["compared"] for line in over),
+        "errors": sum(line["errors"] for line in over),
+        "alarms": len(alarms),
+        "closed": sorted({way for line in alarms if line["closed"] for way in line["watched"]}),
+    }
+
+
+def watched_light(facts: RunFacts) -> dict[str, str]:
+    """Return what is said of seals, if there were any."""
+    if "watched" not in facts:
+        return {}
+    seen = facts["watched"]
+    closed = f", closed: {' '.join(seen['closed'])}" if seen["closed"] else ""
+    pairs = f"{seen['compared']:,} pairs, {seen['errors']:,} of them wrong"
+    return {"seals": f"{seen['seals']} over {pairs}, alarms: {seen['alarms']}{closed}"}
 
 
 def percentiles(times: list[float]) -> SetUpTimes:
@@ -69,6 +96,7 @@ def rows_of_every_run(facts: RunFacts, folder: Path) -> dict[str, str]:
         "metadata to light path": "no path was set up"
         if setup["p50"] is None
         else f"p50 {setup['p50']:.2f} ms, p99 {setup['p99']:.2f} ms, n {setup['n']}",
+        **watched_light(facts),
         **software_share.rows(facts),
         "quantum states": f"{facts['backend']}, {EXACTNESS[facts['exact']]}",
         "captures": captures(facts, folder),

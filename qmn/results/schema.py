@@ -23,6 +23,17 @@ class SetUpTimes(TypedDict):
     n: int
 
 
+class WatchedLight(TypedDict):
+    """Seals that are over, on light that nobody used or that programs had watched."""
+
+    seals: int
+    given_back: int  # of these, to sessions
+    compared: int  # pairs
+    errors: int  # of these, pairs that differed
+    alarms: int
+    closed: list[str]  # the fibres between switches that were closed for them
+
+
 class NetworkResult(TypedDict, total=False):
     """What every network leaves."""
 
@@ -57,6 +68,7 @@ class RunResult(NetworkResult, total=False):
     emulation: Required[dict[str, float]]  # elapsed_s and rates by the wall clock
     path_setup_ms: Required[SetUpTimes]
     packet_in_count: Required[int]
+    watched: WatchedLight  # absent: no light was
     software_share: float | None  # of the wait in memory of which it was the largest part
     software_s: float | None
     software_share_of_run: float

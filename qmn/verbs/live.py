@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from qmn.live.running import announced_network, dispatcher_of_running_network
+from qmn.live_view.address import Place, place_of_container
 from qmn.live_view.handshakes import drawn_handshake
 from qmn.live_view.layout import described
 from qmn.live_view.server import View, serve
@@ -50,20 +51,22 @@ def add_parser(verbs: Any) -> None:
 def call(arguments: argparse.Namespace) -> int:
     """Serve until Ctrl-C; turn what is wrong into one line and an exit status."""
     options = read(LiveOptions, arguments)
+    place = place_of_container() or Place(options.port)
+    if options.port not in (0, place.port):
+        print("qmn: --port: in Docker it is QMN_LIVE_PORT that chooses it", file=sys.stderr)
+        return 2
     try:
         with shown(arguments.run, options.read_only) as view:
-            asyncio.run(until_the_end(view, options))
+            asyncio.run(until_the_end(view, place, options.browser))
     except (BadRun, MalformedPacket, NetworkError, OSError) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
     return 0
 
 
-async def until_the_end(view: View, options: LiveOptions) -> None:
+async def until_the_end(view: View, place: Place, browser: bool) -> None:
     """Serve until a signal that ends it."""
-    serving = asyncio.ensure_future(
-        serve(view, options.port, lambda address: say(address, options.browser))
-    )
+    serving = asyncio.ensure_future(serve(view, place, lambda address: say(address, browser)))
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, serving.cancel)
     with suppress(asyncio.CancelledError):

@@ -26,6 +26,7 @@ ENUMS: Enums = MappingProxyType(
         "verdict": metadata.Verdict,
         "rotation": metadata.Pauli,
         "reason": metadata.Reason,
+        "seal_end": metadata.Reason,
         "topic": metadata.Topic,
     }
 )
@@ -122,6 +123,8 @@ def _field(name: str, offset: int, size: int, code: str, enums: Enums) -> Field:
             "station": "ipv4",
             "target": "ipv4",
             "peer": "ipv4",
+            "opener": "ipv4",
+            "acceptor": "ipv4",
             "node": "ipv4",
             "master": "text",
             "slave": "text",

@@ -16,7 +16,7 @@ is a way for bytes.
 import asyncio
 from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -45,6 +45,16 @@ class Carrier:
 
     # Returns when the other end holds every byte.
     send: Callable[[bytes], Coroutine[Any, Any, None]]
+
+
+class Watched(NamedTuple):
+    """What a seal has found, as the controller is told."""
+
+    compared: int  # pairs
+    errors: int  # of these, pairs that differed
+    tests: int  # that have found nobody
+    alarm: bool
+    ended: Reason  # OK; BUSY if it has given its light back; or why it failed
 
 
 @dataclass
@@ -163,7 +173,8 @@ class OpenerEnd(End):
     lifetimes: Lifetimes = field(kw_only=True)  # of its memory, likewise
     is_source: bool = field(kw_only=True)  # this host makes the pairs, and keeps half of each
     sent: tuple[int, bytes] = NO_BYTES  # how many bytes, and their SHA-256: what Finish says
-    alarmed: bool = False  # the controller is told
+    wanted_back: bool = False  # the controller has said that a session wants this light
+    watched: "Watched | None" = None  # the controller is told
 
     @property
     def side(self) -> OpenerSide:

@@ -17,6 +17,7 @@ from hosts.middleware.session.ends import (
     OpenerEnd,
     ServiceKind,
     Tell,
+    Watched,
 )
 from hosts.middleware.session.errors import SessionError, SilentPeer, unexpected
 from hosts.middleware.session.host_resources import HostResources
@@ -60,6 +61,7 @@ class OpeningSession:
         self._kind, self._options, self._resources = kind, options, resources
         self._arrangement, self._setup, self._is_source = arrangement, setup, is_source
         self._end: OpenerEnd | None = None
+        self._wanted_back = False
         self.answer: Answerer | None = None  # to the application's questions, if it may ask
         self.carrier: Carrier | None = None  # of the application's bytes, if it may send some
 
@@ -79,9 +81,15 @@ class OpeningSession:
         return self._end.counts() if self._end else {}
 
     @property
-    def alarmed(self) -> bool:
-        """Whether it watches a way, and has found somebody there."""
-        return self._end is not None and self._end.alarmed
+    def watched(self) -> Watched | None:
+        """What it has found if it watches a way, and does no more."""
+        return self._end.watched if self._end else None
+
+    def give_back(self) -> None:
+        """End soon, if it watches a way: a session wants its light."""
+        self._wanted_back = True
+        if self._end is not None:
+            self._end.wanted_back = True
 
     async def run(self, tell: Tell) -> None:
         """Arrange light, do what the service does; raise SessionError if it cannot be."""
@@ -121,6 +129,7 @@ class OpeningSession:
             theirs=theirs,
             lifetimes=lifetimes,
             is_source=self._is_source,
+            wanted_back=self._wanted_back,
         )
 
     async def lost(self) -> None:
@@ -181,9 +190,8 @@ class AcceptingSession:
         return self._end.counts() if self._end else {}
 
     @property
-    def alarmed(self) -> bool:
-        """Whether it has found somebody: its opener would."""
-        return False
+    def watched(self) -> None:
+        """Nothing: its opener finds who is on the way."""
 
     async def run(self, application: Application) -> None:
         """Do what the service does; raise SessionError if it fails."""

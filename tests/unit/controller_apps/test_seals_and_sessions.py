@@ -15,10 +15,19 @@ from controller_apps.policy.policy import (
     parse_policy,
     require_switches,
 )
-from controller_apps.sessions.actions import Action, ClosePaths, Forward, Note, OpenPaths
+from controller_apps.sessions.actions import (
+    Action,
+    ClosePaths,
+    Forward,
+    Note,
+    OpenPaths,
+    Order,
+)
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.seals import Seals
+from controller_apps.timeouts import TAKEN_BACK_S
 from wire.metadata import Reason, Service, Setup, decode
+from wire.seal_orders import GiveBack
 
 SEAL = replace(FRAMED, service=Service.SEAL, source=ALICE)
 KEYS = replace(FRAMED, service=Service.BB84, session=8)
@@ -56,12 +65,57 @@ def test_a_session_waits_for_the_light_of_a_seal_where_others_are_refused() -> N
     watching = ask(state, SEAL, 40000)
     assert opened(watching) == [Hop(Q1, 1, 2)]
     grant(state, watching)
-    assert noted(ask(state, KEYS, 40001)) == ["queued"]
+    waiting = ask(state, KEYS, 40001)
+    assert noted(waiting) == ["queued", "wanted"]
+    assert Order(ALICE, GiveBack(0, SEAL.session)) in waiting
     length = len(SEAL.encode())
     fin = frame(sport=40000, seq=100 + length, flags="FA", destination=BOB)
     over = state.segment_arrived(S1, 1, fin, 1.0)
     assert opened(over) == [Hop(Q1, 1, 2)]
     assert any(isinstance(action, ClosePaths) for action in over)
+
+
+def test_a_seal_that_came_while_a_session_waited_for_others_is_told_to_end_too() -> None:
+    """The session waits for alice's way to bob; charlie's fibres are free, and he watches."""
+    state = arbiter(queues=True)
+    grant(state, ask(state, KEYS, 40000))
+    assert noted(ask(state, replace(FRAMED, session=9), 40001)) == ["queued"]
+    other = replace(FRAMED, service=Service.SEAL, session=10, source=CHARLIE)
+    segment = frame(other.encode(), sport=40005, source=CHARLIE, destination=ALICE)
+    grant(state, state.segment_arrived(S1, 3, segment, 0.0))
+    fin = frame(sport=40000, seq=100 + len(KEYS.encode()), flags="FA", destination=BOB)
+    over = state.segment_arrived(S1, 1, fin, 1.0)
+    assert Order(CHARLIE, GiveBack(0, 10)) in over
+
+
+def test_a_seal_that_is_not_given_back_is_torn_down() -> None:
+    state = arbiter()
+    grant(state, ask(state, SEAL, 40000))
+    ask(state, KEYS, 40001)
+    assert not opened(state.tick(TAKEN_BACK_S * 0.9))
+    late = state.tick(TAKEN_BACK_S)
+    assert noted(late)[0] == "torn_down"
+    assert opened(late) == [Hop(Q1, 1, 2)]
+
+
+def test_a_seal_that_has_not_begun_is_refused_at_once() -> None:
+    state = arbiter()
+    ask(state, SEAL, 40000)  # and no switch has answered yet
+    wanted = ask(state, KEYS, 40001)
+    assert noted(wanted) == ["queued", "refused"]
+    assert opened(wanted) == [Hop(Q1, 1, 2)]
+
+
+def test_only_seals_in_the_way_are_told_to_end_and_once() -> None:
+    state = arbiter()
+    grant(state, ask(state, SEAL, 40000))
+    other = replace(FRAMED, service=Service.SEAL, session=10, source=CHARLIE)
+    segment = frame(other.encode(), sport=40005, source=CHARLIE, destination=ALICE)
+    grant(state, state.segment_arrived(S1, 3, segment, 0.0))
+    assert len(state.sessions.by_number) == 2
+    orders = [each for each in ask(state, KEYS, 40001) if isinstance(each, Order)]
+    assert orders == [Order(ALICE, GiveBack(0, SEAL.session))]
+    assert not [each for each in state.tick(0.3) if isinstance(each, Order)]
 
 
 def test_a_session_does_not_wait_for_another() -> None:
@@ -133,9 +187,9 @@ def test_an_alarm_closes_the_way_of_its_seal_and_no_other() -> None:
         state.segment_arrived(S1, 1, fin, 1.0)  # over, when word of the alarm comes
     assert not state.sessions.by_number
     way = frozenset({frozenset({"q1", "q2"})})
-    assert seals.alarmed(11, ALICE) == way
-    assert not seals.alarmed(11, BOB)  # who has not opened it
-    assert not seals.alarmed(12, ALICE)  # which is no seal
+    assert seals.watched(11, ALICE) == way
+    assert not seals.watched(11, BOB)  # who has not opened it
+    assert not seals.watched(12, ALICE)  # which is no seal
     seals.close(way)
     state.network.closed = seals.closed
     assert sorted(opened(ask(state, replace(KEYS, source=ALICE), 40002))) == sorted(ROUND)

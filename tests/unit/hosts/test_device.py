@@ -2,7 +2,7 @@
 
 import asyncio
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,11 +11,15 @@ import pytest
 from stacks_scene import OWN_ADDRESS
 
 from hosts import network_loop
+from hosts.hardware.ports import read_ports
 from hosts.middleware.device import Device, changed
+from hosts.middleware.session.ends import Watched
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import overridden
+from hosts.middleware.session.session import OpeningSession
 from hosts.middleware.session.swap_orders import Swaps
 from hosts.node_agent import start_node_agent
+from hosts.serving.ordered_seals import OrderedSeals
 from hosts.timeouts import CHECK_PERIOD_S
 from wire.config import HostConfig
 from wire.device import (
@@ -25,17 +29,20 @@ from wire.device import (
     DeviceQuery,
     DeviceReport,
     DeviceSettings,
+    SessionQuery,
     SetDevice,
     Subscribe,
     SwapOrder,
     open_sealed,
 )
 from wire.metadata import Answer, Fec, Handshake, Message, Reason, Service, Setup
+from wire.seal_orders import GiveBack, SealOrder
 
 KEY = "00112233445566778899aabbccddeeff"
 SETUP = Setup(7, Service.SDC, Handshake.FRAMED, "10.0.0.3", 65_536, 256, 50_000_000)
 CONTROLLER, HOST = OWN_ADDRESS["alice"], OWN_ADDRESS["bob"]
 DEADLINE_S = 5.0
+LIVING = 0x11  # the session that the host is in
 
 
 @dataclass
@@ -44,7 +51,11 @@ class Session:
 
     counts: dict[str, int]
     setup: Setup = SETUP
-    alarmed: bool = False
+    watched: Watched | None = None
+    wanted_back: bool = False
+
+    def give_back(self) -> None:
+        self.wanted_back = True
 
 
 def sending(pairs: int, lost: int = 0, errors: int = 0, repeated: int = 0) -> Session:
@@ -125,15 +136,32 @@ def test_sessions_are_counted_while_they_run_and_after() -> None:
 
 def test_the_alarm_of_a_seal_is_told_when_it_is_over_and_stays() -> None:
     device = Device(Fibers())
-    seal = Session({}, replace(SETUP, session=9, service=Service.SEAL), alarmed=True)
+    watching = replace(SETUP, session=9, service=Service.SEAL)
+    seal = Session({}, watching, Watched(65, 13, 4, True, Reason.OK))
     with device.opens(seal):
         before = device.report()
         assert before.alarm == 0
-    assert device.report().alarm == 9
-    assert changed(replace(before, sending=0), device.report())
-    with device.opens(sending(1)):
-        pass
-    assert device.report().alarm == 9
+    told = device.report()
+    assert (told.alarm, told.seal, told.seal_compared) == (9, 9, 65)
+    assert (told.seal_errors, told.seal_tests, told.seal_end) == (13, 4, Reason.OK)
+    assert changed(replace(before, sending=0), told)
+    later = replace(watching, session=10)
+    for other in (sending(1), Session({}, later, Watched(8, 0, 0, False, Reason.BUSY))):
+        with device.opens(other):
+            pass
+    told = device.report()
+    assert (told.alarm, told.seal, told.seal_compared, told.seal_end) == (9, 10, 8, Reason.BUSY)
+
+
+def test_a_seal_that_runs_here_is_given_back_and_nothing_else() -> None:
+    device = Device(Fibers())
+    seal, other = Session({}, replace(SETUP, session=9, service=Service.SEAL)), sending(1)
+    with device.opens(seal), device.opens(other):
+        assert not device.give_back(10)
+        assert not device.give_back(other.setup.session)
+        assert device.give_back(9)
+    assert (seal.wanted_back, other.wanted_back) == (True, False)
+    assert not device.give_back(9)  # which is over
 
 
 def test_counts_alone_are_no_change_but_ports_and_settings_are() -> None:
@@ -182,8 +210,18 @@ class Peer(asyncio.DatagramProtocol):
         return self.heard.empty()
 
 
+Request = Callable[[dict[str, Any], int], OpeningSession]
+
+
+def nothing(_fields: dict[str, Any], _number: int) -> OpeningSession:
+    """Refuse a session."""
+    raise SessionError(Reason.UNSUPPORTED, "none in this test")
+
+
 @asynccontextmanager
-async def agent(device: Device, swaps: Swaps | None = None) -> AsyncIterator[Peer]:
+async def agent(
+    device: Device, swaps: Swaps | None = None, request: Request | None = None
+) -> AsyncIterator[Peer]:
     """Run a node agent and the peer that it reports to."""
     config = HostConfig(
         name="bob",
@@ -202,7 +240,9 @@ async def agent(device: Device, swaps: Swaps | None = None) -> AsyncIterator[Pee
     transport, peer = await loop.create_datagram_endpoint(
         Peer, local_addr=(CONTROLLER, DEVICE_PORT)
     )
-    node = await start_node_agent(config, device, swaps or Swaps(HOST))
+    seals = OrderedSeals("bob", HOST, request or nothing, device.opens, device.give_back)
+    parts = device, swaps or Swaps(HOST), seals
+    node = await start_node_agent(config, *parts, lambda session: session == LIVING)
     running = asyncio.create_task(node.run())
     try:
         yield peer
@@ -258,6 +298,48 @@ def test_the_agent_takes_orders_for_chains_of_repeaters() -> None:
     network_loop.run(scene())
 
 
+def test_the_agent_takes_orders_for_seals() -> None:
+    asked: list[tuple[dict[str, Any], int]] = []
+
+    def request(fields: dict[str, Any], number: int) -> OpeningSession:
+        asked.append((fields, number))
+        return nothing(fields, number)
+
+    async def scene() -> None:
+        async with agent(Device(Fibers()), request=request) as peer:
+            await peer.next()
+            order = SealOrder(45, 7, HOST, "10.0.0.9", 200, 100, 5000, 0.01, 0.25, 1e-6, 0.02)
+            peer.send(order, time.time_ns())
+            assert await peer.next() == Answer(45, Reason.UNSUPPORTED, "none in this test")
+            ((fields, number),) = asked
+            assert number == 7
+            assert (fields["service"], fields["host"], fields["source"]) == (
+                "seal",
+                "10.0.0.9",
+                "bob",
+            )
+            assert (fields["count"], fields["block_pairs"], fields["rate_hz"]) == (200, 100, 5000)
+            chances = [fields[name] for name in ("whole_error", "fraction", "false_alarm")]
+            assert chances == [0.01, 0.25, 1e-6]
+            assert fields["missed"] == 0.02
+            peer.send(GiveBack(46, 7), time.time_ns())
+            assert await peer.next() == Answer(46, Reason.UNKNOWN_SESSION)
+
+    network_loop.run(scene())
+
+
+def test_the_agent_says_in_which_sessions_its_host_is() -> None:
+    async def scene() -> None:
+        async with agent(Device(Fibers())) as peer:
+            await peer.next()
+            for request, about in ((51, LIVING), (52, LIVING + 1)):
+                peer.send(SessionQuery(request, about), time.time_ns())
+            assert await peer.next() == Answer(51, Reason.OK)
+            assert await peer.next() == Answer(52, Reason.UNKNOWN_SESSION)
+
+    network_loop.run(scene())
+
+
 def test_the_agent_reports_losses_above_the_threshold_by_itself() -> None:
     device, session = Device(Fibers()), sending(1000)
 
@@ -297,3 +379,8 @@ def test_what_is_old_foreign_or_for_another_host_changes_nothing() -> None:
             assert device.settings == DeviceSettings()
 
     network_loop.run(scene())
+
+
+def test_a_port_has_light_that_is_up_or_cannot_tell() -> None:
+    """Of loopback, as of VXLAN, the kernel says "unknown" (Linux, operstates.rst)."""
+    assert read_ports(["lo", "gone"]) == (DevicePort("lo", True), DevicePort("gone", False))

@@ -11,11 +11,13 @@ from playwright.sync_api import Browser, sync_playwright
 from recorded_run import NETWORK, START_NS
 from test_report_in_browser import installed_browser
 
+from qmn.live_view.address import Place
 from qmn.live_view.layout import described
 from qmn.live_view.server import View, serve
 from qmn.live_view.timeline import Timeline
 
 DEADLINE_S = 20.0
+ANYWHERE = Place()
 
 
 def live(folder: Path, acts: bool = True, most: int = 1000) -> View:
@@ -27,13 +29,13 @@ def live(folder: Path, acts: bool = True, most: int = 1000) -> View:
 
 
 @contextmanager
-def served(view: View) -> Iterator[str]:
+def served(view: View, place: Place = ANYWHERE) -> Iterator[str]:
     """Serve a view in a thread; yield its address."""
     said: Queue[str] = Queue()
     ready: Queue[tuple[asyncio.AbstractEventLoop, asyncio.Task[None]]] = Queue()
 
     async def main() -> None:
-        task = asyncio.ensure_future(serve(view, 0, said.put))
+        task = asyncio.ensure_future(serve(view, place, said.put))
         ready.put((asyncio.get_running_loop(), task))
         await asyncio.wait([task])
 

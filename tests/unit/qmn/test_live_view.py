@@ -3,17 +3,23 @@
 import base64
 import hashlib
 import json
+import signal
+import subprocess
+import sys
 import urllib.error
 import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
-from live_page import live, served
+from live_page import DEADLINE_S, live, served
 from recorded_run import MS, START_NS, record_run
 
 from qmn.__main__ import described as parser
 from qmn.live_view import acts
+from qmn.live_view.address import Place, place_of_container
 from qmn.live_view.layout import placed
 from qmn.live_view.server import PAGE
 from qmn.live_view.sources import timeline_of_run
@@ -157,6 +163,47 @@ def test_messages_come_until_the_network_has_ended(tmp_path: Path) -> None:
             ("ended", None),
         ]
         assert answer(f"{url}messages?after=x")[0] == 400
+
+
+@contextmanager
+def leading_to(socket: Path) -> Iterator[tuple[int, "subprocess.Popen[str]"]]:
+    """Start the program that leads from a port of the loopback to a socket; yield both."""
+    command = [sys.executable, "-m", "qmn.live_view.loopback", "0", str(socket)]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(
+        command, cwd=Path(acts.__file__).parents[2], stdin=pipe, stdout=pipe, text=True
+    ) as program:
+        assert program.stdout is not None
+        try:
+            yield int(program.stdout.readline()), program
+        finally:
+            program.communicate(timeout=DEADLINE_S)  # ends its input
+
+
+def test_the_page_of_a_container_is_reached_by_a_port_that_leads_there(tmp_path: Path) -> None:
+    socket, view = tmp_path / "socket", live(tmp_path)
+    with leading_to(socket) as (port, program):
+        with pytest.raises(OSError, match=r"reset|closed"):  # nothing is served yet
+            answer(f"http://127.0.0.1:{port}/")
+        with served(view, Place(port, socket)) as address:
+            assert address.startswith(f"http://127.0.0.1:{port}/")
+            assert "<title>" in answer(address)[1]
+            assert answer(f"http://127.0.0.1:{port}/network.json")[0] == 404
+            view.timeline.add("event", START_NS, {"number": 1})
+            program.send_signal(signal.SIGINT)  # Ctrl-C is for the network, whose page goes on
+            view.timeline.ended = True
+            assert [event for event, _data in streamed(address)] == ["ended"]
+    assert program.returncode == 0
+
+
+def test_in_a_container_the_page_is_where_its_environment_says(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delenv("QMN_LIVE_SOCKET", raising=False)
+    assert place_of_container() is None
+    monkeypatch.setenv("QMN_LIVE_SOCKET", "/live/socket")
+    monkeypatch.setenv("QMN_LIVE_PORT", "8000")
+    assert place_of_container() == Place(8000, Path("/live/socket"))
 
 
 def test_a_thousand_hosts_have_places_of_their_own() -> None:

@@ -7,7 +7,13 @@ from typing import Any
 import pytest
 
 from qmn.results.message_result import coding
-from qmn.results.result import complete, emulation, percentiles
+from qmn.results.result import (
+    complete,
+    emulation,
+    note_controller,
+    percentiles,
+    watched_light,
+)
 from wire.controller_lines import RECORD, read_record
 
 
@@ -35,6 +41,28 @@ def test_delivered_means_that_the_bytes_are_the_same(
     complete(facts, tmp_path)
     assert facts["delivered"] is delivered
     assert json.loads((tmp_path / "result.json").read_text()) == facts
+
+
+def test_seals_are_counted_if_there_were_any() -> None:
+    facts: Any = {}
+    note_controller(facts, [{"event": "stopped"}])
+    assert "watched" not in facts
+    assert watched_light(facts) == {}
+    seal = {"event": "watched", "compared": 2000, "errors": 3, "end": "OK"}
+    given_back = {**seal, "compared": 500, "errors": 0, "end": "BUSY"}
+    alarm = {"event": "alarm", "watched": ["q3-q4", "q2-q3"], "closed": True}
+    told = {**alarm, "watched": ["q7-q8"], "closed": False}
+    note_controller(facts, [seal, given_back, alarm, alarm, told])
+    assert facts["watched"] == {
+        "seals": 2,
+        "given_back": 1,
+        "compared": 2500,
+        "errors": 3,
+        "alarms": 3,
+        "closed": ["q2-q3", "q3-q4"],
+    }
+    (row,) = watched_light(facts).values()
+    assert row == "2 over 2,500 pairs, 3 of them wrong, alarms: 3, closed: q2-q3 q3-q4"
 
 
 def test_rates_and_counts_come_from_sender_and_controller(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import random
 from dataclasses import replace
+from math import inf, nan
 
 import pytest
 
@@ -12,6 +13,7 @@ from wire.device import (
     DeviceQuery,
     DeviceReport,
     DeviceSettings,
+    SessionQuery,
     SetDevice,
     Subscribe,
     SwapOrder,
@@ -30,6 +32,7 @@ from wire.key_routes import (
     route_tag,
 )
 from wire.metadata import HEADER, Answer, MalformedPacket, Message, Reason, Setup
+from wire.seal_orders import GiveBack, SealOrder
 
 KEY, OTHER_KEY = "00112233445566778899aabbccddeeff", "ff" * 16
 HOST, CONTROLLER = Datagram.FROM_HOST, Datagram.FROM_CONTROLLER
@@ -53,6 +56,11 @@ REPORT = DeviceReport(
     10_000,
     20_000,
     7,
+    8,
+    2027,
+    13,
+    10,
+    3,
     DeviceSettings(rate_hz=1_000_000, fec=0),
     (DevicePort("bob-q0", True), DevicePort("bob-q1", False)),
 )
@@ -73,11 +81,18 @@ GOLDEN = {
     "0a000003 00000003" + "7361652d616c696365" + "00" * 55 + "776562" + "00" * 61,
     KeyRoute(8, 1, 5, (Hop("10.0.0.1"), Hop("10.0.0.9", b"\x07" * 16))): "514d 05 27 00000044"
     "0000000000000008 0000000000000001 00000005 0a000001" + "00" * 16 + "0a000009" + "07" * 16,
-    REPORT: "514d 05 23 000000a6 0000000000000005 0001 0002 0003"
+    SealOrder(10, 7, "10.0.0.1", "10.0.0.2", 2000, 1024, 100_000, 0.5, 0.25, 0.125, 0.0625): (
+        "514d 05 28 0000004c 000000000000000a 0000000000000007 0a000001 0a000002"
+        "000007d0 00000400 000186a0"
+        "3fe0000000000000 3fd0000000000000 3fc0000000000000 3fb0000000000000"
+    ),
+    SessionQuery(12, 7): "514d 05 2a 00000018 000000000000000c 0000000000000007",
+    GiveBack(11, 7): "514d 05 29 00000018 000000000000000b 0000000000000007",
+    REPORT: "514d 05 23 000000bb 0000000000000005 0001 0002 0003"
     "00000000000003e8 00000000000007d0 0000000000000bb8"
     "0000000000000028 0000000000000032 000000000000003c"
     "02faf080 00000100 00000003 00000001 0017a728 000003e8 00002710 00004e20"
-    "0000000000000007"
+    "0000000000000007 0000000000000008 000007eb 0000000d 0000000a 03"
     "000f4240 ffffffff 00000000 ffffffff ffffffff ffffffff"
     "626f622d7130000000000000000000 01 626f622d7131000000000000000000 00",
 }
@@ -159,7 +174,11 @@ def test_another_key_and_the_other_direction_are_refused() -> None:
         SwapOrder(1, 7, 2, "10.0.0.9", 0, 1, protocol=1, rounds=1, spans_left=1),
         SwapOrder(1, 7, 0, "10.0.0.9", 0, 1, protocol=1, rounds=1, spans_right=1, to_right=1),
         SwapOrder(1, 7, 2, protocol=1, rounds=1, spans_left=1),  # and hears of no swap
+        SealOrder(1, 7, "10.0.0.1", "10.0.0.1", 1, 1, 1, 0.1, 0.1, 0.1, 0.1),
+        SealOrder(1, 7, "10.0.0.1", "10.0.0.2", 1, 1, 1, 0.1, 0.1, nan, 0.1),
+        SealOrder(1, 7, "10.0.0.1", "10.0.0.2", 1, 1, 1, 0.1, 0.1, 0.1, -inf),
         replace(REPORT, ports=(DevicePort("q", True),) * (MAX_PORTS + 1)),
+        replace(REPORT, seal_end=200),
         replace(REPORT, ports=(DevicePort("", True),)),
         replace(REPORT, ports=(DevicePort("\n", True),)),
         KeyLinks(1, (LinkState("10.0.0.2", 0, 0, 0),) * (MAX_LINKS + 1)),
@@ -195,7 +214,8 @@ def test_every_body_of_random_bytes_is_malformed_or_means_what_it_says() -> None
         assert len(again) == len(data)
         assert opened(message) == message
         # All but what stands behind a port's name, and how a yes is written.
-        ports = HEADER.size + 106 if isinstance(message, DeviceReport) else len(data)
+        report = isinstance(message, DeviceReport)
+        ports = HEADER.size + DeviceReport.FIELDS.size if report else len(data)
         assert again[:ports] == data[:ports]
     assert 500 < read < 1900
 

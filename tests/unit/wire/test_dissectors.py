@@ -3,6 +3,7 @@
 import hmac
 import random
 import struct
+from contextlib import suppress
 from dataclasses import astuple, fields
 from itertools import pairwise
 from pathlib import Path
@@ -19,6 +20,7 @@ from wire.device import (
     DeviceQuery,
     DeviceReport,
     DeviceSettings,
+    SessionQuery,
     SetDevice,
     Subscribe,
     SwapOrder,
@@ -51,6 +53,7 @@ from wire.metadata import (
     decode,
     message_length,
 )
+from wire.seal_orders import GiveBack, SealOrder
 
 SEED = 7
 KEY = "00" * 32
@@ -114,6 +117,11 @@ REPORT = DeviceReport(
     lost_ppm=16,
     symbol_error_ppm=17,
     alarm=19,
+    seal=20,
+    seal_compared=21,
+    seal_errors=22,
+    seal_tests=23,
+    seal_end=Reason.BUSY,
     settings=SETTINGS,
     ports=(DevicePort("alice-q0", True), DevicePort("alice-q1", False)),
 )
@@ -122,6 +130,9 @@ DEVICES: list[Message] = [
     Subscribe(2, 3, 4, 5),
     SetDevice(3, SETTINGS),
     SwapOrder(4, 1 << 63, 3, "10.0.0.9", 0, 1, 1, 5, 2, 4),
+    SealOrder(8, 1 << 63, "10.0.0.1", "10.0.0.2", 2000, 1024, 100_000, 0.5, 0.25, 0.125, 0.0625),
+    GiveBack(9, 7),
+    SessionQuery(10, 8),
     REPORT,
     KeyLinks(5, (LinkState("10.0.0.2", 1, 2, 3, 4, True), LinkState("10.0.0.3", 5, 6, 7, 8))),
     KeyRouteRequest(6, "10.0.0.3", 9, "sae-alice", "web"),
@@ -130,12 +141,12 @@ DEVICES: list[Message] = [
 ]
 
 
-def plain(text: str) -> int | str:
+def plain(text: str) -> float | str:
     """Return a number that tshark shows, as a number; anything else as it is."""
-    try:
-        return int(text, 0)
-    except ValueError:
-        return text
+    for number in (lambda: int(text, 0), lambda: float(text)):
+        with suppress(ValueError):
+            return number()
+    return text
 
 
 def expected(message: Message, layout: Layout, prefix: str) -> dict[str, list[Any]]:
@@ -179,7 +190,7 @@ def check_all(
         assert seen == {name: values for name, values in want.items() if values}, message
 
 
-def _read(values: list[str], want: list[Any] | None) -> list[int | str]:
+def _read(values: list[str], want: list[Any] | None) -> list[float | str]:
     text = want is not None and bool(want) and isinstance(want[0], str)
     return [value if text else plain(value) for value in values]
 

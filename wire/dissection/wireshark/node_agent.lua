@@ -145,6 +145,18 @@ local function check_order(values, range, right, station)
     return nil
 end
 
+-- Returns why an order for a seal cannot be, or nil.
+local function check_seal(values, fields, range)
+    local at = {}
+    for _, field in ipairs(fields) do at[field.name] = range:range(field.offset, field.size) end
+    if at.opener:uint() == at.acceptor:uint() then return "one host at both ends" end
+    for _, name in ipairs({ "whole_error", "fraction", "false_alarm", "missed" }) do
+        local value = values[name]
+        if value ~= value or math.abs(value) == math.huge then return name .. " is no number" end
+    end
+    return nil
+end
+
 local function add_body(tree, kind, range)
     local size = range and range:len() or 0
     local problem = check_size(kind, size)
@@ -164,6 +176,7 @@ local function add_body(tree, kind, range)
         end
         problem = problem or check_order(values, range, right, station)
     end
+    if kind.name == "SealOrder" then problem = problem or check_seal(values, plain, range) end
     if settings then
         local place = range:range(settings.offset, settings.size)
         problem = problem or add_settings(tree, place)

@@ -1,5 +1,6 @@
 """The protocol of a tamper seal at both ends: no socket, no clock."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from hosts.middleware.services.key_distribution.light import (
     turned_back,
 )
 from hosts.middleware.services.sealing.sequential_test import Question, SequentialTest
+from hosts.middleware.session.blocks import LOST
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import (
     Emit,
@@ -66,9 +68,15 @@ class SealOptions(ServiceOptions):
 class Watch:
     """What the opener of a seal knows of the fibre so far."""
 
-    def __init__(self, side: OpenerSide, options: SealOptions) -> None:
-        """Begin with nothing seen."""
-        self._side, self._options = side, options
+    def __init__(
+        self,
+        side: OpenerSide,
+        options: SealOptions,
+        wanted_back: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Begin with nothing seen; `wanted_back` tells whether a session wants the light."""
+        self._side, self._options, self._wanted_back = side, options, wanted_back
+        self.given_back = False
         self._test = SequentialTest(options.question)
         self._blocks = self._emitted = self._dark = 0
         self._compared, self._errors = np.zeros(2, np.int64), np.zeros(2, np.int64)  # in Z, X
@@ -78,9 +86,27 @@ class Watch:
         """Whether somebody was found."""
         return self._test.alarm
 
+    @property
+    def errors(self) -> int:
+        """How many of the pairs that were compared differed."""
+        return int(self._errors.sum())
+
+    @property
+    def compared(self) -> int:
+        """How many pairs were compared, up to the alarm if there was one."""
+        return self._test.compared
+
+    @property
+    def whole(self) -> int:
+        """How many tests have found nobody."""
+        return self._test.whole
+
     def run(self) -> Steps[None]:
-        """Watch until there is an alarm, or enough was seen."""
+        """Watch until there is an alarm, or enough was seen, or a session wants the light."""
         while not self._test.alarm and self._test.compared < self._options.count:
+            if self._wanted_back():
+                self.given_back = True
+                return
             yield from self._look()
             yield Tell(self.summary(), at_the_end=False)
 
@@ -91,8 +117,8 @@ class Watch:
         mine = yield from self._measure(number, bases)
         self._blocks, self._emitted = number + 1, self._emitted + size
         theirs = yield from hear(Topic.BASES, number, size, 1)
-        outcomes = yield from hear(Topic.OUTCOMES, number, size, NO_COINCIDENCE)
-        there = (mine != NO_COINCIDENCE) & (outcomes != NO_COINCIDENCE) & (bases == theirs)
+        outcomes = yield from hear(Topic.OUTCOMES, number, size, LOST)
+        there = (mine != NO_COINCIDENCE) & (outcomes != LOST) & (bases == theirs)
         self._require_light(bool(there.any()))
         differ = (mine != outcomes)[there]
         seen = self._test.compared
@@ -123,13 +149,14 @@ class Watch:
     def summary(self) -> dict[str, object]:
         """Return what the application is told."""
         question, test = self._options.question, self._test
-        compared, errors = int(self._compared.sum()), int(self._errors.sum())
+        compared, errors = int(self._compared.sum()), self.errors
         both = [
             1 - 2 * int(wrong) / int(all_) if all_ else None
             for wrong, all_ in zip(self._errors, self._compared, strict=True)
         ]
         return {
             "alarm": test.alarm,
+            "given_back": self.given_back,
             "compared": test.compared,
             "emitted": self._emitted,
             "error_rate": errors / compared if compared else None,
@@ -156,6 +183,7 @@ def answer(side: HostSide) -> Steps[None]:
         outcomes = yield from measured(side, light, size)
         yield side.say(Topic.BASES, number, bases, 1)
         told = turned_back(outcomes, bases, side.setup.rotation)
-        yield side.say(Topic.OUTCOMES, number, told, 8)
-        blocks, photons = blocks + 1, photons + int(np.count_nonzero(told != NO_COINCIDENCE))
+        seen = told != NO_COINCIDENCE
+        yield side.say(Topic.OUTCOMES, number, np.where(seen, told, LOST), 2)
+        blocks, photons = blocks + 1, photons + int(np.count_nonzero(seen))
         yield Tell({"blocks": blocks, "photons": photons})

@@ -10,20 +10,30 @@
 Who measures halves on the way and sends them on cannot know the bases that will be chosen, and
 breaks the correlation in the other one: visibility V = 1 - 2 error sinks from 1 to 1 - f/2.
 An opener that is the source keeps half 0; then only the way between the two is watched.
+It ends between two blocks when the controller says that a session wants its light.
 Where no light comes the session ends with an error: a fibre that is cut is no seal.
 protocol.py decides; here it is carried out.
 """
 
 from hosts.middleware.services.sealing.protocol import SealOptions, Watch, answer
-from hosts.middleware.session.ends import AcceptorEnd, OpenerEnd, ServiceKind
-from wire.metadata import Service
+from hosts.middleware.session.ends import AcceptorEnd, OpenerEnd, ServiceKind, Watched
+from hosts.middleware.session.errors import SessionError
+from wire.metadata import Reason, Service
 
 
 async def watch(end: OpenerEnd, options: SealOptions) -> None:
     """Do what the opener does."""
-    seen = Watch(end.side, options)
-    await end.perform(seen.run())
-    end.summary, end.alarmed = seen.summary(), seen.alarm
+    seen = Watch(end.side, options, lambda: end.wanted_back)
+    ended = Reason.PROTOCOL
+    try:
+        await end.perform(seen.run())
+        ended = Reason.BUSY if seen.given_back else Reason.OK
+    except SessionError as error:
+        ended = error.reason
+        raise
+    finally:
+        end.watched = Watched(seen.compared, seen.errors, seen.whole, seen.alarm, ended)
+    end.summary = seen.summary()
 
 
 async def accept(end: AcceptorEnd) -> None:

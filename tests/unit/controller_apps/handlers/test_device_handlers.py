@@ -14,14 +14,20 @@ from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 
 from controller_apps.apps.device_monitor import DeviceMonitor
-from controller_apps.apps.swap_orders import EventSwapsOrdered
+from controller_apps.apps.host_orders import (
+    EventAlarm,
+    EventOrder,
+    EventSealOver,
+    EventSessionTold,
+    EventSwapsOrdered,
+)
 from controller_apps.console.questions import EventQuestion, Refused
 from controller_apps.openflow import framework
 from controller_apps.openflow.framework import ofp_event, ofproto, parser
 from controller_apps.packets.datagrams import Frame
 from controller_apps.policy.policy import Policy
 from controller_apps.record import Record
-from controller_apps.sessions.actions import SwapsOrdered
+from controller_apps.sessions.actions import Order, SwapsOrdered
 from controller_apps.sessions.sessions import Stop
 from controller_apps.timeouts import NODE_TIMEOUT_S, SET_TIMEOUT_S
 from wire.config import ControllerConfig
@@ -32,6 +38,7 @@ from wire.device import (
     DeviceQuery,
     DeviceReport,
     DeviceSettings,
+    SessionQuery,
     SetDevice,
     Subscribe,
     SwapOrder,
@@ -40,6 +47,7 @@ from wire.device import (
 )
 from wire.metadata import Answer, Message, Reason
 from wire.optical import ALL_VALID, TUNABLE, PortLight, PortOptics
+from wire.seal_orders import GiveBack, SealOrder
 
 KEYS = {"alice": "aa" * 16, "bob": "bb" * 16}
 CONTROLLER, ALICE = "10.0.0.254", "10.0.0.1"
@@ -177,6 +185,66 @@ def test_an_order_that_nobody_answers_is_given_up(scene: Scene) -> None:
     scene.datagrams()
     scene.tick(NODE_TIMEOUT_S)
     assert not any(isinstance(message, SwapOrder) for message in scene.datagrams())
+
+
+SEAL = SealOrder(0, 7, ALICE, "10.0.0.2", 2000, 1000, 100_000, 0.01, 0.25, 1e-6, 0.01)
+
+
+def test_a_seal_is_ordered_and_its_answer_told_to_the_one_that_asked_for_it(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = answers(scene, monkeypatch)
+    scene.says(SET)
+    scene.datagrams()
+    scene.monitor.ordered(EventOrder(Order(ALICE, SEAL)))
+    (order,) = scene.datagrams()
+    assert order.session > 0
+    assert order == replace(SEAL, session=order.session)
+    scene.says(Answer(order.session, Reason.OK))
+    assert told == [("QuantumMetadata", 7, ALICE, Reason.OK)]
+    scene.monitor.ordered(EventOrder(Order(ALICE, GiveBack(0, 7))))
+    (back,) = scene.datagrams()
+    assert back == GiveBack(back.session, 7)
+    assert back.session != order.session
+    scene.says(Answer(back.session, Reason.UNKNOWN_SESSION))  # it was over already
+    assert len(told) == 1
+    scene.tick(0.1)
+    assert not any(isinstance(message, GiveBack) for message in scene.datagrams())
+
+
+def test_what_a_host_says_of_a_session_is_told_as_that(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[Any] = []
+    monkeypatch.setattr(scene.monitor, "send_event", lambda _app, event: told.append(event))
+    scene.monitor.ordered(EventOrder(Order(ALICE, SessionQuery(0, 7))))
+    scene.says(SET)  # it was not heard before
+    scene.datagrams()
+    scene.tick(0.1)
+    (question,) = (each for each in scene.datagrams() if isinstance(each, SessionQuery))
+    assert question.about == 7
+    scene.says(Answer(question.session, Reason.UNKNOWN_SESSION))
+    (event,) = told
+    assert type(event) is EventSessionTold
+    assert (event.session, event.node, event.reason) == (7, ALICE, Reason.UNKNOWN_SESSION)
+
+
+def test_what_a_seal_has_found_is_told_once(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[tuple[str, Any]] = []
+    monkeypatch.setattr(scene.monitor, "send_event", lambda app, event: told.append((app, event)))
+    scene.says(SET)
+    report = replace(SET, seal=7, seal_compared=65, seal_errors=13, seal_tests=4, alarm=7)
+    for _again in range(2):
+        scene.says(report)
+    (_app, alarm), (app, over) = told
+    assert isinstance(alarm, EventAlarm)
+    assert isinstance(over, EventSealOver)
+    assert (app, over.host, over.address, over.report) == (
+        "QuantumMetadata",
+        "alice",
+        ALICE,
+        report,
+    )
 
 
 def test_a_host_that_is_heard_is_subscribed_and_polled(scene: Scene) -> None:

@@ -20,7 +20,7 @@ from metadata_scene import (
     payload_of,
 )
 
-from controller_apps.apps.swap_orders import EventNodeAnswered
+from controller_apps.apps.host_orders import EventNodeAnswered
 from controller_apps.console.questions import EventQuestion
 from controller_apps.light.paths import HostPort
 from controller_apps.openflow.framework import ofproto, parser

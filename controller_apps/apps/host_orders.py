@@ -1,13 +1,15 @@
-"""Orders for chains of repeaters on their way to the hosts: sent again until they are answered."""
+"""Orders on their way to hosts, for chains of repeaters and for seals: sent until answered."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from controller_apps.openflow.framework import Event
-from controller_apps.sessions.actions import SwapsOrdered
+from controller_apps.sessions.actions import HostOrder, Order, SwapsOrdered
 from controller_apps.timeouts import NODE_TIMEOUT_S
-from wire.device import SwapOrder
+from wire.device import DeviceReport, SessionQuery, SwapOrder
 from wire.metadata import Reason
+
+AnyOrder = SwapOrder | HostOrder
 
 
 class EventSwapsOrdered(Event):
@@ -18,12 +20,24 @@ class EventSwapsOrdered(Event):
         self.ordered = ordered
 
 
+class EventOrder(Event):
+    """A host is to do something."""
+
+    def __init__(self, order: Order) -> None:
+        super().__init__()
+        self.order = order
+
+
 class EventNodeAnswered(Event):
-    """A node of a chain has answered its order."""
+    """A host has answered its order for a chain, or for a seal."""
 
     def __init__(self, session: int, node: str, reason: Reason) -> None:
         super().__init__()
         self.session, self.node, self.reason = session, node, reason
+
+
+class EventSessionTold(EventNodeAnswered):
+    """A host has said whether it takes part in a session."""
 
 
 class EventAlarm(Event):
@@ -34,27 +48,42 @@ class EventAlarm(Event):
         self.session, self.host, self.address = session, host, address
 
 
+class EventSealOver(Event):
+    """A seal that a host has opened is over."""
+
+    def __init__(self, host: str, address: str, report: DeviceReport) -> None:
+        super().__init__()
+        self.host, self.address, self.report = host, address, report
+
+
 @dataclass
-class SwapOrders:
+class HostOrders:
     """The orders that no node has answered yet, by the node's address and number."""
 
-    _waiting: dict[tuple[str, int], tuple[SwapOrder, float]] = field(default_factory=dict)
+    _waiting: dict[tuple[str, int], tuple[AnyOrder, float]] = field(default_factory=dict)
 
-    def add(self, node: str, order: SwapOrder, now: float) -> None:
+    def add(self, node: str, order: AnyOrder, now: float) -> None:
         """Send it from now on."""
         self._waiting[node, order.session] = order, now + NODE_TIMEOUT_S
 
-    def answered(self, node: str, number: int) -> SwapOrder | None:
+    def answered(self, node: str, number: int) -> AnyOrder | None:
         """Send it no more; return which one it was, None if it was none."""
         order, _until = self._waiting.pop((node, number), (None, 0.0))
         return order
 
-    def due(self) -> Iterator[tuple[str, SwapOrder]]:
+    def due(self) -> Iterator[tuple[str, AnyOrder]]:
         """Yield what has to be sent again, and to which node."""
         for (node, _number), (order, _until) in list(self._waiting.items()):
             yield node, order
 
-    def give_up(self, now: float) -> list[tuple[str, SwapOrder]]:
+    def give_up(self, now: float) -> list[tuple[str, AnyOrder]]:
         """Drop and return what has not been answered in time."""
         late = [key for key, (_order, until) in self._waiting.items() if until <= now]
         return [(node, self._waiting.pop((node, number))[0]) for node, number in late]
+
+
+def session_of(order: AnyOrder) -> int:
+    """Return which session an order is about."""
+    if isinstance(order, SwapOrder):
+        return order.chain
+    return order.about if isinstance(order, SessionQuery) else order.seal

@@ -1,0 +1,170 @@
+"""Light that nobody uses as a sensor: seals that the controller itself begins.
+
+    due --acceptor, then opener obey--> the opener's session --over--> due every_s later
+     |  `--refusal, silence---------------------------------^
+     `--light is in use, or wanted, or there is none--> looked at again
+
+Orders go to node agents, sealed as all that the controller tells hosts. No socket, no clock.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from controller_apps.light.paths import Network, directions
+from controller_apps.packets.segments import FiveTuple
+from controller_apps.policy.watches import Watch
+from controller_apps.sessions.actions import Action, Note, Order
+from controller_apps.sessions.admission import Admission
+from controller_apps.sessions.sessions import Sessions
+from controller_apps.timeouts import DISCOVERY_S, QUEUE_LOOK_S, SEAL_BEGIN_S
+from wire.device import DEVICE_PORT
+from wire.metadata import METADATA_PORT, Handshake, Reason, Service, Setup
+from wire.optical import ANY_WAVELENGTH
+from wire.seal_orders import SealOrder
+
+MOST_AT_ONCE = 8  # searches for light that is idle, in one tick
+ANY_PORT = 0  # of the opener's end, which is not known before it connects
+Find = Callable[[Setup, FiveTuple], Admission]
+
+
+@dataclass
+class Begun:
+    """A seal that has been ordered."""
+
+    watch: Watch
+    number: int  # of its session
+    opener: str  # address
+    acceptor: str
+    until: float  # when it is forgotten, unless its session stands by then
+    heeded: bool = False  # by the acceptor
+
+
+@dataclass
+class WhyNot:
+    """Why a way is not watched."""
+
+    text: str
+    since: float
+    noted: bool = False
+
+
+@dataclass
+class IdleLight:
+    """Which seals are due, and which have begun."""
+
+    network: Network
+    sessions: Sessions
+    find: Find  # light for a set-up, as admission finds it
+    numbers: Callable[[], int]  # of new sessions
+    _due: dict[Watch, float] = field(default_factory=dict)
+    _begun: dict[int, Begun] = field(default_factory=dict)
+    _why_not: dict[Watch, WhyNot] = field(default_factory=dict)
+
+    def follow(self, watches: Sequence[Watch], now: float) -> None:
+        """Watch these from now on; seals that have begun are left to end."""
+        self._due = {watch: self._due.get(watch, now) for watch in watches}
+        self._why_not.clear()
+
+    def ordered(self, setup: Setup, connection: FiveTuple) -> bool:
+        """Tell whether a set-up is of a seal that was ordered, between the hosts that were."""
+        begun = self._begun.get(setup.session)
+        return (
+            begun is not None
+            and setup.service == Service.SEAL
+            and (begun.opener, begun.acceptor) == (connection.source, connection.destination)
+            and setup.source == begun.opener
+        )
+
+    def tick(self, now: float) -> list[Action]:
+        """Begin what is due where light is idle; forget what has not begun in time."""
+        for begun in list(self._begun.values()):
+            if begun.until <= now and begun.number not in self.sessions.by_number:
+                self.over(begun.number, now)
+        busy = {begun.watch for begun in self._begun.values()}
+        due = [watch for watch, when in self._due.items() if when <= now and watch not in busy]
+        due.sort(key=self._due.__getitem__)
+        actions: list[Action] = []
+        for watch in due[:MOST_AT_ONCE]:
+            self._due[watch] = now + QUEUE_LOOK_S  # unless it begins: then when it is over
+            actions += self._begin(watch, now)
+        return actions
+
+    def _begin(self, watch: Watch, now: float) -> list[Action]:
+        addresses = {host.host: host.address for host in self.network.hosts.values()}
+        ends = [addresses.get(name) for name in watch.between]
+        opener, acceptor = ends
+        if opener is None or acceptor is None:
+            name = watch.between[ends.index(None)]
+            return self._unwatched(watch, f"{name} has announced no fibre", now)
+        number = self.numbers()
+        self.sessions.over[number] = watch.over
+        setup = _setup(watch, number, opener)
+        found = self.find(setup, FiveTuple(opener, ANY_PORT, acceptor, METADATA_PORT))
+        if found.reason != Reason.OK or self._is_wanted(found):
+            del self.sessions.over[number]
+            if found.reason in (Reason.OK, Reason.BUSY):
+                return []  # it is not idle
+            told = f"{found.reason.name}: {found.detail}" if found.detail else found.reason.name
+            return self._unwatched(watch, told, now)
+        self._why_not.pop(watch, None)
+        self._begun[number] = Begun(watch, number, opener, acceptor, now + SEAL_BEGIN_S)
+        note = Note("watch", number, detail=str(watch))
+        return [note, Order(acceptor, _order(self._begun[number]))]
+
+    def _is_wanted(self, found: Admission) -> bool:
+        """Tell whether a session waits for some of this light."""
+        hops = [hop for path in found.paths for hop in path.hops]
+        ways = {way for each in directions(hops) for way in (each, each.opposite)}
+        return any(not ways.isdisjoint(each.obstacles) for each in self.sessions.queue.values())
+
+    def _unwatched(self, watch: Watch, text: str, now: float) -> list[Action]:
+        """Note why a way is not watched, once, if that does not change soon."""
+        known = self._why_not.get(watch)
+        if known is None or known.text != text:
+            known = self._why_not[watch] = WhyNot(text, now)
+        if known.noted or now - known.since < DISCOVERY_S:
+            return []
+        known.noted = True
+        return [Note("unwatched", 0, detail=f"{watch}: {text}")]
+
+    def node_answered(self, number: int, node: str, reason: Reason, now: float) -> list[Action]:
+        """Note what a host (its address) says to its order; order the opener after the acceptor."""
+        begun = self._begun.get(number)
+        if begun is None:
+            return []
+        if reason != Reason.OK:
+            self.over(number, now)
+            return [Note("unwatched", number, detail=f"{begun.watch}: {reason.name} at {node}")]
+        if node != begun.acceptor or begun.heeded:
+            return []
+        begun.heeded = True
+        return [Order(begun.opener, _order(begun))]
+
+    def over(self, number: int, now: float) -> None:
+        """Note that the session of a seal has ended, or was refused."""
+        begun = self._begun.pop(number, None)
+        self.sessions.over.pop(number, None)
+        if begun is not None and begun.watch in self._due:
+            self._due[begun.watch] = now + begun.watch.every_s
+
+
+def _setup(watch: Watch, number: int, opener: str) -> Setup:
+    """Return the set-up that the opener will send."""
+    return Setup(
+        number,
+        Service.SEAL,
+        Handshake.FRAMED,
+        opener,
+        watch.block_pairs,
+        1,
+        watch.rate_hz,
+        DEVICE_PORT,
+        wavelength_pm=ANY_WAVELENGTH,
+    )
+
+
+def _order(begun: Begun) -> SealOrder:
+    watch = begun.watch
+    chances = watch.whole_error, watch.fraction, watch.false_alarm, watch.missed
+    light = watch.pairs, watch.block_pairs, watch.rate_hz
+    return SealOrder(0, begun.number, begun.opener, begun.acceptor, *light, *chances)

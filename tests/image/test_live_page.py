@@ -1,0 +1,42 @@
+"""The live view of a network in a container, by a real Docker engine: .ci/run has one."""
+
+import json
+import re
+import subprocess
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+DEADLINE_S = 120.0
+
+
+def said_by(*command: str) -> str:
+    """Return what a command prints."""
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout
+
+
+@pytest.mark.timeout(4 * DEADLINE_S)
+def test_the_page_of_a_network_in_a_container_is_on_this_machines_loopback() -> None:
+    if subprocess.run([ROOT / "docker/engine"], stdout=subprocess.DEVNULL, check=False).returncode:
+        pytest.skip("no Docker engine answers")
+    volumes = said_by("docker", "volume", "ls", "--quiet")
+    command = ["docker/run", "--input", "qmn", "cli", "sdc", "--live"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, cwd=ROOT, stdin=pipe, stdout=pipe, text=True) as network:
+        assert network.stdin is not None
+        assert network.stdout is not None
+        found = next(filter(None, (re.search(r"http://127\S+", line) for line in network.stdout)))
+        act = json.dumps({"act": "send", "from": "alice", "to": "bob", "text": "hello"}).encode()
+        request = urllib.request.Request(  # noqa: S310
+            f"{found[0]}act", act, {"Content-Type": "application/json"}
+        )
+        with urllib.request.urlopen(request, timeout=DEADLINE_S) as answer:  # noqa: S310
+            assert "bob received 'hello' from alice" in json.loads(answer.read())["said"]
+        relays = said_by("docker", "ps", "--quiet", "--filter", f"name=qmn-live-{network.pid}-")
+        assert len(relays.split()) == 1
+        network.communicate("exit\n", timeout=DEADLINE_S)
+    assert network.returncode == 0
+    assert not said_by("docker", "ps", "--quiet", "--filter", f"name=qmn-live-{network.pid}-")
+    assert said_by("docker", "volume", "ls", "--quiet") == volumes

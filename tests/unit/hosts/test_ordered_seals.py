@@ -1,0 +1,147 @@
+"""Seals that the controller orders, over whole stacks: begun, ended for a session, and alarmed."""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+from stacks_scene import DEADLINE_S, OWN_ADDRESS, RELAYED, grant, network
+
+from hosts import network_loop
+from hosts.middleware.session.session import OpeningSession
+from hosts.service_socket import ServiceSocket
+from hosts.serving.ordered_seals import OrderedSeals
+from hosts.stack import Stack
+from wire.device import DeviceReport
+from wire.metadata import Answer, Handshake, Reason, Service, Setup
+from wire.seal_orders import GiveBack, SealOrder
+
+SEAL = 0x7070
+THERE, BY_EVE = [(1, 2)], [(1, 6), (7, 2)]
+ALICE = OWN_ADDRESS["alice"]
+# To alice her relay to bob is bob; to bob all that comes by relays is from one address.
+AT_ALICE = SealOrder(1, SEAL, ALICE, RELAYED["bob"], 3000, 1000, 1_000_000, 0.01, 0.25, 1e-6, 0.01)
+AT_BOB = replace(AT_ALICE, opener="127.0.0.1", acceptor=OWN_ADDRESS["bob"])
+
+
+async def told(stack: Stack, enough: Callable[[DeviceReport], bool]) -> DeviceReport:
+    """Return a host's report as soon as it says something."""
+    async with asyncio.timeout(DEADLINE_S):
+        while not enough(report := stack.device.report()):
+            await asyncio.sleep(0.005)
+        return report
+
+
+async def order(stacks: dict[str, Stack], pairs: int) -> None:
+    """Have alice watch her way to bob, as the controller does: bob hears of it first."""
+    for name, each in (("bob", AT_BOB), ("alice", AT_ALICE)):
+        answer = stacks[name].seals.take(replace(each, pairs=pairs))
+        assert answer == Answer(1, Reason.OK)
+
+
+def test_two_hosts_watch_their_way_without_any_program(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Half 1 crosses two ideal fibres: no pair differs."""
+
+    async def run() -> DeviceReport:
+        stacks: dict[str, Stack] = {}
+        async with network(tmp_path, paths=THERE, stacks=stacks):
+            await order(stacks, 3000)
+            again = stacks["alice"].seals.take(replace(AT_ALICE, session=2))
+            assert again == Answer(2, Reason.OK)  # and no second session
+            await told(stacks["bob"], lambda report: report.receiving == 1)
+            assert all(stacks[name].takes_part(SEAL) for name in ("alice", "bob"))
+            report = await told(stacks["alice"], lambda report: report.seal == SEAL)
+            await told(stacks["bob"], lambda report: not report.receiving)
+            assert not any(stacks[name].takes_part(SEAL) for name in ("alice", "bob"))
+            return report
+
+    report = network_loop.run(run())
+    assert not [each for each in caplog.records if each.levelno >= logging.WARNING]
+    assert report.seal_compared >= 3000
+    assert report.seal_errors == report.alarm == 0
+    assert report.seal_tests > 0
+    assert report.seal_end == Reason.OK
+
+
+def test_an_intruder_on_the_way_is_told_to_the_controller(tmp_path: Path) -> None:
+    async def run() -> DeviceReport:
+        stacks: dict[str, Stack] = {}
+        async with network(tmp_path, paths=BY_EVE, stacks=stacks):
+            with ServiceSocket(tmp_path / "eve.sock") as eve:
+                eve.settimeout(DEADLINE_S)
+                await asyncio.to_thread(eve.intercept, 1.0)
+                await order(stacks, 100_000)
+                return await told(stacks["alice"], lambda report: report.seal == SEAL)
+
+    report = network_loop.run(run())
+    assert report.alarm == SEAL
+    assert report.seal_errors > 0
+    assert report.seal_compared < 1000  # 33 on average
+
+
+def test_a_seal_ends_well_at_both_ends_when_a_session_wants_its_light(tmp_path: Path) -> None:
+    async def run() -> DeviceReport:
+        stacks: dict[str, Stack] = {}
+        async with network(tmp_path, paths=THERE, stacks=stacks):
+            await order(stacks, 100_000_000)  # for a quarter of an hour
+            await told(stacks["bob"], lambda report: report.receiving == 1)
+            unknown = stacks["alice"].seals.give_back(GiveBack(3, SEAL + 1))
+            assert unknown == Answer(3, Reason.UNKNOWN_SESSION)
+            answer = stacks["alice"].seals.give_back(GiveBack(4, SEAL))
+            assert answer == Answer(4, Reason.OK)
+            report = await told(stacks["alice"], lambda report: report.seal == SEAL)
+            await told(stacks["bob"], lambda report: not report.receiving)
+            return report
+
+    report = network_loop.run(run())
+    assert report.seal_end == Reason.BUSY
+    assert report.seal_compared < 100_000
+    assert report.alarm == 0
+
+
+def seals(asked: list[dict[str, Any]]) -> OrderedSeals:
+    """Return those of a host that never opens any."""
+
+    def request(fields: dict[str, Any], _number: int) -> OpeningSession:
+        asked.append(fields)
+        return cast(OpeningSession, None)
+
+    return OrderedSeals("alice", ALICE, request, cast(Any, None), lambda _seal: False)
+
+
+def test_an_order_for_another_host_is_refused() -> None:
+    asked: list[dict[str, Any]] = []
+    answer = seals(asked).take(replace(AT_ALICE, opener="10.9.9.9", acceptor="10.9.9.8"))
+    assert answer == Answer(1, Reason.NOT_ALLOWED, f"{ALICE} is at no end of the seal")
+    assert not asked
+
+
+def test_an_order_that_cannot_be_is_answered_with_why(tmp_path: Path) -> None:
+    async def run() -> Answer:
+        stacks: dict[str, Stack] = {}
+        async with network(tmp_path, stacks=stacks):
+            return stacks["alice"].seals.take(replace(AT_ALICE, fraction=2.0))
+
+    answer = network_loop.run(run())
+    assert answer.reason == Reason.UNSUPPORTED
+    assert "fraction is 2.0: choose 0.001 to 1" in answer.text
+
+
+def test_a_host_takes_part_in_the_seal_that_was_ordered_once_and_in_no_other() -> None:
+    async def run() -> None:
+        alices = seals([])
+        ordered = replace(AT_BOB, opener="10.0.0.2", acceptor=ALICE)
+        assert alices.take(ordered).reason == Reason.OK
+        setup = grant(Setup(SEAL, Service.SEAL, Handshake.FRAMED, "10.0.0.2", 1, 1, 1))
+        assert alices.expected(setup, "10.0.0.3") is None
+        assert alices.expected(replace(setup, session=SEAL + 1), "10.0.0.2") is None
+        assert alices.expected(replace(setup, service=Service.BB84), "10.0.0.2") is None
+        assert alices.expected(setup, "10.0.0.2") is not None
+        assert alices.expected(setup, "10.0.0.2") is None
+
+    network_loop.run(run())

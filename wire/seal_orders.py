@@ -1,0 +1,65 @@
+"""Orders of the controller to hosts that watch idle light, in the envelope of wire.device.
+
+controller                   node agents
+SealOrder                    ->  first of the host that takes part, then of the one that opens
+                             <-  Answer
+GiveBack                     ->  of the host that has opened a seal whose light a session wants
+                             <-  Answer
+"""
+
+import struct
+from dataclasses import dataclass, replace
+from ipaddress import IPv4Address
+from math import isfinite
+
+from wire.metadata import MalformedPacket, Message
+
+ENDS = ("opener", "acceptor")
+CHANCES = ("whole_error", "fraction", "false_alarm", "missed")
+
+
+@dataclass(frozen=True)
+class SealOrder(Message):
+    """Tell a host that it opens a seal, or takes part in one, as its address says."""
+
+    KIND = 40
+    FIELDS = struct.Struct("!Q4s4sIIIdddd")
+
+    seal: int  # its session
+    opener: str  # IPv4 address of the host that opens it and makes its pairs
+    acceptor: str
+    pairs: int  # to compare, unless there is an alarm before
+    block_pairs: int
+    rate_hz: int
+    whole_error: float  # see hosts.middleware.services.sealing
+    fraction: float
+    false_alarm: float
+    missed: float
+
+    def encode(self) -> bytes:
+        """Return the message as it goes onto the wire."""
+        hosts = {name: IPv4Address(getattr(self, name)).packed for name in ENDS}
+        _session, *fields = {**vars(self), **hosts}.values()
+        return self._frame(self.FIELDS.pack(*fields))
+
+    @classmethod
+    def parse(cls, session: int, body: bytes) -> "SealOrder":
+        """Build the message from its body; raise MalformedPacket if it does not fit."""
+        raw = super().parse(session, body)
+        assert isinstance(raw, SealOrder)
+        opener, acceptor = (str(IPv4Address(getattr(raw, name))) for name in ENDS)
+        if opener == acceptor:
+            raise MalformedPacket(f"SealOrder: {opener} is at both ends")
+        if not all(isfinite(getattr(raw, name)) for name in CHANCES):
+            raise MalformedPacket(f"SealOrder of {raw.seal:016x}: a chance that is no number")
+        return replace(raw, opener=opener, acceptor=acceptor)
+
+
+@dataclass(frozen=True)
+class GiveBack(Message):
+    """Tell a host to end a seal that it has opened: a session wants its light."""
+
+    KIND = 41
+    FIELDS = struct.Struct("!Q")
+
+    seal: int  # its session
