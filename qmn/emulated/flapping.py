@@ -10,7 +10,7 @@ fibre that flaps faster than sessions last costs no more than one cut for each o
 """
 
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Event as Flag
@@ -85,16 +85,29 @@ def flapping(network: QuantumNetwork, period_s: float) -> Iterator[None]:
         thread.join()
 
 
-def dark_share(events: Iterable[Event], fibers: Iterable[Fiber]) -> float:
-    """Return the share of the light's time in which no path stood from one end to the other.
+def dark_share(events: Sequence[Event], fibers: Sequence[Fiber]) -> float:
+    """Return the share of the light's time in which no path stood from one end to the other."""
+    spans = dark_spans(events, fibers, ENDS)
+    light = [
+        (event.time_ns, event.time_ns + round(event.photons / RATE_HZ * 1e9))
+        for event in events
+        if event.kind == "send" and event.node == ENDS[0]
+    ]
+    dark_ns = sum(max(0, min(a[1], b[1]) - max(a[0], b[0])) for a in light for b in spans)
+    return dark_ns / sum(end - begin for begin, end in light)
+
+
+def dark_spans(
+    events: Iterable[Event], fibers: Iterable[Fiber], ends: tuple[str, str]
+) -> list[Span]:
+    """Return when no path stood from one host to another, until the last time that one did.
 
     Of cross-connects alone, as switches have opened and closed them.
     """
     far = {end: other for each in fibers for end, other in ((each.a, each.b), (each.b, each.a))}
-    begins = [end for end in far if end.node == ENDS[0]]
+    begins = [end for end in far if end.node == ends[0]]
     connects: dict[FiberEnd, FiberEnd] = {}
-    spans: list[Span] = []  # without a path
-    light: list[Span] = []
+    spans: list[Span] = []
     dark_since: int | None = 0
     for event in events:
         if event.kind == "open":
@@ -102,16 +115,13 @@ def dark_share(events: Iterable[Event], fibers: Iterable[Fiber]) -> float:
             connects[FiberEnd(event.node, in_port)] = FiberEnd(event.node, out_port)
         elif event.kind == "close":
             connects.pop(FiberEnd(event.node, event.port), None)
-        elif event.kind == "send" and event.node == ENDS[0]:
-            light.append((event.time_ns, event.time_ns + round(event.photons / RATE_HZ * 1e9)))
-        stands = any(leads_to(begin, ENDS[1], far, connects) for begin in begins)
+        stands = any(leads_to(begin, ends[1], far, connects) for begin in begins)
         if stands and dark_since is not None:
             spans.append((dark_since, event.time_ns))
             dark_since = None
         elif not stands and dark_since is None:
             dark_since = event.time_ns
-    dark_ns = sum(max(0, min(a[1], b[1]) - max(a[0], b[0])) for a in light for b in spans)
-    return dark_ns / sum(end - begin for begin, end in light)
+    return spans
 
 
 def leads_to(

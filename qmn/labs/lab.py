@@ -23,6 +23,7 @@ class Published:
     value: float
     error: float
     source: str  # which part of the paper says it
+    half_range: float = 0.0  # of a range that a paper states: the value is its middle
 
 
 @dataclass(frozen=True)
@@ -45,12 +46,16 @@ class Finding:
 
     @property
     def difference(self) -> float | None:
-        """How many standard errors ours is above; None where nothing is published."""
+        """How many standard errors ours is above; None where nothing is published.
+
+        Of a range: how many beyond its end.
+        """
         if self.published is None:
             return None
         apart = self.ours.value - self.published.value
-        if apart == 0:
+        if abs(apart) <= self.published.half_range:
             return 0.0
+        apart -= math.copysign(self.published.half_range, apart)
         error = math.hypot(self.error, self.published.error)
         return apart / error if error else math.copysign(math.inf, apart)
 
@@ -62,6 +67,12 @@ class Finding:
 def exactly(what: str, ours: float, published: float, source: str) -> Finding:
     """Return the finding of a number that has no error: both are the same, or they differ."""
     return Finding("", what, Estimate(ours, 0.0), Published(published, 0.0, source))
+
+
+def in_range(what: str, ours: Estimate, low: float, high: float, source: str) -> Finding:
+    """Return the finding of a number of which a range is published: inside, nothing differs."""
+    published = Published((low + high) / 2, 0.0, source, (high - low) / 2)
+    return Finding("", what, ours, published)
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from qmn.labs.lab import Finding, Lab, Run
+from qmn.labs.lab import Finding, Lab, Published, Run
 
 COLUMNS = (
     *("what", "at", "ours", "error", "error_of_inputs"),
-    *("published", "published_error", "difference", "source"),
+    *("published", "published_error", "published_half_range", "difference", "source"),
 )
 
 
@@ -28,6 +28,7 @@ def line(finding: Finding) -> dict[str, str | float | None]:
         "error_of_inputs": finding.inputs,
         "published": published.value if published else None,
         "published_error": published.error if published else None,
+        "published_half_range": published.half_range if published else None,
         # JSON has no infinity: what differs although neither has an error.
         "difference": None if difference is None or math.isinf(difference) else difference,
         "source": published.source if published else "",
@@ -65,7 +66,7 @@ def show(console: Console, lab: Lab, findings: Sequence[Finding]) -> None:
         table.add_column(column, no_wrap=column in ("this model", "published"), overflow="fold")
     for each in findings:
         if each.published is not None:
-            theirs = number(each.published.value, each.published.error)
+            theirs = stated(each.published)
             ours = number(each.ours.value, each.error)
             apart = difference(each, lab.tolerance)
             table.add_row(each.what, ours, theirs, apart, each.published.source)
@@ -79,6 +80,14 @@ def difference(finding: Finding, tolerance: float) -> str:
         return ""
     text = f"{apart:+.1f}" if math.isfinite(apart) else "differs"
     return text if finding.agrees(tolerance) else f"{text} TOO FAR"
+
+
+def stated(published: Published) -> str:
+    """Return what a paper states: a number with its error, or a range."""
+    if not published.half_range:
+        return number(published.value, published.error)
+    low, high = (published.value + sign * published.half_range for sign in (-1, 1))
+    return f"{low:g} to {high:g}"
 
 
 def number(value: float, error: float) -> str:

@@ -13,7 +13,7 @@ from rich.console import Console
 from qmn.__main__ import described
 from qmn.labs import catalogue, outcome
 from qmn.labs.drawing import draw_charts, picture
-from qmn.labs.lab import Chart, Finding, Lab, Published, exactly
+from qmn.labs.lab import Chart, Finding, Lab, Published, exactly, in_range
 from qmn.labs.networks import words_of
 from qmn.options import BadInput
 from qmn.sweeps.estimates import NOTHING, Estimate
@@ -59,7 +59,7 @@ def test_a_page_shows_every_figure_of_its_lab(name: str) -> None:
 def test_an_unknown_lab_is_refused_with_the_nearest() -> None:
     with pytest.raises(BadInput, match="there is no lab sdc-fiber: did you mean sdc-fibre"):
         catalogue.lab("sdc-fiber")
-    with pytest.raises(BadInput, match="choose cross-check, decoy"):
+    with pytest.raises(BadInput, match="choose city-fibre, cross-check"):
         catalogue.lab("nothing")
 
 
@@ -104,7 +104,11 @@ def test_every_run_of_a_lab_is_a_command(name: str, tmp_path: Path) -> None:
         words = words_of(said, 1, tmp_path)
         arguments = described(words).parse_args(words)
         assert arguments.needs_root
-        assert (arguments.seed, arguments.runs) == (1, tmp_path)
+        if said.startswith("script "):  # which says no more than these to the script
+            assert arguments.file.is_file()
+            assert arguments.words == ["--seed", "1", "--runs", str(tmp_path)]
+        else:
+            assert (arguments.seed, arguments.runs) == (1, tmp_path)
         assert "--seed" not in shlex.split(said)
 
 
@@ -116,6 +120,16 @@ def test_a_difference_is_in_standard_errors_of_all_three_kinds() -> None:
     assert with_inputs.agrees(2.7)
     assert not with_inputs.agrees(2.5)
     assert Finding("", "x", Estimate(2.3, 0.4)).difference is None
+
+
+@pytest.mark.parametrize(
+    ("value", "difference"), [(2.36, 0), (2.5, 0), (2.74, 0), (2.84, 2), (2.26, -2)]
+)
+def test_a_number_in_a_published_range_does_not_differ(value: float, difference: float) -> None:
+    finding = in_range("S", Estimate(value, 0.05), 2.36, 2.74, "abstract")
+    assert finding.difference == pytest.approx(difference)
+    assert finding.published is not None
+    assert outcome.stated(finding.published) == "2.36 to 2.74"
 
 
 def test_a_count_is_the_same_or_differs() -> None:

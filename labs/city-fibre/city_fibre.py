@@ -1,0 +1,113 @@
+"""Pairs through a city: fidelity over brightness (arXiv:2404.08626) and length (2504.08927)."""
+
+from collections.abc import Sequence
+from math import exp
+
+from scipy.optimize import brentq
+
+from qmn.labs.lab import Chart, Finding, Lab, Published, Run, Runs, in_range
+from qmn.sweeps.estimates import Estimate, proportion
+
+# Pairs/s behind the fibre. Two bases bound F by the visibility V, and by (1 + V)/2.
+RATES = {"brightest": 5e5, "middle": 2e5, "dimmest": 2e4}
+COUNTS = {"brightest": 10_000, "middle": 10_000, "dimmest": 3_000}  # sifted bits
+LOWER = {
+    "brightest": Published(0.84, 0.005, "New York: more than 0.84"),
+    "middle": Published(0.937, 0.007, "New York: 15 days, lower bound"),
+}
+UPPER = {"middle": Published(0.967, 0.004, "New York: 15 days, upper bound")}
+BEST = Published(0.99, 0.005, "New York: about 0.99")
+NEAR, FAR = 0.68, 0.90  # detectors at 795 nm and 1324 nm
+FIBER_DB, KM, TOTAL_DB = 14.45, 34, 17.46
+BERLIN = {"10-m": 0.01, "30-km": 30.0, "60-km": 60.0}
+
+
+def visibility(light: float) -> float:
+    """Return V where the near detectors have `light` photons each, on average, of other pairs.
+
+    Behind the fibre light is rare, and of one pair; two clicks at once are a random bit.
+    """
+    return NEAR * exp(-light) / (1 - (1 - NEAR) * exp(-2 * light))
+
+
+def light(rate: float, brightest: float = LOWER["brightest"].value) -> float:
+    """Return the light of so many pairs/s, where the brightest source has this visibility."""
+    most = float(brentq(lambda x: visibility(x) - brightest, 0.0, 1.0))
+    return most * rate / RATES["brightest"]
+
+
+def lower(rate: float) -> float:
+    """Return the lower bound of F at so many pairs/s."""
+    return visibility(light(rate))
+
+
+def upper(rate: float) -> float:
+    """Return the upper bound."""
+    return (1 + lower(rate)) / 2
+
+
+def unsure(rate: float) -> float:
+    """Return the error of V that follows from rounding that of the brightest."""
+    point = LOWER["brightest"]
+    if rate == RATES["brightest"]:
+        return 0.0
+    return visibility(light(rate, point.value + point.error)) - lower(rate)
+
+
+def session(protocol: str, count: int, rate: float, km: float) -> str:
+    """Return what is said behind `qmn`."""
+    return (
+        f"run qkd --protocol {protocol} --count {count} --test-fraction 0.5"
+        " --bound asymptotic --captures none --no-report --no-record"
+        " --device charlie.source.statistics=poisson"
+        f" --device charlie.source.mean_pairs={2 * light(rate) / NEAR:.7f}"
+        f" --device alice.detectors.efficiency={NEAR} --device bob.detectors.efficiency={FAR}"
+        f" --fiber q1-bob.length_km={km} --fiber q1-bob.loss_db_per_km={FIBER_DB / KM}"
+        f" --fiber q1-bob.connectors_db={TOTAL_DB - FIBER_DB:.2f}"
+    )
+
+
+def wrong(run: Run) -> Estimate:
+    """Return how often outcomes in equal bases differ."""
+    told = run.result["asking"]
+    return proportion(round(told["qber"] * told["disclosed_bits"]), told["disclosed_bits"])
+
+
+def less(error: Estimate, times: float) -> Estimate:
+    """Return 1 - times * error: F for 3/2, its bounds for 2 and 1."""
+    return Estimate(1 - times * error.value, times * error.error)
+
+
+def findings(runs: Runs) -> Sequence[Finding]:
+    """Return the bounds of F at each brightness, then F and S over length."""
+    found = []
+    for name, rate in RATES.items():
+        q, error = wrong(runs[name]), unsure(rate)
+        for chart, what, times, theirs in (
+            ("lower", "at least", 2, LOWER.get(name)),
+            ("upper", "at most", 1, UPPER.get(name)),
+        ):
+            words, inputs = f"F {what}, {rate:g} pairs/s", error * times / 2
+            found.append(Finding(chart, words, less(q, times), theirs, rate, inputs=inputs))
+    found.append(Finding("", f"F, {rate:g} pairs/s", less(q, 1.5), BEST, inputs=0.75 * error))
+    for name in BERLIN:
+        told, f = runs[name].result["asking"], less(wrong(runs[name]), 1.5)
+        s = Estimate(told["chsh"], told["chsh_error"])
+        found.append(in_range(f"F, {name}", f, 0.85, 0.99, "Berlin, abstract"))
+        found.append(in_range(f"S, {name}", s, 2.36, 2.74, "Berlin, abstract"))
+    return found
+
+
+AXES = "pairs/s behind 34 km", "bound of the fidelity"
+LAB = Lab(
+    title="pairs through a city: fidelity over brightness, and over length",
+    paper="Craddock et al., PRX Quantum 5, 030330 (2024), arXiv:2404.08626;"
+    " Sena et al., J. Opt. Commun. Netw. 17, 1072 (2025), arXiv:2504.08927",
+    runs={name: session("bbm92", COUNTS[name], rate, KM) for name, rate in RATES.items()}
+    | {name: session("e91", 1500, RATES["middle"], km) for name, km in BERLIN.items()},
+    findings=findings,
+    charts=(
+        Chart("lower", "lower bound by two bases", *AXES, lower),
+        Chart("upper", "upper bound by two bases", *AXES, upper),
+    ),
+)

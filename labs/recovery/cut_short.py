@@ -1,0 +1,52 @@
+"""Pairs of alice and charlie before, while and after the fibres between their buildings are cut."""
+
+import json
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+from campus import Campus
+
+from qmn.emulated.flapping import dark_spans
+from qmn.emulated.using import session
+from qmn.live.event_sources import RESULT, recorded
+from qmn.results.run_folder import make_folder
+from qmn.scripting import QuantumNetwork, start
+from topologies.runtime import EVENT_CAPTURE
+
+SESSIONS, LIGHT_S = 5, 0.25  # before the cut and after it; until it
+ENDS = ("alice", "charlie")
+
+
+def shared(network: QuantumNetwork, cut: bool = False) -> Counter[str]:
+    """Share pairs; count those made, sampled and found as Phi+, and photons that came."""
+    earlier = came(network)
+    with session(network, "distribute", ENDS, count=200, sample=0.4, rate_hz=250_000) as asked:
+        if cut:
+            time.sleep(LIGHT_S)
+            network.net.configLinkStatus("q1", "q3", "down")
+        list(asked.results)
+        told = asked.asking.summary
+    like_phi = round(told["sampled"] * (2 * told["fidelity"] + 1) / 3)
+    counts = {"came": came(network) - earlier, "like_phi": like_phi}
+    return Counter({**counts, "emitted": told["emitted"], "sampled": told["sampled"]})
+
+
+def came(network: QuantumNetwork) -> int:
+    """Return how many photons have come to charlie's fibre."""
+    return sum(fiber.photons_to_a or 0 for fiber in network.fibers() if fiber.a == "charlie-q0")
+
+
+seed, runs = sys.argv[2::2]  # --seed 1 --runs DIR
+folder = make_folder(Path(runs), "campus")
+with start(Campus, folder, seed=int(seed)) as network:
+    before = sum((shared(network) for _ in range(SESSIONS)), Counter())
+    begin_ns, _told, end_ns = time.time_ns(), shared(network, cut=True), time.time_ns()
+    after = sum((shared(network) for _ in range(SESSIONS)), Counter())
+    events = [each for each in recorded(folder / EVENT_CAPTURE, follow=False) if not each.photon]
+    dark = dark_spans(events, network.runtime.fibers, ("source", "charlie"))
+outage_ns = max(end - begin for begin, end in dark if begin_ns < begin and end < end_ns)
+facts = json.loads((folder / RESULT).read_text())
+facts["found"] = {"before": before, "after": after, "outage_s": outage_ns / 1e9}
+(folder / RESULT).write_text(json.dumps(facts))
