@@ -103,7 +103,7 @@ bench: setup ## Measure and print the speed of this machine
 	bin/qmn bench
 
 live-speed: setup browser ## Measure the live view: how far it is behind, its memory, what it costs
-	$(AS_ROOT) PYTHONPATH=.:tests/unit/qmn $(PYTHON) tests/live_speed
+	$(AS_ROOT) PYTHONPATH=.:tests/unit/qmn $(PYTHON) tests/live_speed/measure.py
 
 curves: setup ## Check the physics against theory and draw it (curves/)
 	bin/qmn curves

@@ -8,19 +8,20 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from playwright.sync_api import CDPSession, Page, sync_playwright
+from playwright.sync_api import CDPSession, Page, ViewportSize, sync_playwright
 from test_report_in_browser import installed_browser
 
 CLOCKS_PER_S = 100  # of /proc: USER_HZ
 LOOK_S = 5.0  # between two looks at memory
 OPEN_MS = 30_000
+VIEWPORT: ViewportSize = {"width": 1400, "height": 1000}
 PROBE = """origin => {
-  window.behind = []; window.drawings = 0;
+  window.behind = []; window.drawings = []; // moments, in ms
   const clock = document.getElementById("clock");
   const changes = {childList: true, characterData: true, subtree: true};
-  new MutationObserver(() => drawings++).observe(clock, changes);
+  new MutationObserver(() => drawings.push(Date.now())).observe(clock, changes);
   (function look() {
-    behind.push(Date.now() - origin - 1000 * parseFloat(clock.value));
+    behind.push([Date.now(), Date.now() - origin - 1000 * parseFloat(clock.value)]);
     requestAnimationFrame(look);
   })();
 }"""
@@ -68,7 +69,7 @@ def looked_at(address: str, seconds: float, server: int) -> Sample:
         chromium = playwright.chromium.launch(
             executable_path=installed_browser(), args=["--no-sandbox"]
         )
-        page = chromium.new_page(viewport={"width": 1400, "height": 1000})
+        page = chromium.new_page(viewport=VIEWPORT, bypass_csp=True)  # to ask it things
         page.goto(address)
         page.wait_for_function(
             "document.querySelector('#status').textContent.startsWith('live') && "
@@ -99,8 +100,10 @@ def sampled(page: Page, pid: int, seconds: float, server: int) -> Sample:
         heaps.append(metrics["JSHeapUsedSize"] / (1 << 20))
         memories.append(own_mib(pid))
     took = time.monotonic() - began
-    behind, drawings = page.evaluate("[behind, drawings]")
     page_s, server_s = cpu_s(pid) - spent[0], cpu_s(server) - spent[1]
-    return Sample(
-        behind, drawings / took, max(heaps), max(memories), page_s / took, server_s / took
-    )
+    behind, drawings = page.evaluate("[behind, drawings]")
+    # Behind the last event there is nothing that a page could be late with.
+    late = [late_ms for moment, late_ms in behind if moment <= drawings[-1]]
+    shown_s = (drawings[-1] - drawings[0]) / 1000
+    memory = max(heaps), max(memories)
+    return Sample(late, len(drawings) / shown_s, *memory, page_s / took, server_s / took)

@@ -18,6 +18,7 @@ from qmn.live_view.timeline import Timeline
 from qmn.reports.run_facts import read_result
 
 TICK_S = 0.003  # between two deliveries, as the dispatcher's
+EVENTS_OF_A_SESSION = 100
 DEADLINE_S = 30.0
 
 
@@ -54,11 +55,10 @@ def come_again(past: list[dict[str, Any]], timeline: Timeline, events_per_s: int
     while True:
         due = (time.time_ns() - began) * events_per_s // 1_000_000_000
         for number in range(number, due):  # noqa: B020
-            turn, place = divmod(number, len(past))
-            event = past[place]
+            event = past[number % len(past)]
             fields = {name: value for name, value in event.items() if name not in ("t", "what")}
             if "session" in fields:
-                fields["session"] = f"{fields['session'][:-6]}{turn % (1 << 24):06x}"
+                fields["session"] = f"{number // EVENTS_OF_A_SESSION:016x}"
             timeline.add(EVENT, began + number * 1_000_000_000 // events_per_s, fields)
         number = max(number, due)
         time.sleep(TICK_S)

@@ -1,7 +1,7 @@
 """How far behind its network the live view is, how much memory it takes, and what it costs a run.
 
-python tests/live_speed                       (root; `make live-speed`)
-python tests/live_speed --events-per-s 2000 --seconds 90 --rounds 3
+python tests/live_speed/measure.py                       (root; `make live-speed`)
+python tests/live_speed/measure.py --events-per-s 2000 --seconds 90 --rounds 3
 
 First a run of many small blocks, with no page and with one in turns: pairs a second, and the
 processor time of the network for each pair, which other work on this machine changes less. Then
