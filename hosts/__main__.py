@@ -36,7 +36,8 @@ async def run(config: HostConfig) -> None:
     )
     speaking = [asyncio.create_task(announcing)]
     if config.device_key:
-        agent = await start_node_agent(config, stack.device, stack.swaps, stack.seals)
+        parts = stack.device, stack.swaps, stack.seals
+        agent = await start_node_agent(config, *parts, stack.takes_part)
         speaking.append(asyncio.create_task(agent.run()))
     print("ready", flush=True)
     stopping = asyncio.create_task(stopped.wait())

@@ -8,6 +8,7 @@ import asyncio
 import logging
 import socket
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from typing import cast
 
@@ -30,6 +31,7 @@ from wire.device import (
     Datagram,
     DeviceQuery,
     DeviceReport,
+    SessionQuery,
     SetDevice,
     Subscribe,
     SwapOrder,
@@ -47,12 +49,18 @@ class NodeAgent(asyncio.DatagramProtocol):
     """Speaks for one device."""
 
     def __init__(
-        self, config: HostConfig, device: Device, swaps: Swaps, seals: OrderedSeals
+        self,
+        config: HostConfig,
+        device: Device,
+        swaps: Swaps,
+        seals: OrderedSeals,
+        takes_part: Callable[[int], bool],
     ) -> None:
         self._name = config.name
         self._key = config.device_key
         self._report_to = config.report_to
         self._device, self._swaps, self._seals = device, swaps, seals
+        self._takes_part = takes_part
         self._heard = 0  # number of the last datagram that was taken
         self._number = 0
         self._last = device.report()
@@ -85,6 +93,9 @@ class NodeAgent(asyncio.DatagramProtocol):
             self._send(self._seals.take(message))
         elif isinstance(message, GiveBack):
             self._send(self._seals.give_back(message))
+        elif isinstance(message, SessionQuery):
+            there = self._takes_part(message.about)
+            self._send(Answer(message.session, Reason.OK if there else Reason.UNKNOWN_SESSION))
         elif isinstance(message, DeviceQuery):
             self._report(message.session)
         else:
@@ -177,11 +188,15 @@ class NodeAgent(asyncio.DatagramProtocol):
 
 
 async def start_node_agent(
-    config: HostConfig, device: Device, swaps: Swaps, seals: OrderedSeals
+    config: HostConfig,
+    device: Device,
+    swaps: Swaps,
+    seals: OrderedSeals,
+    takes_part: Callable[[int], bool],
 ) -> NodeAgent:
-    """Open the port; raise OSError if it is taken."""
+    """Open the port; raise OSError if it is taken. The host says in which sessions it is."""
     _transport, agent = await asyncio.get_running_loop().create_datagram_endpoint(
-        lambda: NodeAgent(config, device, swaps, seals), sock=agent_port(config.address)
+        lambda: NodeAgent(config, device, swaps, seals, takes_part), sock=agent_port(config.address)
     )
     return agent
 

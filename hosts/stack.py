@@ -138,6 +138,10 @@ class Stack:
         qnic = self._resources.at(options.wavelength_pm).qnic
         return Interception(qnic, options, config.seed, config.name, config.memory_qubits)
 
+    def takes_part(self, session: int) -> bool:
+        """Tell whether this host is in a session, or opens a link of that number."""
+        return session in self.active_sessions.sessions or self.swaps.opens(session)
+
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Serve one connection on the quantum-metadata port."""
         channel = MetadataChannel(reader, writer)

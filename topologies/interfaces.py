@@ -35,7 +35,7 @@ MESSAGE, LINK, ATTRIBUTE = struct.Struct("=IHHII"), struct.Struct("=BxHiII"), st
 ANSWER_BYTES = 4096
 SIOCGIFFLAGS, SIOCSIFFLAGS, SIOCSIFADDR, SIOCSIFNETMASK = 0x8913, 0x8914, 0x8916, 0x891C
 SIOCGIFHWADDR, SIOCETHTOOL, SIOCSIFMTU = 0x8927, 0x8946, 0x8922
-ETHTOOL_SRXCSUM, ETHTOOL_STXCSUM = 0x15, 0x17
+ETHTOOL_SRXCSUM, ETHTOOL_STXCSUM, ETHTOOL_SGRO = 0x15, 0x17, 0x2C
 IFF_UP = 0x1
 Result = TypeVar("Result")
 IPV6 = Path("/proc/sys/net/ipv6/conf")
@@ -153,8 +153,20 @@ def hardware_address(name: str) -> str:
 
 def finish_checksums(name: str) -> None:
     """Let an interface of this thread's namespace send whole checksums, and check them."""
+    _switch_off(name, ETHTOOL_STXCSUM, ETHTOOL_SRXCSUM)
+
+
+def keep_segments(name: str) -> None:
+    """Let an interface of this thread's namespace pass on segments of TCP as they came.
+
+    Where the kernel has joined some, Open vSwitch in user space drops them: they are too long.
+    """
+    _switch_off(name, ETHTOOL_SGRO)
+
+
+def _switch_off(name: str, *commands: int) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as kernel:
-        for command in (ETHTOOL_STXCSUM, ETHTOOL_SRXCSUM):
+        for command in commands:
             value = array.array("I", [command, 0])
             place, _length = value.buffer_info()
             try:

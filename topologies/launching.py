@@ -56,6 +56,7 @@ def launch_elsewhere(
         machine.put(file, file.read_bytes())
     for folder in (Path(config.socket).parent, shared, config.keys):
         machine.ask("folder", path=str(folder))
+    machine.relay(config.socket)
     program = network.program(name)
     program.start_elsewhere(machine, ["-m", module, "--config", str(path)], host.pid_there)
     return program

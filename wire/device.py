@@ -7,8 +7,9 @@
 controller                       node agent, UDP port DEVICE_PORT
 DeviceQuery, Subscribe, SetDevice ->
                               <-  DeviceReport: asked for, or on its own (session 0)
-SwapOrder, SealOrder, GiveBack    ->
-                              <-  Answer to SetDevice, SwapOrder, SealOrder and GiveBack
+SwapOrder, SealOrder, GiveBack,
+SessionQuery                      ->
+                              <-  Answer to SetDevice, to orders and to SessionQuery
 
 Key managers speak by datagrams like these (wire.key_routes), from a port of their own.
 
@@ -346,6 +347,16 @@ class SwapOrder(Message):
             raise MalformedPacket(f"SwapOrder: place {self.place} purifies {text}")
 
 
+@dataclass(frozen=True)
+class SessionQuery(Message):
+    """Ask whether a host takes part in a session: OK, or UNKNOWN_SESSION."""
+
+    KIND = 42
+    FIELDS = struct.Struct("!Q")
+
+    about: int  # the session
+
+
 KINDS: dict[int, type[Message]] = {
     kind.KIND: kind
     for kind in (
@@ -356,6 +367,7 @@ KINDS: dict[int, type[Message]] = {
         SwapOrder,
         SealOrder,
         GiveBack,
+        SessionQuery,
         KeyLinks,
         KeyRouteRequest,
         KeyRoute,

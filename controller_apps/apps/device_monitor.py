@@ -21,6 +21,7 @@ from controller_apps.apps.host_orders import (
     EventNodeAnswered,
     EventOrder,
     EventSealOver,
+    EventSessionTold,
     EventSwapsOrdered,
     HostOrders,
     session_of,
@@ -44,13 +45,21 @@ from controller_apps.openflow.framework import (
 from controller_apps.packets.datagrams import CONTROLLER_MAC, Frame, is_udp
 from controller_apps.policy.policy import BadPolicy, Policy, read_policy
 from controller_apps.record import Record
+from controller_apps.sessions.actions import HostOrder
 from controller_apps.sessions.chains import orders
 from controller_apps.timeouts import DEVICE_TICK_S, SET_TIMEOUT_S
 from wire.config import ControllerConfig
-from wire.device import DEVICE_PORT, PERIODS_S, DeviceQuery, DeviceSettings, check_settings
+from wire.device import (
+    DEVICE_PORT,
+    PERIODS_S,
+    DeviceQuery,
+    DeviceSettings,
+    SessionQuery,
+    check_settings,
+)
 from wire.key_routes import KEY_AGENT_PORT
 from wire.metadata import Answer, MalformedPacket, Message, Reason
-from wire.seal_orders import GiveBack, SealOrder
+from wire.seal_orders import GiveBack
 
 POLLS_PER_S = 100  # at most, of all devices: what they do meanwhile they report by themselves
 LEAST_AT_ONCE = 4  # that are due
@@ -253,20 +262,20 @@ class DeviceMonitor(App):
 
     @on(EventOrder)
     def ordered(self, event: Any) -> None:
-        """Tell a host what it does about a seal, until it has understood."""
+        """Tell or ask a host something about a session, until it has answered."""
         order = event.order
         self._orders.add(order.node, self._numbered(order.message), self._now())
         self._send_orders()
 
-    def _numbered(self, message: SealOrder | GiveBack) -> SealOrder | GiveBack:
+    def _numbered(self, message: HostOrder) -> HostOrder:
         return replace(message, session=self._next_number())
 
     def _order_answered(self, node: str, answer: Answer) -> None:
         order = self._orders.answered(node, answer.session)
-        if order is not None:
-            reason = Reason(answer.reason)
-            if not isinstance(order, GiveBack):  # a seal may have ended before it is told to
-                self.send_event(METADATA, EventNodeAnswered(session_of(order), node, reason))
+        if order is None or isinstance(order, GiveBack):
+            return  # a seal may have ended before it is told to
+        told = EventSessionTold if isinstance(order, SessionQuery) else EventNodeAnswered
+        self.send_event(METADATA, told(session_of(order), node, Reason(answer.reason)))
 
     def _repeat_orders(self, now: float) -> None:
         for node, order in self._orders.give_up(now):

@@ -4,13 +4,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from controller_apps.openflow.framework import Event
-from controller_apps.sessions.actions import Order, SwapsOrdered
+from controller_apps.sessions.actions import HostOrder, Order, SwapsOrdered
 from controller_apps.timeouts import NODE_TIMEOUT_S
-from wire.device import DeviceReport, SwapOrder
+from wire.device import DeviceReport, SessionQuery, SwapOrder
 from wire.metadata import Reason
-from wire.seal_orders import GiveBack, SealOrder
 
-HostOrder = SwapOrder | SealOrder | GiveBack
+AnyOrder = SwapOrder | HostOrder
 
 
 class EventSwapsOrdered(Event):
@@ -37,6 +36,10 @@ class EventNodeAnswered(Event):
         self.session, self.node, self.reason = session, node, reason
 
 
+class EventSessionTold(EventNodeAnswered):
+    """A host has said whether it takes part in a session."""
+
+
 class EventAlarm(Event):
     """A host's seal has found somebody on its way."""
 
@@ -57,28 +60,30 @@ class EventSealOver(Event):
 class HostOrders:
     """The orders that no node has answered yet, by the node's address and number."""
 
-    _waiting: dict[tuple[str, int], tuple[HostOrder, float]] = field(default_factory=dict)
+    _waiting: dict[tuple[str, int], tuple[AnyOrder, float]] = field(default_factory=dict)
 
-    def add(self, node: str, order: HostOrder, now: float) -> None:
+    def add(self, node: str, order: AnyOrder, now: float) -> None:
         """Send it from now on."""
         self._waiting[node, order.session] = order, now + NODE_TIMEOUT_S
 
-    def answered(self, node: str, number: int) -> HostOrder | None:
+    def answered(self, node: str, number: int) -> AnyOrder | None:
         """Send it no more; return which one it was, None if it was none."""
         order, _until = self._waiting.pop((node, number), (None, 0.0))
         return order
 
-    def due(self) -> Iterator[tuple[str, HostOrder]]:
+    def due(self) -> Iterator[tuple[str, AnyOrder]]:
         """Yield what has to be sent again, and to which node."""
         for (node, _number), (order, _until) in list(self._waiting.items()):
             yield node, order
 
-    def give_up(self, now: float) -> list[tuple[str, HostOrder]]:
+    def give_up(self, now: float) -> list[tuple[str, AnyOrder]]:
         """Drop and return what has not been answered in time."""
         late = [key for key, (_order, until) in self._waiting.items() if until <= now]
         return [(node, self._waiting.pop((node, number))[0]) for node, number in late]
 
 
-def session_of(order: HostOrder) -> int:
+def session_of(order: AnyOrder) -> int:
     """Return which session an order is about."""
-    return order.chain if isinstance(order, SwapOrder) else order.seal
+    if isinstance(order, SwapOrder):
+        return order.chain
+    return order.about if isinstance(order, SessionQuery) else order.seal

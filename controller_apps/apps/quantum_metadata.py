@@ -15,6 +15,7 @@ from controller_apps.apps.host_orders import (
     EventNodeAnswered,
     EventOrder,
     EventSealOver,
+    EventSessionTold,
     EventSwapsOrdered,
 )
 from controller_apps.console.questions import EventQuestion, Refused, reply
@@ -348,6 +349,12 @@ class QuantumMetadata(App):
         answered = event.session, event.node, event.reason, self._now()
         self._do(self.arbiter.node_answered(*answered))
         self._do(self.idle.node_answered(*answered))
+
+    @on(EventSessionTold)
+    def session_told(self, event: Any) -> None:
+        """Tell the arbiter whether a host takes part in a session that was taken over."""
+        told = event.session, event.node, event.reason
+        self._do(self.arbiter.session_told(*told, self._now()))
 
     @on(EventAlarm)
     def seal_alarmed(self, event: Any) -> None:

@@ -6,7 +6,10 @@ from controller_apps.light.paths import Hop
 from controller_apps.packets.segments import FiveTuple
 from controller_apps.policy.schedules import UNPURIFIED, Purification
 from controller_apps.sessions.sessions import Chain
+from wire.device import SessionQuery
 from wire.seal_orders import GiveBack, SealOrder
+
+HostOrder = SealOrder | GiveBack | SessionQuery
 
 
 @dataclass(frozen=True)
@@ -97,10 +100,10 @@ class SwapsOrdered:
 
 @dataclass(frozen=True)
 class Order:
-    """Tell a host's node agent to do something, until it has answered."""
+    """Tell or ask a host's node agent something, until it has answered."""
 
     node: str  # address
-    message: SealOrder | GiveBack  # without the number of the request
+    message: HostOrder  # without the number of the request
 
 
 @dataclass(frozen=True)

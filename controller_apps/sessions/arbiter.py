@@ -27,6 +27,7 @@ from controller_apps.sessions.actions import (
 )
 from controller_apps.sessions.admission import Admission, admit, find_light
 from controller_apps.sessions.chains import beside, links_of
+from controller_apps.sessions.enquiries import Enquiries
 from controller_apps.sessions.given_back import TAKEN_BACK, GivenBack
 from controller_apps.sessions.handshakes import WINDOW, Handshakes, is_expected, position
 from controller_apps.sessions.light_paths import Light
@@ -88,6 +89,7 @@ class Arbiter:
         self.verdicts = Verdicts(self.sessions, self.light, self.keys)
         self.ordering = Ordering(self.sessions, self.light, self.verdicts)
         self.given_back = GivenBack(self.sessions)
+        self.enquiries = Enquiries(self.sessions)
         self.recovery = Recovery(self.sessions, self.light)
         self._looked = -inf  # at all that wait
         self.slots: Slots | None = None
@@ -454,8 +456,17 @@ class Arbiter:
     def resume(self, session: Session, now: float) -> None:
         """Take over what another controller has kept; raise MalformedPacket if that cannot be."""
         self.recovery.resume(session, now)
+        self.enquiries.begin(session, now)
         for request in session.requests.values():
             self.verdicts.seal(request)
+
+    def session_told(self, number: int, node: str, reason: Reason, now: float) -> list[Action]:
+        """Note what a host (its address) says of a session; end one that ended unseen."""
+        over = self.enquiries.told(number, node, reason)
+        if over is None:
+            return []
+        ended = self.verdicts.tear_down(over, "ended while no controller was there", now)
+        return [*ended, *self._serve_queue(now)]
 
     def bypasses_found(self, dpid: int, entries: Iterable[tuple[int, FiveTuple]]) -> list[Action]:
         """Take what a classical switch lets pass (session and connection of each entry)."""
@@ -509,4 +520,5 @@ class Arbiter:
         if now - self._looked >= QUEUE_LOOK_S:  # losses and tunings change, too
             self._looked, self.sessions.changed = now, True
         counting = self._count_doubted(now)
-        return [*actions, *counting, *self.recovery.restored(), *self._serve_queue(now)]
+        asking = self.enquiries.due(now)
+        return [*actions, *counting, *asking, *self.recovery.restored(), *self._serve_queue(now)]

@@ -4,7 +4,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from qmn.live.dispatcher_calls import status
 from qmn.live.metrics_targets import announce
 from qmn.live.running import announce_network
 from qmn.live_view.beside import live_view
+from qmn.machines.options import machine_facts, machines_of
 from qmn.network.custom_topology import BadTopology, short_name
 from qmn.network.description import NetworkDescription
 from qmn.network.options import settings
@@ -31,7 +32,6 @@ from topologies.causality import worst
 from topologies.machines.machine import Machine
 from topologies.network import Interrupted, Network, Signals
 from topologies.programs import NetworkError
-from topologies.runtime import Runtime
 from topologies.slow_copper import slow_metadata
 
 # Options that a result tells elsewhere, or that do not change what comes out.
@@ -124,7 +124,11 @@ def known_facts(context: RunContext, service: str, own: Mapping[str, Any]) -> Ru
 @contextmanager
 def running_network(context: RunContext, facts: RunFacts) -> Iterator[Network]:
     """Run a network with its captures, on the machines that are asked for; add to the facts."""
-    with machines_of(context) as places, _running(context, facts, places) as network:
+    hosts, check = context.network.hosts, context.signals.check
+    with (
+        machines_of(context.options, hosts, check) as places,
+        _running(context, facts, places) as network,
+    ):
         yield network
 
 
@@ -183,33 +187,6 @@ def _running(context: RunContext, facts: RunFacts, places: dict[str, Machine]) -
         if run.report:
             begin_loading()  # meanwhile the network goes
     facts["packets_not_captured"] = network.captures.packets_missed
-
-
-@contextmanager
-def machines_of(context: RunContext) -> Iterator[dict[str, Machine]]:
-    """Give the machines of hosts that are not here."""
-    run = context.options
-    if run.machines == 1 and not run.place:
-        yield {}
-        return
-    # Dask takes a second to load: who has one machine does not wait for it.
-    from qmn.machines.workers import on_machines
-
-    hosts, check = context.network.hosts, context.signals.check
-    with on_machines(run.machines, run.place, run.scheduler, hosts, check) as places:
-        yield places
-
-
-def machine_facts(runtime: Runtime) -> dict[str, Any]:
-    """Return what other machines there are, with their hosts and how far their clocks are ahead."""
-    return {
-        machine.name: {
-            "address": machine.address,
-            "hosts": [host for host, each in runtime.places.items() if each is machine],
-            "clock": asdict(machine.clock_offset()),
-        }
-        for machine in runtime.machines
-    }
 
 
 @contextmanager

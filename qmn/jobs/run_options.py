@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from qmn.machines.options import MachineOptions
 from topologies.captures import HEADERS_BYTES, MAX_PACKET_BYTES
 from wire.parameters.network import LEAST_MBPS, MOST_MBPS
 from wire.parameters.option import option
@@ -12,7 +13,7 @@ CAPTURES = {"full": MAX_PACKET_BYTES, "headers": HEADERS_BYTES, "none": 0}
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunOptions:
+class RunOptions(MachineOptions):
     """What every run can be told beside its network and its job."""
 
     runs: Path = option(Path("runs"), "what runs leave (runs)", metavar="DIR")
@@ -21,17 +22,6 @@ class RunOptions:
         "slow classical channel: Mbit/s of quantum metadata that a host can send (no limit)",
         metavar="MBPS",
         range=(LEAST_MBPS, MOST_MBPS),
-    )
-    machines: int = option(
-        1, "over this one, m1, and workers on others (1)", metavar="N", range=(1, 64)
-    )
-    place: tuple[str, ...] = option(
-        (),
-        "a host on one of them, as bob=m2 (repeatable; none: in turn)",
-        metavar="HOST=MACHINE",
-    )
-    scheduler: str = option(
-        "", "Dask's, of the workers (that of DASK_SCHEDULER_ADDRESS)", metavar="tcp://…"
     )
     qasm: bool = option(False, "write what is done to qubits to quantum.qasm")
     captures: str = option(
@@ -50,7 +40,3 @@ class RunOptions:
     def packet_bytes(self) -> int:
         """Return how many bytes of each packet are captured at most; 0: there are no captures."""
         return CAPTURES[self.captures] if self.capture else 0
-
-
-# The options of jobs whose hosts can be on other machines.
-MACHINES = ("machines", "place", "scheduler")

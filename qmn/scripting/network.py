@@ -17,6 +17,7 @@ from qmn.live.controller_console import ask
 from qmn.live.dispatcher_calls import held_blocks, switch_conditions, switch_statistics
 from qmn.live.metrics_targets import announce
 from qmn.live.running import announce_network
+from qmn.machines.options import MACHINES, MachineOptions, machine_facts, machines_of
 from qmn.network.checks import check_network, check_two_hosts
 from qmn.network.description import (
     FIBER,
@@ -180,11 +181,12 @@ def start(
     """Start a network, and leave nothing behind at the end; root.
 
     `topo` is a name that `qmn run` knows, FILE.py:CLASS, or a topology of your own. Logs and
-    quantum events go into the folder, if there is one. `options` are those of NetworkOptions; what
-    each means, and what it is if absent, says `qmn cli --help`. Raise BadInput or BadTopology for
-    what cannot be, NetworkError if it does not start; Ctrl-C is a KeyboardInterrupt, and cleans
-    up, too.
+    quantum events go into the folder, if there is one. `options` are those of NetworkOptions and
+    MachineOptions; what each means, and what it is if absent, says `qmn cli --help`. Raise
+    BadInput or BadTopology for what cannot be, NetworkError if it does not start; Ctrl-C is a
+    KeyboardInterrupt, and cleans up, too.
     """
+    of_machines = {name: options.pop(name) for name in MACHINES if name in options}
     asked = from_keywords(NetworkOptions, options)
     if isinstance(topo, str):
         if not is_known(topo):
@@ -199,24 +201,32 @@ def start(
                 raise BadInput(f"{word} is of the topologies of qmn: say of which part it is")
         description = describe_own(topo, asked)
     check_network(asked)
-    with running(description, Path(folder) if folder is not None else None) as network:
+    where = from_keywords(MachineOptions, of_machines)
+    folder = Path(folder) if folder is not None else None
+    with running(description, folder, where) as network:
         yield network
 
 
 @contextmanager
-def running(description: NetworkDescription, folder: Path | None) -> Iterator[QuantumNetwork]:
+def running(
+    description: NetworkDescription, folder: Path | None, where: MachineOptions
+) -> Iterator[QuantumNetwork]:
     """Run a network; a signal that comes while it starts is raised as Interrupted."""
     options, chosen = description.options, description.scale
     with (
         Signals() as signals,
         given_at_the_end(options.keys),
         artifacts_of(options, folder) as facts,
+        machines_of(where, description.hosts, signals.check) as places,
     ):
         facts["time_scale"], facts["time_scale_because"] = chosen.scale, chosen.reason or None
         runtime = settings(options, folder, chosen.scale)
+        runtime.places = places
         network = QuantumNetwork(description.build, runtime, signals)
         try:
             with network, signals.at_once():
+                if places:
+                    facts["machines"] = machine_facts(runtime)
                 facts["network"] = network_facts(network).to_dict()
                 announce_network(network.runtime, facts["network"])
                 early = worst(network.runtime)

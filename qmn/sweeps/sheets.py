@@ -451,6 +451,21 @@ SHEETS = (
             )
         ],
     ),
+    Sheet(
+        "conference",
+        "conference",
+        {"depolarizing": "0:0.12:7", "hosts": [3, 4, 6], "pairs": 200_000},
+        [
+            Curve(
+                "conference",
+                "Conference keys: 1 - 2 h(Q), Q = (1 - (1 - p)^n)/2 of n links",
+                "depolarizing",
+                "depolarising p of each link",
+                "key",
+                by=["hosts"],
+            )
+        ],
+    ),
     *(
         Sheet(
             f"sensing-{axis}",

@@ -11,6 +11,7 @@ from typing import Any
 
 from qmn.live.metrics_targets import urls
 from qmn.live_view.beside import live_view
+from qmn.machines.options import MachineOptions
 from qmn.network.checks import check_network
 from qmn.network.custom_topology import BadTopology, short_name
 from qmn.network.description import describe_network
@@ -39,6 +40,7 @@ def add_parser(verbs: Any) -> None:
     add_options(parser, NetworkOptions)  # keys, too: a program on a host may distribute some
     add_options(parser, KeyServiceOptions)
     add_options(parser, Q0Options)
+    add_options(parser, MachineOptions)
     add = parser.add_argument
     add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="where logs go (runs)")
     add("--live", action="store_true", help="serve a page of what happens (`qmn live`)")
@@ -50,9 +52,9 @@ def call(arguments: argparse.Namespace) -> int:
     """Start, obey, clean up; turn every fault into one line and an exit status."""
     try:
         options, keys = read(NetworkOptions, arguments), read(KeyServiceOptions, arguments)
-        q0 = read(Q0Options, arguments)
+        q0, where = read(Q0Options, arguments), read(MachineOptions, arguments)
         extras = CliExtras(arguments.runs, arguments.capture, arguments.live)
-        return start_and_obey(options, keys, q0, extras)
+        return start_and_obey(options, keys, q0, where, extras)
     except (BadInput, BadTopology, NetworkError) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
@@ -74,7 +76,11 @@ class CliExtras:
 
 
 def start_and_obey(
-    options: NetworkOptions, keys: KeyServiceOptions, q0: Q0Options, extras: CliExtras
+    options: NetworkOptions,
+    keys: KeyServiceOptions,
+    q0: Q0Options,
+    where: MachineOptions,
+    extras: CliExtras,
 ) -> int:
     """Return the exit status: of a script 1 if a command has failed."""
     if not options.topology:
@@ -93,7 +99,7 @@ def start_and_obey(
     point_latest(folder)
     try:
         print(f"starting the network; its logs and quantum events: {folder}", flush=True)
-        with running(description, folder) as network:
+        with running(description, folder, where) as network:
             for switch, address in network.runtime.gnmi_addresses.items():
                 print(f"gNMI of {switch}: {address}")
             for program, url in urls(network.runtime.metrics_addresses).items():

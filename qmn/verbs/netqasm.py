@@ -8,7 +8,8 @@ from typing import Any
 from qmn.jobs import netqasm
 from qmn.jobs.netqasm import NetqasmRequest
 from qmn.jobs.run_context import guarded
-from qmn.jobs.run_options import MACHINES, RunOptions
+from qmn.jobs.run_options import RunOptions
+from qmn.machines.options import MACHINES
 from qmn.network.options import KEYS, NetworkOptions
 from qmn.network.topologies import TOPOLOGIES, topology_name
 from qmn.options import add_options, read

@@ -13,11 +13,12 @@ from qmn.jobs.keys import KeysRequest
 from qmn.jobs.load import LoadRequest
 from qmn.jobs.passing_eavesdropper import PassingEve
 from qmn.jobs.run_context import guarded
-from qmn.jobs.run_options import MACHINES, RunOptions
+from qmn.jobs.run_options import RunOptions
 from qmn.jobs.service_verbs import SERVICE_PORT, VERBS, Verb, verb_of
 from qmn.jobs.superdense import SuperdenseRequest
 from qmn.jobs.transfer import APPLICATION_PORT
 from qmn.jobs.vpn import VpnRequest
+from qmn.machines.options import MACHINES
 from qmn.network.key_options import KeyServiceOptions
 from qmn.network.options import KEYS, NetworkOptions
 from qmn.network.topologies import TOPOLOGIES, topology_name

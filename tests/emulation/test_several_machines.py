@@ -196,3 +196,43 @@ def test_a_worker_that_is_killed_ends_the_run_by_name_and_leaves_nothing(
     assert run.returncode == 1
     assert f"the machine m2 ({THERE}) was lost" in complaint
     wait_until(lambda: second.things() == before, "nothing is left there", 5)
+
+
+COMMANDS = """
+alice ping -c 1 -q bob
+bob ping -c 1 -q alice
+qsend alice bob there by light
+qsend bob alice and back
+qstate bob
+py network.send("bob", "alice", bytes(100_000)).size
+bob hostname -I
+iperf alice bob
+"""
+
+
+def test_the_command_line_steers_a_host_of_a_second_machine(
+    second: SecondMachine, tmp_path: Path
+) -> None:
+    before = second.things()
+    words = ["cli", "ring", "--both-ways", "--runs", str(tmp_path), *ON_SECOND]
+    done = subprocess.run(
+        [sys.executable, "-m", "qmn", *words],
+        input=COMMANDS,
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=100,
+    )
+    said = done.stdout
+    assert said.count("1 packets transmitted, 1 received, 0% packet loss") == 2
+    assert "bob: there by light" in said
+    assert "alice: and back" in said
+    assert "cut" not in said
+    assert "100000" in said.splitlines()
+    # What cannot be there is refused by name, and nothing else is.
+    assert done.stderr.startswith("*** bob is on m2, where iperf "), done.stderr
+    assert (done.returncode, done.stderr.count("***")) == (1, 1)
+    machine = json.loads((tmp_path / "latest" / "result.json").read_text())["machines"]["m2"]
+    assert (machine["address"], machine["hosts"]) == (THERE, ["bob"])
+    assert second.things() == before

@@ -17,6 +17,7 @@ import subprocess
 import sys
 import termios
 import time
+from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -24,6 +25,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from topologies import interfaces
+from topologies.machines.relays import Stream, join
 from topologies.machines.source import fingerprint
 from topologies.machines.tunnel import TunnelEnd
 from topologies.owners import mark
@@ -34,6 +36,7 @@ from wire.machine_channel import MOST_BODY_BYTES, Header, encode, receive
 
 MODULE = "topologies.machines.agent"
 CHUNK_BYTES = 1 << 16
+Connect = Callable[[], Awaitable[Stream]]  # to the runner
 WITHIN = {
     each.__name__: each
     for each in (
@@ -50,11 +53,12 @@ WITHIN = {
 class Agent:
     """Programs of a runner on this machine, and what else it asks."""
 
-    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self._reader, self._writer = reader, writer
+    def __init__(self, connect: Connect, stream: Stream) -> None:
+        self._connect = connect
+        self._reader, self._writer = stream
         self._processes: dict[int, asyncio.subprocess.Process] = {}
         self._terminals: dict[int, int] = {}
-        self._following: set[asyncio.Task[None]] = set()
+        self._tasks: set[asyncio.Task[None]] = set()
 
     async def serve(self) -> None:
         """Do what is asked, one thing after the other, until the runner ends."""
@@ -139,10 +143,29 @@ class Agent:
             os.close(theirs)
             self._terminals[number] = ours
         self._processes[number] = process
-        task = asyncio.create_task(self._follow(number, process, ours))
-        self._following.add(task)
-        task.add_done_callback(self._following.discard)
+        self._begin(self._follow(number, process, ours))
         return process.pid, b""
+
+    def _begin(self, what: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.create_task(what)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def do_relay(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
+        """Connect to a socket, and to the runner for it."""
+        self._begin(self._relay(header["path"], header["relay"]))
+        return None, b""
+
+    async def _relay(self, path: str, number: int) -> None:
+        with suppress(OSError):  # then the runner has gone
+            there = await self._connect()
+            there[1].write(encode({"relay": number}))
+            try:
+                here = await asyncio.open_unix_connection(path)
+            except OSError:
+                there[1].close()  # who has connected to the runner finds that closed, too
+                return
+            await join(here, there)
 
     async def do_write(self, header: Header, body: bytes) -> tuple[Any, bytes]:
         """Type something at the terminal of a program."""
@@ -221,11 +244,16 @@ def trust(certificates: dict[str, str]) -> ssl.SSLContext:
 async def run(name: str, runner: str, certificates: dict[str, str]) -> None:
     """Connect to the runner, introduce this machine, and serve."""
     host, _, port = runner.rpartition(":")
-    async with asyncio.timeout(AGENT_CONNECT_TIMEOUT_S):
-        reader, writer = await asyncio.open_connection(host, int(port), ssl=trust(certificates))
+    context = trust(certificates)
+
+    async def connect() -> Stream:
+        async with asyncio.timeout(AGENT_CONNECT_TIMEOUT_S):
+            return await asyncio.open_connection(host, int(port), ssl=context)
+
+    stream = await connect()
     about = {"name": name, "root": str(ROOT), "python": python(), "source": fingerprint()}
-    writer.write(encode(about))
-    await Agent(reader, writer).serve()
+    stream[1].write(encode(about))
+    await Agent(connect, stream).serve()
 
 
 def main() -> int:

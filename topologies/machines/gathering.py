@@ -88,10 +88,13 @@ class Gathering:
         return ports
 
     async def _welcome(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Take in a machine that introduces itself, as its certificate names it."""
+        """Take in a machine that introduces itself, as its certificate names it, or is known."""
         message = await receive(reader)
         subject = writer.get_extra_info("peercert")["subject"]
         certified = next(value for ((key, value),) in subject if key == "commonName")
+        if message is not None and "relay" in message[0] and certified in self.found:
+            self.found[certified].take_relayed(message[0]["relay"], (reader, writer))
+            return
         if message is None or message[0].get("name") != certified or certified in self.found:
             writer.close()
             return

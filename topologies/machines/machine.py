@@ -14,6 +14,7 @@ from statistics import median
 from threading import Event
 from typing import Any
 
+from topologies.machines.relays import Relays, Stream
 from topologies.machines.tunnel import TunnelEnd
 from topologies.programs import NetworkError
 from topologies.timeouts import AGENT_ANSWER_TIMEOUT_S, BEAT_PERIOD_S, LOST_TIMEOUT_S
@@ -100,6 +101,7 @@ class Machine:
         self._processes: dict[int, ProcessElsewhere] = {}
         self._heard_s = time.monotonic()
         self._closing = False
+        self._relays = Relays(lambda path, number: self.tell("relay", path=path, relay=number))
         self._tasks = [asyncio.create_task(each) for each in (self._listen(), self._beat())]
 
     def check(self) -> None:
@@ -211,6 +213,15 @@ class Machine:
 
         self._loop.call_soon_threadsafe(close)
 
+    def relay(self, path: str) -> None:
+        """Let a socket here be in the place of the one with the same path there."""
+        listening = asyncio.run_coroutine_threadsafe(self._relays.listen(path), self._loop)
+        listening.result(AGENT_ANSWER_TIMEOUT_S)
+
+    def take_relayed(self, number: object, stream: Stream) -> None:
+        """Take a connection to a socket there."""
+        self._relays.take(number, stream)
+
     def clock_offset(self) -> ClockOffset:
         """Measure how far its clock is ahead: of the fastest answers, the middle."""
         found = []
@@ -263,6 +274,7 @@ class Machine:
         for answer in self._answers.values():
             if not answer.done():
                 answer.set_exception(NetworkError(f"{self.name} was lost: {why}"))
+        self._relays.close()
         self._writer.close()
 
     def close(self) -> Coroutine[Any, Any, None]:

@@ -4,6 +4,7 @@ import os
 import shlex
 import signal
 import socket
+import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from topologies.machines.machine import NOWHERE, Machine, ProcessElsewhere
 from topologies.memory_share import MIB
 from topologies.programs import NetworkError
 from topologies.shells import PROMPT
-from topologies.timeouts import END_TIMEOUT_S
+from topologies.timeouts import COMMAND_TIMEOUT_S, END_TIMEOUT_S
 
 GIVEN_UP = "-sys_admin,-dac_read_search,-sys_module,-sys_rawio,-sys_boot,-perfmon"
 
@@ -95,10 +96,25 @@ class NodeElsewhere:
         own: dict[str, str] = super().environment()  # type: ignore[misc]
         return {**own, "PYTHONPATH": str(root), "PATH": f"{root}/bin:{python}:$PATH"}
 
+    def pexec(self, *words: Any, **_options: Any) -> tuple[str, str, int]:
+        """Run a command there; return what it says, "" for its errors, which are with that."""
+        (first, *others) = words
+        command = [*first] if isinstance(first, list | tuple) else [*first.split(), *others]
+        said = bytearray()
+        process = self.machine.start(command, said.extend, self.pid_there)
+        try:
+            status = process.wait(COMMAND_TIMEOUT_S)
+        except subprocess.TimeoutExpired as error:
+            process.kill()
+            text = f"{self.name}: {shlex.join(command)} took over {COMMAND_TIMEOUT_S:g} s"
+            raise NetworkError(f"{text} on {self.machine.name}") from error
+        return said.decode(errors="replace"), "", status
+
     def popen(self, *arguments: Any, **_options: Any) -> Any:
         """Raise NetworkError: a process of another machine is no Popen of this one."""
+        command = arguments[0] if isinstance(arguments[0], str) else shlex.join(arguments[0])
         raise NetworkError(
-            f"{self.name} is on {self.machine.name}, where {arguments[0]} cannot be started so: "
+            f"{self.name} is on {self.machine.name}, where {command} cannot be started so: "
             "use `cmd` of the host, `run_on` of the network, or place it on the first machine"
         )
 

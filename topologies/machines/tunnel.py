@@ -7,6 +7,7 @@ of the machine that it was made on, whatever namespace it is moved to.
 import subprocess
 from dataclasses import dataclass
 
+from topologies.interfaces import keep_segments
 from topologies.programs import NetworkError
 from topologies.timeouts import COMMAND_TIMEOUT_S
 
@@ -33,6 +34,7 @@ class TunnelEnd:
         if self.hardware_address is not None:
             made += ["address", self.hardware_address]
         _ip_link(*made, "type", "vxlan", "id", str(self.identifier), *place)
+        keep_segments(self.name)
         if pid is not None:
             _ip_link("set", self.name, "netns", str(pid))
 

@@ -3,9 +3,11 @@
 import shlex
 from collections.abc import Mapping, Sequence
 
+from mininet.link import Intf
 from mininet.node import Controller, OVSSwitch
 
 from topologies import openvswitch, runtime
+from topologies.bridge_words import bridge_words
 from topologies.keywords import refuse_unknown
 from topologies.nodes.copper import connect_copper
 from topologies.nodes.node import QuantumNode
@@ -80,9 +82,19 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
 
     def lay(self) -> None:
         """Make the bridge with its ports, which nobody programs yet."""
-        if not self._laid:
-            super().start([])
-            self._laid = True
+        if self._laid:
+            return
+        ports = [port for port in self.intfList() if self.ports[port] and not port.IP()]
+        columns = {str(port): self._columns(port) for port in ports}
+        options = shlex.split(self.bridgeOpts())
+        openvswitch.change(*bridge_words(self.name, options, columns))
+        for port in self.intfList():
+            self.TCReapply(port)  # Open vSwitch has overwritten it
+        self._laid = True
+
+    def _columns(self, port: Intf) -> list[str]:
+        """Return what Mininet sets of a port's interface, after `-- set Interface NAME`."""
+        return shlex.split(self.intfOpts(port))[4:]
 
     def _obey(self, targets: Mapping[str, Mapping[str, int]]) -> None:
         """Let controllers program the bridge, each with its own settings in Open vSwitch."""

@@ -22,7 +22,7 @@ from hosts.middleware.qkd.decoy import Decoys
 from hosts.middleware.qkd.end import End, SessionFailed, State, Terms, out_of_place
 from hosts.middleware.qkd.parities import ReferenceKey, to_query
 from hosts.middleware.qkd.public_randomness import SEED_BYTES
-from hosts.middleware.qkd.sifting import Record, choose, sifted
+from hosts.middleware.qkd.sifting import Record, choose, places
 from wire.qkd import (
     AbortReason,
     Amplify,
@@ -40,6 +40,7 @@ from wire.qkd import (
     Sample,
     Sifted,
     Verify,
+    kind_of,
 )
 
 MAX_EARLY = 16  # announcements of blocks that have not ended here yet
@@ -79,6 +80,10 @@ class Alice(End):
             return []
         self._enough = True
         return self._attempt(self._sift)
+
+    def is_quick(self, data: bytes) -> bool:
+        """Questions about blocks that she has halved before are."""
+        return self.state is State.RECONCILING and kind_of(data) == AskIntervals.KIND
 
     def _handle(self, message: QkdMessage) -> list[QkdMessage]:
         match self.state, message:
@@ -146,14 +151,12 @@ class Alice(End):
                 AbortReason.PROTOCOL,
                 f"block {detections.block} of {record.photons} photons, {detections.photons} there",
             )
-        clicked = unpack(detections.clicked, record.photons).astype(bool)
-        clicks = int(clicked.sum())
-        kept = choose(record, clicked, unpack(detections.bases, clicks))
-        bases = record.bases[clicked][kept]
+        clicked = np.flatnonzero(unpack(detections.clicked, record.photons).view(np.bool_))
+        kept = choose(record, clicked, unpack(detections.bases, clicked.size))
+        self._keep(record, places(clicked, kept), clicked.size)
         if record.levels is not None:
-            self._levels = np.append(self._levels, record.levels[clicked][kept])
-        self._add_sifted(sifted(record, clicked, kept), bases, clicks, record.photons)
-        return Sifted(detections.block, clicks, pack(kept))
+            self._levels = np.append(self._levels, record.levels[places(clicked, kept)])
+        return Sifted(detections.block, clicked.size, pack(kept))
 
     def _disclose(self) -> list[QkdMessage]:
         self._judge_bell()

@@ -21,7 +21,7 @@ from hosts.middleware.qkd.authentication import (
     KeyPoolExhausted,
 )
 from hosts.middleware.qkd.bell_test import Correlations
-from hosts.middleware.qkd.bits import NO_BITS, Bits, Mask
+from hosts.middleware.qkd.bits import NO_BITS, Bits, Indices, Mask
 from hosts.middleware.qkd.decoy import Bounds, Decoys, Sifted, bounds
 from hosts.middleware.qkd.disclosure import Rule
 from hosts.middleware.qkd.estimation import Estimate, compare
@@ -30,6 +30,7 @@ from hosts.middleware.qkd.parameters import Parameters
 from hosts.middleware.qkd.parities import ReconciliationError
 from hosts.middleware.qkd.relayed_decoys import PairSifted
 from hosts.middleware.qkd.relayed_decoys import bounds as relayed_bounds
+from hosts.middleware.qkd.sifting import Record
 from wire.metadata import MalformedPacket
 from wire.qkd import MAX_KEY_BITS, Abort, AbortReason, QkdMessage, Sealed, unframe, unsealed
 
@@ -210,6 +211,10 @@ class End(ABC):
             return []
         return self._attempt(lambda: self._handle(message))
 
+    @abstractmethod
+    def is_quick(self, data: bytes) -> bool:
+        """Whether `receive` takes less time with a message than to have it done elsewhere."""
+
     def cancel(self, text: str) -> list[bytes]:
         """End the session without a key, unless it has ended; return the messages to send."""
         if self.state in (State.DONE, State.ABORTED):
@@ -232,11 +237,12 @@ class End(ABC):
             sealed += self._abort(AbortReason.PROTOCOL, str(error))
         return sealed
 
-    def _add_sifted(self, part: Bits, bases: Bits, clicks: int, pulses: int) -> None:
-        self._parts.append(part)
-        self._bases.append(bases)
+    def _keep(self, record: Record, kept: Indices, clicks: int) -> None:
+        """Note the sifted bits of a block."""
+        self._parts.append(record.outcomes[kept])
+        self._bases.append(record.bases[kept])
         self._clicks += clicks
-        self._pulses += pulses
+        self._pulses += record.photons
         if self.sifted_bits > MAX_KEY_BITS:
             raise SessionFailed(
                 AbortReason.PROTOCOL,

@@ -15,6 +15,7 @@ from hosts.middleware.qkd.public_randomness import mixed
 from wire.qkd import AskBlocks, AskIntervals, AskSyndrome, QkdMessage
 
 MAX_PASSES = 64
+ZERO = np.zeros(1, dtype=np.uint8)
 
 
 class ReconciliationError(Exception):
@@ -58,10 +59,16 @@ def shuffled(seed: bytes, number: int, bits: int) -> Indices:
 
 
 def prefix_parities(bits: Bits) -> Bits:
-    """Return the parity of the first i bits for every i from 0 to the number of bits."""
-    prefix = np.zeros(bits.size + 1, dtype=np.uint8)
-    np.bitwise_xor.accumulate(bits, out=prefix[1:])
-    return prefix
+    """Return the parity of the first i bits for every i from 0 to the number of bits.
+
+    Of eight bits at a time: first from the beginning of each byte, then also of those before it.
+    """
+    packed = np.packbits(bits)
+    for step in (1, 2, 4):
+        packed ^= packed >> np.uint8(step)
+    odd = np.bitwise_xor.accumulate(packed & np.uint8(1))
+    packed[1:] ^= odd[:-1] * np.uint8(0xFF)
+    return np.concatenate([ZERO, np.unpackbits(packed, count=bits.size)])
 
 
 def block_starts(bits: int, size: int) -> Indices:

@@ -34,11 +34,13 @@ from controller_apps.sessions.actions import (
     Keep,
     Note,
     OpenPaths,
+    Order,
     RemoveBypass,
 )
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.snapshot import decode_session
-from controller_apps.timeouts import DISCOVERY_S, SWITCH_GRACE_S
+from controller_apps.timeouts import DISCOVERY_S, HELD_UP_S, NODE_TIMEOUT_S, SWITCH_GRACE_S
+from wire.device import SessionQuery
 from wire.metadata import METADATA_PORT, SETUP_LENGTH, MalformedPacket, Reason, Setup, decode
 
 LATER = 100 + SETUP_LENGTH
@@ -87,6 +89,25 @@ def successor(*data: bytes, now: float = RESTART, switches: bool = True) -> Arbi
     return state
 
 
+def ticked(state: Arbiter, now: float) -> list[Action]:
+    """Return what is due but for questions to hosts, which say nothing here."""
+    return [action for action in state.tick(now) if not isinstance(action, Order)]
+
+
+def confirmed() -> Arbiter:
+    """Return a successor whose switches have told that they still have all of a session."""
+    state = successor(kept())
+    state.entries_found(Q1, entries())
+    state.bypasses_found(S1, [(FRAMED.session, OWNER)])
+    assert state.network_changed(RESTART) == []
+    return state
+
+
+def asked(state: Arbiter, now: float) -> list[tuple[str, object]]:
+    """Return what hosts are asked now."""
+    return [(each.node, each.message) for each in state.tick(now) if isinstance(each, Order)]
+
+
 def entries(number: int = FRAMED.session) -> list[tuple[int, Hop | None]]:
     return [(number, hop) for hop in HOPS]
 
@@ -105,7 +126,7 @@ def test_a_session_lives_by_its_bypass_and_ends_with_its_connection() -> None:
     found = [(FRAMED.session, OWNER), (FRAMED.session, SOURCE)]
     assert state.bypasses_found(S1, found) == []
     assert state.network_changed(RESTART) == []
-    assert state.tick(RESTART + 10 * IDLE_S) == []
+    assert ticked(state, RESTART + 10 * IDLE_S) == []
     session = state.sessions.by_number[FRAMED.session]
     assert session.hops == HOPS
     assert [path.rotation for path in session.paths] == [3, 3, 3]
@@ -129,7 +150,7 @@ def test_a_session_ends_by_silence_that_a_switch_tells() -> None:
     state = successor(kept())
     state.bypasses_found(S1, [(FRAMED.session, OWNER)])
     state.network_changed(RESTART)
-    assert state.tick(RESTART + SWITCH_GRACE_S) == []
+    assert ticked(state, RESTART + SWITCH_GRACE_S) == []
     actions = state.bypass_expired(S1, OWNER, RESTART + SWITCH_GRACE_S + 1)
     assert actions[-1] == Note("torn_down", FRAMED.session, detail="idle")
 
@@ -138,8 +159,8 @@ def test_light_alone_keeps_no_session_that_was_silent_for_long() -> None:
     state = successor(kept())
     state.entries_found(Q1, entries())
     state.network_changed(RESTART)
-    assert state.tick(RESTART + SWITCH_GRACE_S - 0.1) == []
-    actions = state.tick(RESTART + SWITCH_GRACE_S)
+    assert ticked(state, RESTART + SWITCH_GRACE_S - 0.1) == []
+    actions = ticked(state, RESTART + SWITCH_GRACE_S)
     assert ClosePaths(Q1, FRAMED.session) in actions
     assert actions[-1] == Note("torn_down", FRAMED.session, detail="idle")
 
@@ -148,18 +169,18 @@ def test_a_session_that_was_just_granted_has_its_idle_time_to_speak() -> None:
     state = successor(kept(seen=RESTART - 1))
     state.entries_found(Q1, entries())
     state.network_changed(RESTART)
-    assert state.tick(RESTART - 1 + IDLE_S - 0.1) == []
+    assert ticked(state, RESTART - 1 + IDLE_S - 0.1) == []
     bypass, _forward = arrive(state, frame(b"later", seq=LATER), RESTART + 28.9)
     assert bypass == AddBypass(S1, OWNER, FRAMED.session)
-    assert state.tick(RESTART + 10 * IDLE_S) == []
+    assert ticked(state, RESTART + 10 * IDLE_S) == []
 
 
 def test_a_session_that_no_switch_has_kept_is_gone_and_nothing_is_opened_for_it() -> None:
     state = successor(kept(seen=RESTART - 1))
     assert state.entries_found(Q1, []) == []
     state.network_changed(RESTART)
-    assert state.tick(RESTART + SWITCH_GRACE_S - 0.1) == []
-    assert state.tick(RESTART + SWITCH_GRACE_S) == [
+    assert ticked(state, RESTART + SWITCH_GRACE_S - 0.1) == []
+    assert ticked(state, RESTART + SWITCH_GRACE_S) == [
         Forget(FRAMED.session),
         ClosePaths(Q1, FRAMED.session),
         Note("torn_down", FRAMED.session, detail="no switch has kept it"),
@@ -170,10 +191,10 @@ def test_what_a_switch_has_lost_is_opened_once_another_confirms_the_session() ->
     state = successor(kept())
     assert state.entries_found(Q1, []) == []
     state.bypasses_found(S1, [(FRAMED.session, OWNER)])
-    (opening,) = state.tick(RESTART + 0.2)
+    (opening,) = ticked(state, RESTART + 0.2)
     assert isinstance(opening, OpenPaths)
     assert (opening.dpid, opening.hops) == (Q1, HOPS)
-    assert state.tick(RESTART + 0.4) == []
+    assert ticked(state, RESTART + 0.4) == []
 
 
 def test_what_a_switch_holds_beside_the_paths_of_a_session_is_closed() -> None:
@@ -200,8 +221,8 @@ def test_light_is_not_moved_before_its_switch_is_here() -> None:
     state = successor(kept(), switches=False)
     state.network.connected.add(9)
     assert state.network_changed(RESTART) == []
-    assert state.tick(RESTART + SWITCH_GRACE_S - 0.1) == []
-    actions = state.tick(RESTART + SWITCH_GRACE_S)
+    assert ticked(state, RESTART + SWITCH_GRACE_S - 0.1) == []
+    actions = ticked(state, RESTART + SWITCH_GRACE_S)
     assert actions[-1] == Note("torn_down", FRAMED.session, detail="switch gone")
 
 
@@ -224,7 +245,7 @@ def test_pairs_go_on_one_by_one_and_find_their_session() -> None:
     assert opening.hops == HOPS
     granted = state.barrier_passed(Q1, opening.transaction, RESTART)
     assert answer(granted).reason == Reason.OK
-    assert state.tick(RESTART + 10 * IDLE_S) == []
+    assert ticked(state, RESTART + 10 * IDLE_S) == []
 
 
 def test_a_message_that_the_other_held_is_arbitrated_afresh() -> None:
@@ -266,3 +287,59 @@ def test_two_sessions_on_one_path_are_not_both_taken_over() -> None:
     assert list(state.sessions.by_number) == [FRAMED.session]
     with pytest.raises(MalformedPacket, match="in the way"):
         state.resume(decode_session(kept(), RESTART), RESTART)
+
+
+QUESTION = SessionQuery(0, FRAMED.session)
+
+
+def test_a_session_that_has_ended_unseen_is_over_as_soon_as_its_opener_says_so() -> None:
+    state = confirmed()  # by a bypass, which a switch forgets after 30 s of silence
+    assert asked(state, RESTART) == [(ALICE, QUESTION)]
+    over = state.session_told(FRAMED.session, ALICE, Reason.UNKNOWN_SESSION, RESTART + 0.1)
+    assert over == [
+        Forget(FRAMED.session),
+        ClosePaths(Q1, FRAMED.session),
+        RemoveBypass(S1, OWNER, FRAMED.session),
+        Note("torn_down", FRAMED.session, detail="ended while no controller was there"),
+    ]
+    assert not state.sessions.occupied
+
+
+def test_a_session_that_its_opener_is_in_lives_and_nobody_is_asked_again() -> None:
+    state = confirmed()
+    asked(state, RESTART)
+    assert state.session_told(FRAMED.session, ALICE, Reason.OK, RESTART + 0.1) == []
+    assert state.session_told(FRAMED.session, ALICE, Reason.UNKNOWN_SESSION, RESTART + 9) == []
+    assert not asked(state, RESTART + HELD_UP_S)
+    assert FRAMED.session in state.sessions.by_number
+
+
+def test_who_does_not_answer_is_asked_again_and_then_the_acceptor() -> None:
+    state = confirmed()
+    assert asked(state, RESTART) == [(ALICE, QUESTION)]
+    assert not asked(state, RESTART + NODE_TIMEOUT_S - 0.1)
+    assert asked(state, RESTART + NODE_TIMEOUT_S) == [(ALICE, QUESTION)]
+    assert asked(state, RESTART + HELD_UP_S) == [(BOB, QUESTION)]
+    unknown = FRAMED.session, CHARLIE, Reason.UNKNOWN_SESSION
+    assert state.session_told(*unknown, RESTART + HELD_UP_S) == []  # who was not asked
+    over = state.session_told(FRAMED.session, BOB, Reason.UNKNOWN_SESSION, RESTART + HELD_UP_S)
+    assert over[-1].event == "torn_down"  # type: ignore[union-attr]
+
+
+def test_nobody_is_asked_for_ever_nor_about_a_session_that_is_over() -> None:
+    state = confirmed()
+    assert not asked(state, RESTART + 2 * HELD_UP_S)
+    state = successor(kept())
+    arrive(state, frame(flags="FA", seq=LATER), RESTART)
+    assert not asked(state, RESTART)
+
+
+def test_who_waits_for_its_light_has_it_then() -> None:
+    state = confirmed()
+    state.queues = True
+    asked(state, RESTART)
+    waiting = ask(state, replace(FRAMED, session=8), RESTART, sport=50000)
+    assert Note("queued", 8) in waiting
+    freed = state.session_told(FRAMED.session, ALICE, Reason.UNKNOWN_SESSION, RESTART + 0.1)
+    (opening,) = (action for action in freed if isinstance(action, OpenPaths))
+    assert (opening.session, opening.hops) == (8, HOPS)

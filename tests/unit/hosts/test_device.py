@@ -11,6 +11,7 @@ import pytest
 from stacks_scene import OWN_ADDRESS
 
 from hosts import network_loop
+from hosts.hardware.ports import read_ports
 from hosts.middleware.device import Device, changed
 from hosts.middleware.session.ends import Watched
 from hosts.middleware.session.errors import SessionError
@@ -28,6 +29,7 @@ from wire.device import (
     DeviceQuery,
     DeviceReport,
     DeviceSettings,
+    SessionQuery,
     SetDevice,
     Subscribe,
     SwapOrder,
@@ -40,6 +42,7 @@ KEY = "00112233445566778899aabbccddeeff"
 SETUP = Setup(7, Service.SDC, Handshake.FRAMED, "10.0.0.3", 65_536, 256, 50_000_000)
 CONTROLLER, HOST = OWN_ADDRESS["alice"], OWN_ADDRESS["bob"]
 DEADLINE_S = 5.0
+LIVING = 0x11  # the session that the host is in
 
 
 @dataclass
@@ -238,7 +241,8 @@ async def agent(
         Peer, local_addr=(CONTROLLER, DEVICE_PORT)
     )
     seals = OrderedSeals("bob", HOST, request or nothing, device.opens, device.give_back)
-    node = await start_node_agent(config, device, swaps or Swaps(HOST), seals)
+    parts = device, swaps or Swaps(HOST), seals
+    node = await start_node_agent(config, *parts, lambda session: session == LIVING)
     running = asyncio.create_task(node.run())
     try:
         yield peer
@@ -324,6 +328,18 @@ def test_the_agent_takes_orders_for_seals() -> None:
     network_loop.run(scene())
 
 
+def test_the_agent_says_in_which_sessions_its_host_is() -> None:
+    async def scene() -> None:
+        async with agent(Device(Fibers())) as peer:
+            await peer.next()
+            for request, about in ((51, LIVING), (52, LIVING + 1)):
+                peer.send(SessionQuery(request, about), time.time_ns())
+            assert await peer.next() == Answer(51, Reason.OK)
+            assert await peer.next() == Answer(52, Reason.UNKNOWN_SESSION)
+
+    network_loop.run(scene())
+
+
 def test_the_agent_reports_losses_above_the_threshold_by_itself() -> None:
     device, session = Device(Fibers()), sending(1000)
 
@@ -363,3 +379,8 @@ def test_what_is_old_foreign_or_for_another_host_changes_nothing() -> None:
             assert device.settings == DeviceSettings()
 
     network_loop.run(scene())
+
+
+def test_a_port_has_light_that_is_up_or_cannot_tell() -> None:
+    """Of loopback, as of VXLAN, the kernel says "unknown" (Linux, operstates.rst)."""
+    assert read_ports(["lo", "gone"]) == (DevicePort("lo", True), DevicePort("gone", False))

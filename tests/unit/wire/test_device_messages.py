@@ -13,6 +13,7 @@ from wire.device import (
     DeviceQuery,
     DeviceReport,
     DeviceSettings,
+    SessionQuery,
     SetDevice,
     Subscribe,
     SwapOrder,
@@ -85,6 +86,7 @@ GOLDEN = {
         "000007d0 00000400 000186a0"
         "3fe0000000000000 3fd0000000000000 3fc0000000000000 3fb0000000000000"
     ),
+    SessionQuery(12, 7): "514d 05 2a 00000018 000000000000000c 0000000000000007",
     GiveBack(11, 7): "514d 05 29 00000018 000000000000000b 0000000000000007",
     REPORT: "514d 05 23 000000bb 0000000000000005 0001 0002 0003"
     "00000000000003e8 00000000000007d0 0000000000000bb8"

@@ -5,7 +5,7 @@ the next one's session before it says that it is ready, so that the line stands 
 hears that; what goes wrong behind a host ends the sessions before it, too.
 """
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import replace
 
@@ -19,14 +19,14 @@ from hosts.middleware.session.errors import SessionError
 from wire.metadata import SEAL_BYTES, Pauli, Reason, Service, Setup, Topic, Verdict
 
 
-async def lead(end: OpenerEnd, options: GhzOptions, kind: type[Leader]) -> None:
+async def lead(end: OpenerEnd, options: GhzOptions, kind: Callable[..., Leader]) -> None:
     """Do what the first host of the line does."""
     most = await end.perform(introduce(end.side, options.names[2:]))
     leader = kind(end.side, Right(end, end.side), options, min(most, end.setup.pairs))
     await end.perform(leader.run())
 
 
-async def follow(end: AcceptorEnd, kind: type[Follower]) -> None:
+async def follow(end: AcceptorEnd, kind: Callable[..., Follower]) -> None:
     """Do what another host of the line does."""
     names = await end.perform(introduced())
     if not names:

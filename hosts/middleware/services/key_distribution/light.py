@@ -70,6 +70,8 @@ def record_of(outcomes: Symbols, bases: Symbols, rotation: int, tests: bool) -> 
 
 def turned_back(outcomes: Symbols, bases: Symbols, rotation: int) -> Symbols:
     """Return outcomes as they were without a known Pauli operator on the way (bits: X, Z)."""
+    if not rotation:
+        return outcomes
     flips = rotation >> bases & 1  # X turns outcomes of Z round, Z those of X
     return np.where(outcomes == NO_COINCIDENCE, outcomes, outcomes ^ flips).astype(np.uint8)
 

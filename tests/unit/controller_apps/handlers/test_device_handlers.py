@@ -18,6 +18,7 @@ from controller_apps.apps.host_orders import (
     EventAlarm,
     EventOrder,
     EventSealOver,
+    EventSessionTold,
     EventSwapsOrdered,
 )
 from controller_apps.console.questions import EventQuestion, Refused
@@ -37,6 +38,7 @@ from wire.device import (
     DeviceQuery,
     DeviceReport,
     DeviceSettings,
+    SessionQuery,
     SetDevice,
     Subscribe,
     SwapOrder,
@@ -208,6 +210,23 @@ def test_a_seal_is_ordered_and_its_answer_told_to_the_one_that_asked_for_it(
     assert len(told) == 1
     scene.tick(0.1)
     assert not any(isinstance(message, GiveBack) for message in scene.datagrams())
+
+
+def test_what_a_host_says_of_a_session_is_told_as_that(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[Any] = []
+    monkeypatch.setattr(scene.monitor, "send_event", lambda _app, event: told.append(event))
+    scene.monitor.ordered(EventOrder(Order(ALICE, SessionQuery(0, 7))))
+    scene.says(SET)  # it was not heard before
+    scene.datagrams()
+    scene.tick(0.1)
+    (question,) = (each for each in scene.datagrams() if isinstance(each, SessionQuery))
+    assert question.about == 7
+    scene.says(Answer(question.session, Reason.UNKNOWN_SESSION))
+    (event,) = told
+    assert type(event) is EventSessionTold
+    assert (event.session, event.node, event.reason) == (7, ALICE, Reason.UNKNOWN_SESSION)
 
 
 def test_what_a_seal_has_found_is_told_once(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,8 +13,9 @@ from metadata_scene import ALICE, BOB, FRAMED, frame, payload_of
 from controller_apps.apps.host_orders import EventAlarm, EventNodeAnswered, EventSealOver
 from controller_apps.console.questions import EventQuestion
 from controller_apps.openflow.framework import ofproto
+from controller_apps.packets.segments import FiveTuple
 from wire.device import DeviceReport
-from wire.metadata import Reason, Service, Setup, Verdict, decode
+from wire.metadata import METADATA_PORT, Reason, Service, Setup, Verdict, decode
 
 scene, ready = handlers_scene.scene, handlers_scene.ready  # fixtures
 
@@ -61,6 +62,13 @@ def test_a_seal_is_begun_by_the_policy_and_what_it_finds_recorded(
     answer = decode(payload_of(let_on.frame))
     assert isinstance(answer, Setup)
     assert answer.verdict == Verdict.GRANTED  # though all else is denied
+
+    connection = FiveTuple(ALICE, 40000, BOB, METADATA_PORT)
+    assert ready.quantum.idle.ordered(seal, connection)
+    fin = frame(sport=40000, seq=100 + len(seal.encode()), flags="FA")
+    ready.packet_in(ready.s1, 1, fin)
+    assert last(ready, "torn_down")["detail"] == "FIN"
+    assert not ready.quantum.idle.ordered(seal, connection)
 
     report = DeviceReport(0, seal=number, seal_compared=2010, seal_errors=3, seal_tests=9)
     ready.quantum.seal_over(EventSealOver("bob", BOB, report))  # who has not opened it

@@ -1,10 +1,13 @@
 """The steps of key distribution one by one, against formulas and slow ways to do the same."""
 
+import hashlib
+from collections import Counter
 from itertools import product
-from math import ceil, exp, lgamma, log, log1p
+from math import ceil, comb, exp, lgamma, log, log1p
 
 import numpy as np
 import pytest
+from cryptography.hazmat.primitives.ciphers import Cipher, algorithms, modes
 from qkd_ends import bb84, random_bits
 from scipy.fft import next_fast_len
 
@@ -23,7 +26,7 @@ from hosts.middleware.qkd.key_length import (
     sampling_deviation,
 )
 from hosts.middleware.qkd.public_randomness import mixed, permutation, subset
-from hosts.middleware.qkd.sifting import Record, choose, sifted
+from hosts.middleware.qkd.sifting import Record, choose, places
 from wire.outcomes import NO_CLICK
 
 
@@ -38,19 +41,22 @@ def test_bits_are_packed_first_bit_highest() -> None:
 def test_sifting_keeps_photons_that_both_saw_in_the_same_basis() -> None:
     alice = Record(*(np.array(row, dtype=np.uint8) for row in ([0, 1, 0, 1, 1], [0, 1, 1, 1, 255])))
     bob = Record(*(np.array(row, dtype=np.uint8) for row in ([0, 1, 1, 1, 1], [0, 0, 1, 255, 1])))
-    kept = choose(alice, bob.clicked, bob.bases[bob.clicked])
+    clicked = np.flatnonzero(bob.clicked)
+    kept = choose(alice, clicked, bob.bases[clicked])
     assert kept.tolist() == [True, True, False, False]
-    assert sifted(alice, bob.clicked, kept).tolist() == [0, 1]
-    assert sifted(bob, bob.clicked, kept).tolist() == [0, 0]
+    assert alice.outcomes[places(clicked, kept)].tolist() == [0, 1]
+    assert bob.outcomes[places(clicked, kept)].tolist() == [0, 0]
 
 
 def test_half_of_the_photons_that_arrive_are_sifted() -> None:
     rng = np.random.default_rng(1)
     alice, bob = bb84(rng, 100_000, noise=0.0, loss=0.3)
-    kept = choose(alice, bob.clicked, bob.bases[bob.clicked])
+    clicked = np.flatnonzero(bob.clicked)
+    kept = choose(alice, clicked, bob.bases[clicked])
     expected = 100_000 * 0.7 / 2
     assert abs(kept.sum() - expected) < 5 * (100_000 * 0.35 * 0.65) ** 0.5
-    same = sifted(alice, bob.clicked, kept) == sifted(bob, bob.clicked, kept)
+    sifted = places(clicked, kept)
+    same = alice.outcomes[sifted] == bob.outcomes[sifted]
     assert same.all()
 
 
@@ -234,15 +240,18 @@ def test_sizes_of_transforms_are_those_that_scipy_chooses() -> None:
         assert fast_size(least) == next_fast_len(least, real=True)
 
 
-def test_toeplitz_hashing_of_a_million_bits_is_exact() -> None:
+@pytest.mark.parametrize("ones", [0.5, 1.0])
+def test_toeplitz_hashing_of_a_million_bits_is_exact(ones: float) -> None:
     rng = np.random.default_rng(5)
     key_bits, length = 1 << 20, 1 << 19
     key = np.ones(key_bits, dtype=np.uint8)  # the largest sums there can be
-    seed = random_bits(rng, seed_bits(key_bits))
+    seed = (rng.random(seed_bits(key_bits)) < ones).astype(np.uint8)
     out = toeplitz(key, seed, length)
     others = np.ones(key_bits - length, np.int64)
-    sums = np.convolve(seed.astype(np.int64)[: others.size + 99], others, "valid")
-    assert np.array_equal(out[:100], (sums + 1) % 2)
+    for begin in (0, length // 2 - 50, length - 100):  # of the key; its halves are made together
+        part = seed.astype(np.int64)[begin : begin + others.size + 99]
+        sums = np.convolve(part, others, "valid")
+        assert np.array_equal(out[begin : begin + 100], (sums + 1) % 2)
 
 
 def test_a_seed_of_the_wrong_size_is_refused() -> None:
@@ -316,8 +325,38 @@ def test_every_place_is_taken_by_any_bit() -> None:
     assert (abs(counts - 250) < 5 * (250 * 15 / 16) ** 0.5).all()
 
 
-def test_a_sample_is_the_beginning_of_a_permutation() -> None:
-    for size, count in ((10, 1), (10, 10), (1000, 137)):
-        first = permutation(bytes(32), "sample", size)[:count]
-        chosen = subset(bytes(32), "sample", size, count)
-        assert np.array_equal(np.sort(first), np.flatnonzero(chosen))
+def test_a_sample_is_of_the_first_places_that_a_stream_draws() -> None:
+    """Word by word: those below a multiple of the size, each place as often as it comes anew."""
+    for size, count in ((10, 1), (10, 5), (10, 9), (1000, 137), (1000, 901)):
+        words = iter(stream_of_words(bytes(32), b"sample"))
+        drawn: set[int] = set()
+        while len(drawn) < min(count, size - count):
+            word = next(words)
+            if word < 2**32 - 2**32 % size:
+                drawn.add(word % size)
+        chosen = set(np.flatnonzero(subset(bytes(32), "sample", size, count)).tolist())
+        assert chosen == (drawn if 2 * count <= size else set(range(size)) - drawn)
+    assert not subset(bytes(32), "sample", 10, 0).any()
+    assert subset(bytes(32), "sample", 10, 10).all()
+
+
+def stream_of_words(seed: bytes, purpose: bytes) -> list[int]:
+    """Return the first words of AES-256 in counter mode."""
+    drawn = hashlib.shake_256(seed + purpose).digest(48)
+    words = (
+        Cipher(algorithms.AES(drawn[:32]), modes.CTR(drawn[32:])).encryptor().update(bytes(8000))
+    )
+    return [int.from_bytes(words[at : at + 4], "little") for at in range(0, len(words), 4)]
+
+
+@pytest.mark.parametrize(("size", "count"), [(5, 2), (5, 3), (7, 3)])
+def test_all_samples_are_as_likely(size: int, count: int) -> None:
+    """Of 4,000 seeds: each of the possible ones within 5 sigma of its share."""
+    found = Counter(
+        tuple(np.flatnonzero(subset(seed.to_bytes(32, "big"), "sample", size, count)).tolist())
+        for seed in range(4_000)
+    )
+    share = 1 / comb(size, count)
+    assert len(found) == comb(size, count)
+    for times in found.values():
+        assert abs(times - 4_000 * share) < 5 * (4_000 * share * (1 - share)) ** 0.5

@@ -1,0 +1,57 @@
+"""Over how many machines a network goes, and which of its hosts are where."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+from topologies.machines.machine import Machine
+from topologies.runtime import Runtime
+from wire.parameters.option import option
+
+
+@dataclass(frozen=True, kw_only=True)
+class MachineOptions:
+    """What every verb that starts a network over several machines can be told."""
+
+    machines: int = option(
+        1, "over this one, m1, and workers on others (1)", metavar="N", range=(1, 64)
+    )
+    place: tuple[str, ...] = option(
+        (),
+        "a host on one of them, as bob=m2 (repeatable; none: in turn)",
+        metavar="HOST=MACHINE",
+    )
+    scheduler: str = option(
+        "", "Dask's, of the workers (that of DASK_SCHEDULER_ADDRESS)", metavar="tcp://…"
+    )
+
+
+MACHINES = tuple(each.name for each in fields(MachineOptions))
+
+
+@contextmanager
+def machines_of(
+    asked: MachineOptions, hosts: Sequence[str], check: Callable[[], None]
+) -> Iterator[dict[str, Machine]]:
+    """Give the machine of each host that is not on this one; `check` may raise meanwhile."""
+    if asked.machines == 1 and not asked.place:
+        yield {}
+        return
+    # Dask takes a second to load: who has one machine does not wait for it.
+    from qmn.machines.workers import on_machines
+
+    with on_machines(asked.machines, asked.place, asked.scheduler, hosts, check) as places:
+        yield places
+
+
+def machine_facts(runtime: Runtime) -> dict[str, Any]:
+    """Return what other machines there are, with their hosts and how far their clocks are ahead."""
+    return {
+        machine.name: {
+            "address": machine.address,
+            "hosts": [host for host, each in runtime.places.items() if each is machine],
+            "clock": asdict(machine.clock_offset()),
+        }
+        for machine in runtime.machines
+    }
