@@ -116,8 +116,9 @@ class Network:
         self._disk = self._cleanup.enter_context(
             DiskKeeper(self.runtime.logs, lambda: self.runtime.programs)
         )
-        self._daemons = openvswitch.daemons()
         sweep()
+        openvswitch.revive_if_ours(self.runtime.name)  # it may have ended with what was left
+        self._daemons = openvswitch.daemons()
         self._signals.check()
         runtime.begin(self.runtime)
         topo = self._topo()
@@ -334,7 +335,7 @@ def sweep() -> None:
     owners.end([process for process, run in owners.marked() if owners.gone(run)])
     for group in groups_of_gone():
         group.rmdir()
-    openvswitch.delete(*bridges_of_gone())
+    openvswitch.delete_finally(str(owners.this_process()), *bridges_of_gone())
     openvswitch.forget_certificate(owners.gone)
     for folder in folders_of_gone():
         remove_links(switches_of(folder))
@@ -343,8 +344,8 @@ def sweep() -> None:
 
 def bridges_of_gone() -> list[str]:
     """Return the bridges whose run is gone."""
-    bridges = openvswitch.bridges()
-    return sorted(name for name in bridges if owners.gone(openvswitch.owner_of(name)))
+    made = openvswitch.runs_of_bridges()
+    return sorted(name for name, run in made.items() if owners.gone(run))
 
 
 def switches_of(folder: Path) -> list[str]:

@@ -95,6 +95,7 @@ class Topic(IntEnum):
     # them behind its key; the seed of privacy amplification; what proves all that was said, 16
     # bytes for each host behind.
     PROPOSAL = 22
+    RECEIPT = 24  # likewise 16 bytes, which prove that a block is in the memory of each
     HASH = 23
     SYNDROME = 19
     AMPLIFY = 20

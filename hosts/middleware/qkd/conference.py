@@ -6,6 +6,7 @@ all memories, what it is for: the key, in Z, where all have the same bit; a test
 is even; or a test in Z, which tells how much a host's bits differ from the leader's.
 
     leader                                              each other host
+      | <------------------- receipt: a block is in memory |
       | kinds of states -------------------------------> |
       | <------- outcomes of tests, and what was not seen |
       | which states all have seen --------------------> |  block by block
@@ -14,10 +15,12 @@ is even; or a test in Z, which tells how much a host's bits differ from the lead
       | length and seed of privacy amplification ------> |
       | tag of all this <------------------------------> |  with the key shared by these two
 
-Nothing that was said before counts until the tags are right: then neither end has been told
-anything else than the other has said, and no key is kept otherwise (as the one tag for a round of
-Kiktenko et al., IEEE Trans. Inf. Theory 66, 6354 (2020)). One syndrome goes to all, so that no more
-leaks than the worst host needs. Pure thinking: no socket, clock or thread.
+A receipt is tagged, and the leader says nothing of a block before it has those of all: who held
+photons back until the kinds are known could measure those of the key in Z, and nobody would notice.
+All else counts only when the tags at the end are right: then neither end has been told anything
+else than the other has said, and no key is kept otherwise (as the one tag for a round of Kiktenko
+et al., IEEE Trans. Inf. Theory 66, 6354 (2020)). One syndrome goes to all, so that no more leaks
+than the worst host needs. Pure thinking: no socket, clock or thread.
 """
 
 import hashlib
@@ -98,11 +101,29 @@ class Transcript:
     def __init__(self, terms: ConferenceProposal, host: str, pools: Pools) -> None:
         """Begin with the terms, between the leader and this host."""
         self._said = [terms.encode(), host.encode()]
+        self._pools = pools
         self._signer, self._checker = (Authenticator(pool) for pool in pools)
+
+    @property
+    def consumed_bits(self) -> int:
+        """How much of the shared key both ends have used."""
+        return sum(pool.consumed_bits for pool in self._pools)
 
     def add(self, *said: bytes) -> None:
         """Take in what was said next."""
         self._said += said
+
+    def receipt(self, number: int, states: int) -> bytes:
+        """Return what proves to the leader that a block is in this host's memory."""
+        return self._signer.tag(self._receipt(number, states))
+
+    def check_receipt(self, number: int, states: int, receipt: bytes) -> None:
+        """Raise ForgedMessage unless the host has so many states of a block."""
+        self._checker.check(self._receipt(number, states), receipt)
+
+    def _receipt(self, number: int, states: int) -> bytes:
+        terms, host = self._said[:2]
+        return b"receipt" + terms + host + number.to_bytes(8, "big") + states.to_bytes(8, "big")
 
     def tag(self) -> bytes:
         """Return what proves it to the other end."""
@@ -138,6 +159,16 @@ class Leader:
         self.in_x = Estimate(0, 0)
         self.in_z = [Estimate(0, 0) for _ in pools]  # of each other host
         self.states = 0  # that all have seen
+
+    @property
+    def consumed_bits(self) -> int:
+        """How many bits of keys shared with all others were used to prove what was said."""
+        return sum(transcript.consumed_bits for transcript in self._transcripts)
+
+    def check_receipts(self, number: int, states: int, receipts: list[bytes]) -> None:
+        """Raise ForgedMessage unless all others have a block in their memories."""
+        for transcript, receipt in zip(self._transcripts, receipts, strict=True):
+            transcript.check_receipt(number, states, receipt)
 
     def add_block(self, kinds: Bits, own: Bits, told: Table) -> NDArray[np.bool_]:
         """Take in the outcomes of a block; return which states all have seen, shape (k,)."""
@@ -210,6 +241,10 @@ class Member:
         self._transcript = Transcript(terms, name, pools)
         self._parts: list[Bits] = []
         self.raw: Bits = NO_BITS
+
+    def receipt(self, number: int, states: int) -> bytes:
+        """Return what proves that so many states of a block are in this host's memory."""
+        return self._transcript.receipt(number, states)
 
     def add_block(self, kinds: Bits, own: Bits, kept: NDArray[np.bool_]) -> None:
         """Take in the outcomes of a block, and which states all have seen."""

@@ -161,6 +161,7 @@ def altered(topic: Topic, way: str) -> Change:
 @pytest.mark.parametrize(
     ("topic", "way"),
     [
+        (Topic.RECEIPT, "back"),
         (Topic.OUTCOMES, "back"),
         (Topic.SYNDROME, "forth"),
         (Topic.AMPLIFY, "forth"),
@@ -174,6 +175,25 @@ def test_who_changes_what_is_said_on_the_way_is_found(
     """An outcome, a seed, a proof: no tag fits then, and nobody keeps a key."""
     text = refused(tmp_path, physics={"change": altered(topic, way)})
     assert "somebody on the way has changed it" in text
+
+
+def test_what_states_are_for_is_not_said_before_all_have_proved_that_they_hold_them(
+    tmp_path: Path,
+) -> None:
+    """Who holds charlie's photons could measure those of the key in Z, and pass on the others."""
+    said = set[int]()
+    without_receipt = altered(Topic.RECEIPT, "back")
+
+    def change(direction: str, message: Message) -> Message:
+        if isinstance(message, Values):
+            said.add(message.topic)
+        changed = without_receipt(direction, message)
+        assert isinstance(changed, Message)
+        return changed
+
+    refused(tmp_path, physics={"change": change})
+    assert Topic.RECEIPT in said
+    assert Topic.BASES not in said
 
 
 def test_who_measures_and_resends_is_found(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
     leader                      next                        last
       | Envelope(PROPOSAL) ------> | Envelope(PROPOSAL) ----> |  wire.conference
       | (ghz/line.py)              |                          |  GHZ states, block by block:
+      | <-------- Values(RECEIPT)  | <----- Values(RECEIPT)   |  all have a block in memory
       | Values(BASES) -----------> | Values(BASES) ---------> |  what each state is for; measured
       | <------- Values(OUTCOMES)  | <---- Values(OUTCOMES)   |  of tests, and what was not seen
       | Values(ARRIVED) ---------> | Values(ARRIVED) -------> |  that all have seen
@@ -29,7 +30,12 @@ import numpy as np
 from hosts.hardware.qnic import Qnic, Symbols
 from hosts.middleware.qkd import conference
 from hosts.middleware.qkd.amplification import seed_bits
-from hosts.middleware.qkd.authentication import HASH_KEY_BYTES, TAG_BYTES, ForgedMessage
+from hosts.middleware.qkd.authentication import (
+    HASH_KEY_BYTES,
+    TAG_BYTES,
+    ForgedMessage,
+    KeyPoolExhausted,
+)
 from hosts.middleware.qkd.bits import Bits, unpack
 from hosts.middleware.qkd.conference import KEY, TEST_X, TEST_Z, Contradiction, Member, Pools
 from hosts.middleware.qkd.estimation import Estimate
@@ -74,6 +80,8 @@ def _honest() -> Iterator[None]:
         yield
     except ForgedMessage as error:
         raise SessionError(Reason.PROTOCOL, f"no key: {FORGED}") from error
+    except KeyPoolExhausted as error:
+        raise SessionError(Reason.NOT_ALLOWED, f"no key: {error}") from error
     except (Contradiction, MalformedPacket) as error:
         raise SessionError(Reason.PROTOCOL, f"no key: {error}") from error
 
@@ -109,6 +117,7 @@ class Leader(line.Leader):
     def use(self, number: int, states: int) -> Steps[None]:
         """Say what each state is for, and measure them."""
         right, fraction = self.right, self.options.test_fraction
+        yield from self._see_receipts(number, states)
         drawn = self.side.draws.random(states)
         kinds = np.select([drawn < fraction, drawn < 2 * fraction], [TEST_X, TEST_Z], KEY)
         kinds = kinds.astype(np.uint8)
@@ -118,6 +127,12 @@ class Leader(line.Leader):
         with _honest():
             kept = self.key.add_block(kinds, own, theirs)
         yield from right.tell(right.side.say(Topic.ARRIVED, number, kept, 1))
+
+    def _see_receipts(self, number: int, states: int) -> Steps[None]:
+        size = TAG_BYTES * (len(self.options.names) - 1)
+        told = yield from self.right.hear(Topic.RECEIPT, number, size, 255, BITS_TIMEOUT_S)
+        with _honest():
+            self.key.check_receipts(number, states, _tags(told))
 
     def _distil(self) -> Steps[None]:
         key, right, others = self.key, self.right, len(self.options.names) - 1
@@ -152,9 +167,8 @@ class Leader(line.Leader):
         told = np.frombuffer(b"".join(tags), np.uint8)
         yield from right.tell(right.side.say(Topic.TAGS, NO_BLOCK, told, 8))
         heard = yield from right.hear(Topic.TAGS, NO_BLOCK, told.size, 255, KEYS_TIMEOUT_S)
-        theirs = heard.astype(np.uint8).reshape(-1, TAG_BYTES)
         with _honest():
-            key.check([tag.tobytes() for tag in theirs])
+            key.check(_tags(heard))
         ids, kept = key_ids(key.terms, final), False
         try:
             yield Work(self.keys.store, (key.terms, final))
@@ -236,6 +250,7 @@ class Follower(line.Follower):
 
     def use(self, number: int, states: int) -> Steps[None]:
         """Measure each state by what it is for, and tell outcomes of tests."""
+        yield from self._give_receipt(number, states)
         heard = yield from hear(Topic.BASES, number, states, TEST_Z, BITS_TIMEOUT_S)
         kinds, others = heard.astype(np.uint8), list[Table]()
         if self.right is not None:
@@ -248,6 +263,16 @@ class Follower(line.Follower):
         yield from self._pass_on(self.side.say(Topic.ARRIVED, number, told, 1))
         with _honest():
             self.member.add_block(kinds, own, told.astype(bool))
+
+    def _give_receipt(self, number: int, states: int) -> Steps[None]:
+        """Prove that this host has a block, and pass on what proves it of those behind."""
+        others: Numbers = np.zeros(0, np.uint32)
+        if self.right is not None:
+            size = TAG_BYTES * self.behind
+            others = yield from self.right.hear(Topic.RECEIPT, number, size, 255, BITS_TIMEOUT_S)
+        with _honest():
+            own = np.frombuffer(self.member.receipt(number, states), np.uint8)
+        yield self.side.say(Topic.RECEIPT, number, np.concatenate([own, others]), 8)
 
     def _correct(self, worst: Estimate) -> Steps[None]:
         """Correct, and tell whether it and those behind have the leader's bits."""
@@ -308,6 +333,10 @@ class Follower(line.Follower):
         for each in said:
             messages = tuple(replace(message, session=session) for message in each.messages)
             yield from self.right.tell(Say(messages))
+
+
+def _tags(told: Numbers) -> list[bytes]:
+    return [tag.tobytes() for tag in told.astype(np.uint8).reshape(-1, TAG_BYTES)]
 
 
 def _enveloped(topic: Topic, timeout_s: float) -> Steps[bytes]:

@@ -3,12 +3,10 @@
 from typing import Any
 from uuid import UUID
 
-from hosts.middleware.qkd.authentication import PAD_BYTES, POINT_BYTES
 from hosts.middleware.qkd.conference import Leader, asymptotic_rate
 from hosts.middleware.qkd.key_store import KEY_BITS
 from wire.qkd import Bound
 
-AUTHENTICATION_BITS = 2 * 8 * (POINT_BYTES + PAD_BYTES)  # with each host: one tag, both ways
 MEANING = {
     Bound.FINITE: "secret but for eps_sec, for hosts of the line that all are honest and detectors "
     "that miss as much in X as in Z",
@@ -19,7 +17,7 @@ MEANING = {
 def summary(key: Leader, length: int, ids: list[UUID], elapsed_s: float) -> dict[str, Any]:
     """Return what the leader's application is told at the end."""
     raw, others = key.raw.size, len(key.terms.names) - 1
-    authentication = AUTHENTICATION_BITS * others
+    authentication = key.consumed_bits
     return {
         "states": key.states,
         "hosts": 1 + others,

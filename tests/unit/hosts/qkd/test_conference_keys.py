@@ -35,7 +35,7 @@ HASH_KEY = bytes(range(32))
 def pools(place: int) -> tuple[Pools, Pools]:
     """Return the keys of the leader with another host, and of that one with the leader."""
     draws = np.random.default_rng(place)
-    material = [draws.bytes(pool_bytes(1)) for _way in range(2)]
+    material = [draws.bytes(pool_bytes(3)) for _way in range(2)]
     mine, theirs = ([KeyPool(each) for each in material] for _ in range(2))
     return (mine[0], mine[1]), (theirs[1], theirs[0])
 
@@ -114,6 +114,26 @@ def test_errors_that_are_not_found_are_noticed() -> None:
     member._parts[0] ^= np.random.default_rng(5).random(member._parts[0].size) < 0.3
     parities, proof = leader.parities(), proved(leader.raw, HASH_KEY)
     assert not member.correct(leader.worst, parities, proof)
+
+
+def test_a_receipt_is_of_one_block_and_of_the_host_that_gives_it() -> None:
+    scene = Scene(4000)
+    receipts = [member.receipt(1, 4000) for member in scene.members]
+    scene.leader.check_receipts(1, 4000, receipts)
+    again = [member.receipt(2, 4000) for member in scene.members]
+    with pytest.raises(ForgedMessage):  # a receipt that was given before
+        scene.leader.check_receipts(2, 4000, receipts)
+    assert again != receipts
+
+
+@pytest.mark.parametrize(("number", "states", "swapped"), [(2, 9, 0), (1, 8, 0), (1, 9, 1)])
+def test_a_receipt_of_another_block_or_host_is_none(
+    number: int, states: int, swapped: bool
+) -> None:
+    scene = Scene(4000)
+    receipts = [member.receipt(1, 9) for member in scene.members]
+    with pytest.raises(ForgedMessage):
+        scene.leader.check_receipts(number, states, receipts[::-1] if swapped else receipts)
 
 
 @pytest.mark.parametrize("what", ["parities", "hash", "length", "seed", "block", "terms", "name"])
