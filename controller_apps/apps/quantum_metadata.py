@@ -513,7 +513,7 @@ class QuantumMetadata(App):
         return [optical_messages.tune(datapath, port, action.frequency_mhz) for port in ports]
 
     def _note(self, note: Note) -> None:
-        fields: dict[str, Any] = {"session": f"{note.session:016x}"}
+        fields: dict[str, Any] = {"session": f"{note.session:016x}"} if note.session else {}
         if note.setup_ms is not None:
             fields["setup_ms"] = round(note.setup_ms, 4)
         if note.detail:

@@ -102,6 +102,7 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
                     f"({CONFERENCE.bound})",
                 },
             },
+            eavesdropper=True,
             keys=True,
             line=True,
         ),

@@ -458,7 +458,7 @@ SHEETS = (
         [
             Curve(
                 "conference",
-                "Conference keys: 1 - 2 h(Q), Q = (1 - (1 - p)^n)/2 of n links",
+                "Conference keys of n links: 1 - 2 h(Q), Q = (1 - (1 - p)^n)/2",
                 "depolarizing",
                 "depolarising p of each link",
                 "key",
@@ -474,7 +474,7 @@ SHEETS = (
             [
                 Curve(
                     f"sensing-{axis}",
-                    f"Sensing by M = {SENSED} probes a host: {text}",
+                    f"Sensing, M = {SENSED}: {text}",
                     "hosts",
                     "hosts N",
                     "mean_error",
@@ -486,10 +486,10 @@ SHEETS = (
         for axis, text, axes in (
             (
                 "loss",
-                "detectors of efficiency eta",
+                "lossy detectors",
                 {"probes": ["ghz", "separate"], "efficiency": [0.9, 1.0]},
             ),
-            ("noise", "links that depolarise with p", {"depolarizing": [0.0, 0.05, 0.2]}),
+            ("noise", "noisy links", {"depolarizing": [0.0, 0.05, 0.2]}),
         )
     ),
     Sheet(
