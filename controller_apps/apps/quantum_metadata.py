@@ -40,6 +40,7 @@ from controller_apps.openflow.framework import (
     ofp_event,
     ofproto,
     on,
+    shows_life,
 )
 from controller_apps.openflow.identities import Identities
 from controller_apps.openflow.mac_table import MacTable, filter_entries
@@ -309,6 +310,7 @@ class QuantumMetadata(App):
     @on(ofp_event.EventOFPBarrierReply, CONFIG, MAIN)
     def barrier_passed(self, event: Any) -> None:
         """Tell the arbiter that a switch is ready."""
+        shows_life(event.msg.datapath)
         dpid, xid = event.msg.datapath.id, event.msg.xid
         transaction = self._transactions.get((dpid, xid))
         if transaction is None:
@@ -453,7 +455,8 @@ class QuantumMetadata(App):
 
     def _filter(self, datapath: Any) -> None:
         stations = self.stations if self.permission.policy.filter.addresses else []
-        flow_entries.send(datapath, filter_entries(datapath, stations))
+        entries = filter_entries(datapath, stations)
+        flow_entries.send(datapath, flow_entries.with_barriers(datapath, entries))
 
     def close(self) -> None:
         """Keep what there is, and record the end."""

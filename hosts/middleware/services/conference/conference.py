@@ -1,7 +1,7 @@
 """Conference key agreement: all hosts of a line get one secret key.
 
-protocol.py and ghz/line.py decide; ghz/connections.py opens the sessions between neighbours. Here
-keys come from the host's keyring, and go into it.
+leader.py, follower.py and ghz/line.py decide; ghz/connections.py opens the sessions between
+neighbours. Here keys come from the host's keyring, and go into it.
 """
 
 from functools import partial
@@ -11,8 +11,10 @@ from hosts.middleware.qkd.bits import Bits
 from hosts.middleware.qkd.conference import Pools
 from hosts.middleware.qkd.key_files import KeyStoreError
 from hosts.middleware.qkd.keyring import Keyring, NothingShared
+from hosts.middleware.services.conference.follower import Follower
+from hosts.middleware.services.conference.leader import Leader
 from hosts.middleware.services.conference.options import ConferenceOptions
-from hosts.middleware.services.conference.protocol import Follower, Keys, Leader
+from hosts.middleware.services.conference.protocol import Keys
 from hosts.middleware.services.ghz import connections
 from hosts.middleware.session.ends import AcceptorEnd, OpenerEnd, ServiceKind
 from hosts.middleware.session.errors import SessionError
