@@ -269,6 +269,11 @@ def packet_out(datapath: Any, in_port: int, port: int | None, frame: bytes) -> A
     )
 
 
+def barrier(datapath: Any) -> Any:
+    """Return the request that a switch answers when it has done all that it was sent before."""
+    return parser.OFPBarrierRequest(datapath)
+
+
 def with_barriers(datapath: Any, entries: list[Any]) -> list[Any]:
     """Return entries with a barrier after each hundred, by whose replies a switch shows life.
 
@@ -279,7 +284,7 @@ def with_barriers(datapath: Any, entries: list[Any]) -> list[Any]:
     for number, entry in enumerate(entries, 1):
         messages.append(entry)
         if number % ENTRIES_PER_BARRIER == 0:
-            messages.append(parser.OFPBarrierRequest(datapath))
+            messages.append(barrier(datapath))
     return messages
 
 

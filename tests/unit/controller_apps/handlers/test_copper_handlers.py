@@ -209,3 +209,20 @@ def test_a_switch_that_answers_a_barrier_owes_no_echo_that_waits_behind_it(scene
     scene.quantum.barrier_passed(SimpleNamespace(msg=reply))
     assert scene.s1.unreplied_echo_requests == []
     assert scene.q1.unreplied_echo_requests == [5, 6, 7]
+
+
+def test_a_classical_switch_is_there_when_it_has_taken_in_all_entries(scene: Scene) -> None:
+    """Before, what hosts say to each other might be dropped by it."""
+    sent = scene.s1.take()
+    (barrier,) = [each for each in sent if each.kind == ofproto.OFPT_BARRIER_REQUEST]
+    assert sent.index(barrier) > max(map(sent.index, flow_mods(sent)))
+    here = {"event": "switch", "dpid": S1, "kind": "classical"}
+    assert here not in told(scene)
+    answer = SimpleNamespace(msg=SimpleNamespace(datapath=scene.s1, xid=barrier.xid))
+    for _again in range(2):
+        scene.quantum.barrier_passed(answer)
+        assert told(scene).count(here) == 1
+
+
+def told(scene: Scene) -> list[dict[str, Any]]:
+    return [{k: v for k, v in fact.items() if k != "time_ns"} for fact in scene.recorded()]
