@@ -26,6 +26,7 @@ from topologies.management import bridge_of
 from topologies.memory_share import groups_of_gone
 from topologies.nodes import QuantumController
 from topologies.nodes.copper import COPPER
+from topologies.nodes.stations import is_copper_switch
 from topologies.owners import Owner
 from topologies.parallel import ParallelMininet
 from topologies.placing import place
@@ -215,21 +216,32 @@ class Network:
         program.start(command, namespace_pid, forks=self.runtime.forks())
         return program
 
+    @property
+    def copper_switches(self) -> list[str]:
+        """The switches of copper alone, in the order of the topology."""
+        return [switch.name for switch in self.net.switches if is_copper_switch(switch)]
+
     def capture(
-        self, switch: str, openflow: bool = False, packet_bytes: int = MAX_PACKET_BYTES
+        self, *switches: str, openflow: bool = False, packet_bytes: int = MAX_PACKET_BYTES
     ) -> list[Path]:
-        """Capture every link of a switch from now on; return the files.
+        """Capture every link of these switches from now on; return the files.
 
         A link to another machine is captured at its end there, too. With `openflow` the last file
         has what the controller and the switches say. Of each packet so many bytes are captured at
         most.
         """
         hidden = {"lo", *self.runtime.management}
-        interfaces = [name for name in self.net.get(switch).intfNames() if name not in hidden]
+        interfaces = [
+            name
+            for switch in switches
+            for name in self.net.get(switch).intfNames()
+            if name not in hidden
+        ]
         self.captures.packet_bytes = packet_bytes
         files = [self.captures.begin(name, interface=name) for name in interfaces]
         files += [
             self.captures.begin_elsewhere(node.machine, interface, node.pid_there)
+            for switch in switches
             for node, interface in self._copper_elsewhere(switch)
         ]
         files += [self._begin_openflow()] if openflow else []

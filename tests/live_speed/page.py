@@ -92,13 +92,13 @@ def sampled(page: Page, pid: int, seconds: float, server: int) -> Sample:
     heaps, memories = [0.0], [0.0]
     while (left := began + seconds - time.monotonic()) > 0:
         page.wait_for_timeout(1000 * min(left, LOOK_S))
-        if page.inner_text("#status").startswith("the network has ended"):
-            break
         metrics = {
             each["name"]: each["value"] for each in heap.send("Performance.getMetrics")["metrics"]
         }
         heaps.append(metrics["JSHeapUsedSize"] / (1 << 20))
         memories.append(own_mib(pid))
+        if page.inner_text("#status").startswith("the network has ended"):
+            break
     took = time.monotonic() - began
     page_s, server_s = cpu_s(pid) - spent[0], cpu_s(server) - spent[1]
     behind, drawings = page.evaluate("[behind, drawings]")

@@ -10,7 +10,14 @@ from contextlib import asynccontextmanager
 from dataclasses import replace
 
 from hosts.hardware.qnic import HardwareError, release
-from hosts.middleware.services.ghz.line import Follower, Leader, Right, introduce, introduced
+from hosts.middleware.services.ghz.line import (
+    Follower,
+    Leader,
+    Right,
+    introduce,
+    introduced,
+    most_states,
+)
 from hosts.middleware.services.ghz.options import GhzOptions
 from hosts.middleware.session import node_features
 from hosts.middleware.session.arrangement import Arrangement, Light
@@ -22,7 +29,8 @@ from wire.metadata import SEAL_BYTES, Pauli, Reason, Service, Setup, Topic, Verd
 async def lead(end: OpenerEnd, options: GhzOptions, kind: Callable[..., Leader]) -> None:
     """Do what the first host of the line does."""
     most = await end.perform(introduce(end.side, options.names[2:]))
-    leader = kind(end.side, Right(end, end.side), options, min(most, end.setup.pairs))
+    most = min(most, end.setup.pairs, most_states(len(options.names) - 1))
+    leader = kind(end.side, Right(end, end.side), options, most)
     await end.perform(leader.run())
 
 

@@ -47,15 +47,22 @@ from hosts.middleware.session.protocol import (
 )
 from hosts.middleware.session.values import Numbers
 from hosts.timeouts import BITS_TIMEOUT_S, REPORT_TIMEOUT_S
-from wire.metadata import Envelope, Finish, Reason, Topic, Values
+from wire.metadata import MAX_LENGTH, Envelope, Finish, Reason, Topic, Values
 
 NO_DIGEST = bytes(32)
 MOST_DARK = 10  # blocks in a row of which nothing is left
 MARGIN = 1.1  # of light beyond what is expected to be needed
 MAX_NAMES_BYTES = 1024
+FIXED_BYTES = 64  # of a message, at most
+OUTCOME_BITS = 2
 FLIP = 1  # X, as a Pauli operator
 
 Table = NDArray[np.uint8]  # shape (hosts, states)
+
+
+def most_states(behind: int) -> int:
+    """Return of how many states one message can tell a number of two bits for each host behind."""
+    return 8 * (MAX_LENGTH - FIXED_BYTES) // (OUTCOME_BITS * behind)
 
 
 def introduce(side: Side, names: list[str]) -> Steps[int]:
