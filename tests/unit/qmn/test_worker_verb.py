@@ -1,4 +1,4 @@
-"""What `qmn worker` says of a scheduler that cannot be, or is not there."""
+"""The words of `qmn worker` about a scheduler that cannot be, or is not there."""
 
 import asyncio
 import socket
