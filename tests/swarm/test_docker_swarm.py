@@ -64,7 +64,8 @@ class Engine:
     def run(self, runs: Path, *words: str) -> list[str]:
         """Return what runs `qmn` in a container that the others of the swarm reach."""
         options = ["--rm", "--init", "--network=qmn", "--cap-add=NET_ADMIN", "--cap-add=SYS_ADMIN"]
-        options += ["--security-opt=apparmor=unconfined", f"--volume={runs}:/qmn/runs"]
+        options += ["--security-opt=apparmor=unconfined", "--device=/dev/net/tun"]
+        options += [f"--volume={runs}:/qmn/runs"]
         return [*self.client, "run", *options, IMAGE, "qmn", "run", "sdc", *words]
 
 
