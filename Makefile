@@ -5,7 +5,8 @@ SHELL := /bin/bash
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
 .PHONY: help setup packages strongswan notebooks install uninstall run-sdc test test-docker lint types unit \
-    emulation test-swarm commands chaos fuzz bench curves labs picture lab-pictures site image clean lock browser
+    emulation test-swarm commands chaos fuzz bench live-speed curves labs picture lab-pictures site image clean \
+    lock browser
 
 PYTHON := .venv/bin/python
 # The caches and byte code of root would be in the user's way.
@@ -104,6 +105,9 @@ commands: setup ## Run every command of the documentation, some an hour in all
 
 bench: setup ## Measure and print the speed of this machine
 	bin/qmn bench
+
+live-speed: setup browser ## Measure the live view: how far it is behind, its memory, what it costs
+	$(AS_ROOT) PYTHONPATH=.:tests/unit/qmn $(PYTHON) tests/live_speed/measure.py
 
 curves: setup ## Check the physics against theory and draw it (curves/)
 	bin/qmn curves

@@ -19,15 +19,15 @@ class MyNet(Topo):
     """Three hosts, two quantum switches a kilometre apart."""
 
     def build(self, length_km: float = 1.0) -> None:
-        """Add nodes, copper to s1, and fibres."""
-        self.addSwitch("s1", cls=ClassicalSwitch, dpid="1")
+        """Add nodes, copper to hub, and fibres."""
+        self.addSwitch("hub", cls=ClassicalSwitch, dpid="1")
         self.addHost("sim", cls=DispatcherHost, ip="10.0.0.100/24")
         for number, name in enumerate(["h1", "h2", "src"], 1):
             self.addHost(name, cls=QuantumHost, ip=f"10.0.0.{number}/24", source=name == "src")
         for number in (1, 2):
             self.addSwitch(f"q{number}", cls=OpticalSwitch, dpid=f"100{number}")
         for node in ("sim", "h1", "h2", "src", "q1", "q2"):
-            self.addLink(node, "s1")
+            self.addLink(node, "hub")
         for one, other, fibers in [("h1", "q1", 1), ("h2", "q2", 2), ("src", "q2", 2)]:
             for _ in range(fibers):
                 self.addLink(one, other, cls=FiberLink)

@@ -63,6 +63,9 @@ def watch(network: QuantumNetwork, opener: str, acceptor: str) -> str:
             return "at work"
         other.result(LONGEST_S)
     found = asking.summary
+    if found["given_back"]:
+        say(f"{opener} to {acceptor}: light given back to a session")
+        return "at work"
     verdict = "ALARM" if found["alarm"] else "whole"
     visibility = 1 - 2 * found["error_rate"]
     say(f"{opener} to {acceptor}: {verdict}, {found['compared']} pairs, {visibility:.2f} visible")

@@ -16,7 +16,7 @@ from hosts.hardware.ports import link_changes, take_notices
 from hosts.middleware.device import Device, changed
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.swap_orders import Swaps
-from hosts.network_loop import wall_sleep, wall_timeout
+from hosts.network_loop import wall_timeout
 from hosts.serving.ordered_seals import OrderedSeals
 from hosts.timeouts import (
     CHECK_PERIOD_S,
@@ -65,7 +65,8 @@ class NodeAgent(asyncio.DatagramProtocol):
         self._number = 0
         self._last = device.report()
         self._changed = asyncio.Event()
-        device.changed = self._changed.set
+        self._alarmed = asyncio.Event()
+        device.changed, device.alarmed = self._changed.set, self._alarmed.set
         self._sent_s = self._asked_s = 0.0
         self._began_s = time.monotonic()
 
@@ -148,9 +149,15 @@ class NodeAgent(asyncio.DatagramProtocol):
             self._report()
 
     async def _pause(self) -> None:
-        """Wait for the next look: for that of a device at work, or until something happens."""
+        """Wait for the next look: for that of a device at work, or until something happens.
+
+        An alarm of a seal closes fibres, and does not wait.
+        """
         if self._device.at_work:
-            await wall_sleep(CHECK_PERIOD_S)
+            with suppress(TimeoutError):
+                async with wall_timeout(CHECK_PERIOD_S):
+                    await self._alarmed.wait()
+            self._alarmed.clear()
             return
         alone_s = max(self._alone_s - time.monotonic(), CHECK_PERIOD_S)
         with suppress(TimeoutError):

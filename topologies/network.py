@@ -26,6 +26,7 @@ from topologies.management import bridge_of
 from topologies.memory_share import groups_of_gone
 from topologies.nodes import QuantumController
 from topologies.nodes.copper import COPPER
+from topologies.nodes.stations import is_copper_switch
 from topologies.owners import Owner
 from topologies.parallel import ParallelMininet
 from topologies.placing import place
@@ -116,8 +117,9 @@ class Network:
         self._disk = self._cleanup.enter_context(
             DiskKeeper(self.runtime.logs, lambda: self.runtime.programs)
         )
-        self._daemons = openvswitch.daemons()
         sweep()
+        openvswitch.revive_if_ours(self.runtime.name)  # it may have ended with what was left
+        self._daemons = openvswitch.daemons()
         self._signals.check()
         runtime.begin(self.runtime)
         topo = self._topo()
@@ -214,21 +216,32 @@ class Network:
         program.start(command, namespace_pid, forks=self.runtime.forks())
         return program
 
+    @property
+    def copper_switches(self) -> list[str]:
+        """The switches of copper alone, in the order of the topology."""
+        return [switch.name for switch in self.net.switches if is_copper_switch(switch)]
+
     def capture(
-        self, switch: str, openflow: bool = False, packet_bytes: int = MAX_PACKET_BYTES
+        self, *switches: str, openflow: bool = False, packet_bytes: int = MAX_PACKET_BYTES
     ) -> list[Path]:
-        """Capture every link of a switch from now on; return the files.
+        """Capture every link of these switches from now on; return the files.
 
         A link to another machine is captured at its end there, too. With `openflow` the last file
         has what the controller and the switches say. Of each packet so many bytes are captured at
         most.
         """
         hidden = {"lo", *self.runtime.management}
-        interfaces = [name for name in self.net.get(switch).intfNames() if name not in hidden]
+        interfaces = [
+            name
+            for switch in switches
+            for name in self.net.get(switch).intfNames()
+            if name not in hidden
+        ]
         self.captures.packet_bytes = packet_bytes
         files = [self.captures.begin(name, interface=name) for name in interfaces]
         files += [
             self.captures.begin_elsewhere(node.machine, interface, node.pid_there)
+            for switch in switches
             for node, interface in self._copper_elsewhere(switch)
         ]
         files += [self._begin_openflow()] if openflow else []
@@ -334,7 +347,7 @@ def sweep() -> None:
     owners.end([process for process, run in owners.marked() if owners.gone(run)])
     for group in groups_of_gone():
         group.rmdir()
-    openvswitch.delete(*bridges_of_gone())
+    openvswitch.delete_finally(str(owners.this_process()), *bridges_of_gone())
     openvswitch.forget_certificate(owners.gone)
     for folder in folders_of_gone():
         remove_links(switches_of(folder))
@@ -343,8 +356,8 @@ def sweep() -> None:
 
 def bridges_of_gone() -> list[str]:
     """Return the bridges whose run is gone."""
-    bridges = openvswitch.bridges()
-    return sorted(name for name in bridges if owners.gone(openvswitch.owner_of(name)))
+    made = openvswitch.runs_of_bridges()
+    return sorted(name for name, run in made.items() if owners.gone(run))
 
 
 def switches_of(folder: Path) -> list[str]:

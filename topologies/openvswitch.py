@@ -1,5 +1,6 @@
 """Open vSwitch on this machine: is it running, which datapath has it, who started it."""
 
+import json
 import os
 import re
 import shutil
@@ -35,7 +36,8 @@ STARTED = "open-vswitch"  # file: the run that has started the daemons, then the
 STARTER = "QMN_STARTED_OPEN_VSWITCH"  # in the environment of daemons: the run that started them
 INTERFACES = Path("/sys/class/net")
 UNREACHABLE = "database connection failed"  # as ovs-vsctl says it
-OWNER = "external_ids:qmn"  # which run has made a bridge
+OWNER_KEY = "qmn"
+OWNER = f"external_ids:{OWNER_KEY}"  # which run has made a bridge
 RESTART = "restart Open vSwitch, as by `systemctl restart openvswitch-switch`"
 
 
@@ -220,8 +222,13 @@ def revive_if_ours(owner: str) -> None:
 
 def stop_if_ours(owner: str) -> None:
     """Stop Open vSwitch if this run started it and no bridge is left in it."""
-    revive_if_ours(owner)  # half of it may have ended before a bridge was made
-    if starter() == owner and not bridges():
+    if starter() != owner:
+        return
+    for daemon in daemons().values():
+        daemon.signal(signal.SIGCONT)  # it may have been stopped
+    if DATABASE not in daemons() or bridges():
+        revive_if_ours(owner)
+    if not bridges():
         _run(CONTROL, "stop", timeout_s=OPENVSWITCH_TIMEOUT_S)
         (RUNTIME_ROOT / STARTED).unlink(missing_ok=True)  # last: a second signal may come between
 
@@ -257,7 +264,14 @@ def bridges() -> list[str]:
 
 def owner_of(bridge: str) -> str:
     """Return the run that made a bridge, "" if none of ours did."""
-    return vsctl("--if-exists", "get", "Bridge", bridge, OWNER).strip('"\n ')
+    return runs_of_bridges().get(bridge, "")
+
+
+def runs_of_bridges() -> dict[str, str]:
+    """Return the run that made each bridge, by one command; "" for what none of ours made."""
+    said = vsctl("--format=json", "--columns=name,external_ids", "list", "Bridge")
+    rows = json.loads(said)["data"] if said.strip() else []
+    return {name: dict(ids[1]).get(OWNER_KEY, "") for name, ids in rows}
 
 
 def add(bridge: str, owner: str, controller: str) -> None:
@@ -335,8 +349,33 @@ def delete(*names: str) -> None:
             vsctl(*words)
         return
     vsctl("--no-wait", *words)
-    for name in names:
-        delete_interface(name)
+    delete_interfaces(names)
+
+
+def delete_finally(owner: str, *names: str) -> None:
+    """Delete bridges of ours where Open vSwitch has nothing to do for this run any more.
+
+    Its userspace datapath takes time with the square of the ports to delete them. Where this run
+    has started it, and there are no other bridges, its switch daemon ends instead, and all that
+    it has goes with it; see `revive_if_ours`.
+    """
+    found = daemons()
+    is_ours = found.keys() == set(DAEMONS) and starter() == owner
+    if names and is_ours and datapath() == "user" and set(bridges()) <= set(names):
+        with packet_sockets.held(found[SWITCH_DAEMON].pid):
+            _end_now(SWITCH_DAEMON, found[SWITCH_DAEMON])
+    delete(*names)
+
+
+def _end_now(name: str, daemon: Owner) -> None:
+    """End a daemon; raise NetworkError if the kernel does not let go of it in time."""
+    limit_s = OPENVSWITCH_TIMEOUT_S + INTERFACE_S * len(os.listdir(INTERFACES))
+    deadline = time.monotonic() + limit_s
+    owners.end([daemon])
+    while daemon.alive:
+        if time.monotonic() > deadline:
+            raise NetworkError(f"{name} (process {daemon.pid}) did not end in {limit_s:g} s")
+        time.sleep(POLL_S)
 
 
 def agent_socket(bridge: str) -> Path:

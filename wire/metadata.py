@@ -51,6 +51,9 @@ class Service(IntEnum):
     SEAL = 10  # pairs that watch a fibre
     GHZ = 11  # states of several hosts: this is between two neighbours of their line
     E91 = 12  # quantum key distribution by entangled pairs, with a CHSH test
+    CONFERENCE = (
+        15  # a key of several hosts, by GHZ states: this is between two neighbours likewise
+    )
     SENSE = 14  # phases at hosts, by GHZ states: this is between two neighbours of their line
     MDI = 13  # by photons that both ends prepare and a relay measures in pairs
 
@@ -88,6 +91,15 @@ class Topic(IntEnum):
     # PROBES, before them, how many qubits each makes by itself.
     ANGLES = 17
     PROBES = 18
+    # Of a conference key: its terms (wire.conference); parities of the leader's bits, and a hash of
+    # them behind its key; the seed of privacy amplification; what proves all that was said, 16
+    # bytes for each host behind.
+    PROPOSAL = 22
+    RECEIPT = 24  # likewise 16 bytes, which prove that a block is in the memory of each
+    HASH = 23
+    SYNDROME = 19
+    AMPLIFY = 20
+    TAGS = 21
     KEPT = 14  # the opener holds the key of this number (block) in its store; no values
     PURIFY = 32  # protocol (1 BBPSSW, 2 DEJMPS) and seed of the twirl, of a round of a block
     # Of a station, or passed on by the opener: the Bell state of each heralded pair, as 0 Phi+,

@@ -468,6 +468,11 @@ def message_length(data: bytes) -> int | None:
     return int(length)
 
 
+def kind_of(data: bytes) -> int:
+    """Return the kind of a whole message."""
+    return int(HEADER.unpack_from(data)[2])
+
+
 def unframe(data: bytes) -> Sealed:
     """Take exactly one message apart; raise MalformedPacket for anything else."""
     length = message_length(data)

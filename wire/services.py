@@ -73,6 +73,7 @@ LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
         Service.LINK: (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),),
         Service.GHZ: (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),),
         Service.SENSE: (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),),
+        Service.CONFERENCE: (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),),
         # Its pairs come by the light of the session that it goes back on: either half of them
         # is at hand at either host, and who sends passes its own on.
         Service.SDC_RETURN: (Beam(FiberOf(OPENER, 0), FiberOf(ACCEPTOR, 1)),),
@@ -115,6 +116,7 @@ NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
         Service.MDI: {SOURCE: INTERFERE, OPENER: EMIT, ACCEPTOR: EMIT},
         Service.GHZ: {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: STORE | MEASURE},
         Service.SENSE: {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: STORE | MEASURE},
+        Service.CONFERENCE: {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: STORE | MEASURE},
         Service.SWAP: {
             OPENER: EMIT | STORE,
             ACCEPTOR: STORE,

@@ -40,6 +40,7 @@ from controller_apps.openflow.framework import (
     ofp_event,
     ofproto,
     on,
+    shows_life,
 )
 from controller_apps.openflow.identities import Identities
 from controller_apps.openflow.mac_table import MacTable, filter_entries
@@ -138,6 +139,7 @@ class QuantumMetadata(App):
         self._listed: dict[tuple[int, int], list[Any]] = {}
         self._transactions: dict[tuple[int, int], int] = {}
         self._counting: dict[tuple[int, int], FiveTuple] = {}
+        self._taking_in: dict[tuple[int, int], str] = {}  # kinds of switches, by barrier
         self.state = state
         for number in take_over(state, self.arbiter, self.logger, self._now()):
             self._note(Note("resumed", number))
@@ -191,7 +193,7 @@ class QuantumMetadata(App):
             return  # its successor is here already, or it never said who it was
         if known is not None:
             del self.datapaths[datapath.id]
-            for table in (self._transactions, self._listed, self._counting):
+            for table in (self._transactions, self._listed, self._counting, self._taking_in):
                 for key in [key for key in table if key[0] == datapath.id]:
                     del table[key]
             self.fibers.switch_left(datapath.id)
@@ -207,7 +209,7 @@ class QuantumMetadata(App):
             for message in flow_entries.metadata_entries(datapath):
                 datapath.send_msg(message)
             self._ask_entries(datapath, flow_entries.METADATA_TABLE)
-            self._ready(datapath.id, "classical")
+            self._ask_barrier(datapath)
             return
         datapath.send_msg(flow_entries.discovery_entry(datapath))
         for message in flow_entries.classical_entries(datapath):
@@ -219,6 +221,12 @@ class QuantumMetadata(App):
         question = flow_entries.ask_entries(datapath, table)
         datapath.send_msg(question)
         self._listed[datapath.id, question.xid] = []
+
+    def _ask_barrier(self, datapath: Any) -> None:
+        """Let a classical switch say when it has taken in all entries: it is ready then."""
+        question = flow_entries.barrier(datapath)
+        datapath.send_msg(question)
+        self._taking_in[datapath.id, question.xid] = "classical"
 
     def _ready(self, dpid: int, kind: str) -> None:
         self.logger.info("switch %#x is here: %s", dpid, kind)
@@ -309,7 +317,10 @@ class QuantumMetadata(App):
     @on(ofp_event.EventOFPBarrierReply, CONFIG, MAIN)
     def barrier_passed(self, event: Any) -> None:
         """Tell the arbiter that a switch is ready."""
+        shows_life(event.msg.datapath)
         dpid, xid = event.msg.datapath.id, event.msg.xid
+        if (dpid, xid) in self._taking_in:
+            self._ready(dpid, self._taking_in.pop((dpid, xid)))
         transaction = self._transactions.get((dpid, xid))
         if transaction is None:
             return
@@ -453,7 +464,8 @@ class QuantumMetadata(App):
 
     def _filter(self, datapath: Any) -> None:
         stations = self.stations if self.permission.policy.filter.addresses else []
-        flow_entries.send(datapath, filter_entries(datapath, stations))
+        entries = filter_entries(datapath, stations)
+        flow_entries.send(datapath, flow_entries.with_barriers(datapath, entries))
 
     def close(self) -> None:
         """Keep what there is, and record the end."""
@@ -510,7 +522,7 @@ class QuantumMetadata(App):
         return [optical_messages.tune(datapath, port, action.frequency_mhz) for port in ports]
 
     def _note(self, note: Note) -> None:
-        fields: dict[str, Any] = {"session": f"{note.session:016x}"}
+        fields: dict[str, Any] = {"session": f"{note.session:016x}"} if note.session else {}
         if note.setup_ms is not None:
             fields["setup_ms"] = round(note.setup_ms, 4)
         if note.detail:

@@ -4,6 +4,9 @@
     hears who has not heard it --> answers at once
     heard at both ends --> a link --port down, switch gone, not heard for long--> none
 
+Where a host is, nobody hears a port; a fibre that is laid elsewhere is cut first, and the port
+speaks again when it is whole.
+
 No socket, no clock: `now` is in seconds of one steady clock.
 """
 
@@ -30,14 +33,24 @@ class _Port:
         self.spoke_s, self.due = now, now + pause_s
 
 
+@dataclass(frozen=True)
+class _Heard:
+    """What a port has heard last, and how seldom ports spoke then: so long it may be silent."""
+
+    speaker: SwitchPort
+    when_s: float
+    slower: float
+
+
 @dataclass
 class Links:
     """When each fibre port speaks next, and what was last heard where."""
 
     network: Network
     _ports: dict[SwitchPort, _Port] = field(default_factory=dict)
-    _heard: dict[SwitchPort, tuple[SwitchPort, float]] = field(default_factory=dict)
+    _heard: dict[SwitchPort, _Heard] = field(default_factory=dict)
     _last_s: float = 0.0  # when it was asked who shall speak
+    _slower: float = 1.0  # how many times longer a large network waits than a small one
 
     def port_up(self, at: SwitchPort, now: float) -> None:
         """Let a port speak, quickly at first."""
@@ -55,15 +68,18 @@ class Links:
         for at in ends:
             self.port_down(at)
 
-    @property
-    def slower(self) -> float:
-        """How many times longer a large network waits than a small one."""
-        return max(1.0, len(self._ports) / (LINK_PERIOD_S * ANNOUNCEMENTS_PER_S))
+    def _measure(self) -> None:
+        """Note how large the network is: of the ports that speak, those of hosts do not."""
+        speaking = sum(at not in self.network.hosts for at in self._ports)
+        self._slower = max(1.0, speaking / (LINK_PERIOD_S * ANNOUNCEMENTS_PER_S))
 
     def due(self, now: float) -> list[SwitchPort]:
         """Return the ports that shall speak now; never all of a large network at once."""
-        period_s, spoken, waiting = LINK_PERIOD_S * self.slower, [], []
+        self._measure()
+        period_s, spoken, waiting = LINK_PERIOD_S * self._slower, [], []
         for at, port in self._ports.items():
+            if at in self.network.hosts:
+                continue
             if port.due <= now and self._is_new(at, port):
                 port.speak(now, LINK_FAST_PERIOD_S if port.sent + 1 < FAST_TIMES else period_s)
                 spoken.append(at)
@@ -79,32 +95,37 @@ class Links:
 
     def _is_new(self, at: SwitchPort, port: _Port) -> bool:
         """Whether nobody was heard at a port that has not spoken often either."""
-        unheard = at not in self._heard and at not in self.network.hosts
-        return unheard and port.sent < FAST_TIMES
+        return at not in self._heard and port.sent < FAST_TIMES
 
     def answers(self, at: SwitchPort, speaker: SwitchPort, now: float) -> bool:
         """Tell whether a port that has heard another shall speak now: to who has not heard it.
 
         What it has said a moment ago is on its way.
         """
-        port, (heard, _when) = self._ports.get(at), self._heard.get(speaker, (None, 0.0))
-        if port is None or heard == at or now - port.spoke_s < LINK_FAST_PERIOD_S:
+        port, heard = self._ports.get(at), self._heard.get(speaker)
+        if port is None or (heard is not None and heard.speaker == at):
             return False
-        port.speak(now, LINK_PERIOD_S * self.slower)
+        if now - port.spoke_s < LINK_FAST_PERIOD_S:
+            return False
+        port.speak(now, LINK_PERIOD_S * self._slower)
         return True
 
     def heard(self, speaker: SwitchPort, at: SwitchPort, now: float) -> bool:
         """Take what a port was heard to say at another; tell whether that is a new link."""
         if speaker not in self._ports or at not in self._ports:
             return False  # a message that was long on its way
-        self._heard[at] = speaker, now
-        there, _ = self._heard.get(speaker, (None, 0.0))
-        return there == at and self.network.add_link(speaker, at)
+        self._heard[at] = _Heard(speaker, now, self._slower)
+        there = self._heard.get(speaker)
+        return there is not None and there.speaker == at and self.network.add_link(speaker, at)
 
     def expired(self, now: float) -> list[SwitchPort]:
         """Forget the links that were not heard for long at one end; return these ends."""
-        expiry_s = LINK_EXPIRY_S * self.slower
-        silent = [at for at, (_, when) in self._heard.items() if now - when > expiry_s]
+        self._measure()
+        silent = [at for at, heard in self._heard.items() if self._is_silent(heard, now)]
         for at in silent:
             del self._heard[at]
         return [at for at in silent if self.network.remove_link(at) is not None]
+
+    def _is_silent(self, heard: _Heard, now: float) -> bool:
+        """Whether a port has heard nothing for too long, by how seldom ports spoke or speak."""
+        return now - heard.when_s > LINK_EXPIRY_S * max(heard.slower, self._slower)

@@ -13,20 +13,39 @@ Switches = frozenset[str]  # two, by their names
 
 
 def path_over(network: Network, leg: Leg, over: Switches, limits: Limits) -> LightPath | None:
-    """Return a path that crosses a fibre between these switches; None if there is none now."""
+    """Return a path that crosses a fibre between these switches; None if none is found.
+
+    One part is the cheapest, the other the cheapest round that: where only two parts that are both
+    longer keep out of each other's way, none is found.
+    """
     limits, budget_mdb = limits._replace(loss_budget_mdb=None), limits.loss_budget_mdb
     for near, far in _fibers(network, leg, over):
-        before = cheapest_path(network, Leg(leg.start, near), _around(limits, {far.dpid}))
-        if before is None:
-            continue
-        passed = set(switches(before.hops))
-        after = cheapest_path(network, Leg(far, leg.end), _around(limits, passed))
-        if after is None:
-            continue
-        path = _joined(network, before, after, near, far)
-        if budget_mdb is None or path.loss_mdb <= budget_mdb:
+        legs = Leg(leg.start, near), Leg(far, leg.end)
+        paths = [
+            _joined(network, *parts, near, far)
+            for first in (0, 1)
+            if (parts := _parts(network, legs, first, limits)) is not None
+        ]
+        path = min(paths, key=lambda each: each.loss_mdb, default=None)
+        if path is not None and (budget_mdb is None or path.loss_mdb <= budget_mdb):
             return path
     return None
+
+
+def _parts(
+    network: Network, legs: tuple[Leg, Leg], first: int, limits: Limits
+) -> tuple[LightPath, LightPath] | None:
+    """Return both parts of a path, of which one is looked for first."""
+    one, other = legs[first], legs[1 - first]
+    ends = {other.start.dpid, other.end.dpid}
+    cheapest = cheapest_path(network, one, _around(limits, ends))
+    if cheapest is None:
+        return None
+    passed = set(switches(cheapest.hops))
+    beside = cheapest_path(network, other, _around(limits, passed))
+    if beside is None:
+        return None
+    return (beside, cheapest) if first else (cheapest, beside)
 
 
 def _around(limits: Limits, passed: Container[int]) -> Limits:

@@ -22,6 +22,7 @@ CLOSE_PRIORITY, BYPASS_PRIORITY, OPENING_PRIORITY, METADATA_PRIORITY = 400, 300,
 PATH_PRIORITY = 100
 LLDP_PRIORITY = 65000
 LEARNING_PRIORITY = 1
+ENTRIES_PER_BARRIER = 100
 ETH_TYPE_IPV4, ETH_TYPE_LLDP = 0x0800, 0x88CC
 ALL_BITS = (1 << 64) - 1
 BUNDLE_FLAGS = ofproto.OFPBF_ATOMIC | ofproto.OFPBF_ORDERED
@@ -266,6 +267,25 @@ def packet_out(datapath: Any, in_port: int, port: int | None, frame: bytes) -> A
     return parser.OFPPacketOut(
         datapath, buffer_id=ofproto.OFP_NO_BUFFER, in_port=in_port, actions=[action], data=frame
     )
+
+
+def barrier(datapath: Any) -> Any:
+    """Return the request that a switch answers when it has done all that it was sent before."""
+    return parser.OFPBarrierRequest(datapath)
+
+
+def with_barriers(datapath: Any, entries: list[Any]) -> list[Any]:
+    """Return entries with a barrier after each hundred, by whose replies a switch shows life.
+
+    Open vSwitch takes thousands of entries for some time, and what is sent behind them, as echoes,
+    waits so long for its answer.
+    """
+    messages = []
+    for number, entry in enumerate(entries, 1):
+        messages.append(entry)
+        if number % ENTRIES_PER_BARRIER == 0:
+            messages.append(barrier(datapath))
+    return messages
 
 
 def send(datapath: Any, messages: list[Any]) -> None:

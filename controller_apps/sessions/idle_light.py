@@ -16,12 +16,13 @@ from controller_apps.policy.watches import Watch
 from controller_apps.sessions.actions import Action, Note, Order
 from controller_apps.sessions.admission import Admission
 from controller_apps.sessions.sessions import Sessions
-from controller_apps.timeouts import DISCOVERY_S, SEAL_BEGIN_S
+from controller_apps.timeouts import DISCOVERY_S, QUEUE_LOOK_S, SEAL_BEGIN_S
 from wire.device import DEVICE_PORT
 from wire.metadata import METADATA_PORT, Handshake, Reason, Service, Setup
 from wire.optical import ANY_WAVELENGTH
 from wire.seal_orders import SealOrder
 
+MOST_AT_ONCE = 8  # searches for light that is idle, in one tick
 ANY_PORT = 0  # of the opener's end, which is not known before it connects
 Find = Callable[[Setup, FiveTuple], Admission]
 
@@ -80,10 +81,12 @@ class IdleLight:
             if begun.until <= now and begun.number not in self.sessions.by_number:
                 self.over(begun.number, now)
         busy = {begun.watch for begun in self._begun.values()}
+        due = [watch for watch, when in self._due.items() if when <= now and watch not in busy]
+        due.sort(key=self._due.__getitem__)
         actions: list[Action] = []
-        for watch, due in self._due.items():
-            if due <= now and watch not in busy:
-                actions += self._begin(watch, now)
+        for watch in due[:MOST_AT_ONCE]:
+            self._due[watch] = now + QUEUE_LOOK_S  # unless it begins: then when it is over
+            actions += self._begin(watch, now)
         return actions
 
     def _begin(self, watch: Watch, now: float) -> list[Action]:

@@ -21,6 +21,7 @@ from wire.events import DROPPED, UNWRITTEN, encode_record, format_line
 from wire.pcapng import LINKTYPE_USER0, Interface, Packet, Writer
 
 WATCHER_DEPTH = 10_000
+MOST_AT_ONCE = 1_000  # told to a watcher in one message
 MOST_EVENTS = 32_000_000  # written of all: some 8 GB
 WATCHED_PHOTONS = 1_000  # of a block, for a watcher who asks for them
 ELSEWHERE = "dispatcher"
@@ -102,6 +103,13 @@ class Watcher:
         if not self._events:
             self._report_dropped(event.time_ns)
         return event
+
+    async def some(self) -> list[Event]:
+        """Wait for the next event; return it and those that are there behind it."""
+        events = [await self.next()]
+        while self._events and len(events) < MOST_AT_ONCE:
+            events.append(await self.next())
+        return events
 
     def _report_dropped(self, time_ns: int) -> None:
         if self._dropped:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from dispatcher.sabot.backend import Bytes
-from dispatcher.sabot.registers import Register
+from dispatcher.sabot.registers import Mask, Register
 from dispatcher.sabot.simulation import Simulation
 
 STATES = ("|0>", "|1>", "|+>", "|->", "|+i>", "|-i>")
@@ -22,15 +22,14 @@ def turn(sabot: Simulation, register: Register, states: Bytes) -> None:
     signs, bases = states & np.uint8(1), states >> np.uint8(1)
     if signs.any():
         sabot.pauli(register, signs)
-    for basis in np.unique(bases).tolist():
-        _turn(sabot, register, basis, bases)
+    for basis in (X, Y):
+        own = bases == basis
+        if own.any():
+            _turn(sabot, register, basis, own)
 
 
-def _turn(sabot: Simulation, register: Register, basis: int, bases: Bytes) -> None:
-    """Turn the qubits of one basis from Z into it."""
-    if basis == Z:
-        return
-    own = bases == basis
+def _turn(sabot: Simulation, register: Register, basis: int, own: Mask) -> None:
+    """Turn some qubits from Z into a basis."""
     turned = register if own.all() else sabot.part(register, own)
     sabot.gate("H", turned)
     if basis == Y:

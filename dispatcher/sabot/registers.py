@@ -25,6 +25,7 @@ Mask = NDArray[np.bool_]
 Positions = NDArray[np.uint32] | slice
 
 WHOLE = slice(None)
+FEW_LABELS = 8  # are found one by one in less time than they are sorted
 
 
 @lru_cache(maxsize=16)
@@ -226,6 +227,10 @@ def _grouped(labels: NDArray[np.generic]) -> list[NDArray[np.intp]]:
     """Return where each label is, by ascending labels."""
     if labels.dtype == np.bool_:
         return [np.flatnonzero(labels == label) for label in (False, True)]
+    if labels.dtype == np.uint8:
+        there = np.flatnonzero(np.bincount(labels))
+        if there.size <= FEW_LABELS:
+            return [np.flatnonzero(labels == label) for label in there]
     order = np.argsort(labels, kind="stable")
     ordered = labels[order]
     return np.split(order, np.flatnonzero(ordered[1:] != ordered[:-1]) + 1)

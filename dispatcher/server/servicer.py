@@ -3,6 +3,7 @@
 # gRPC names the methods.
 # ruff: noqa: N802
 
+import asyncio
 import functools
 from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import Any, TypeVar, cast
@@ -26,6 +27,7 @@ from dispatcher.sabot.dense import TooLarge
 from dispatcher.server.callers import Callers
 from dispatcher.server.orders import Orders
 from dispatcher.server.recorded_requests import changes
+from dispatcher.timeouts import MAX_PAUSE_S
 from wire import dispatcher_pb2 as messages
 from wire.dispatcher_pb2_grpc import DispatcherServicer
 
@@ -286,12 +288,15 @@ class Service(DispatcherServicer):
         Who wants no news is told what is remembered, and nothing else.
         """
         watched = self.callers.watched_by(node, request.node)
+        pause_s = min(request.pause_ms / 1000, MAX_PAUSE_S)
         with self.layer.history.watching(
             watched, request.session, request.history, request.per_qubit
         ) as watcher:
             while not (request.until_now and watcher.idle):
-                event = await watcher.next()
+                events = messages.Events(events=await watcher.some())
                 try:
-                    await context.write(event)
+                    await context.write(events)
                 except grpc.aio.InternalError:
                     return  # the watcher went away
+                if pause_s and watcher.idle:
+                    await asyncio.sleep(pause_s)

@@ -380,8 +380,9 @@ class SimulatedQnic:
         try:
             proof = await proved(self._stub, self._token, "Watch")
             stream = self._stub.Watch(request, metadata=proof)
-            async for event in stream:
-                yield encode_record(event)
+            async for told in stream:
+                for event in told.events:
+                    yield encode_record(event)
         except grpc.aio.AioRpcError as error:
             raise HardwareError(f"dispatcher: {error.details()}") from error
         finally:

@@ -56,6 +56,7 @@ class Device:
     settings: DeviceSettings = field(default_factory=DeviceSettings)
     subscription: Subscribe = field(default_factory=lambda: Subscribe(0, 0, 0, 0))
     changed: Callable[[], None] = lambda: None  # called when more than counts may have changed
+    alarmed: Callable[[], None] = lambda: None  # called when a seal has found somebody
     cut_off: Callable[[int | None], None] = lambda _us: None  # the memory; None: by its own default
     _opened: list[Opened] = field(default_factory=list)
     _accepted: list[Counted] = field(default_factory=list)
@@ -134,6 +135,7 @@ class Device:
         self._seal |= {"seal": session, **dict(zip(names, told, strict=True))}
         if watched.alarm:
             self._seal["alarm"] = session
+            self.alarmed()
 
     @contextmanager
     def serves(self, setup: Setup) -> Iterator[None]:

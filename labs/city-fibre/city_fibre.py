@@ -19,6 +19,7 @@ UPPER = {"middle": Published(0.967, 0.004, "New York: 15 days, upper bound")}
 BEST = Published(0.99, 0.005, "New York: about 0.99")
 NEAR, FAR = 0.68, 0.90  # detectors at 795 nm and 1324 nm
 FIBER_DB, KM, TOTAL_DB = 14.45, 34, 17.46
+S_TEST = "e91 --chsh-fraction 0.5"
 BERLIN = {"10-m": 0.01, "30-km": 30.0, "60-km": 60.0}
 
 
@@ -104,7 +105,7 @@ LAB = Lab(
     paper="Craddock et al., PRX Quantum 5, 030330 (2024), arXiv:2404.08626;"
     " Sena et al., J. Opt. Commun. Netw. 17, 1072 (2025), arXiv:2504.08927",
     runs={name: session("bbm92", COUNTS[name], rate, KM) for name, rate in RATES.items()}
-    | {name: session("e91", 1500, RATES["middle"], km) for name, km in BERLIN.items()},
+    | {name: session(S_TEST, 1200, RATES["middle"], km) for name, km in BERLIN.items()},
     findings=findings,
     charts=(
         Chart("lower", "lower bound by two bases", *AXES, lower),

@@ -15,8 +15,7 @@ from qmn.results.run_folder import make_folder
 from qmn.scripting import QuantumNetwork, start
 from topologies.runtime import EVENT_CAPTURE
 
-SESSIONS, LIGHT_S = 5, 0.25  # before the cut and after it; until it
-ENDS = ("alice", "charlie")
+ENDS, WAY, SESSIONS = ("alice", "charlie"), ("source", "charlie"), 5
 
 
 def shared(network: QuantumNetwork, cut: bool = False) -> Counter[str]:
@@ -24,7 +23,7 @@ def shared(network: QuantumNetwork, cut: bool = False) -> Counter[str]:
     earlier = came(network)
     with session(network, "distribute", ENDS, count=200, sample=0.4, rate_hz=250_000) as asked:
         if cut:
-            time.sleep(LIGHT_S)
+            time.sleep(0.25)  # some light comes by the short way
             network.net.configLinkStatus("q1", "q3", "down")
         list(asked.results)
         told = asked.asking.summary
@@ -44,8 +43,7 @@ with start(Campus, folder, seed=int(seed)) as network:
     before = sum((shared(network) for _ in range(SESSIONS)), Counter())
     begin_ns, _told, end_ns = time.time_ns(), shared(network, cut=True), time.time_ns()
     after = sum((shared(network) for _ in range(SESSIONS)), Counter())
-    events = [each for each in recorded(folder / EVENT_CAPTURE, follow=False) if not each.photon]
-    dark = dark_spans(events, network.runtime.fibers, ("source", "charlie"))
+    dark = dark_spans(recorded(folder / EVENT_CAPTURE, follow=False), network.runtime.fibers, WAY)
 outage_ns = max(end - begin for begin, end in dark if begin_ns < begin and end < end_ns)
 facts = json.loads((folder / RESULT).read_text())
 facts["found"] = {"before": before, "after": after, "outage_s": outage_ns / 1e9}

@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from hosts.service_socket import ServiceSocket
+from qmn.benchmarks.many_hosts import processor_s
 from qmn.timeouts import MEASURE_TIMEOUT_S
 from topologies.network import Network, Signals
+from topologies.openvswitch import SWITCH_DAEMON, daemons
 from topologies.repeaters import RepeatersTopo
 from topologies.runtime import Runtime
 from topologies.sdc import SdcTopo
@@ -18,6 +20,7 @@ PORT = 9
 DEPOLARIZING = 0.01  # of each fibre
 PROTOCOLS = ("bb84", "bbm92")
 SIFTED_BITS = 1_000_000
+STREAM_BITS = 8 * SIFTED_BITS  # sifted, for keys one after another
 STATES = 1_000_000
 KINDS = (("chp", "random", "the six cardinal states"), ("dense", "haar", "states at random"))
 LENGTHS = (1, 2, 4, 8)  # repeaters
@@ -25,9 +28,11 @@ PAIRS = 100_000
 
 
 def key_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]:
-    """Yield name and text of what keys take: raw, sifted and final bits/s."""
-    runtime = Runtime(log_folder=folder / "keys")
-    with Network(partial(SdcTopo, depolarizing=DEPOLARIZING), runtime, signals) as network:
+    """Yield name and text of what keys take: raw, sifted and final bits/s, and processors."""
+    topology = partial(SdcTopo, depolarizing=DEPOLARIZING)
+    with Network(topology, Runtime(log_folder=folder / "stream"), signals) as network:
+        yield keys_one_after_another(network)
+    with Network(topology, Runtime(log_folder=folder / "keys"), signals) as network:
         for protocol in PROTOCOLS:
             told = one_session(network, protocol, count=SIFTED_BITS)
             yield (
@@ -35,11 +40,28 @@ def key_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]:
                 f"raw {told['raw_bits_per_s'] / 1e6:.2f} Mbit/s, "
                 f"sifted {told['sifted_bits_per_s'] / 1e6:.2f} Mbit/s, while light is sent",
             )
-            yield (
-                "  with error correction and all",
-                f"final key {told['key_bits_per_s'] / 1e3:.0f} kbit/s: {told['key_bits']:,} bits "
-                f"in {told['elapsed_s']:.1f} s",
-            )
+            yield "  with error correction and all", f"final key {final_key(told)}"
+
+
+def keys_one_after_another(network: Network) -> tuple[str, str]:
+    """Return name and text of a session that makes several, each beside the light of the next."""
+    before_s = processors_s(network)
+    told = one_session(network, PROTOCOLS[0], count=STREAM_BITS)
+    bit_us = (processors_s(network) - before_s) / told["key_bits"] * 1e6
+    text = f"{final_key(told)}, {bit_us:.2f} us of processors for each"
+    return f"{PROTOCOLS[0]}, keys one after another", text
+
+
+def final_key(told: dict[str, Any]) -> str:
+    """Return how fast a session has made how much."""
+    rate = f"{told['key_bits_per_s'] / 1e3:.0f} kbit/s"
+    return f"{rate}: {told['key_bits']:,} bits in {told['elapsed_s']:.1f} s"
+
+
+def processors_s(network: Network) -> float:
+    """Return the processor time that the programs of a network and the switch have used."""
+    pids = [program.pid for program in network.runtime.programs]
+    return sum(map(processor_s, [*pids, daemons()[SWITCH_DAEMON].pid]))
 
 
 def teleport_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]:

@@ -28,6 +28,7 @@ TOPOLOGY = "tapped"  # that has her
 POLICY = "policy.toml"  # in the run's folder
 RESEND, SPLIT = ATTACKS = ("resend", "split")
 SPLITTABLE = ("bb84",)  # services whose light a sender prepares
+OWN_LIGHT = ("bb84", "conference")  # services whose light is that of who asks
 RELAYED = "mdi"  # the service whose light both ends send to a relay
 
 
@@ -103,7 +104,7 @@ def tapping_policy(begin: str, end: str, folder: Path) -> Path:
 
 def sender_of_light(service: str, sender: str, network: NetworkDescription) -> str:
     """Return whose light the receiver measures: the sender's, or the pair source's."""
-    return sender if service == "bb84" else network.parts.sources[0]
+    return sender if service in OWN_LIGHT else network.parts.sources[0]
 
 
 def tapped_way(

@@ -70,9 +70,8 @@ def run(request: KeysRequest, signals: Signals, console: Console) -> int:
     require_root()
     folder = begin_folder(request.run.runs, NAME)
     service = service_of(request, description)
-    opener, acceptor = service.pairs[0]
-    light_from = eavesdropping.sender_of_light(service.link.protocol, opener, description)
-    eve = PassingEavesdropper(request.eve, light_from, acceptor, folder)
+    way = eavesdropping.tapped_way(service.link.protocol, service.pairs[0], "", description)
+    eve = PassingEavesdropper(request.eve, *way, folder)
     context = RunContext(eve.with_policy(description), request.run, folder, signals, console)
     own = {name: getattr(request.keys, name) for name in PARAMETERS}
     own |= vars(request.eve) if request.eve.eve is not None else {}

@@ -175,7 +175,8 @@ def _running(context: RunContext, facts: RunFacts, places: dict[str, Machine]) -
             for switch, address in runtime.gnmi_addresses.items():
                 console.print(f"gNMI of {switch}: {address}", soft_wrap=True)
         if run.packet_bytes:
-            files = network.capture("s1", openflow=True, packet_bytes=run.packet_bytes)
+            switches = network.copper_switches
+            files = network.capture(*switches, openflow=True, packet_bytes=run.packet_bytes)
             facts["captures"] = [str(file) for file in files]
         with live_view(run.live, context.folder, lambda text: console.print(text, soft_wrap=True)):
             yield network

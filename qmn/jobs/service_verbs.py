@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from hosts.middleware.services.conference.options import ConferenceOptions
 from hosts.middleware.services.distribution.options import PROTOCOLS
 from hosts.middleware.services.key_distribution.options import BOUNDS, CORRECTIONS, KeyOptions
 from hosts.middleware.services.sensing.options import PROBES
@@ -12,6 +13,7 @@ from qmn.options import Words
 
 SERVICE_PORT = 9
 KEYS = KeyOptions(host="", port=SERVICE_PORT)  # by default
+CONFERENCE = ConferenceOptions(host="", port=SERVICE_PORT)
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,34 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
             "make GHZ states of several hosts, and tell their fidelity",
             "states",
             {"line": LINE},
+            line=True,
+        ),
+        "conference": Verb(
+            "agree on one secret key of several hosts, by GHZ states",
+            "states",
+            {
+                "line": LINE,
+                "test_fraction": {
+                    "metavar": "F",
+                    "help": "of the states, tested in X, and as many in Z "
+                    f"({CONFERENCE.test_fraction:g})",
+                },
+                "max_qber": {
+                    "metavar": "Q",
+                    "help": f"no key above this error rate of any test ({CONFERENCE.max_qber:g})",
+                },
+                "epsilon": {
+                    "metavar": "P",
+                    "help": f"that the key is not secret, at most ({CONFERENCE.epsilon:g})",
+                },
+                "bound": {
+                    "choices": tuple(BOUNDS),
+                    "help": "of the key's length: proven, or that of endless keys "
+                    f"({CONFERENCE.bound})",
+                },
+            },
+            eavesdropper=True,
+            keys=True,
             line=True,
         ),
         "sense": Verb(

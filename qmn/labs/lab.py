@@ -6,6 +6,7 @@ Each is a folder of labs/ with a module of its name, which says LAB = Lab(…), 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -93,6 +94,21 @@ class Run:
 
     folder: Path
     result: dict[str, Any]
+
+    def times_s(self, kind: str) -> list[float]:
+        """Return when events of a kind were, by the event log, in seconds of the network.
+
+        They count from the log's first event on; the log's own clock is the wall's.
+        """
+        lines = (self.folder / "quantum.log").read_text().splitlines()
+        events = [line.split(maxsplit=3)[:3] for line in lines]
+        first = datetime.fromisoformat(events[0][0])
+        scale: float = self.result["time_scale"]
+        return [
+            (datetime.fromisoformat(when) - first).total_seconds() / scale
+            for when, _node, what in events
+            if what == kind
+        ]
 
 
 Runs = Mapping[str, Run]

@@ -3,6 +3,7 @@
 import os
 import time
 from collections.abc import Collection, Iterator
+from itertools import chain
 from pathlib import Path
 from typing import TypeVar
 
@@ -42,7 +43,7 @@ def attached(config: DispatcherConfig, request: WatchRequest) -> Iterator[Event]
         stream = stub.Watch(request, metadata=metadata(config.tokens[RUNNER]))
         with Unread(Path(config.event_capture or os.devnull), request, time.time_ns()) as unread:
             try:
-                for event in stream:
+                for event in chain.from_iterable(told.events for told in stream):
                     unread.read(event)
                     yield event
             except grpc.RpcError as error:

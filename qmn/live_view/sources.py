@@ -15,7 +15,7 @@ from qmn.live.key_links import key_links
 from qmn.live_view.acts import ACTS
 from qmn.live_view.timeline import Timeline
 from qmn.reports.run_facts import SENDER_LOG
-from qmn.timeouts import LIVE_DEVICES_S, LIVE_POLL_S
+from qmn.timeouts import LIVE_DEVICES_S, LIVE_PAUSE_MS, LIVE_POLL_S
 from topologies.programs import NetworkError
 from topologies.runtime import EVENT_CAPTURE
 from wire.application_lines import fields_of
@@ -91,7 +91,7 @@ def following(timeline: Timeline, config: DispatcherConfig, folder: Path) -> Ite
 
 def _follow_events(timeline: Timeline, config: DispatcherConfig) -> None:
     try:
-        for event in attached(config, WatchRequest(history=True)):
+        for event in attached(config, WatchRequest(history=True, pause_ms=LIVE_PAUSE_MS)):
             timeline.add(EVENT, event.time_ns, _shown(to_json(event)))
     except NetworkError as error:
         timeline.add(FAULT, time.time_ns(), {"text": str(error)})

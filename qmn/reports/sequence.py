@@ -32,7 +32,7 @@ from wire.metadata import (
 )
 
 METADATA, OPENFLOW, QUANTUM = "metadata", "openflow", "quantum"
-CONTROLLER, CLASSICAL_SWITCH = "c0", "s1"
+CONTROLLER = "c0"
 CODED = (Service.SDC, Service.PAIR_SOURCE)
 MAX_MOMENTS = 64
 MAX_EVENTS = 200  # looked at: more than can be shown
@@ -96,7 +96,7 @@ def handshake(
     capture = folder / f"{CONTROLLER}.pcap"
     if seen and capture.exists():
         spoken = list(_between(openflow(capture, openflow_port), begin, end))
-        steps += _openflow_steps(spoken, openflow_port, switches_lane(network))
+        steps += _openflow_steps(spoken, openflow_port, network)
     steps = together(sorted(steps, key=lambda step: step.time_ns))
     moments, shown = 0, 0
     for step in steps:
@@ -113,14 +113,22 @@ def lanes(steps: Iterable[Step], network: NetworkFacts) -> list[str]:
     if network.source in hosts[1:]:
         hosts.remove(network.source)
         hosts.insert(1, network.source)
-    order = [*hosts, CLASSICAL_SWITCH, CONTROLLER]
+    order = [*hosts, copper_lane(network), CONTROLLER]
     return [*(lane for lane in order if lane in used), *sorted(used - set(order))]
 
 
 def switches_lane(network: NetworkFacts) -> str:
     """Return the name of the lane of all quantum switches."""
-    names = [switch.name for switch in network.switches]
-    return names[0] if len(names) == 1 else f"{names[0]} … {names[-1]}"
+    return _lane_of([switch.name for switch in network.switches])
+
+
+def copper_lane(network: NetworkFacts) -> str:
+    """Return the name of the lane of all switches of copper."""
+    return _lane_of(network.copper_switches)
+
+
+def _lane_of(names: Sequence[str]) -> str:
+    return " … ".join(dict.fromkeys((names[0], names[-1]))) if names else ""
 
 
 def _metadata_step(flight: Flight) -> Step:
@@ -200,12 +208,13 @@ def _describe_event(event: Event, switches: set[str]) -> str:
     return f"{event.kind}{counts}{' ' if outcomes else ''}{outcomes}"
 
 
-def _openflow_steps(spoken: Sequence[Spoken], port: int, switches: str) -> Iterator[Step]:
+def _openflow_steps(spoken: Sequence[Spoken], port: int, network: NetworkFacts) -> Iterator[Step]:
     """Yield packets with set-up messages, and what programs quantum switches.
 
     The connections that set-ups come in on are those of classical switches; a path is
     programmed on the others.
     """
+    copper, switches = copper_lane(network), switches_lane(network)
     held = [each for each in spoken if each[2][1] in HOLDING and holds_setup(each[2])]
     classical = {_switch_port(flow, port) for _time_ns, flow, _data in held}
     programmed: set[int] = set()
@@ -213,7 +222,7 @@ def _openflow_steps(spoken: Sequence[Spoken], port: int, switches: str) -> Itera
         kind, up, switch_port = data[1], flow.target_port == port, _switch_port(flow, port)
         if kind in HOLDING and holds_setup(data):
             text = "packet-in: set-up held" if up else "packet-out: set-up released"
-            ends = (CLASSICAL_SWITCH, CONTROLLER) if up else (CONTROLLER, CLASSICAL_SWITCH)
+            ends = (copper, CONTROLLER) if up else (CONTROLLER, copper)
             yield Step(OPENFLOW, ends[0], time_ns, text, ends[1])
         elif switch_port in classical:
             continue

@@ -21,6 +21,7 @@ class NetworkFacts:
     # Where nodes are on a map, from left to right and upwards; empty: on none.
     positions: dict[str, tuple[float, float]] = field(default_factory=dict)
     datapath_ids: dict[str, int] = field(default_factory=dict)  # of the quantum switches
+    copper_switches: list[str] = field(default_factory=list)  # those of copper alone
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as JSON takes it."""
@@ -32,7 +33,10 @@ class NetworkFacts:
         fibers = [Fiber.from_dict(fiber) for fiber in given["fibers"]]
         switches = [QuantumSwitch.from_dict(switch) for switch in given["switches"]]
         positions = {name: (x, y) for name, (x, y) in given.get("positions", {}).items()}
-        return cls(**{**given, "fibers": fibers, "switches": switches, "positions": positions})
+        # Results that do not say it are of networks that could call theirs by one name alone.
+        copper_switches = given.get("copper_switches", ["s1"])
+        built = {"fibers": fibers, "switches": switches, "positions": positions}
+        return cls(**{**given, **built, "copper_switches": copper_switches})
 
     def host_at(self, interface: str) -> str:
         """Return the host that a switch's copper interface leads to, "" if there is none."""
@@ -60,4 +64,5 @@ def network_facts(network: Network) -> NetworkFacts:
         copper,
         {name: (x, y) for name, (x, y) in getattr(network.net.topo, "positions", {}).items()},
         dict(runtime.datapath_ids),
+        network.copper_switches,
     )

@@ -3,6 +3,7 @@
 import asyncio
 
 from qmn.sweeps.bell_measurements import CHSH, DELAY_LINE
+from qmn.sweeps.conference import CONFERENCE
 from qmn.sweeps.contention import LIGHT
 from qmn.sweeps.cutoff import CUTOFF_TIMES
 from qmn.sweeps.decoy_states import DECOY_STATES
@@ -59,6 +60,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         TIMING,
         DELAY_LINE,
         GHZ,
+        CONFERENCE,
         HERALDING,
         CUTOFF_TIMES,
         LIGHT,

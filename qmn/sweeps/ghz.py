@@ -22,12 +22,7 @@ HOSTS = Parameter("hosts", 3, 3, 8)
 
 async def fuse(values: Values, seed: int) -> Outcome:
     """Send half of each pair to the next host, fuse where two pairs meet, measure stabilisers."""
-    names = [f"h{each}" for each in range(int(values[HOSTS.name]))]
-    noise = number(values, NOISE.name)
-    ways = [(f"{a}-q1", f"{b}-q0") for a, b in pairwise(names)]
-    fibers = [fiber(*way, depolarizing=noise) for way in ways]
-    laboratory = Laboratory(configuration(seed, fibers))
-    hosts = [laboratory.host(name) for name in names]
+    hosts, ways = line(values, seed)
     random, tally = np.random.default_rng(seed), Tally()
     for block, size in enumerate(blocks(int(values["pairs"]))):
         kept, _there = await states(hosts, ways, block * len(ways), size)
@@ -40,6 +35,15 @@ async def fuse(values: Values, seed: int) -> Outcome:
     equal, right = proportion(tally.equal, tally.in_z), proportion(tally.right, tally.in_x)
     error = float(np.hypot(equal.error / 2, right.error))
     return {"fidelity": Estimate(float(tally.summary()["fidelity"]), error), "equal": equal}
+
+
+def line(values: Values, seed: int) -> tuple[list[LaboratoryHost], list[tuple[str, str]]]:
+    """Return hosts in a line, and the ports of the fibres between neighbours."""
+    names = [f"h{each}" for each in range(int(values[HOSTS.name]))]
+    ways = [(f"{a}-q1", f"{b}-q0") for a, b in pairwise(names)]
+    fibers = [fiber(*way, depolarizing=number(values, NOISE.name)) for way in ways]
+    laboratory = Laboratory(configuration(seed, fibers))
+    return [laboratory.host(name) for name in names], ways
 
 
 async def states(

@@ -451,6 +451,21 @@ SHEETS = (
             )
         ],
     ),
+    Sheet(
+        "conference",
+        "conference",
+        {"depolarizing": "0:0.12:7", "hosts": [3, 4, 6], "pairs": 200_000},
+        [
+            Curve(
+                "conference",
+                "Conference keys of n links: 1 - 2 h(Q), Q = (1 - (1 - p)^n)/2",
+                "depolarizing",
+                "depolarising p of each link",
+                "key",
+                by=["hosts"],
+            )
+        ],
+    ),
     *(
         Sheet(
             f"sensing-{axis}",
@@ -459,7 +474,7 @@ SHEETS = (
             [
                 Curve(
                     f"sensing-{axis}",
-                    f"Sensing by M = {SENSED} probes a host: {text}",
+                    f"Sensing, M = {SENSED}: {text}",
                     "hosts",
                     "hosts N",
                     "mean_error",
@@ -471,10 +486,10 @@ SHEETS = (
         for axis, text, axes in (
             (
                 "loss",
-                "detectors of efficiency eta",
+                "lossy detectors",
                 {"probes": ["ghz", "separate"], "efficiency": [0.9, 1.0]},
             ),
-            ("noise", "links that depolarise with p", {"depolarizing": [0.0, 0.05, 0.2]}),
+            ("noise", "noisy links", {"depolarizing": [0.0, 0.05, 0.2]}),
         )
     ),
     Sheet(

@@ -105,7 +105,7 @@ def start_and_obey(
             for program, url in urls(network.runtime.metrics_addresses).items():
                 print(f"metrics of {program}: {url}", flush=True)
             if extras.capture:
-                network.capture("s1", openflow=True)
+                network.capture(*network.copper_switches, openflow=True)
             if service is not None:
                 for host, url in start_key_managers(network, service).urls.items():
                     print(f"keys of {host}: {url}", flush=True)

@@ -28,7 +28,8 @@ AFTER = b"what comes after a strike"
 STOPPED_S = (0.05, 0.5)
 CUT_S = (0.02, 0.3)
 # Until the network works again, where a process has a processor of its own. A session whose end
-# comes between two controllers keeps its fibres until it has been silent for half a minute, twice.
+# comes between two controllers, and whose hosts do not answer the second, keeps its fibres until it
+# has been silent for half a minute, twice.
 HEAL_S = 90.0
 LOOK_S = 0.02
 PORTS = range(100, 30_000)

@@ -53,13 +53,21 @@ def test_a_topology_of_one_s_own_needs_no_alice_and_no_bob(tmp_path: Path, job: 
     if job == "sdc":
         assert "37 bytes, delivered exactly" in printed
         assert (tmp_path / "latest").resolve().name.endswith("-MyNet")
+        assert captured(tmp_path) == {*(f"hub-eth{number}" for number in range(1, 7)), "c0"}
+        assert "hub" in (tmp_path / "latest" / "report.html").read_text()
     else:
         assert re.search(r"^fidelity +1 *$", printed, re.MULTILINE)
 
 
 def test_the_command_line_takes_a_topology_of_one_s_own(tmp_path: Path) -> None:
-    words = ("cli", f"{EXAMPLES}/my_net.py:MyNet", "--runs", str(tmp_path))
+    words = ("cli", f"{EXAMPLES}/my_net.py:MyNet", "--runs", str(tmp_path), "--capture")
     assert "h2: hello" in run(*words, commands="h1 qsend h2 hello\n")
+    assert "hub-eth1" in captured(tmp_path)
+
+
+def captured(runs: Path) -> set[str]:
+    """Return the names of the newest run's captures."""
+    return {file.stem for file in (runs / "latest").glob("*.pcap")}
 
 
 def listening(program: str, log: Path) -> str:

@@ -184,3 +184,49 @@ def test_a_bridge_that_cannot_be_made_is_told_with_the_remedy(tmp_path: Path) ->
         "qmn: Open vSwitch cannot make q1 without /dev/net/tun: "
         "in a container, give it --device=/dev/net/tun\n"
     ) in done.stderr
+
+
+def add(*bridges: str) -> None:
+    for bridge in bridges:
+        openvswitch.vsctl("add-br", bridge, "--", "set", "bridge", bridge, "datapath_type=netdev")
+
+
+@pytest.mark.skipif(openvswitch.datapath() != "user", reason="the kernel's datapath is quick")
+@pytest.mark.usefixtures("no_open_vswitch")
+def test_the_switch_daemon_that_a_run_has_started_ends_with_its_last_bridges() -> None:
+    """It deletes no port itself: that would take time with the square of the ports."""
+    openvswitch.start("tests")
+    add("s7", "q7")
+    first = openvswitch.daemons()
+    openvswitch.delete_finally("tests", "s7", "q7")
+    assert not first[openvswitch.SWITCH_DAEMON].alive
+    assert first[openvswitch.DATABASE].alive
+    assert openvswitch.bridges() == []
+    assert not interfaces() & {"s7", "q7"}
+    openvswitch.revive_if_ours("tests")
+    assert openvswitch.daemons().keys() == set(openvswitch.DAEMONS)
+    openvswitch.stop_if_ours("tests")
+
+
+@pytest.mark.skipif(openvswitch.datapath() != "user", reason="the kernel's datapath is quick")
+@pytest.mark.usefixtures("no_open_vswitch")
+@pytest.mark.parametrize(("owner", "others"), [("tests", {"s8"}), ("another run", set[str]())])
+def test_the_switch_daemon_goes_on_for_others(owner: str, others: set[str]) -> None:
+    openvswitch.start("tests")
+    add("s7", *others)
+    first = openvswitch.daemons()
+    openvswitch.delete_finally(owner, "s7")
+    assert openvswitch.daemons() == first
+    assert set(openvswitch.bridges()) == others
+    assert interfaces() & {"s7", "s8"} == others
+    openvswitch.delete(*others)
+    openvswitch.stop_if_ours("tests")
+
+
+def test_runs_of_bridges_are_told_by_one_command() -> None:
+    add("s7", "s8")
+    openvswitch.vsctl("set", "bridge", "s8", f"{openvswitch.OWNER}=1-2-abc")
+    try:
+        assert openvswitch.runs_of_bridges() == {"s7": "", "s8": "1-2-abc"}
+    finally:
+        openvswitch.delete("s7", "s8")

@@ -54,6 +54,21 @@ def test_an_eavesdropper_comes_and_leaves_on_one_time_line(tmp_path: Path) -> No
     assert "tap" not in policy
 
 
+def test_a_relay_that_nobody_trusts_fills_the_stores_of_both_ends_alike(tmp_path: Path) -> None:
+    link = KeyLink("", True, low=4, high=8, protocol="mdi", options={"count": 12_000})
+    with running(SdcTopo, tmp_path) as network:
+        start_key_managers(network, KeyService([("alice", "bob")], link))
+        folders = {name: Path(network.runtime.key_folder(name)) for name in ("alice", "bob")}
+        mine = KeyStore(folders["alice"] / "bob", CAPACITY)
+        theirs = KeyStore(folders["bob"] / "alice", CAPACITY)
+        for store in (mine, theirs):
+            wait_until(lambda: min(store.mine, store.theirs) >= 8, "keys", 30.0)  # noqa: B023
+        out = mine.take_oldest(4)
+        assert theirs.take_all([each.key_id for each in out]) == [each.key for each in out]
+        relay = Path(network.runtime.key_folder("charlie"))
+        assert not [path for path in relay.rglob("*") if path.is_file()]
+
+
 def test_several_pairs_keep_keys_and_sessions_come_back_after_a_cut(tmp_path: Path) -> None:
     link = KeyLink("", True, low=4, high=8, options={"count": 12_000})
     pairs = [("alice", "bob"), ("charlie", "alice")]

@@ -45,6 +45,7 @@ from wire import (
     socket_calls,
     verdict,
 )
+from wire.conference import ConferenceProposal
 from wire.dispatcher_pb2 import BlockId, Event
 from wire.features import EVERYTHING, NodeFeatures
 from wire.key_routes import Hop
@@ -173,6 +174,7 @@ SEGMENT = bytes(
     / netqasm_samples.TCP(sport=4711, dport=9010)
     / b"payload"
 )
+PROPOSAL = ConferenceProposal(5, qkd.Bound.FINITE, 1e-10, 1e-15, ("alice", "bob"))
 VERDICT = verdict.seal(test_metadata.SETUP.encode(), KEY, CONNECTION)
 LLDP = announcement(
     "alice", "alice-q0", "10.0.0.1", b"\2" * 6, 3, NodeFeatures(EVERYTHING, 9), KEY, 7
@@ -234,6 +236,9 @@ TARGETS: dict[str, Target] = {
         [host_seal.seal(b"tlvs", KEY, 9)],
         lambda data: host_seal.open_seal(data, b"tlvs", KEY),
         lambda number: host_seal.seal(b"tlvs", KEY, number),
+    ),
+    "conference proposal": Target(
+        [PROPOSAL.encode()], ConferenceProposal.decode, lambda proposal: proposal.encode()
     ),
     "verdict": Target([VERDICT], _genuine, lambda _genuine: VERDICT),
     "LLDP": Target([LLDP], discovery.parse),

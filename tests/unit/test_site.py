@@ -30,7 +30,9 @@ def navigation(part: Any) -> Iterator[str]:
 
 
 def test_every_page_is_in_the_navigation_once() -> None:
-    assert sorted(navigation(CONFIGURATION["nav"])) == sorted(EVERY_PAGE)
+    named = list(navigation(CONFIGURATION["nav"]))
+    assert set(EVERY_PAGE) - set(named) == set(), "put it into `nav` of mkdocs.yml"
+    assert sorted(named) == sorted(EVERY_PAGE)
 
 
 def test_every_example_is_on_their_page() -> None:

@@ -47,7 +47,8 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
         for switch in switches:
             switch.hang_up()
         try:
-            openvswitch.delete(*(switch.name for switch in switches))
+            owner = runtime.current().name
+            openvswitch.delete_finally(owner, *(switch.name for switch in switches))
         finally:
             for switch in switches:
                 switch.terminate()

@@ -1,10 +1,15 @@
-"""Where hosts are on copper, as the controller is told."""
+"""Where hosts are on copper, as the controller is told; which switches carry copper alone."""
 
-from mininet.node import Host
+from mininet.node import Host, Node
 
 from topologies.nodes.classical_switch import ClassicalSwitch
 from topologies.nodes.optical_switch import OpticalSwitch
 from wire.config import Station
+
+
+def is_copper_switch(node: Node) -> bool:
+    """Return whether a node is a switch of copper, whatever its name; a quantum one is none."""
+    return isinstance(node, ClassicalSwitch) and not isinstance(node, OpticalSwitch)
 
 
 def stations_of(host: Host) -> list[Station]:
@@ -15,7 +20,7 @@ def stations_of(host: Host) -> list[Station]:
         for interface in host.intfList()
         if interface.link is not None
         for end in (interface.link.intf1, interface.link.intf2)
-        if isinstance(end.node, ClassicalSwitch) and not isinstance(end.node, OpticalSwitch)
+        if is_copper_switch(end.node)
     ]
     return [
         Station(int(end.node.dpid, 16), end.node.ports[end], mac or interface.updateMAC(), address)

@@ -40,6 +40,7 @@ from wire.qkd import (
     Sample,
     Sifted,
     Verify,
+    kind_of,
 )
 
 MAX_EARLY = 16  # announcements of blocks that have not ended here yet
@@ -79,6 +80,10 @@ class Alice(End):
             return []
         self._enough = True
         return self._attempt(self._sift)
+
+    def is_quick(self, data: bytes) -> bool:
+        """Questions about blocks that she has halved before are."""
+        return self.state is State.RECONCILING and kind_of(data) == AskIntervals.KIND
 
     def _handle(self, message: QkdMessage) -> list[QkdMessage]:
         match self.state, message:

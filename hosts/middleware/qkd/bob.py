@@ -21,7 +21,7 @@ from hosts.middleware.qkd.cascade import Cascade
 from hosts.middleware.qkd.decoy import Decoys
 from hosts.middleware.qkd.end import End, SessionFailed, State, Terms, out_of_place
 from hosts.middleware.qkd.ldpc_decoding import LdpcDecoding
-from hosts.middleware.qkd.parities import to_message
+from hosts.middleware.qkd.parities import Intervals, Query, to_message
 from hosts.middleware.qkd.sifting import Record, places
 from wire.qkd import (
     AbortReason,
@@ -52,6 +52,7 @@ class Bob(End):
         self._records: deque[Record] = deque()
         self._blocks = 0  # announced
         self._answered = -1  # block, of whose tests alice has told
+        self._asked_halves = False
         self.state = State.OPENING
 
     def add_block(self, record: Record) -> list[bytes]:
@@ -65,6 +66,10 @@ class Bob(End):
         if (record.tests is None) is not (not self._parameters.chsh_fraction):
             raise ValueError("tests are for CHSH, and CHSH needs them: give both or none")
         return self._attempt(lambda: [*self._tests(record), self._announce(record)])
+
+    def is_quick(self, data: bytes) -> bool:
+        """Answers about halves of blocks are: they bring the next question."""
+        return self.state is State.RECONCILING and self._asked_halves
 
     def _handle(self, message: QkdMessage) -> list[QkdMessage]:
         match self.state, message:
@@ -182,11 +187,15 @@ class Bob(End):
             self._corrector = Cascade(self._raw, seed, self._estimate.qber)
         self._questions = self._corrector.questions()
         self.state = State.RECONCILING
-        return [to_message(next(self._questions))]
+        return [self._question(next(self._questions))]
+
+    def _question(self, query: Query) -> QkdMessage:
+        self._asked_halves = isinstance(query, Intervals)
+        return to_message(query)
 
     def _ask(self, answer: Bits) -> list[QkdMessage]:
         try:
-            return [to_message(self._questions.send(answer))]
+            return [self._question(self._questions.send(answer))]
         except StopIteration:
             return [self._verify()]
 

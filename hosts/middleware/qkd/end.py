@@ -211,6 +211,10 @@ class End(ABC):
             return []
         return self._attempt(lambda: self._handle(message))
 
+    @abstractmethod
+    def is_quick(self, data: bytes) -> bool:
+        """Whether `receive` takes less time with a message than to have it done elsewhere."""
+
     def cancel(self, text: str) -> list[bytes]:
         """End the session without a key, unless it has ended; return the messages to send."""
         if self.state in (State.DONE, State.ABORTED):

@@ -6,7 +6,7 @@ would hold the bytes themselves, and secrecy would rest on nothing computable.
 """
 
 import hashlib
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from uuid import UUID
 
@@ -89,6 +89,29 @@ class Keyring:
         except OSError as error:
             raise KeyStoreError(f"keys cannot be kept in {self._folder}: {error}") from error
         return ids
+
+    def keep_conference(self, names: Sequence[str], session: int, final: Bits) -> None:
+        """Store a key of several hosts as keys of KEY_BITS.
+
+        The first of the names hands them out; at the others they go out by their id.
+        KeyStoreError if they cannot be kept, and then none of them is.
+        """
+        keys, store = cut(session, final), self._conference(names)
+        try:
+            store.put_all(keys, first=names[0] == self.host)
+        except OSError as error:
+            raise KeyStoreError(f"keys cannot be kept in {self._folder}: {error}") from error
+
+    def withdraw_conference(self, names: Sequence[str], ids: list[UUID]) -> None:
+        """Remove keys that others do not have."""
+        store = self._conference(names)
+        for key_id in ids:
+            store.discard(key_id)
+
+    def _conference(self, names: Sequence[str]) -> KeyStore:
+        if not self._folder:
+            raise KeyStoreError(f"{self.host} was given no folder to keep keys in")
+        return store_in(Path(self._folder), "+".join(names))
 
     def withdraw(self, other: str, ids: list[UUID]) -> None:
         """Remove keys that the other end does not have."""

@@ -61,12 +61,19 @@ class LdpcDecoding:
         if answer.size != self._checks:
             raise ReconciliationError(f"a syndrome of {answer.size} bits, not {self._checks}")
         self._leaked = self._checks
-        code = rows(self._seed, self._key.size, self._checks)
-        difference = answer ^ syndrome(self._key, code, self._checks)
-        errors = _decode(code, difference, self._qber)
-        if np.array_equal(syndrome(errors, code, self._checks), difference):
-            self._key = self._key ^ errors
-            self._errors = int(errors.sum())
+        key = corrected(self._key, self._seed, answer, self._qber)
+        self._errors = int(np.count_nonzero(key != self._key))
+        self._key = key
+
+
+def corrected(key: Bits, seed: bytes, answer: Bits, qber: float) -> Bits:
+    """Return a key that has the other end's syndrome; as it is if no likely one is found."""
+    code = rows(seed, key.size, answer.size)
+    difference = answer ^ syndrome(key, code, answer.size)
+    errors = _decode(code, difference, qber)
+    if np.array_equal(syndrome(errors, code, answer.size), difference):
+        return key ^ errors
+    return key
 
 
 def _decode(code: Indices, difference: Bits, qber: float) -> Bits:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from hosts.middleware.services.conference import conference
 from hosts.middleware.services.distribution import distribute
 from hosts.middleware.services.ghz import ghz
 from hosts.middleware.services.key_distribution import protocols, relayed
@@ -24,6 +25,7 @@ KINDS: Mapping[Service, ServiceKind] = MappingProxyType(
             protocols.BBM92,
             protocols.E91,
             relayed.MDI,
+            conference.KIND,
             distribute.KIND,
             ghz.KIND,
             seal.KIND,

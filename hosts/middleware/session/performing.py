@@ -24,7 +24,10 @@ class Performer:
     qnic: Qnic
     _beside: asyncio.TaskGroup | None = field(default=None, init=False, repr=False)
     _going: list[asyncio.Task[None]] = field(default_factory=list, init=False, repr=False)
-    _changed: asyncio.Event = field(default_factory=asyncio.Event, init=False, repr=False)
+    # What steps wait for that others bring about, and who waits.
+    _waiting: list[tuple[Callable[[], Any], asyncio.Future[None]]] = field(
+        default_factory=list, init=False, repr=False
+    )
 
     async def perform_together(self, steps: Steps[T]) -> T:
         """Carry out steps, and those that they order beside them; the first failure ends all."""
@@ -54,7 +57,7 @@ class Performer:
                 except StopIteration as end:
                     return cast(T, end.value)
                 finally:
-                    self._changed.set()
+                    self._look()
                 outcome = failure = None
                 try:
                     outcome = await self.carry_out(order)
@@ -96,8 +99,18 @@ class Performer:
 
     async def _until(self, done: Callable[[], Any]) -> None:
         while not done():
-            self._changed.clear()
-            await self._changed.wait()
+            entry = done, asyncio.get_running_loop().create_future()
+            self._waiting.append(entry)
+            try:
+                await entry[1]
+            finally:
+                self._waiting.remove(entry)
+
+    def _look(self) -> None:
+        """Let those go on for whom it is so now; who goes on first may undo it for the others."""
+        for done, waiting in self._waiting:
+            if not waiting.done() and done():
+                waiting.set_result(None)
 
 
 async def _to_the_end(work: Coroutine[Any, Any, Any]) -> Any:

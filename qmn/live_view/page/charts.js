@@ -1,9 +1,9 @@
 // Rates and losses over time, by uPlot.
 
 import uPlot from "./uplot/uPlot.esm.js";
-import { BUCKET_S } from "./state.js";
+import { BUCKET_S, WINDOW_S } from "./state.js";
 
-const WINDOW_S = 60, MOST_POINTS = 400, HEIGHT = 170;
+const MOST_POINTS = 400, HEIGHT = 170;
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
 export class Charts {

@@ -11,21 +11,34 @@ function element(kind, text, kinds = "") {
   return made;
 }
 
+// Four times a second: cells stay, and only what they say changes.
 function table(at, heads, rows, empty) {
   if (!rows.length) {
     at.replaceChildren(element("caption", empty));
     return;
   }
-  const head = document.createElement("thead"), body = document.createElement("tbody");
-  const line = document.createElement("tr");
-  line.append(...heads.map((text) => { const th = element("th", text); th.scope = "col"; return th; }));
-  head.append(line);
-  for (const row of rows) {
-    const made = document.createElement("tr");
-    made.append(...row.map((cell) => (cell instanceof Node ? cell : element("td", cell, typeof cell === "number" ? "number" : ""))));
-    body.append(made);
+  if (!at.tHead) {
+    const head = document.createElement("thead"), line = document.createElement("tr");
+    line.append(...heads.map((text) => { const th = element("th", text); th.scope = "col"; return th; }));
+    head.append(line);
+    at.replaceChildren(head, document.createElement("tbody"));
   }
-  at.replaceChildren(head, body);
+  const body = at.tBodies[0];
+  while (body.rows.length > rows.length) body.deleteRow(-1);
+  rows.forEach((row, number) => {
+    const line = body.rows[number] ?? body.insertRow();
+    row.forEach((cell, place) => show(line.cells[place] ?? line.insertCell(), cell));
+  });
+}
+
+function show(there, cell) {
+  if (cell instanceof Node) {
+    if (!there.isEqualNode(cell)) there.replaceWith(cell);
+    return;
+  }
+  const text = String(cell), kinds = typeof cell === "number" ? "number" : "";
+  if (there.textContent !== text) there.textContent = text;
+  if (there.className !== kinds) there.className = kinds;
 }
 
 export function sessions(at, state) {

@@ -3,7 +3,8 @@
 const GATHERED = /^(\d+) of \d+ of (\d+\/\d+)(, still stored)?/;
 const OUTCOME = /(?:Phi|Psi)[+-]=(\d+)/g;
 export const BUCKET_S = 0.1;
-const MOST_DECISIONS = 300;
+const MOST_DECISIONS = 300, MOST_SESSIONS = 300;
+export const WINDOW_S = 60; // of which buckets are kept
 const ENDED = new Set(["torn_down", "refused", "forbidden"]);
 
 export function blank() {
@@ -112,12 +113,25 @@ function memory(state, node) {
 
 function bucket(state, t) {
   const number = Math.floor(t / BUCKET_S);
-  if (!state.buckets.has(number)) state.buckets.set(number, { pairs: 0, arrived: 0, lost: 0 });
+  if (!state.buckets.has(number)) {
+    for (const old of state.buckets.keys()) {
+      if (old >= number - WINDOW_S / BUCKET_S) break;
+      state.buckets.delete(old);
+    }
+    state.buckets.set(number, { pairs: 0, arrived: 0, lost: 0 });
+  }
   return state.buckets.get(number);
+}
+
+// Those go of which nothing has been heard for longest.
+function forgetSessions(state) {
+  const oldest = [...state.sessions.values()].sort((one, two) => one.last - two.last).slice(0, MOST_SESSIONS / 2);
+  for (const each of oldest) state.sessions.delete(each.id);
 }
 
 function session(state, id, t) {
   if (!state.sessions.has(id)) {
+    if (state.sessions.size >= MOST_SESSIONS) forgetSessions(state);
     state.sessions.set(id, {
       id, nodes: new Set(), says: "", since: t, last: t, pairs: 0, arrived: 0, lost: 0, measured: 0, told: {},
     });

@@ -133,3 +133,49 @@ def test_a_link_of_a_large_network_may_be_silent_for_longer() -> None:
     assert found.expired(LINK_EXPIRY_S * longer - 0.1) == []
     assert set(found.expired(LINK_EXPIRY_S * longer + 0.1)) <= {ONE, OTHER}
     assert found.network.links == {}
+
+
+def with_hosts(found: Links, count: int) -> list[SwitchPort]:
+    """Return ports that have been up for a while, at each of which a host has announced itself."""
+    ports = [SwitchPort(3, port) for port in range(10, 10 + count)]
+    for at in ports:
+        found.port_up(at, 0.0)
+        host_port = HostPort(f"h{at.port}", f"10.0.{at.port >> 8}.{at.port & 255}", "q0", None)
+        assert found.network.attach(at, host_port)
+    return ports
+
+
+def test_a_port_at_which_a_host_is_says_nothing_until_it_is_gone() -> None:
+    """So what hosts cost does not grow with their number: two ends of one fibre speak here."""
+    found = joined()
+    ports = with_hosts(found, 200)
+    steps = [found.due(LINK_PERIOD_S * step) for step in range(60)]
+    spoken = [at for speaking in steps for at in speaking]
+    assert set(spoken) == {ONE, OTHER, THIRD}
+    assert spoken.count(ONE) == spoken.count(OTHER) == len(steps)
+    found.network.detach(ports[0])
+    assert ports[0] in found.due(LINK_PERIOD_S * 60)
+
+
+def test_a_silent_link_is_noticed_as_soon_beside_many_hosts() -> None:
+    found = joined()
+    with_hosts(found, 1000)
+    assert found.expired(LINK_EXPIRY_S - 0.1) == []
+    assert set(found.expired(LINK_EXPIRY_S + 0.1)) <= {ONE, OTHER}
+    assert found.network.links == {}
+
+
+def test_a_link_lasts_as_long_as_ports_were_to_be_silent_when_hosts_come_late() -> None:
+    """A port that was told to wait for longer than a small network's may do so."""
+    found = joined()
+    ports = [SwitchPort(3, port) for port in range(10, 1010)]
+    for at in ports:
+        found.port_up(at, 0.0)
+    found.due(1.0)
+    found.heard(ONE, OTHER, 1.0)
+    found.heard(OTHER, ONE, 1.0)
+    with_hosts(found, len(ports))
+    longer = (len(ports) + 3) / (ANNOUNCEMENTS_PER_S * LINK_PERIOD_S)
+    assert found.expired(1.0 + LINK_EXPIRY_S * longer - 0.1) == []
+    assert set(found.expired(1.0 + LINK_EXPIRY_S * longer + 0.1)) <= {ONE, OTHER}
+    assert found.network.links == {}

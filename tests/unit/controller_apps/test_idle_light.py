@@ -1,5 +1,6 @@
 """Seals that the controller begins by itself: on which light, when, and by whose leave."""
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import count
@@ -17,7 +18,7 @@ from controller_apps.policy.watches import Watch
 from controller_apps.sessions.actions import Action, Note, Order
 from controller_apps.sessions.admission import Admission, find_light
 from controller_apps.sessions.arbiter import Arbiter
-from controller_apps.sessions.idle_light import IdleLight
+from controller_apps.sessions.idle_light import MOST_AT_ONCE, IdleLight
 from controller_apps.timeouts import DISCOVERY_S, SEAL_BEGIN_S
 from wire.metadata import METADATA_PORT, Reason, Service, Setup
 from wire.seal_orders import SealOrder
@@ -120,7 +121,28 @@ def test_light_that_a_session_waits_for_is_not_watched() -> None:
     light = idle(state, WATCH)
     assert not light.tick(0.1)
     state.sessions.queue.clear()
-    assert orders(light.tick(0.2))
+    assert orders(light.tick(1.2))
+
+
+def test_no_tick_looks_for_more_light_than_a_few_ways_and_each_has_its_turn() -> None:
+    """Each search may take a millisecond of a large network; all find alice's light taken."""
+    state = arbiter()
+    segment = frame(KEYS.encode(), sport=40000, destination=BOB)
+    grant(state, state.segment_arrived(S1, 1, segment, 0.0))
+    watches = [replace(WATCH, pairs=number) for number in range(1, 21)]
+    light, asked = idle(state, *watches), Counter[int]()
+    find = light.find
+
+    def counted(setup: Setup, connection: FiveTuple) -> Admission:
+        asked[setup.pairs] += 1
+        return find(setup, connection)
+
+    light.find = counted
+    for tick in range(5):
+        before = asked.total()
+        light.tick(0.2 * tick)
+        assert asked.total() - before <= MOST_AT_ONCE
+    assert asked == Counter({watch.block_pairs: 1 for watch in watches})
 
 
 def test_only_the_seal_that_was_ordered_needs_no_leave_of_the_policy() -> None:
@@ -164,11 +186,11 @@ def test_a_fibre_that_is_cut_or_closed_is_not_watched_and_that_is_noted_once(cha
     change(state.network)
     light = idle(state, replace(WATCH, over=frozenset({"q1", "q3"})))
     assert not light.tick(0.0)  # fibres may still be unknown
-    assert not light.tick(DISCOVERY_S * 0.9)
+    assert not light.tick(DISCOVERY_S - 1.0)
     (note,) = light.tick(DISCOVERY_S)
     assert isinstance(note, Note)
     assert (note.event, note.detail) == ("unwatched", "alice to bob over q1-q3: NO_PATH")
-    assert not light.tick(DISCOVERY_S + 1)
+    assert not light.tick(DISCOVERY_S + 1.0)
 
 
 def test_a_way_back_to_the_same_switch_is_none() -> None:

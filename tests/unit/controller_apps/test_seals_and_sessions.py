@@ -75,6 +75,19 @@ def test_a_session_waits_for_the_light_of_a_seal_where_others_are_refused() -> N
     assert any(isinstance(action, ClosePaths) for action in over)
 
 
+def test_a_seal_that_came_while_a_session_waited_for_others_is_told_to_end_too() -> None:
+    """The session waits for alice's way to bob; charlie's fibres are free, and he watches."""
+    state = arbiter(queues=True)
+    grant(state, ask(state, KEYS, 40000))
+    assert noted(ask(state, replace(FRAMED, session=9), 40001)) == ["queued"]
+    other = replace(FRAMED, service=Service.SEAL, session=10, source=CHARLIE)
+    segment = frame(other.encode(), sport=40005, source=CHARLIE, destination=ALICE)
+    grant(state, state.segment_arrived(S1, 3, segment, 0.0))
+    fin = frame(sport=40000, seq=100 + len(KEYS.encode()), flags="FA", destination=BOB)
+    over = state.segment_arrived(S1, 1, fin, 1.0)
+    assert Order(CHARLIE, GiveBack(0, 10)) in over
+
+
 def test_a_seal_that_is_not_given_back_is_torn_down() -> None:
     state = arbiter()
     grant(state, ask(state, SEAL, 40000))

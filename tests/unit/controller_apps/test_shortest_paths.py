@@ -1,6 +1,6 @@
 """Light paths against networkx's shortest paths, and a queue that is served when light is freed."""
 
-from itertools import islice
+from itertools import islice, pairwise
 from random import Random
 
 import networkx
@@ -10,6 +10,7 @@ from metadata_scene import frame
 from controller_apps.light.optics import SwitchOptics, SwitchPort
 from controller_apps.light.paths import HostPort, Network
 from controller_apps.light.routing import Leg, Limits, bounds_to, cheapest_path
+from controller_apps.light.waypoints import path_over
 from controller_apps.sessions.actions import Action, Note, OpenPaths
 from controller_apps.sessions.admission import find_light
 from controller_apps.sessions.arbiter import Arbiter
@@ -64,6 +65,42 @@ def test_the_path_of_least_loss_is_that_of_networkx(seed: int) -> None:
         assert found is not None
         assert found.leg == leg
         assert found.loss_mdb == networkx.dijkstra_path_length(graph, one, f"end of {other}")
+
+
+def ways_over(graph: networkx.Graph, one: int, other: int, over: set[int]) -> list[float]:
+    """Return what light loses by each way that crosses a fibre, by enumeration."""
+    ways = networkx.all_simple_paths(graph, one, f"end of {other}")
+    crossing = (way for way in ways if any({*pair} == over for pair in pairwise(way)))
+    return [networkx.path_weight(graph, way, "weight") for way in crossing]
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_path_over_a_fibre_is_one_of_all_that_there_are_and_mostly_the_best(seed: int) -> None:
+    random = Random(seed)
+    network, graph = random_network(random)
+    network.names = {dpid: f"q{dpid}" for dpid in network.connected}
+    best = there = 0
+    for _ in range(10):
+        one, other = random.sample(range(1, SWITCHES + 1), 2)
+        over = {at.dpid for at in random.choice(list(network.links.items()))}
+        leg, names = Leg(SwitchPort(one, 1), SwitchPort(other, 2)), frozenset(f"q{n}" for n in over)
+        wanted = ways_over(graph, one, other, over)
+        there += bool(wanted)
+        found = path_over(network, leg, names, Limits())
+        if found is None:
+            continue
+        passed = [hop.dpid for hop in found.hops]
+        assert found.leg == leg
+        assert len(set(passed)) == len(passed)
+        assert any({*pair} == over for pair in pairwise(passed))
+        assert found.loss_mdb in wanted
+        best += found.loss_mdb == min(wanted)
+        within = Limits(loss_budget_mdb=found.loss_mdb)
+        assert path_over(network, leg, names, within) == found
+        too_little = Limits(loss_budget_mdb=int(min(wanted)) - 1)
+        assert path_over(network, leg, names, too_little) is None
+    assert there > 0
+    assert best >= there / 2
 
 
 @pytest.mark.parametrize("seed", range(5))

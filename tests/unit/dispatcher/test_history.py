@@ -3,6 +3,7 @@
 import asyncio
 import errno
 import io
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from dispatcher_network import (
 )
 
 from dispatcher.clock import NetworkClock
-from dispatcher.layer.history import WATCHER_DEPTH, History
+from dispatcher.layer.history import MOST_AT_ONCE, WATCHER_DEPTH, History
 from wire import dispatcher_service
 from wire.dispatcher_pb2 import BlockId, CreateRequest, Event, WatchRequest
 
@@ -73,9 +74,25 @@ def test_a_seed_gives_the_same_event_log_again(tmp_path: Path) -> None:
     ]
 
 
-async def watch(bench: Bench, request: WatchRequest) -> Any:
+class Stream:
+    """What a watcher is told, event by event."""
+
+    def __init__(self, call: Any) -> None:
+        self._call = call
+        self._events: list[Event] = []
+        self.cancel = call.cancel
+
+    async def read(self) -> Event:
+        if not self._events:
+            told = await self._call.read()
+            assert told.events  # a message is never empty
+            self._events += told.events
+        return self._events.pop(0)
+
+
+async def watch(bench: Bench, request: WatchRequest) -> Stream:
     """Start watching as the runner."""
-    return bench.stub.Watch(request, metadata=bench.runner.metadata, timeout=20)
+    return Stream(bench.stub.Watch(request, metadata=bench.runner.metadata, timeout=20))
 
 
 def test_a_watcher_sees_what_it_asked_for(tmp_path: Path) -> None:
@@ -90,6 +107,25 @@ def test_a_watcher_sees_what_it_asked_for(tmp_path: Path) -> None:
             event = await stream.read()
             assert (event.kind, event.block.number) == ("create", 10)
             stream.cancel()
+
+    uvloop.run(run())
+
+
+def test_a_watcher_is_told_what_has_happened_meanwhile_in_one_message(tmp_path: Path) -> None:
+    async def run() -> None:
+        async with running(configuration(tmp_path), JumpingClock()) as bench:
+            history, pause_s = bench.layer.history, 0.1
+            request = WatchRequest(history=True, pause_ms=round(1000 * pause_s))
+            began = time.monotonic()
+            history.record(event(0))
+            call = bench.stub.Watch(request, metadata=bench.runner.metadata, timeout=20)
+            assert [each.block.number for each in (await call.read()).events] == [0]
+            for number in range(1, 1 + MOST_AT_ONCE):
+                history.record(event(number))
+            told = (await call.read()).events
+            assert [each.block.number for each in told] == list(range(1, 1 + MOST_AT_ONCE))
+            assert time.monotonic() - began >= pause_s
+            call.cancel()
 
     uvloop.run(run())
 
@@ -121,7 +157,7 @@ def test_a_node_may_not_watch_another(tmp_path: Path) -> None:
                 with pytest.raises(grpc.aio.AioRpcError, match=f"bob may not watch {wanted}"):
                     await stream.read()
             own = bench.stub.Watch(WatchRequest(history=True), metadata=bench.bob.metadata)
-            assert (await own.read()).node == "bob"
+            assert {event.node for event in (await own.read()).events} == {"bob"}
 
     uvloop.run(run())
 

@@ -12,7 +12,7 @@ from dispatcher.sabot.dense import TooLarge
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.gates import CLIFFORDS
 from dispatcher.sabot.manager import Sabot
-from dispatcher.sabot.registers import Pick, Register
+from dispatcher.sabot.registers import WHOLE, Component, Pick, Register, Share, Store
 from dispatcher.sabot.tableau import Tableau
 from wire.outcomes import NO_CLICK
 
@@ -145,6 +145,19 @@ def test_parts_of_a_register_are_acted_on_separately() -> None:
     outcome = sabot.measure(whole, bases(4, Z), zeros(4))
     assert outcome.tolist() == [1, 0, 1, 0]
     assert (sabot.live_qubits, sabot.live_bytes) == (0, 0)
+
+
+@pytest.mark.parametrize("labels", [1, 2, 3, 8, 9, 200])
+def test_a_register_is_divided_by_what_its_qubits_are_labelled(labels: int) -> None:
+    own = np.random.default_rng(labels).integers(0, labels, 1_000, dtype=np.uint8)
+    register = Register(own.size)
+    store = Store()
+    store.link(Component(Tableau(1, own.size), [Share(register, WHOLE)]))
+    assert store.divide(register, own) is (labels > 1)
+    found = [np.arange(own.size)[share.positions].tolist() for share in register.shares]
+    numbers = own.tolist()
+    expected = [[j for j, each in enumerate(numbers) if each == one] for one in range(labels)]
+    assert found == [places for places in expected if places]
 
 
 def test_reset_makes_zero_and_leaves_the_partner_mixed() -> None:

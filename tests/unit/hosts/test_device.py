@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from stacks_scene import OWN_ADDRESS
 
-from hosts import network_loop
+from hosts import network_loop, node_agent
 from hosts.hardware.ports import read_ports
 from hosts.middleware.device import Device, changed
 from hosts.middleware.session.ends import Watched
@@ -326,6 +326,26 @@ def test_the_agent_takes_orders_for_seals() -> None:
             assert await peer.next() == Answer(46, Reason.UNKNOWN_SESSION)
 
     network_loop.run(scene())
+
+
+def test_an_alarm_is_told_at_once_though_the_device_is_at_work(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(node_agent, "CHECK_PERIOD_S", 1000.0)  # after which all else is told
+    device = Device(Fibers())
+    watching = replace(SETUP, session=9, service=Service.SEAL)
+
+    async def scene() -> None:
+        async with agent(device) as peer:
+            await peer.next()
+            with device.opens(Session({}, watching, Watched(65, 13, 4, True, Reason.OK))):
+                pass
+            report = await peer.next()
+            assert isinstance(report, DeviceReport)
+            assert (report.session, report.alarm) == (0, 9)
+
+    with device.opens(sending(1000)):
+        network_loop.run(scene())
 
 
 def test_the_agent_says_in_which_sessions_its_host_is() -> None:

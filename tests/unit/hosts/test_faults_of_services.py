@@ -355,7 +355,9 @@ def test_a_set_up_that_cannot_be_served_is_refused_by_its_value(
     assert bob.text == NOBODY
 
 
-@pytest.mark.parametrize("service", sorted({*SERVICES} - {"bb84", "ghz", "sense", "swap"}))
+@pytest.mark.parametrize(
+    "service", sorted({*SERVICES} - {"bb84", "conference", "ghz", "sense", "swap"})
+)
 def test_a_source_that_is_refused_is_told_to_both_ends(tmp_path: Path, service: str) -> None:
     def judge(setup: Setup) -> Setup:
         if setup.service == Service.PAIR_SOURCE:

@@ -13,9 +13,12 @@ from numpy.typing import NDArray
 from stacks_scene import DEADLINE_S, live_qubits, network, taken_part
 
 from hosts import network_loop
+from hosts.middleware.services.ghz.line import most_states
 from hosts.middleware.services.ghz.witness import Tally, X, Y, Z, chosen_bases
+from hosts.middleware.session.values import values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
+from wire.metadata import MAX_LENGTH, Topic, message_length
 from wire.parameters.physics import Detectors, Device
 
 LINE = ["alice", "bob", "charlie", "eve"]
@@ -121,6 +124,14 @@ def test_the_enumeration_has_the_closed_form_of_pauli_errors() -> None:
     for hosts, p in product((2, 3, 4), (0.0, 0.1, 0.4)):
         links = hosts - 1
         assert fidelity(hosts, p) == pytest.approx(((1 - p / 2) ** links + (1 - p) ** links) / 2)
+
+
+@pytest.mark.parametrize("behind", [1, 2, 3, 15])
+def test_one_message_tells_of_all_states_of_a_block(behind: int) -> None:
+    numbers = np.full(behind * most_states(behind), 3, dtype=np.uint8)
+    message = values(1, Topic.OUTCOMES, 1, numbers, 2).encode()
+    assert 0.99 * MAX_LENGTH < len(message) <= MAX_LENGTH
+    assert message_length(message) == len(message)
 
 
 def test_light_that_is_lost_costs_states_and_no_fidelity(tmp_path: Path) -> None:

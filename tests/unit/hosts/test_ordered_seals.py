@@ -1,11 +1,13 @@
 """Seals that the controller orders, over whole stacks: begun, ended for a session, and alarmed."""
 
 import asyncio
+import logging
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
+import pytest
 from stacks_scene import DEADLINE_S, OWN_ADDRESS, RELAYED, grant, network
 
 from hosts import network_loop
@@ -40,7 +42,9 @@ async def order(stacks: dict[str, Stack], pairs: int) -> None:
         assert answer == Answer(1, Reason.OK)
 
 
-def test_two_hosts_watch_their_way_without_any_program(tmp_path: Path) -> None:
+def test_two_hosts_watch_their_way_without_any_program(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     """Half 1 crosses two ideal fibres: no pair differs."""
 
     async def run() -> DeviceReport:
@@ -49,11 +53,15 @@ def test_two_hosts_watch_their_way_without_any_program(tmp_path: Path) -> None:
             await order(stacks, 3000)
             again = stacks["alice"].seals.take(replace(AT_ALICE, session=2))
             assert again == Answer(2, Reason.OK)  # and no second session
+            await told(stacks["bob"], lambda report: report.receiving == 1)
+            assert all(stacks[name].takes_part(SEAL) for name in ("alice", "bob"))
             report = await told(stacks["alice"], lambda report: report.seal == SEAL)
             await told(stacks["bob"], lambda report: not report.receiving)
+            assert not any(stacks[name].takes_part(SEAL) for name in ("alice", "bob"))
             return report
 
     report = network_loop.run(run())
+    assert not [each for each in caplog.records if each.levelno >= logging.WARNING]
     assert report.seal_compared >= 3000
     assert report.seal_errors == report.alarm == 0
     assert report.seal_tests > 0

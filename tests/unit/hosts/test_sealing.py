@@ -13,6 +13,7 @@ from stacks_scene import DEADLINE_S, ask, grant, network, refusal, requested
 from hosts import network_loop
 from hosts.middleware.services.key_distribution import light
 from hosts.middleware.services.sealing.sequential_test import Question, SequentialTest
+from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.service_socket import ServiceSocket
 from wire.metadata import Setup
 
@@ -100,6 +101,14 @@ def test_a_whole_fibre_keeps_its_seal(tmp_path: Path) -> None:
         assert abs(alice[f"visibility_{basis}"] - (1 - 2 * error)) < 5 * sigma
     assert alice["tests_whole"] > 100
     assert bob["photons"] == alice["emitted"]
+
+
+def test_the_largest_block_there_may_be_is_compared(tmp_path: Path) -> None:
+    light: dict[str, Any] = {"block_pairs": MAX_BLOCK_PAIRS, "rate_hz": 100_000_000}
+    count = MAX_BLOCK_PAIRS // 4
+    alice, bob = ask(tmp_path, "seal", physics={"paths": PAIRS}, count=count, **light)
+    assert (alice["alarm"], alice["emitted"]) == (False, MAX_BLOCK_PAIRS)
+    assert bob["photons"] == MAX_BLOCK_PAIRS
 
 
 @pytest.mark.parametrize("rotation", [0, 1, 2, 3])

@@ -43,6 +43,7 @@ NETWORK = NetworkFacts(
         ["s1", "s1-eth2", "bob", "bob-eth0"],
         ["s1", "s1-eth3", "charlie", "charlie-eth0"],
     ],
+    copper_switches=["s1"],
 )
 
 

@@ -1,5 +1,6 @@
 """The steps of a handshake, from captures and events of both layers."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,7 @@ from qmn.reports.sequence import (
     lanes,
     together,
 )
+from qmn.results.network_facts import NetworkFacts
 from wire.metadata import (
     KINDS,
     Block,
@@ -125,6 +127,24 @@ def test_both_layers_are_on_one_clock(tmp_path: Path) -> None:
         4 * MS, None, None, None, 4 * MS, None, None, 6 * MS,
     ]  # fmt: skip
     assert lanes(steps, NETWORK) == ["alice", "bob", "s1", "c0", "q1 … q2"]
+
+
+@pytest.mark.parametrize(("names", "lane"), [(["hub"], "hub"), (["east", "west"], "east … west")])
+def test_switches_of_copper_have_any_names(tmp_path: Path, names: list[str], lane: str) -> None:
+    captures(tmp_path)
+    network = replace(NETWORK, copper_switches=names)
+    steps, _more = handshake(tmp_path, network, events(), 6653)
+    held = [(step.lane, step.to_lane) for step in steps if "set-up" in step.text]
+    assert held == [(lane, "c0"), ("c0", lane)]
+    assert lanes(steps, network) == ["alice", "bob", lane, "c0", "q1 … q2"]
+
+
+def test_a_result_of_earlier_does_not_name_its_switch_of_copper() -> None:
+    facts = NETWORK.to_dict()
+    del facts["copper_switches"]
+    assert NetworkFacts.from_dict(facts).copper_switches == ["s1"]
+    facts["copper_switches"] = ["hub"]
+    assert NetworkFacts.from_dict(facts).copper_switches == ["hub"]
 
 
 def test_what_happens_at_one_time_is_one_step() -> None:

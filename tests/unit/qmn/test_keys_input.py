@@ -3,11 +3,12 @@
 import pytest
 
 from qmn.__main__ import described
+from qmn.jobs.eavesdropping import tapped_way
 from qmn.jobs.keys import checked, service_of
 from qmn.options import BadInput
 from qmn.verbs.run import keys_request
 from topologies.key_managers import KeyService
-from wire.key_manager import KeyLink
+from wire.key_manager import KEY_LINK_PORTS, KeyLink
 
 
 def asked(*words: str) -> KeyService:
@@ -24,6 +25,19 @@ def test_options_reach_the_key_managers() -> None:
     link = KeyLink("", True, 3, 4, protocol="bbm92", options={"count": 12_000})
     assert service.link == link
     assert (service.saes, service.keys_per_s, service.withhold) == ({"web": "bob"}, 2.5, True)
+
+
+def test_eve_is_on_the_light_of_who_opens_on_its_way_to_whoever_measures_it() -> None:
+    """Of BB84 that is the acceptor, of MDI-QKD the relay; of pairs she is before the acceptor."""
+    whole = ["run", "keys", "--eve", "1"]
+    _request, network = checked(keys_request(described(whole).parse_args(whole)))
+    ways = {each: tapped_way(each, ("alice", "bob"), "", network) for each in KEY_LINK_PORTS}
+    assert ways == {
+        "bb84": ("alice", "bob"),
+        "bbm92": ("charlie", "bob"),
+        "e91": ("charlie", "bob"),
+        "mdi": ("alice", "charlie"),
+    }
 
 
 def test_alice_and_bob_keep_keys_if_nobody_is_named() -> None:

@@ -62,3 +62,13 @@ def loss_db(topo: Any, ways: list[str]) -> float:
 def test_ways_over_the_campus_lose_what_the_paper_says(way: str, published: float) -> None:
     topo = custom_topology.load(f"{catalogue.LABS}/recovery/campus.py:Campus", {})()
     assert loss_db(topo, ["source", *way.split()]) == pytest.approx(published)
+
+
+def test_light_of_all_channels_makes_the_fidelity_of_the_pair_that_it_is_fitted_to() -> None:
+    """F = 0.765 of alice and bailey, by the formula above for what comes to alice of her light."""
+    said = catalogue.lab("recovery").runs["wide"].split()
+    (mean,) = (float(each.rpartition("=")[2]) for each in said if "mean_pairs" in each)
+    comes = 10**-0.725
+    others = mean * comes / 2
+    visible = comes * exp(-others) / (1 - (1 - comes) * exp(-2 * others))
+    assert (1 + 3 * visible) / 4 == pytest.approx(0.765, abs=1e-4)

@@ -13,7 +13,7 @@ from rich.console import Console
 from qmn.__main__ import described
 from qmn.labs import catalogue, outcome
 from qmn.labs.drawing import draw_charts, picture
-from qmn.labs.lab import Chart, Finding, Lab, Published, exactly, in_range
+from qmn.labs.lab import Chart, Finding, Lab, Published, Run, exactly, in_range
 from qmn.labs.networks import words_of
 from qmn.options import BadInput
 from qmn.sweeps.estimates import NOTHING, Estimate
@@ -188,3 +188,28 @@ def test_a_star_stands_for_what_is_published_and_a_closed_form_is_the_line(tmp_p
 )
 def test_a_number_has_two_digits_of_its_error(value: float, error: float, text: str) -> None:
     assert outcome.number(value, error) == text
+
+
+def test_a_run_tells_when_events_were_in_time_of_the_network(tmp_path: Path) -> None:
+    day = "2026-11-22T18:37:1"
+    lines = [f"{day}4.302784646Z bob attempt port=bob-q0 block 1/1"]
+    lines += [f"{day}4.802784646Z alice attempt port=alice-q0 block 1/0"]
+    lines += [f"{day}9.302784646Z charlie herald Psi+=529 Psi-=522 of 8215 attempts"]
+    (tmp_path / "quantum.log").write_text("\n".join(lines) + "\n")
+    run = Run(tmp_path, {"time_scale": 10.0})
+    assert run.times_s("attempt") == [0.0, 0.05]
+    assert run.times_s("herald") == [0.5]
+    assert run.times_s("measure") == []
+
+
+@pytest.mark.parametrize("km", [1, 10, 25])
+def test_sequences_links_take_the_rounds_that_their_page_says(km: int) -> None:
+    """Six flights of light or word a round, the second if one has clicked; both succeed once."""
+    told = json.loads((catalogue.LABS / "link-times" / "links.json").read_text())
+    pairs, attempts, took_s = told["links"][str(km)]
+    light = 0.6 * 0.9 * 10 ** (-0.2 * km / 10)
+    assert (told["emitted"], told["detected"], told["db_per_km"]) == (0.6, 0.9, 0.2)
+    assert abs(pairs - attempts * light**2 / 2) < 5 * math.sqrt(pairs)
+    one, both = light / 2, light * (1 - light) / 2 + light**2 / 8
+    seconds = 6 * (1 + one + both) * km * 1e3 / 2.04e8
+    assert took_s / attempts == pytest.approx(seconds, rel=5 * 0.5 / math.sqrt(attempts))

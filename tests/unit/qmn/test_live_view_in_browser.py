@@ -135,6 +135,28 @@ def test_the_fill_of_key_stores_is_shown(
         page.close()
 
 
+HOURS = """async () => {
+  const { apply, blank } = await import("./state.js");
+  const state = blank();
+  for (let n = 0; n < 72_000; n++) { // two hours, ten sessions a second
+    const here = { what: "event", t: n / 10, node: "alice", session: n % 2 ? String(n) : "stays" };
+    apply(state, { ...here, kind: "create", photons: 1 }, {});
+  }
+  const { sessions, buckets } = state;
+  return [sessions.size, sessions.get("stays").pairs, sessions.has("71999"), buckets.size];
+}"""
+
+
+def test_what_is_known_of_a_network_does_not_grow_with_its_age(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    with served(live(tmp_path)) as url:
+        sessions, pairs, newest, buckets = opened(chromium, url, said).evaluate(HOURS)
+    assert sessions <= 300
+    assert (pairs, newest) == (36_000, True)  # of one that goes on, and is the oldest
+    assert buckets <= 601  # a minute, ten a second
+
+
 def test_a_network_that_is_gone_is_told(chromium: Browser, tmp_path: Path) -> None:
     view = live(tmp_path)
     with served(view) as url:

@@ -4,7 +4,7 @@ CHSH of Werner pairs is 2 sqrt 2 (4F - 1)/3 (Horodecki et al. 1995), Hong-Ou-Man
 Gaussian spectra are 1/2 (1 - V exp(-(sigma tau)^2)). Bounds are five standard errors of these.
 """
 
-from math import exp, sqrt
+from math import exp, log2, sqrt
 
 import pytest
 
@@ -32,6 +32,22 @@ def test_ghz_states_over_links_that_depolarise(hosts: int, p: float, fidelity: f
     """(.95^2 + .9^2)/2 and (.85^4 + .7^4)/2: half the mean of stabilisers of either kind."""
     told = measured("ghz", "fidelity", hosts=hosts, depolarizing=p)
     assert abs(told - fidelity) < 5 * sqrt(1.25 / (PAIRS / 2))  # of a coherence, and half a share
+
+
+@pytest.mark.parametrize(
+    ("hosts", "p", "qber", "key"),
+    [(3, 0.05, 0.04875, 0.4379), (4, 0.02, 0.029404, 0.6172), (5, 0.1, 0.17195, 0.0)],
+)
+def test_conference_keys_over_links_that_depolarise(
+    hosts: int, p: float, qber: float, key: float
+) -> None:
+    """Q = (1 - (1 - p)^(N - 1))/2 in X, and of the last host in Z; 1 - 2 h(Q) of each bit."""
+    for name in ("qber_x", "qber_z"):
+        told = measured("conference", name, hosts=hosts, depolarizing=p)
+        assert abs(told - qber) < 5 * sqrt(qber * (1 - qber) / (PAIRS / 2))
+    slope = 2 * abs(log2(qber / (1 - qber)))
+    told = measured("conference", "key", hosts=hosts, depolarizing=p)
+    assert abs(told - key) < 5 * slope * sqrt(qber / (PAIRS / 2)) + 1e-4
 
 
 @pytest.mark.parametrize(

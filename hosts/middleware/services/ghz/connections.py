@@ -5,12 +5,19 @@ the next one's session before it says that it is ready, so that the line stands 
 hears that; what goes wrong behind a host ends the sessions before it, too.
 """
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import replace
 
 from hosts.hardware.qnic import HardwareError, release
-from hosts.middleware.services.ghz.line import Follower, Leader, Right, introduce, introduced
+from hosts.middleware.services.ghz.line import (
+    Follower,
+    Leader,
+    Right,
+    introduce,
+    introduced,
+    most_states,
+)
 from hosts.middleware.services.ghz.options import GhzOptions
 from hosts.middleware.session import node_features
 from hosts.middleware.session.arrangement import Arrangement, Light
@@ -19,14 +26,15 @@ from hosts.middleware.session.errors import SessionError
 from wire.metadata import SEAL_BYTES, Pauli, Reason, Service, Setup, Topic, Verdict
 
 
-async def lead(end: OpenerEnd, options: GhzOptions, kind: type[Leader]) -> None:
+async def lead(end: OpenerEnd, options: GhzOptions, kind: Callable[..., Leader]) -> None:
     """Do what the first host of the line does."""
     most = await end.perform(introduce(end.side, options.names[2:]))
-    leader = kind(end.side, Right(end, end.side), options, min(most, end.setup.pairs))
+    most = min(most, end.setup.pairs, most_states(len(options.names) - 1))
+    leader = kind(end.side, Right(end, end.side), options, most)
     await end.perform(leader.run())
 
 
-async def follow(end: AcceptorEnd, kind: type[Follower]) -> None:
+async def follow(end: AcceptorEnd, kind: Callable[..., Follower]) -> None:
     """Do what another host of the line does."""
     names = await end.perform(introduced())
     if not names:

@@ -45,16 +45,24 @@ from hosts.middleware.session.protocol import (
     own_pairs,
     request,
 )
+from hosts.middleware.session.values import Numbers
 from hosts.timeouts import BITS_TIMEOUT_S, REPORT_TIMEOUT_S
-from wire.metadata import Envelope, Finish, Reason, Topic, Values
+from wire.metadata import MAX_LENGTH, Envelope, Finish, Reason, Topic, Values
 
 NO_DIGEST = bytes(32)
 MOST_DARK = 10  # blocks in a row of which nothing is left
 MARGIN = 1.1  # of light beyond what is expected to be needed
 MAX_NAMES_BYTES = 1024
+FIXED_BYTES = 64  # of a message, at most
+OUTCOME_BITS = 2
 FLIP = 1  # X, as a Pauli operator
 
 Table = NDArray[np.uint8]  # shape (hosts, states)
+
+
+def most_states(behind: int) -> int:
+    """Return of how many states one message can tell a number of two bits for each host behind."""
+    return 8 * (MAX_LENGTH - FIXED_BYTES) // (OUTCOME_BITS * behind)
 
 
 def introduce(side: Side, names: list[str]) -> Steps[int]:
@@ -112,6 +120,22 @@ class Right:
         told = hear(Topic.OUTCOMES, number, shape[0] * shape[1], LOST, BITS_TIMEOUT_S)
         heard = yield Through(self.connection, told)
         return heard.astype(np.uint8).reshape(shape)  # type: ignore[no-any-return]
+
+    def tell(self, *said: Say) -> Steps[None]:
+        """Say something to the next host."""
+        for each in said:
+            yield Through(self.connection, _saying(each))
+
+    def hear(
+        self, topic: Topic, number: int, count: int, most: int, timeout_s: float
+    ) -> Steps[Numbers]:
+        """Return the numbers that the next host tells."""
+        told = hear(topic, number, count, most, timeout_s)
+        return (yield Through(self.connection, told))  # type: ignore[no-any-return]
+
+
+def _saying(said: Say) -> Steps[None]:
+    yield said
 
 
 def _say(side: Side, topic: Topic, number: int, values: Any, width: int) -> Steps[None]:
@@ -208,11 +232,15 @@ class Follower(ABC):
     def use(self, number: int, states: int) -> Steps[None]:
         """Use so many states, of which a qubit is in the block of this number here."""
 
+    def figures(self) -> dict[str, Any]:
+        """Return what this host's application is told."""
+        return {"states": self.measured, "fused": self.fused}
+
     def run(self) -> Steps[None]:
         """Do what the line does until its leader ends it."""
         while (message := (yield from self.side.next_values())) is not None:
             yield from self.heard(message)
-            yield Tell({"states": self.measured, "fused": self.fused})
+            yield Tell(self.figures())
         if self.right is not None:
             finish = Finish(self.right.side.setup.session, 0, NO_DIGEST)
             yield Through(self.right.connection, request(finish, BITS_TIMEOUT_S))

@@ -72,8 +72,10 @@ class KeysUnderWay:
         """Take no more messages about a key."""
         del self._makings[number]
 
-    def step(self, number: int, act: Callable[..., list[bytes]], *given: object) -> Steps[None]:
-        """Have this end of a key take a step, beside all else, and say what comes of it.
+    def step(
+        self, number: int, act: Callable[..., list[bytes]], *given: object, quick: bool = False
+    ) -> Steps[None]:
+        """Have this end of a key take a step, beside all else unless it is quick; say what comes.
 
         Raise SessionError if that is its last, without a key.
         """
@@ -81,7 +83,7 @@ class KeysUnderWay:
         yield Until(lambda: not making.busy)
         making.busy = True
         was = making.keys.state
-        answers = yield Work(act, given)
+        answers = act(*given) if quick else (yield Work(act, given))
         if making.keys.state is State.DONE is not was:
             yield from self._when_done(number, making.keys)
         yield self._said(answers)
@@ -121,7 +123,8 @@ class KeysUnderWay:
         while self._makings.get(number) is making:
             yield Until(lambda: making.heard or self._makings.get(number) is not making)
             if making.heard:
-                yield from self.step(number, making.keys.receive, making.heard.popleft())
+                keys, data = making.keys, making.heard.popleft()
+                yield from self.step(number, keys.receive, data, quick=keys.is_quick(data))
 
     def _said(self, messages: list[bytes]) -> Say:
         return Say(tuple(in_envelopes(self._side.setup.session, messages)))

@@ -13,6 +13,7 @@ from hosts.middleware.services.key_distribution.light import (
     turned_back,
 )
 from hosts.middleware.services.sealing.sequential_test import Question, SequentialTest
+from hosts.middleware.session.blocks import LOST
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import (
     Emit,
@@ -116,8 +117,8 @@ class Watch:
         mine = yield from self._measure(number, bases)
         self._blocks, self._emitted = number + 1, self._emitted + size
         theirs = yield from hear(Topic.BASES, number, size, 1)
-        outcomes = yield from hear(Topic.OUTCOMES, number, size, NO_COINCIDENCE)
-        there = (mine != NO_COINCIDENCE) & (outcomes != NO_COINCIDENCE) & (bases == theirs)
+        outcomes = yield from hear(Topic.OUTCOMES, number, size, LOST)
+        there = (mine != NO_COINCIDENCE) & (outcomes != LOST) & (bases == theirs)
         self._require_light(bool(there.any()))
         differ = (mine != outcomes)[there]
         seen = self._test.compared
@@ -182,6 +183,7 @@ def answer(side: HostSide) -> Steps[None]:
         outcomes = yield from measured(side, light, size)
         yield side.say(Topic.BASES, number, bases, 1)
         told = turned_back(outcomes, bases, side.setup.rotation)
-        yield side.say(Topic.OUTCOMES, number, told, 8)
-        blocks, photons = blocks + 1, photons + int(np.count_nonzero(told != NO_COINCIDENCE))
+        seen = told != NO_COINCIDENCE
+        yield side.say(Topic.OUTCOMES, number, np.where(seen, told, LOST), 2)
+        blocks, photons = blocks + 1, photons + int(np.count_nonzero(seen))
         yield Tell({"blocks": blocks, "photons": photons})

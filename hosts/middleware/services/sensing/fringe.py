@@ -73,7 +73,8 @@ class Fringe:
         covariance = inverse @ (spread * axes @ axes.T) @ inverse
         phase, visibility = atan2(b, a), hypot(a, b)
         across = np.array([-np.sin(phase), np.cos(phase)])
-        error = sqrt(across @ covariance @ across) / visibility if visibility else pi
+        # A visibility above 1 is chance, and would make the error less than it can be.
+        error = sqrt(across @ covariance @ across) / min(visibility, 1.0) if visibility else pi
         return Phase(phase, min(error, pi), visibility)
 
 

@@ -64,6 +64,7 @@ class Datapath(ProtocolDesc):  # type: ignore[misc]
         self.ports: dict[int, Any] = {}
         self.sent: list[Any] = []
         self.writes = 0
+        self.unreplied_echo_requests: list[int] = []
         self._xid = 1 << 31
 
     def set_xid(self, message: Any) -> int:

@@ -1,6 +1,8 @@
 """Classical switches and copper: their tables, who may speak, what is learned and forwarded."""
 
+from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import handlers_scene
@@ -29,6 +31,7 @@ from scapy.layers.l2 import ARP, Ether
 
 from controller_apps.console.questions import EventQuestion
 from controller_apps.openflow.framework import ofproto
+from wire.config import Station
 from wire.device import DEVICE_PORT
 from wire.metadata import (
     METADATA_PORT,
@@ -176,3 +179,50 @@ def test_each_app_leaves_the_other_ones_packets_alone(ready: Scene) -> None:
     ready.packet_in(ready.s1, 1, frame(FRAMED.encode()), table=2)
     assert [sent.kind for sent in ready.s1.take()] == [ofproto.OFPT_PACKET_OUT]
     assert ready.q1.take() == []
+
+
+def barriers_of(scene: Scene, hosts: int) -> list[int]:
+    """Return the places of barriers among what s1 is sent again to filter so many hosts."""
+    scene.s1.take()
+    addresses = [f"10.1.{number >> 8}.{number & 255}" for number in range(hosts)]
+    scene.quantum.stations = [
+        Station(S1, port, MACS[ALICE], address) for port, address in enumerate(addresses, 1)
+    ]
+    scene.quantum.asked(EventQuestion("reload", {}))
+    sent = scene.s1.take()
+    assert len(flow_mods(sent)) == 7 * hosts + 2  # seven a host, one for all, and the old ones go
+    return [place for place, each in enumerate(sent) if each.kind == ofproto.OFPT_BARRIER_REQUEST]
+
+
+def test_a_switch_that_is_sent_many_entries_shows_life_between_them(tmp_path: Path) -> None:
+    scene = Scene(tmp_path, policy="")
+    assert barriers_of(scene, 10) == []
+    places = barriers_of(scene, 1000)
+    assert len(places) == 70  # 7,002 entries
+    assert [later - earlier for earlier, later in pairwise([-1, *places])] == [101] * 70
+
+
+def test_a_switch_that_answers_a_barrier_owes_no_echo_that_waits_behind_it(scene: Scene) -> None:
+    for owed in (scene.s1.unreplied_echo_requests, scene.q1.unreplied_echo_requests):
+        owed += [5, 6, 7]
+    reply = SimpleNamespace(datapath=scene.s1, xid=99)
+    scene.quantum.barrier_passed(SimpleNamespace(msg=reply))
+    assert scene.s1.unreplied_echo_requests == []
+    assert scene.q1.unreplied_echo_requests == [5, 6, 7]
+
+
+def test_a_classical_switch_is_there_when_it_has_taken_in_all_entries(scene: Scene) -> None:
+    """Before, what hosts say to each other might be dropped by it."""
+    sent = scene.s1.take()
+    (barrier,) = [each for each in sent if each.kind == ofproto.OFPT_BARRIER_REQUEST]
+    assert sent.index(barrier) > max(map(sent.index, flow_mods(sent)))
+    here = {"event": "switch", "dpid": S1, "kind": "classical"}
+    assert here not in told(scene)
+    answer = SimpleNamespace(msg=SimpleNamespace(datapath=scene.s1, xid=barrier.xid))
+    for _again in range(2):
+        scene.quantum.barrier_passed(answer)
+        assert told(scene).count(here) == 1
+
+
+def told(scene: Scene) -> list[dict[str, Any]]:
+    return [{k: v for k, v in fact.items() if k != "time_ns"} for fact in scene.recorded()]

@@ -201,7 +201,7 @@ def test_a_host_cannot_claim_a_fibre_between_switches(scene: Scene) -> None:
     for attempt in forged[4:]:
         scene.packet_in(q2, 7, attempt)
         # What a changed bit leaves whole is still no more than what (Q1, 6) has said.
-        assert {speaker for speaker, _ in heard.values()} <= {SwitchPort(Q1, 6)}
+        assert {each.speaker for each in heard.values()} <= {SwitchPort(Q1, 6)}
     assert scene.quantum.network.links == {}
     assert scene.quantum.dropped["lldp"] > 1000
     stock = genuine[: genuine.index(OUI) - 2] + b"\0\0"

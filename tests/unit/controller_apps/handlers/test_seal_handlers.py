@@ -13,8 +13,10 @@ from metadata_scene import ALICE, BOB, FRAMED, frame, payload_of
 from controller_apps.apps.host_orders import EventAlarm, EventNodeAnswered, EventSealOver
 from controller_apps.console.questions import EventQuestion
 from controller_apps.openflow.framework import ofproto
+from controller_apps.packets.segments import FiveTuple
+from controller_apps.timeouts import DISCOVERY_S
 from wire.device import DeviceReport
-from wire.metadata import Reason, Service, Setup, Verdict, decode
+from wire.metadata import METADATA_PORT, Reason, Service, Setup, Verdict, decode
 
 scene, ready = handlers_scene.scene, handlers_scene.ready  # fixtures
 
@@ -62,6 +64,13 @@ def test_a_seal_is_begun_by_the_policy_and_what_it_finds_recorded(
     assert isinstance(answer, Setup)
     assert answer.verdict == Verdict.GRANTED  # though all else is denied
 
+    connection = FiveTuple(ALICE, 40000, BOB, METADATA_PORT)
+    assert ready.quantum.idle.ordered(seal, connection)
+    fin = frame(sport=40000, seq=100 + len(seal.encode()), flags="FA")
+    ready.packet_in(ready.s1, 1, fin)
+    assert last(ready, "torn_down")["detail"] == "FIN"
+    assert not ready.quantum.idle.ordered(seal, connection)
+
     report = DeviceReport(0, seal=number, seal_compared=2010, seal_errors=3, seal_tests=9)
     ready.quantum.seal_over(EventSealOver("bob", BOB, report))  # who has not opened it
     assert "watched" not in [fact["event"] for fact in ready.recorded()]
@@ -106,3 +115,23 @@ def test_an_alarm_of_a_seal_whose_light_was_taken_says_nothing(
     assert not ready.quantum.seals.is_of(seal.session, ALICE)
     ready.quantum.seal_alarmed(EventAlarm(seal.session, "alice", ALICE))
     assert last(ready, "alarm")["closed"] is False
+
+
+def test_why_a_way_is_not_watched_is_recorded_of_no_session(
+    ready: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [100.0]
+    monkeypatch.setattr(
+        "controller_apps.apps.quantum_metadata.time",
+        SimpleNamespace(monotonic=lambda: now[0], time_ns=lambda: 1),
+    )
+    file = tmp_path / "policy.toml"
+    file.write_text('[[watch]]\nbetween = ["alice", "zoe"]\n' + UNFILTERED)
+    ready.quantum.policy_path = str(file)
+    ready.quantum.asked(EventQuestion("reload", {}))
+    for _look in range(2):
+        ready.quantum.time_passed(None)
+        now[0] += DISCOVERY_S
+    fact = last(ready, "unwatched")
+    assert fact["detail"] == "alice to zoe: zoe has announced no fibre"
+    assert "session" not in fact

@@ -1,0 +1,152 @@
+"""The host that asks for a conference key: it says what states are for, and its bits count."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from hosts.hardware.qnic import Qnic
+from hosts.middleware.qkd import conference
+from hosts.middleware.qkd.amplification import seed_bits
+from hosts.middleware.qkd.authentication import (
+    HASH_KEY_BYTES,
+    TAG_BYTES,
+)
+from hosts.middleware.qkd.bits import Bits, unpack
+from hosts.middleware.qkd.conference import KEY, TEST_X, TEST_Z
+from hosts.middleware.services.conference.options import ConferenceOptions
+from hosts.middleware.services.conference.protocol import (
+    IN_BASIS,
+    NO_BLOCK,
+    Keys,
+    envelope,
+    honest,
+    key_ids,
+    tags_of,
+)
+from hosts.middleware.services.conference.summary import summary
+from hosts.middleware.services.ghz import line
+from hosts.middleware.services.key_distribution.options import BOUNDS
+from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.protocol import Now, Steps, Tell, Work, do
+from hosts.timeouts import BITS_TIMEOUT_S, KEYS_TIMEOUT_S
+from wire.conference import ConferenceProposal
+from wire.metadata import Reason, Topic
+
+EPS_COR = 1e-15
+
+
+@dataclass
+class Leader(line.Leader):
+    """The host that asks: its bits count as right."""
+
+    options: ConferenceOptions
+    keys: Keys = field(kw_only=True)
+    began_s: float = 0.0
+
+    def run(self) -> Steps[None]:
+        """Propose, make states and measure them, and make a key of that."""
+        names, options = tuple(self.options.names), self.options
+        session, bound = self.side.setup.session, BOUNDS[options.bound]
+        terms = ConferenceProposal(session, bound, options.epsilon, EPS_COR, names)
+        self.key = conference.Leader(terms, [self.keys.shared(terms, name) for name in names[1:]])
+        self.began_s = yield Now()
+        yield from self.right.tell(envelope(self.right, Topic.PROPOSAL, terms.encode()))
+        yield from super().run()
+        yield from self._distil()
+
+    @property
+    def states(self) -> int:
+        """Return how many states all have seen."""
+        return self.key.states
+
+    def figures(self) -> dict[str, Any]:
+        """Return nothing more: what tests say is told at the end."""
+        return {}
+
+    def use(self, number: int, states: int) -> Steps[None]:
+        """Say what each state is for, and measure them."""
+        right, fraction = self.right, self.options.test_fraction
+        yield from self._see_receipts(number, states)
+        drawn = self.side.draws.random(states)
+        kinds = np.select([drawn < fraction, drawn < 2 * fraction], [TEST_X, TEST_Z], KEY)
+        kinds = kinds.astype(np.uint8)
+        shape = len(self.options.names) - 1, states
+        theirs = yield from right.ask(Topic.BASES, number, kinds, 2, shape)
+        own = line.seen((yield from do(Qnic.measure, right.block(number), IN_BASIS[kinds])))
+        with honest():
+            kept = self.key.add_block(kinds, own, theirs)
+        yield from right.tell(right.side.say(Topic.ARRIVED, number, kept, 1))
+
+    def _see_receipts(self, number: int, states: int) -> Steps[None]:
+        size = TAG_BYTES * (len(self.options.names) - 1)
+        told = yield from self.right.hear(Topic.RECEIPT, number, size, 255, BITS_TIMEOUT_S)
+        with honest():
+            self.key.check_receipts(number, states, tags_of(told))
+
+    def _distil(self) -> Steps[None]:
+        key, right, others = self.key, self.right, len(self.options.names) - 1
+        self._judge()
+        worst, parities = key.worst, (yield Work(key.parities, ()))
+        proof = conference.proved(key.raw, self.side.draws.bytes(HASH_KEY_BYTES))
+        side = right.side
+        yield from right.tell(
+            side.say(Topic.COUNTS, NO_BLOCK, [worst.errors, worst.sample], 32),
+            side.say(Topic.SYNDROME, NO_BLOCK, parities, 1),
+            envelope(right, Topic.HASH, proof),
+        )
+        agree = yield from right.hear(Topic.OUTCOMES, NO_BLOCK, others, 1, KEYS_TIMEOUT_S)
+        if not agree.all():
+            names = zip(self.options.names[1:], agree, strict=True)
+            wrong = ", ".join(name for name, equal in names if not equal)
+            text = f"no key: the corrected bits of {wrong} differ: nothing is delivered"
+            raise SessionError(Reason.WRONG_DIGEST, text)
+        length, count = key.length, seed_bits(key.raw.size)
+        seed = unpack(self.side.draws.bytes((count + 7) // 8), count)
+        yield from right.tell(
+            side.say(Topic.COUNTS, NO_BLOCK, [length], 32),
+            side.say(Topic.AMPLIFY, NO_BLOCK, seed, 1),
+        )
+        final = yield Work(key.amplified, (parities, proof, length, seed))
+        yield from self._prove(final)
+
+    def _prove(self, final: Bits) -> Steps[None]:
+        """Keep the key if all others know what was said, as they do."""
+        key, right = self.key, self.right
+        tags = key.tags()
+        told = np.frombuffer(b"".join(tags), np.uint8)
+        yield from right.tell(right.side.say(Topic.TAGS, NO_BLOCK, told, 8))
+        heard = yield from right.hear(Topic.TAGS, NO_BLOCK, told.size, 255, KEYS_TIMEOUT_S)
+        with honest():
+            key.check(tags_of(heard))
+        ids, kept = key_ids(key.terms, final), False
+        try:
+            yield Work(self.keys.store, (key.terms, final))
+            yield from right.tell(right.side.say(Topic.KEPT, NO_BLOCK, [], 1))
+            kept = True
+        finally:
+            if not kept:
+                self.keys.withdraw(key.terms, ids)
+        elapsed_s = (yield Now()) - self.began_s
+        yield Tell(summary(key, final.size, ids, elapsed_s) | self._light())
+
+    def _light(self) -> dict[str, int]:
+        return {"made": self.made, "emitted": self.emitted}
+
+    def _judge(self) -> None:
+        """Raise SessionError if no key can come of what was measured."""
+        key, most = self.key, self.options.max_qber
+        names = self.options.names[1:]
+        tests = {"the parity in X": key.in_x}
+        tests |= {f"{name} in Z": found for name, found in zip(names, key.in_z, strict=True)}
+        for what, found in tests.items():
+            if found.sample and found.qber > most:
+                raise SessionError(
+                    Reason.TOO_NOISY,
+                    f"no key: of {found.sample} tests of {what} {found.errors} are wrong "
+                    f"({found.qber:.4f}), at most {most:g}: noise or an eavesdropper",
+                )
+        if key.length == 0:
+            text = f"no secret bit in {key.raw.size} bits of {key.states} states"
+            text += f" with an error rate of {key.in_x.qber:.4f} in X" if key.in_x.sample else ""
+            raise SessionError(Reason.TOO_NOISY, f"no key: {text}: measure more, or --count more")

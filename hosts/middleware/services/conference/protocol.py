@@ -1,0 +1,94 @@
+"""The protocol of conference key agreement at all hosts of a line: no socket, no clock.
+
+    leader                      next                        last
+      | Envelope(PROPOSAL) ------> | Envelope(PROPOSAL) ----> |  wire.conference
+      | (ghz/line.py)              |                          |  GHZ states, block by block:
+      | <-------- Values(RECEIPT)  | <----- Values(RECEIPT)   |  all have a block in memory
+      | Values(BASES) -----------> | Values(BASES) ---------> |  what each state is for; measured
+      | <------- Values(OUTCOMES)  | <---- Values(OUTCOMES)   |  of tests, and what was not seen
+      | Values(ARRIVED) ---------> | Values(ARRIVED) -------> |  that all have seen
+      | Values(COUNTS, SYNDROME) > | -----------------------> |  errors of the worst; parities
+      | Envelope(HASH) ----------> | Envelope(HASH) --------> |  of the bits
+      | <------- Values(OUTCOMES)  | <---- Values(OUTCOMES)   |  whether they are corrected
+      | Values(COUNTS, AMPLIFY) -> | -----------------------> |  length, seed
+      | Values(TAGS) ------------> | Values(TAGS) ----------> |  proofs of all this, both ways; the
+      | <----------- Values(TAGS)  | <-------- Values(TAGS)   |  key is in the store behind them
+      | Values(KEPT) ------------> | Values(KEPT) ----------> |  and in that of the leader
+
+What is said to a host goes by way of those before it, who could change it: the tags show that.
+What it means is decided in hosts.middleware.qkd.conference; leader.py and follower.py say who does
+what, and here is what both need.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from uuid import UUID
+
+import numpy as np
+
+from hosts.middleware.qkd.authentication import (
+    TAG_BYTES,
+    ForgedMessage,
+    KeyPoolExhausted,
+)
+from hosts.middleware.qkd.bits import Bits
+from hosts.middleware.qkd.conference import Contradiction, Pools
+from hosts.middleware.qkd.key_store import KEY_BITS, key_id
+from hosts.middleware.services.ghz.line import Right
+from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.protocol import Hear, Say, Steps
+from hosts.middleware.session.values import Numbers
+from wire.conference import ConferenceProposal
+from wire.metadata import Envelope, MalformedPacket, Reason, Topic
+from wire.outcomes import BASES
+
+IN_BASIS = np.array([BASES.index(name) for name in "ZXZ"], np.uint8)  # KEY, TEST_X, TEST_Z
+NO_BLOCK = 0
+FORGED = "not everything that was said came as it was said: somebody on the way has changed it"
+
+
+@dataclass(frozen=True)
+class Keys:
+    """The keys of a host: those that it authenticates with, and those that it makes."""
+
+    shared: Callable[[ConferenceProposal, str], Pools]  # of the leader and another host
+    store: Callable[[ConferenceProposal, Bits], None]
+    withdraw: Callable[[ConferenceProposal, list[UUID]], None]
+
+
+def key_ids(terms: ConferenceProposal, final: Bits) -> list[UUID]:
+    """Return by which names all know the keys that are made of a final key."""
+    return [key_id(terms.session, number) for number in range(final.size // KEY_BITS)]
+
+
+@contextmanager
+def honest() -> Iterator[None]:
+    """Turn what cannot be, or is not proved, into the end of the session."""
+    try:
+        yield
+    except ForgedMessage as error:
+        raise SessionError(Reason.PROTOCOL, f"no key: {FORGED}") from error
+    except KeyPoolExhausted as error:
+        raise SessionError(Reason.NOT_ALLOWED, f"no key: {error}") from error
+    except (Contradiction, MalformedPacket) as error:
+        raise SessionError(Reason.PROTOCOL, f"no key: {error}") from error
+
+
+def tags_of(told: Numbers) -> list[bytes]:
+    """Return tags as they are told, one for each host."""
+    return [tag.tobytes() for tag in told.astype(np.uint8).reshape(-1, TAG_BYTES)]
+
+
+def enveloped(topic: Topic, timeout_s: float) -> Steps[bytes]:
+    """Hear what an envelope carries."""
+    message: Envelope = yield Hear(Envelope, timeout_s)
+    if message.topic != topic:
+        text = f"no key: an envelope of topic {message.topic}, not {topic.name}"
+        raise SessionError(Reason.PROTOCOL, text)
+    return message.content
+
+
+def envelope(right: Right, topic: Topic, content: bytes) -> Say:
+    """Return what tells the next host something in an envelope."""
+    return Say((Envelope(right.side.setup.session, topic, content),))

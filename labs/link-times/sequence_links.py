@@ -1,0 +1,49 @@
+"""Times of links in SeQUeNCe for links.json, in an environment of its own (README.md says how)."""
+
+import json
+from importlib.metadata import version
+
+from sequence.components.optical_channel import ClassicalChannel, QuantumChannel
+from sequence.entanglement_management.generation import EntanglementGenerationA
+from sequence.kernel.timeline import Timeline
+from sequence.topology.node import BSMNode, QuantumRouter
+
+M_PER_PS, DB_PER_KM, EMITTED, DETECTED = 2.04e-4, 0.2, 0.6, 0.9
+MEMORY = {"MemoryArray": {"fidelity": 1.0, "frequency": 0, "efficiency": EMITTED}}
+STATION = {"SingleAtomBSM": {"detectors": [{"efficiency": DETECTED}] * 2}}
+
+
+def link(half_km: float, pairs: int) -> tuple[int, int, float]:
+    """Return pairs, attempts and seconds of two hosts; the station is halfway."""
+    timeline, metres = Timeline(), half_km * 1e3
+    hosts = [QuantumRouter(name, timeline, 1, n, MEMORY) for n, name in enumerate(("alice", "bob"))]
+    nodes = [*hosts, BSMNode("station", timeline, ["alice", "bob"], 2, STATION)]
+    for one, other in [(a, b) for a in nodes for b in nodes if a is not b]:
+        length, name = metres * (1 if nodes[2] in (one, other) else 2), f"{one.name}-{other.name}"
+        ClassicalChannel(name, timeline, length, round(length / M_PER_PS)).set_ends(one, other.name)
+    ended: list[str] = []
+    for host in hosts:
+        fiber = f"{host.name} fibre", timeline, DB_PER_KM / 1e3, metres
+        QuantumChannel(*fiber, light_speed=M_PER_PS).set_ends(host, "station")
+        host.resource_manager.update = lambda _protocol, _memory, state: ended.append(state)
+    timeline.init()
+    attempts = found = 0
+    while found < pairs:
+        attempts += 1
+        for host, other in (hosts, hosts[::-1]):
+            memory, theirs = (each.components[each.memo_arr_name][0] for each in (host, other))
+            own = host, host.name, "station", other.name, memory
+            host.protocols = [EntanglementGenerationA.create(*own)]  # Barrett and Kok's
+            host.protocols[0].set_others(other.name, other.name, [theirs.name])
+        for host in hosts:
+            host.protocols[0].start()
+        timeline.run()
+        found += ended == ["ENTANGLED", "ENTANGLED"]
+        ended.clear()
+    return found, attempts, timeline.now() / 1e12
+
+
+if __name__ == "__main__":
+    links = {half_km: link(half_km, 2000) for half_km in (1, 10, 25)}
+    given = {"db_per_km": DB_PER_KM, "emitted": EMITTED, "detected": DETECTED, "links": links}
+    print(json.dumps({"program": f"sequence {version('sequence')}", **given}, indent=1))

@@ -1,0 +1,50 @@
+"""`qmn run conference` from outside: three hosts get the same keys, over fibres that depolarise."""
+
+import json
+import re
+from math import log2, sqrt
+from pathlib import Path
+
+from loaded import run_qmn
+
+NOISE = 0.005
+HOSTS = ("alice", "bob", "charlie")
+
+
+def entropy(p: float) -> float:
+    return -p * log2(p) - (1 - p) * log2(1 - p)
+
+
+def keys_of(folder: Path, host: str) -> dict[str, bytes]:
+    """Return the keys of all three in the store of a host."""
+    stored = (folder / host / "+".join(HOSTS)).glob("*/*-*")
+    return {file.name: file.read_bytes() for file in stored}
+
+
+def test_three_hosts_get_the_same_keys(tmp_path: Path) -> None:
+    """Q = (1 - (1 - p)^4)/2 of two links of two fibres each, in X and of the last host in Z."""
+    words = ["--depolarizing", str(NOISE), "--count", "15000", "--captures", "none", "--no-report"]
+    keys = tmp_path / "keys"
+    done = run_qmn("run", "conference", *words, "--keys", str(keys), "--runs", str(tmp_path))
+    assert done.returncode == 0, done.stdout + done.stderr
+    told = json.loads((tmp_path / "latest" / "result.json").read_text())["asking"]
+    expected = (1 - (1 - NOISE) ** 4) / 2
+    for found, tests in ((told["qber_x"], "tests_in_x"), (told["qber_z"][1], "tests_in_z")):
+        assert abs(found - expected) < 5 * sqrt(expected / told[tests])
+    assert 0 < told["key_bits"] < told["raw_bits"] * (1 - 2 * entropy(expected))
+    alice, *others = (keys_of(keys, host) for host in HOSTS)
+    assert len(alice) == told["keys"] == told["key_bits"] // 256
+    assert all(each == alice for each in others)
+
+
+def test_who_measures_in_the_first_link_is_found_and_there_is_no_key(tmp_path: Path) -> None:
+    """In Z or X by chance: a quarter of the parities in X are odd, and of the bits in Z differ."""
+    words = ["--eve", "1", "--count", "3000", "--captures", "none", "--no-report"]
+    done = run_qmn("run", "conference", *words, "--runs", str(tmp_path))
+    assert done.returncode != 0
+    told = re.search(
+        r"of (\d+) tests of .* (\d+) are wrong .*eavesdropper", done.stdout + done.stderr
+    )
+    assert told is not None, done.stdout + done.stderr
+    tests, wrong = map(int, told.groups())
+    assert abs(wrong / tests - 0.25) < 5 * sqrt(0.1875 / tests)

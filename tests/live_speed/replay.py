@@ -1,0 +1,64 @@
+"""The events of a run that come again, at a steady rate, to the server of a live view."""
+
+import asyncio
+import multiprocessing
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from qmn.live_view.address import Place
+from qmn.live_view.layout import described
+from qmn.live_view.server import View, serve
+from qmn.live_view.sources import EVENT, timeline_of_run
+from qmn.live_view.timeline import Timeline
+from qmn.reports.run_facts import read_result
+
+TICK_S = 0.003  # between two deliveries, as the dispatcher's
+EVENTS_OF_A_SESSION = 100
+DEADLINE_S = 30.0
+
+
+@contextmanager
+def replayed(run: Path, events_per_s: int) -> Iterator[tuple[str, int]]:
+    """Serve a view of it by a process of its own; yield the address, and the process."""
+    processes = multiprocessing.get_context("spawn")
+    here, there = processes.Pipe()
+    server = processes.Process(target=served, args=(run, events_per_s, there), daemon=True)
+    server.start()
+    try:
+        assert here.poll(DEADLINE_S), f"no page within {DEADLINE_S:.0f} s"
+        assert server.pid is not None
+        yield here.recv(), server.pid
+    finally:
+        server.terminate()
+        server.join(DEADLINE_S)
+
+
+def served(run: Path, events_per_s: int, told: Connection) -> None:
+    """Serve what comes again until this process is told to end."""
+    _result, network = read_result(run)
+    past = [m for m in timeline_of_run(run).after(0, 1 << 30)[0] if m["what"] == EVENT]
+    timeline = Timeline(time.time_ns())
+    threading.Thread(target=come_again, args=(past, timeline, events_per_s), daemon=True).start()
+    facts = described(network)
+    view = View("again", facts, timeline, run, True, False, lambda: "")
+    asyncio.run(serve(view, Place(), told.send))
+
+
+def come_again(past: list[dict[str, Any]], timeline: Timeline, events_per_s: int) -> None:
+    """Add events, each of the time at which it is due; a session is a new one each time."""
+    number, began = 0, time.time_ns()
+    while True:
+        due = (time.time_ns() - began) * events_per_s // 1_000_000_000
+        for number in range(number, due):  # noqa: B020
+            event = past[number % len(past)]
+            fields = {name: value for name, value in event.items() if name not in ("t", "what")}
+            if "session" in fields:
+                fields["session"] = f"{number // EVENTS_OF_A_SESSION:016x}"
+            timeline.add(EVENT, began + number * 1_000_000_000 // events_per_s, fields)
+        number = max(number, due)
+        time.sleep(TICK_S)
