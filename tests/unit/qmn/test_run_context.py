@@ -1,6 +1,8 @@
 """A run that fails: what it leaves and says."""
 
 import json
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +16,10 @@ from topologies.network import Interrupted, Signals
 from topologies.programs import NetworkError
 
 FAULTS = pytest.mark.parametrize(
-    ("fault", "status", "words"),
+    ("make", "status", "words"),  # made anew: notes stay with an error
     [
-        (NetworkError("q1 is broken"), 1, "qmn: q1 is broken"),
-        (Interrupted(15), 143, "qmn: interrupted by SIGTERM; everything is cleaned up"),
+        (partial(NetworkError, "q1 is broken"), 1, "qmn: q1 is broken"),
+        (partial(Interrupted, 15), 143, "qmn: interrupted by SIGTERM; everything is cleaned up"),
     ],
 )
 
@@ -37,8 +39,13 @@ def failed(folder: Path, facts: Any, fault: Exception) -> int:
 
 @FAULTS
 def test_a_run_that_fails_tells_why_and_where_its_report_is(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], fault: Exception, status: int, words: str
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    make: Callable[[], Exception],
+    status: int,
+    words: str,
 ) -> None:
+    fault = make()
     facts: Any = {"network": {"hosts": []}}
     assert failed(tmp_path, facts, fault) == status
     said = capsys.readouterr()
@@ -49,8 +56,13 @@ def test_a_run_that_fails_tells_why_and_where_its_report_is(
 
 @FAULTS
 def test_a_run_whose_network_had_not_started_names_no_report(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], fault: Exception, status: int, words: str
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    make: Callable[[], Exception],
+    status: int,
+    words: str,
 ) -> None:
+    fault = make()
     facts: Any = {}
     assert failed(tmp_path, facts, fault) == status
     assert capsys.readouterr().err.splitlines() == [words]
