@@ -5,7 +5,8 @@ SHELL := /bin/bash
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
 .PHONY: help setup packages strongswan notebooks install uninstall run-sdc test test-docker lint types unit \
-    emulation commands chaos fuzz bench live-speed curves labs picture lab-pictures site image clean lock browser
+    emulation test-swarm commands chaos fuzz bench live-speed curves labs picture lab-pictures site image clean \
+    lock browser
 
 PYTHON := .venv/bin/python
 # The caches and byte code of root would be in the user's way.
@@ -73,6 +74,9 @@ test: setup ## Run all checks and tests natively
 
 test-docker: ## Run the emulation tests inside the image (DEBIAN=13: of Debian 13)
 	@docker/run $(PYTEST) $(APART) $(NOT_IN_IMAGE) $(TESTS)
+
+test-swarm: setup ## Try several machines with two Docker engines and Docker Swarm (root)
+	$(AS_ROOT) $(PYTEST) tests/swarm
 
 lint: setup ## Check style and formatting
 	$(PYTHON) -m ruff check

@@ -9,7 +9,7 @@ import sys
 
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
 
-PORT = 7
+PORT = 4000
 
 
 def listen() -> None:

@@ -15,7 +15,7 @@ from mininet.link import Intf, Link
 from mininet.node import Node, Switch
 
 from topologies import runtime
-from topologies.interfaces import quick
+from topologies.interfaces import TUN, quick
 from topologies.keywords import refuse_unknown
 from topologies.machines.laying import lay
 from topologies.programs import NetworkError
@@ -28,7 +28,6 @@ from wire.parameters.physics import BadParameter
 # In wall time: from one host to the other, over two cables and a switch in user space, a packet
 # takes longer than twice this.
 LEAST_DELAY_S = 10e-6
-TUN = "/dev/net/tun"
 TUNSETIFF, IFF_TAP, IFF_NO_PI = 0x400454CA, 0x0002, 0x1000
 QUEUED_FRAMES = 10_000
 ARP_TRIES = 3

@@ -37,6 +37,7 @@ SIOCGIFFLAGS, SIOCSIFFLAGS, SIOCSIFADDR, SIOCSIFNETMASK = 0x8913, 0x8914, 0x8916
 SIOCGIFHWADDR, SIOCETHTOOL, SIOCSIFMTU = 0x8927, 0x8946, 0x8922
 ETHTOOL_SRXCSUM, ETHTOOL_STXCSUM, ETHTOOL_SGRO = 0x15, 0x17, 0x2C
 IFF_UP = 0x1
+TUN = "/dev/net/tun"  # by which programs make interfaces
 Result = TypeVar("Result")
 IPV6 = Path("/proc/sys/net/ipv6/conf")
 

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from topologies import owners, packet_sockets
+from topologies.interfaces import TUN
 from topologies.owners import Owner
 from topologies.programs import NetworkError
 from topologies.runtime import RUNTIME_ROOT
@@ -307,6 +308,25 @@ def _certified_for() -> str | None:
     if not vsctl("--bare", "--columns=_uuid", "list", "SSL").strip():
         return None
     return vsctl("--if-exists", "get", "SSL", ".", OWNER).strip('"\n ')
+
+
+def management(bridge: str) -> Path:
+    """Return the socket by which programs ask for a bridge by its name, as ovs-ofctl does."""
+    return RUN_FOLDER / f"{bridge}.mgmt"
+
+
+def require_made(bridges: Iterable[str]) -> None:
+    """Raise NetworkError if a bridge that was asked for is not there."""
+    missing = [name for name in bridges if not management(name).exists()]
+    if not missing:
+        return
+    name, tun = missing[0], Path(TUN)
+    if not tun.exists():
+        text = f"Open vSwitch cannot make {name} without {tun}"
+        raise NetworkError(f"{text}: in a container, give it --device={tun}")
+    why = vsctl("--bare", "--columns=error", "find", "Interface", f"name={name}").strip()
+    log = LOG_FOLDER / f"{SWITCH_DAEMON}.log"
+    raise NetworkError(f"Open vSwitch did not make {name}: {why or f'its log, {log}, says why'}")
 
 
 def delete(*names: str) -> None:

@@ -40,6 +40,7 @@ class ParallelMininet(IperfMininet):
         with openvswitch.one_transaction():
             for switch in ours:
                 switch.lay()
+        openvswitch.require_made(switch.name for switch in ours)
         for switch in ours:
             if isinstance(switch, OpticalSwitch):
                 switch.launch(self.controllers)

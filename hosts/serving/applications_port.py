@@ -140,7 +140,10 @@ class ApplicationsPort:
     ) -> None:
         port = _port(fields)
         if port in self._listening:
-            raise SessionError(Reason.BUSY, f"port {port} is taken by another application")
+            raise SessionError(
+                Reason.BUSY,
+                f"port {port} is taken by another application: end that, or choose another",
+            )
         service = _service(fields)
         self._listening[port] = Listening(service, asyncio.Queue(BACKLOG), asyncio.Event())
         try:

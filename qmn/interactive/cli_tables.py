@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from rich.table import Table
 
-from qmn.live.tables import hosts_table, number_text, table
+from qmn.live.tables import counted, host_table, number_text, table
 from qmn.scripting.exchange import Exchange
 from qmn.scripting.light import FiberState, Hop, LightPath
 from qmn.scripting.network import HostState
@@ -14,7 +14,7 @@ from qmn.scripting.network import HostState
 def sent(receiver: str, used: Exchange) -> str:
     """Return what a receiver got, and what that took."""
     text = used.data.decode(errors="backslashreplace")
-    return f"{receiver}: {text}\n{used.size:,} bytes, {_cost(used)}"
+    return f"{receiver}: {text}\n{counted(used.size, 'byte')}, {_cost(used)}"
 
 
 def ping_line(number: int, receiver: str, used: Exchange) -> str:
@@ -23,11 +23,9 @@ def ping_line(number: int, receiver: str, used: Exchange) -> str:
 
 
 def _cost(used: Exchange) -> str:
-    rate = used.symbol_error_rate
-    wrong = "no symbol received" if rate is None else f"{rate:.3g} wrong"
     return (
-        f"{used.bell_pairs:,} pairs, {used.lost_pairs:,} lost, {wrong}, "
-        f"set-up {used.setup_s * 1e3:.2f} ms, time {used.elapsed_s * 1e3:.2f} ms"
+        f"{used.bell_pairs:,} pairs, {used.lost_pairs:,} lost, {used.symbol_errors:,} wrong; "
+        f"set-up {used.setup_s * 1e3:.2f} ms, then {used.elapsed_s * 1e3:.2f} ms"
     )
 
 
@@ -39,8 +37,9 @@ def ping_summary(receiver: str, rounds: Sequence[Exchange], tried: int) -> str:
     errors = sum(each.symbol_errors for each in rounds)
     lines = [
         f"--- {receiver} qping statistics ---",
-        f"{tried} rounds, {len(rounds)} delivered; {pairs:,} pairs, {arrived:,} arrived, "
-        f"{_percent(pairs - arrived, pairs)} lost, {_percent(errors, symbols)} wrong",
+        f"{counted(tried, 'round')}, {len(rounds)} delivered; {pairs:,} pairs, "
+        f"{arrived:,} arrived, {_percent(pairs - arrived, pairs)} lost, "
+        f"{_percent(errors, symbols)} wrong",
     ]
     if rounds:
         times = [each.setup_s * 1e3 for each in rounds]
@@ -101,4 +100,4 @@ def state(state: HostState) -> list[Table]:
     ]
     title = "blocks" if rows else "blocks: none"
     columns = ("session", "block", "photons", "where")
-    return [hosts_table([state.device]), table(title, columns, rows)]
+    return [host_table(state.device), table(title, columns, rows)]

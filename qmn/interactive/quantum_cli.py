@@ -2,6 +2,7 @@
 
 import logging
 import os
+import subprocess
 import sys
 from collections.abc import Iterable
 from typing import Any
@@ -16,7 +17,7 @@ from qmn.live.controller_console import NoAnswer, wide_console
 from qmn.network.custom_topology import BadTopology
 from qmn.options import BadInput
 from qmn.scripting.network import QuantumNetwork
-from topologies.programs import NetworkError
+from topologies.programs import ROOT, NetworkError
 
 STATUS = "QMN_STATUS"  # variable in a host's shell: how the last command of a script ended
 FAULTS = (BadInput, BadTopology, NetworkError, NoAnswer, TransferError)
@@ -122,6 +123,12 @@ class QuantumCLI(CLI):
                 self._fail(f"{line}: status {status}")
         else:
             super().default(line)
+
+    def do_sh(self, line: str) -> None:
+        """Run a command of this machine's shell, which finds `qmn`.
+        Usage: sh COMMAND"""
+        path = f"{ROOT / 'bin'}{os.pathsep}{os.environ.get('PATH', os.defpath)}"
+        subprocess.run(line, shell=True, check=False, env={**os.environ, "PATH": path})  # noqa: S602
 
     def getLocals(self) -> dict[str, Any]:  # noqa: N802 (Mininet's name)
         """Return what `py` sees: `network` as scripts have it, `net`, and every node."""

@@ -61,11 +61,30 @@ def switch_table(switch: dict[str, Any]) -> Table:
     return table
 
 
+HOST_COLUMNS = (
+    *("host", "state", "can", "fibres", "sessions", "pairs sent", "made", "received"),
+    *("lost", "wrong", "in use", "overridden"),
+)
+
+
+def host_table(host: dict[str, Any]) -> Table:
+    """Return one host, each of what is known a line: a terminal of 80 columns has room for it."""
+    rows = [[*each] for each in zip(HOST_COLUMNS, host_row(host), strict=False)]
+    shown = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    for row in rows:
+        shown.add_row(*row)
+    return shown
+
+
+def counted(number: int, thing: str) -> str:
+    """Return a number of things in words, as 1 byte and 2 bytes."""
+    return f"{number:,} {thing}{'' if number == 1 else 's'}"
+
+
 def hosts_table(hosts: list[dict[str, Any]]) -> Table:
     """Return hosts, one a line."""
     table = Table(title="hosts", title_justify="left", box=None, padding=(0, 2, 0, 0))
-    columns = ("host", "state", "can", "fibres", "sessions", "pairs sent", "made", "received")
-    for column in (*columns, "lost", "wrong", "in use", "overridden"):
+    for column in HOST_COLUMNS:
         table.add_column(column)
     for host in hosts:
         table.add_row(*host_row(host))

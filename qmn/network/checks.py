@@ -59,8 +59,6 @@ def check_two_hosts(sender: str, receiver: str, hosts: Sequence[str]) -> None:
     for name in (sender, receiver):
         if name not in hosts:
             known = ", ".join(hosts)
-            raise BadInput(
-                f"unknown host {name!r}: choose sender and receiver (--from, --to) of {known}"
-            )
+            raise BadInput(f"unknown host {name!r}: choose sender and receiver of {known}")
     if sender == receiver:
         raise BadInput(f"sender and receiver are both {sender}: choose two hosts")

@@ -2,12 +2,14 @@
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from conftest import interfaces, our_processes, qmn, wait_until
+from conftest import ROOT, interfaces, our_processes, qmn, wait_until
 from test_faults import long_run, read_until, run_to_kill
 
 from topologies import openvswitch
@@ -161,6 +163,27 @@ def test_what_is_left_of_it_stops_where_the_other_half_was_killed(daemon: str) -
     wait_until(lambda: daemon not in openvswitch.daemons(), f"{daemon} is gone")
     openvswitch.stop_if_ours("tests")
     assert not openvswitch.daemons()
+
+
+WITHOUT_TUN = 'mount -t tmpfs nothing /dev/net && exec "$@"'
+
+
+@pytest.mark.usefixtures("no_open_vswitch")
+def test_a_bridge_that_cannot_be_made_is_told_with_the_remedy(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "qmn", "run", "sdc", "--runs", str(tmp_path)]
+    done = subprocess.run(
+        ["unshare", "--mount", "sh", "-c", WITHOUT_TUN, "sh", *command],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert done.returncode == 1
+    assert (
+        "qmn: Open vSwitch cannot make q1 without /dev/net/tun: "
+        "in a container, give it --device=/dev/net/tun\n"
+    ) in done.stderr
 
 
 def add(*bridges: str) -> None:

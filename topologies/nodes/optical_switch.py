@@ -74,7 +74,7 @@ class OpticalSwitch(ClassicalSwitch):
             listen=str(openvswitch.agent_socket(self.name)),
             controllers=commanding,
             management=network.socket(f"{self.name}-bridge"),
-            programs=str(openvswitch.RUN_FOLDER / f"{self.name}.mgmt"),
+            programs=str(openvswitch.management(self.name)),
             dispatcher=network.socket(DISPATCHER),
             token=network.token(self.name),
             fiber_ports=sorted(

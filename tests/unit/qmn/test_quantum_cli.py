@@ -53,7 +53,7 @@ def test_what_was_received_and_what_it_took_is_printed(
 ) -> None:
     QuantumCLI(network, ["qsend alice bob hello"])
     assert capsys.readouterr().out == (
-        "bob: hello\n5 bytes, 200 pairs, 50 lost, 0.02 wrong, set-up 4.00 ms, time 500.00 ms\n"
+        "bob: hello\n5 bytes, 200 pairs, 50 lost, 3 wrong; set-up 4.00 ms, then 500.00 ms\n"
     )
 
 

@@ -86,7 +86,7 @@ def checked(*words: str) -> int:
         (["--rate-hz", "0"], "--rate-hz 0"),
         (
             ["--to", "ed"],
-            "unknown host 'ed': choose sender and receiver (--from, --to) of alice, bob, c",
+            "unknown host 'ed': choose sender and receiver of alice, bob, c",
         ),
         (["--from", "bob"], "sender and receiver are both bob"),
         (["--policy", "/nowhere.toml"], "cannot read the policy /nowhere.toml: No such file"),
@@ -105,7 +105,7 @@ def checked(*words: str) -> int:
         ),
         (
             ["--map", "abilene"],
-            "unknown host 'alice': choose sender and receiver (--from, --to) of atlam5, a",
+            "unknown host 'alice': choose sender and receiver of atlam5, a",
         ),
         (["--map", "abilene", "--length-km", "3"], "the map says how long fibres are"),
         (["--map", "abilene", "--switches", "3"], "--switches is of chain, ring, tree, not of map"),
