@@ -9,6 +9,7 @@ import argparse
 from collections.abc import Collection, Mapping
 from dataclasses import Field, fields
 from difflib import get_close_matches
+from math import inf
 from types import UnionType
 from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin, get_type_hints
 
@@ -78,7 +79,8 @@ def check_ranges(options: "DataclassInstance") -> None:
 def check_range(name: str, value: float, least: float, most: float) -> None:
     """Raise BadInput unless the value of the option of this name is in its range."""
     if not least <= value <= most:
-        raise BadInput(f"--{name.replace('_', '-')} {value}: choose {least:g} to {most:g}")
+        range_text = f"{least:g} or more" if most == inf else f"{least:g} to {most:g}"
+        raise BadInput(f"--{name.replace('_', '-')} {value}: choose {range_text}")
 
 
 def _fields(kind: "type[DataclassInstance]") -> list["Field[Any]"]:

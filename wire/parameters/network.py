@@ -5,6 +5,7 @@ of them as options, with these words, kinds, defaults and ranges.
 """
 
 from dataclasses import dataclass, fields
+from math import inf
 from typing import Any
 
 from wire.parameters.option import option
@@ -57,7 +58,7 @@ class ControllerSettings:
 class NetworkSettings(DispatcherSettings, ControllerSettings):
     """What a user can set of a network whose nodes and fibres are described already."""
 
-    seed: int = option(1, "of all quantum randomness (1)")
+    seed: int = option(1, "of all quantum randomness (1)", range=(0, inf))
     controller: str = option("ryu", "default: ryu", choices=("ryu", "os-ken"))
     openflow_port: int = option(OPENFLOW_PORT, "of c0 (6653)", metavar="PORT", range=(1, 65_535))
     copper_km: float | None = option(

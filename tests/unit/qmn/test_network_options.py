@@ -4,7 +4,7 @@ import argparse
 
 import pytest
 
-from qmn.network.checks import check_address, check_module
+from qmn.network.checks import check_address, check_module, check_network
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, add_options, from_keywords, read
 from qmn.scripting.network import start
@@ -54,6 +54,12 @@ def test_a_keyword_means_the_same_as_its_option() -> None:
 def test_keywords_that_cannot_be_are_refused(options: dict[str, object], text: str) -> None:
     with pytest.raises(BadInput, match=text):
         from_keywords(NetworkOptions, options)
+
+
+def test_a_seed_is_a_number_from_zero_on() -> None:
+    with pytest.raises(BadInput, match=r"^--seed -1: choose 0 or more$"):
+        check_network(parse("--seed=-1"))
+    check_network(parse("--seed=0"))
 
 
 def test_a_network_that_cannot_be_is_refused_before_it_starts() -> None:
