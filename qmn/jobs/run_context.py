@@ -196,7 +196,7 @@ def ending(
 ) -> Iterator[None]:
     """Leave timeline, facts and report behind, whatever happens inside.
 
-    What ends the run tells where the report is, unless none is wanted.
+    What ends the run tells where the report is; of a network that had not started there is none.
     """
     fault: Exception | None = None
     try:
@@ -208,7 +208,14 @@ def ending(
     finally:
         facts["timeline"] = timeline_of_run(folder)
         complete(facts, folder)
-        facts["report"] = report_of_run(folder) if report else f"`qmn report {folder}` makes it"
-        if fault is not None:
+        facts["report"] = _report(folder, facts, report)
+        if fault is not None and "network" in facts:
             fault.add_note(f"report to look at: {facts['report']}")
         give_to_invoker(folder)
+
+
+def _report(folder: Path, facts: RunFacts, wanted: bool) -> str:
+    """Return the file of the report, or why there is none."""
+    if "network" not in facts:
+        return "not made: the network had not started"
+    return report_of_run(folder) if wanted else f"`qmn report {folder}` makes it"

@@ -85,6 +85,8 @@ def read_result(folder: Path) -> tuple[dict[str, Any], NetworkFacts]:
     """Return what a run or a network has left as its result, and the network; raise BadRun."""
     try:
         result = json.loads((folder / RESULT).read_text())
+        if "network" not in result and "error" in result:
+            raise BadRun(f"the network of {folder} had not started: {result['error']}")
         return result, NetworkFacts.from_dict(result["network"])
     except OSError as error:
         text = "name the folder of a run that has ended, as runs/latest"

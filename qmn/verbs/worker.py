@@ -5,13 +5,18 @@ Whoever reaches the scheduler can run programs here, as root.
 
 import argparse
 import asyncio
+import logging
 import socket
 import sys
+from contextlib import suppress
 from typing import Any
+from urllib.parse import urlsplit
 
 from qmn.timeouts import CLUSTER_TIMEOUT_S
 from topologies.network import require_root
 from topologies.programs import NetworkError
+
+SCHEMES = ("tcp", "tls")
 
 
 def add_parser(verbs: Any) -> None:
@@ -28,6 +33,7 @@ def add_parser(verbs: Any) -> None:
 def call(arguments: argparse.Namespace) -> int:
     """Serve until the scheduler ends it, or a signal does."""
     try:
+        check_address(arguments.scheduler)
         require_root()
         asyncio.run(serve(arguments.scheduler, arguments.name, arguments.listen))
     except (NetworkError, OSError, ValueError) as error:
@@ -38,12 +44,21 @@ def call(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def check_address(scheduler: str) -> None:
+    """Raise ValueError for what cannot be the address of a scheduler: Dask ends in tracebacks."""
+    with suppress(ValueError):  # urlsplit's words do not say what to write
+        parts = urlsplit(scheduler)
+        if parts.scheme in SCHEMES and parts.hostname and parts.port:
+            return
+    raise ValueError(f"scheduler {scheduler!r}: write tcp://HOST:PORT, or tls://HOST:PORT")
+
+
 async def serve(scheduler: str, name: str, listen: str) -> None:
-    """Be a worker."""
+    """Be a worker; raise NetworkError if it cannot start."""
     # Dask takes a second to load: other verbs do not wait for it.
     from distributed import Worker
 
-    async with Worker(
+    worker = Worker(
         scheduler,
         name=name,
         host=listen or None,
@@ -51,6 +66,18 @@ async def serve(scheduler: str, name: str, listen: str) -> None:
         memory_limit=0,
         dashboard=False,
         death_timeout=CLUSTER_TIMEOUT_S,
-    ) as worker:
+    )
+    logging.disable()  # what keeps a worker from starting is raised, and logged as well
+    try:
+        await worker
+    except TimeoutError as error:
+        raise NetworkError(
+            f"no Dask scheduler answers at {scheduler}: start `dask scheduler` there"
+        ) from error
+    except RuntimeError as error:
+        raise NetworkError(f"the worker cannot start: {error.__cause__ or error}") from error
+    finally:
+        logging.disable(logging.NOTSET)
+    async with worker:
         print(f"ready: {name} at {worker.address}", flush=True)
         await worker.finished()
