@@ -43,6 +43,8 @@ from topologies.timeouts import (
     STOPPED_LOOK_S,
     STOPPED_TIMEOUT_S,
 )
+from wire.config import BadConfig
+from wire.parameters.physics import BadParameter
 
 MOST_FILES = 65_536
 SWITCHES = "switches"  # file in the private folder: what this run has made or will make
@@ -162,6 +164,8 @@ class Network:
             raise
         except Interrupted:
             raise
+        except (BadParameter, BadConfig) as error:  # of a node or link that cannot be
+            raise NetworkError(str(error)) from error
         except Exception:  # Mininet raises no other kind
             self.check()
             raise

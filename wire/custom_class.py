@@ -5,6 +5,9 @@ topology itself does; nothing that comes over the network ever names one.
 """
 
 import importlib.util
+import shlex
+import sys
+import traceback
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -42,4 +45,24 @@ def _module(where: str, file: Path) -> ModuleType:
         spec.loader.exec_module(module)
     except (ImportError, SyntaxError, NameError, OSError) as error:
         raise BadConfig(f"{where}: {file} cannot be loaded: {error}") from error
+    except Exception as error:  # it is another's program, which may raise any
+        words = f"{where}: {file} cannot be loaded: {fault_in(file, error)}"
+        raise BadConfig(f"{words}; this shows all of it: {_command_that_runs(file)}") from error
     return module
+
+
+def _command_that_runs(file: Path) -> str:
+    checkout = Path(__file__).resolve().parents[1]
+    return f"PYTHONPATH={shlex.quote(str(checkout))} {shlex.join([sys.executable, str(file)])}"
+
+
+def fault_in(file: Path, error: Exception) -> str:
+    """Return what an exception says, its kind, and at which line of a file it came up."""
+    return f"line {line_in(file, error)}: {type(error).__name__}: {error}"
+
+
+def line_in(file: Path, error: Exception) -> int | None:
+    """Return the innermost line of a file that an exception came through; None: through none."""
+    frames = traceback.extract_tb(error.__traceback__)
+    lines = [each.lineno for each in frames if Path(each.filename).resolve() == file.resolve()]
+    return lines[-1] if lines else None

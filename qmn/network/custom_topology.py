@@ -4,14 +4,19 @@ The file is this machine's, and runs as root, like any script that starts a netw
 """
 
 import inspect
+import shlex
 from collections.abc import Callable, Mapping
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from mininet.topo import Topo
 
+from topologies.checked_graph import checked
+from topologies.programs import ROOT, python
 from wire.config import BadConfig
-from wire.custom_class import load_class
+from wire.custom_class import fault_in, line_in, load_class
+from wire.parameters.physics import BadParameter
 
 
 class BadTopology(Exception):
@@ -31,7 +36,8 @@ def short_name(name: str) -> str:
 def load(name: str, given: Mapping[str, Any]) -> Callable[[], Topo]:
     """Return what builds FILE.py:CLASS with these parameters of `build`.
 
-    Raise BadTopology for a file, class or parameter that there is not.
+    Raise BadTopology for a file, class or parameter that there is not; what is returned raises it
+    for what its `build` does wrong.
     """
     path, _, class_name = name.rpartition(":")
     try:
@@ -43,8 +49,31 @@ def load(name: str, given: Mapping[str, Any]) -> Callable[[], Topo]:
         raise BadTopology(
             f"{words}: build of {class_name} takes no {option}; say it in {path}, or leave it out"
         )
-    build: Callable[..., Topo] = topo_class
-    return partial(build, **given)
+    return partial(_built, topo_class, name, given)
+
+
+def _built(topo_class: type[Topo], name: str, given: Mapping[str, Any]) -> Topo:
+    """Return the topology; raise BadTopology, with the user's file and line, if it cannot be."""
+    file, _, class_name = name.rpartition(":")
+    try:
+        return checked(topo_class)(**given)
+    except BadTopology:
+        raise
+    except (BadParameter, BadConfig) as error:
+        line = line_in(Path(file), error)
+        where = f"{file}, line {line}" if line else name
+        raise BadTopology(f"{where}: {error}") from error
+    except Exception as error:  # it is another's program, which may raise any
+        whole = _command_that_builds(file, class_name, given)
+        fault = fault_in(Path(file), error)
+        raise BadTopology(f"{file}, {fault}; this shows all of it: {whole}") from error
+
+
+def _command_that_builds(file: str, class_name: str, given: Mapping[str, Any]) -> str:
+    """Return a command that builds a topology and leaves the traceback of Python as it is."""
+    keywords = ", ".join(f"{name}={value!r}" for name, value in given.items())
+    program = f"import runpy; runpy.run_path({file!r})[{class_name!r}]({keywords})"
+    return f"PYTHONPATH={shlex.quote(str(ROOT))} {shlex.join([python(), '-c', program])}"
 
 
 def _takes(topo_class: type[Topo], given: Mapping[str, Any]) -> set[str]:

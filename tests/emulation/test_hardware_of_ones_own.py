@@ -15,7 +15,7 @@ from mininet.topo import Topo
 from qmn.scripting.network import start
 from topologies.fiber import FiberLink
 from topologies.nodes import ClassicalSwitch, DispatcherHost, OpticalSwitch, QuantumHost
-from wire.parameters.physics import BadParameter
+from topologies.programs import NetworkError
 
 INSTRUMENT = ROOT / "tests" / "unit" / "qswitch_agent" / "scpi_instrument.py"
 COUNTING = '''
@@ -102,7 +102,7 @@ def test_a_switch_that_a_topology_names_is_driven_by_scpi() -> None:
 
 def test_a_slip_in_a_topology_is_named_and_nothing_is_started() -> None:
     with (
-        pytest.raises(BadParameter, match="q1 has no insertion_los_db: did you mean insert"),
+        pytest.raises(NetworkError, match="q1 has no insertion_los_db: did you mean insert"),
         start(lambda: OneSwitch(q1={"insertion_los_db": 9.0})),
     ):
         pytest.fail("it started")

@@ -1,5 +1,6 @@
 """FILE.py:CLASS in place of a topology's name: what is taken, and what is refused by its name."""
 
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -72,6 +73,83 @@ def test_what_there_is_not_is_refused(
     (tmp_path / "broken.py").write_text("import nowhere\n")
     with pytest.raises(BadTopology, match=refusal):
         describe_network(parse("--topology", f"{tmp_path}/{name}", *options))
+
+
+SLIPS = """
+from mininet.topo import Topo
+from topologies.fiber import FiberLink
+from topologies.nodes import ClassicalSwitch, OpticalSwitch, QuantumHost
+
+class Slip(Topo):
+    def build(self, length_km=1.0):
+        self.addHost("h1", cls=QuantumHost, ip="10.0.0.1/24")
+        self.addSwitch("q1", cls=OpticalSwitch, dpid="1001")
+        SLIP
+"""
+
+
+@pytest.mark.parametrize(
+    ("slip", "refusal"),
+    [
+        (
+            'self.addLink("h1", "q1", cls=FiberLink, lenght_km=2)',
+            "fibre h1 to q1 has no lenght_km: did you mean length_km?",
+        ),
+        ('self.addLink("h1", "q1", lenght_km=2)', "copper h1 to q1 has no lenght_km: did you mean"),
+        (
+            'self.addHost("h2", cls=QuantumHost, sauce=True)',
+            "h2 has no sauce: did you mean source?",
+        ),
+        (
+            'self.addLink("h1", "q1", cls=FiberLink, loss_db_per_km=-1)',
+            "fibre h1 to q1: loss_db_per_km -1 ",
+        ),
+        ('self.addLink("h1", "swx")', "there is no node 'swx' by then: add it with addHost or"),
+        ('self.addSwitch("s", cls=ClassicalSwitch, dpid="zz")', "s: dpid 'zz' is not 1 to 16 hex"),
+        ('self.addSwitch("s", cls=ClassicalSwitch, dpid=1)', "s: dpid 1 is not 1 to 16 hex"),
+        (
+            'self.addSwitch("s", cls=ClassicalSwitch)',
+            's has no dpid: give one of its own, as dpid="1"',
+        ),
+        ("1 / 0", "ZeroDivisionError: division by zero; this shows all of it: PYTHONPATH="),
+        ('int("zz")', "ValueError: invalid literal for int() with base 10: 'zz'; this shows"),
+    ],
+)
+def test_a_slip_is_told_by_file_and_line(tmp_path: Path, slip: str, refusal: str) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(SLIPS.replace("SLIP", slip))
+    with pytest.raises(BadTopology) as caught:
+        describe_network(parse("--topology", f"{file}:Slip"))
+    assert str(caught.value).startswith(f"{file}, line 10: {refusal}")
+    assert "\n" not in str(caught.value)
+
+
+def test_the_command_of_a_refusal_shows_the_whole_fault(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(SLIPS.replace("SLIP", "1 / 0"))
+    with pytest.raises(BadTopology) as caught:
+        describe_network(parse("--topology", f"{file}:Slip", "--length-km", "2"))
+    command = str(caught.value).partition("shows all of it: ")[2]
+    assert "length_km=2.0" in command
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
+    assert done.stderr.startswith("Traceback")
+    assert f'File "{file}", line 10, in build' in done.stderr
+    assert done.stderr.endswith("ZeroDivisionError: division by zero\n")
+
+
+def test_a_fault_in_loading_is_told_by_its_line(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text("one = 1\n{}['two']\n")
+    with pytest.raises(BadTopology, match=r"mine.py cannot be loaded: line 2: KeyError: 'two'; "):
+        describe_network(parse("--topology", f"{tmp_path}/mine.py:Mine"))
+
+
+def test_keywords_that_an_own_class_takes_apart_are_its_own(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    own = "class Own(QuantumHost):\n    def __init__(self, name, **params):\n"
+    own += "        self.colour = params.pop('colour')\n        super().__init__(name, **params)\n"
+    slip = 'self.addHost("h2", cls=Own, ip="10.0.0.2/24", colour="red")'
+    file.write_text(SLIPS.replace("SLIP", slip).replace("class Slip", f"{own}\nclass Slip"))
+    assert describe_network(parse("--topology", f"{file}:Slip")).hosts == ["h1", "h2"]
 
 
 def test_a_name_that_is_neither_is_refused_with_those_there_are(
