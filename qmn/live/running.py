@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from topologies.programs import NetworkError
-from topologies.runtime import DISPATCHER, RUNTIME_ROOT, Runtime, folders_of_running
+from topologies.runtime import DISPATCHER, NONE_RUNS, RUNTIME_ROOT, Runtime, folders_of_running
 from wire.config import BadConfig, DispatcherConfig
 
 NETWORK = "network.json"  # in the private folder of a network
@@ -38,7 +38,7 @@ def announced_network(root: Path = RUNTIME_ROOT) -> RunningNetwork:
         file = folder / NETWORK
         if file.exists():
             return RunningNetwork(**json.loads(file.read_text()))
-    raise NetworkError("no network has started on this machine; start one, as with `qmn cli sdc`")
+    raise NetworkError(NONE_RUNS)
 
 
 def announced_folders(root: Path = RUNTIME_ROOT) -> set[Path]:
@@ -62,4 +62,4 @@ def dispatcher_of_running_network(root: Path = RUNTIME_ROOT) -> DispatcherConfig
             raise NetworkError(f"the network in {folder} is of another version: {error}") from error
     if folders:
         raise NetworkError("the network is still starting; try again when it has started")
-    raise NetworkError("no network runs on this machine; start one first, as with `qmn run sdc`")
+    raise NetworkError(NONE_RUNS)
