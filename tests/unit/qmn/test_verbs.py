@@ -53,7 +53,8 @@ def test_a_verb_does_not_wait_for_what_others_load() -> None:
         ),
         (
             ["devices", "--xyzzy=3"],
-            "qmn devices: error: unrecognized arguments: --xyzzy=3 (`qmn devices --help` lists all)",
+            "qmn devices: error: unrecognized arguments: --xyzzy=3 "
+            "(`qmn devices --help` lists all)",
         ),
         (
             ["policy", "relaod"],
