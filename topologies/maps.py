@@ -110,6 +110,10 @@ def _known(name: str) -> Map:
     )
 
 
+WELL_KNOWN = ["abilene", "nobel-germany", "garr"]
+ALIKE = 0.7  # names at least so much are a slip of the finger, by difflib's ratio
+
+
 def _key(name: str, groups: Mapping[str, Iterable[str]]) -> str:
     """Return the key of a map by its name, or by what it begins with: then the newest of them."""
     wanted = name.lower()
@@ -122,7 +126,7 @@ def _key(name: str, groups: Mapping[str, Iterable[str]]) -> str:
     )
     if dated:
         return dated[-1]
-    near = get_close_matches(wanted, known.values(), 5, 0.5) or ["abilene", "nobel-germany", "garr"]
+    near = get_close_matches(wanted, known.values(), 5, ALIKE) or WELL_KNOWN
     raise BadMap(
         f"there is no map {name!r}: choose of topohub's, such as {', '.join(near)}, "
         "or a file, .graphml or SeQUeNCe's .json"

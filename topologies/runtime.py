@@ -244,6 +244,9 @@ def only_run() -> IO[str]:
     return lock
 
 
+NONE_RUNS = "no network runs on this machine; start one that stays, as with `qmn cli sdc`"
+
+
 def folders_of_running(root: Path | None = None) -> list[Path]:
     """Return the private folders of runs that run now."""
     found = (root or RUNTIME_ROOT).glob("*")

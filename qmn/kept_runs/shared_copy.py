@@ -24,7 +24,10 @@ def share(run: Path, copy: Path) -> list[str]:
     """Copy a run's files; return the names of those that were left out, in order."""
     try:
         facts = json.loads((run / RESULT).read_text())
-    except (OSError, ValueError) as error:
+    except OSError as error:
+        text = "name the folder of a run that has ended, as runs/latest"
+        raise CannotShare(f"cannot read {run / RESULT}: {error.strerror}; {text}") from error
+    except ValueError as error:
         raise CannotShare(f"{run} has no {RESULT} of a run that has ended: {error}") from error
     without = isinstance(facts, dict) and facts.get("service") in WITHOUT_KEYS
     secret = () if without else QUBITS

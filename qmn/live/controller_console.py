@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 
 from qmn.timeouts import CONSOLE_TIMEOUT_S
-from topologies.runtime import CONSOLE, RUNTIME_ROOT, folders_of_running
+from topologies.runtime import CONSOLE, NONE_RUNS, RUNTIME_ROOT, folders_of_running
 from wire.controller_lines import ConsoleError, decode_answer, encode_request
 from wire.metadata import MalformedPacket
 
@@ -42,7 +42,7 @@ def find_console() -> Path:
     """Return the socket of the controller of the network that runs."""
     running = folders_of_running(RUNTIME_ROOT)
     if not running:
-        raise NoAnswer("no network runs on this machine; start one, for example `qmn run sdc`")
+        raise NoAnswer(NONE_RUNS)
     return running[0] / f"{CONSOLE}.sock"
 
 

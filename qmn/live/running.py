@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from topologies.programs import NetworkError
-from topologies.runtime import DISPATCHER, RUNTIME_ROOT, Runtime, folders_of_running
+from topologies.runtime import DISPATCHER, NONE_RUNS, RUNTIME_ROOT, Runtime, folders_of_running
 from wire.config import BadConfig, DispatcherConfig
 
 NETWORK = "network.json"  # in the private folder of a network
+STARTING = "the network is still starting; try again when it has started"
 
 
 @dataclass(frozen=True)
@@ -34,11 +35,12 @@ def announce_network(runtime: Runtime, network: dict[str, Any]) -> None:
 
 def announced_network(root: Path = RUNTIME_ROOT) -> RunningNetwork:
     """Return the network that runs; raise NetworkError if none has started."""
-    for folder in folders_of_running(root):
+    folders = folders_of_running(root)
+    for folder in folders:
         file = folder / NETWORK
         if file.exists():
             return RunningNetwork(**json.loads(file.read_text()))
-    raise NetworkError("no network has started on this machine; start one, as with `qmn cli sdc`")
+    raise NetworkError(STARTING if folders else NONE_RUNS)
 
 
 def announced_folders(root: Path = RUNTIME_ROOT) -> set[Path]:
@@ -60,6 +62,4 @@ def dispatcher_of_running_network(root: Path = RUNTIME_ROOT) -> DispatcherConfig
             return DispatcherConfig.read(config)
         except BadConfig as error:
             raise NetworkError(f"the network in {folder} is of another version: {error}") from error
-    if folders:
-        raise NetworkError("the network is still starting; try again when it has started")
-    raise NetworkError("no network runs on this machine; start one first, as with `qmn run sdc`")
+    raise NetworkError(STARTING if folders else NONE_RUNS)

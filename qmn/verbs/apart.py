@@ -9,13 +9,14 @@ import signal
 import subprocess
 import sys
 from collections.abc import Sequence
-from types import FrameType
+from contextlib import suppress
 from typing import Any
 
 from qmn.as_root import COMMAND
 from topologies.apart import apart, inside
 
-FORWARDED = (signal.SIGTERM, signal.SIGHUP)  # a terminal sends Ctrl-C to all by itself
+FORWARDED = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
+SI_KERNEL = 0x80  # Linux's asm-generic/siginfo.h: a terminal's, which sends Ctrl-C to all by itself
 
 
 def add_parser(verbs: Any) -> None:
@@ -50,12 +51,18 @@ def call(arguments: argparse.Namespace) -> int:
 def beside(command: Sequence[str]) -> int:
     """Run a command in namespaces of its own; what ends this politely ends that so."""
     with subprocess.Popen(apart(command)) as process:
+        awaited = {*FORWARDED, signal.SIGCHLD}
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, awaited)
+        while process.poll() is None:
+            told = signal.sigwaitinfo(awaited)
+            if told.si_signo in FORWARDED and told.si_code != SI_KERNEL:
+                _forward(told.si_signo)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        return process.returncode
 
-        def forward(number: int, _frame: FrameType | None) -> None:
-            for pid in inside(os.getpid())[1:2]:
-                os.kill(pid, number)
 
-        for number in FORWARDED:
-            signal.signal(number, forward)
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        return process.wait()
+def _forward(number: int) -> None:
+    """Send a signal to the command in our namespaces."""
+    for pid in inside(os.getpid())[1:2]:
+        with suppress(ProcessLookupError):  # it has ended
+            os.kill(pid, number)

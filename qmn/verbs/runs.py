@@ -89,7 +89,7 @@ def call(arguments: argparse.Namespace) -> int:
 
 def show(arguments: argparse.Namespace) -> None:
     """List the runs."""
-    runs = runs_in(arguments.runs)
+    runs = all_runs(arguments.runs)
     if arguments.json:
         import json
 
@@ -103,6 +103,16 @@ def show(arguments: argparse.Namespace) -> None:
     columns = ("run", "began", "what", "not the default", "outcome", "MB")
     title = f"{len(runs)} runs in {arguments.runs}, {megabytes(sum(r.bytes for r in runs))} MB"
     wide_console().print(table(title, columns, lines))
+
+
+def all_runs(folder: Path) -> list[Run]:
+    """Return the runs of a folder; raise BadRequest if there is none."""
+    if not folder.is_dir():
+        raise BadRequest(
+            f"there is no folder {folder} of runs: name another by --runs, or make a run, as by "
+            "`qmn run sdc`"
+        )
+    return runs_in(folder)
 
 
 def said(parameters: dict[str, Any]) -> str:
@@ -143,7 +153,7 @@ def prune(arguments: argparse.Namespace) -> None:
     """Remove runs that are too old or too many."""
     if arguments.older_than is None and arguments.keep_gb is None:
         raise BadRequest("prune which runs? Say --older-than 30d, or --keep-gb 5")
-    runs = [run for run in runs_in(arguments.runs) if not goes_on(arguments.runs / run.name, run)]
+    runs = [run for run in all_runs(arguments.runs) if not goes_on(arguments.runs / run.name, run)]
     doomed = to_prune(runs, arguments.older_than, arguments.keep_gb, time.time())
     for run in doomed:
         if not arguments.dry_run:

@@ -9,6 +9,8 @@ from typing import Any, NoReturn
 
 from topologies.programs import ENVIRONMENT
 
+MODULE = "qmn.scripting.script"
+
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
@@ -30,5 +32,6 @@ def call(arguments: argparse.Namespace) -> int:
 def become(file: Path, words: Sequence[str]) -> NoReturn:
     """Run the script in place of this program."""
     environment = {**os.environ, "PYTHONPATH": ENVIRONMENT["PYTHONPATH"]}
-    command = [sys.executable, str(file), *words]
+    # -P: what is in the folder of the user is found by name only if the script is there, too.
+    command = [sys.executable, "-P", "-m", MODULE, str(file), *words]
     os.execve(sys.executable, command, environment)  # noqa: S606

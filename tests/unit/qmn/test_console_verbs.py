@@ -215,5 +215,7 @@ def test_folders_of_runs_that_have_ended_are_no_network(
     monkeypatch.setattr(controller_console, "RUNTIME_ROOT", tmp_path)
     (tmp_path / "999999999").mkdir()
     (tmp_path / "lock").touch()
-    with pytest.raises(NoAnswer, match="no network runs on this machine"):
+    with pytest.raises(
+        NoAnswer, match="no network runs on this machine; start one that stays, as with `qmn cli"
+    ):
         ask("devices")

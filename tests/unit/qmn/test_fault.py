@@ -149,7 +149,10 @@ def test_where_no_network_runs_the_verb_says_so(tmp_path: Path) -> None:
     (tmp_path / f"{dead.pid}-1-00000000").mkdir()
     (tmp_path / "lock").touch()
     for root in (tmp_path, tmp_path / "nowhere"):
-        with pytest.raises(NetworkError, match="no network runs on this machine"):
+        with pytest.raises(
+            NetworkError,
+            match="no network runs on this machine; start one that stays, as with `qmn cli",
+        ):
             running.dispatcher_of_running_network(root)
 
 

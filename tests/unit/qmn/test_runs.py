@@ -204,3 +204,13 @@ def test_what_is_no_zip_is_refused(tmp_path: Path, data: bytes) -> None:
     with pytest.raises(BadArchive):
         imported(file, tmp_path / "runs")
     assert not (tmp_path / "runs").exists()
+
+
+def test_where_no_folder_of_runs_is_the_remedy_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    nowhere = tmp_path / "nowhere"
+    arguments = described(["runs"]).parse_args(["runs", "--runs", str(nowhere)])
+    assert arguments.call(arguments) == 1
+    words = f"qmn: there is no folder {nowhere} of runs: name another by --runs, or make a run"
+    assert capsys.readouterr().err.startswith(words)

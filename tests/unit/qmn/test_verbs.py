@@ -41,3 +41,32 @@ def test_a_verb_does_not_wait_for_what_others_load() -> None:
         [sys.executable, "-c", LOADED], capture_output=True, text=True, check=True, timeout=30
     )
     assert done.stdout == "False\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (
+            ["run", "sdc", "--mesage", "hi"],
+            "qmn run sdc: error: unrecognized arguments: --mesage hi: did you mean --message? "
+            "(`qmn run sdc --help` lists all)",
+        ),
+        (
+            ["devices", "--xyzzy=3"],
+            "qmn devices: error: unrecognized arguments: --xyzzy=3 "
+            "(`qmn devices --help` lists all)",
+        ),
+        (
+            ["policy", "relaod"],
+            "qmn policy: error: argument what: invalid choice: 'relaod' (choose from 'reload') "
+            "(`qmn policy --help` lists all)",
+        ),
+    ],
+)
+def test_a_slip_is_one_line_of_the_verb_with_what_is_near(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        described(words).parse_args(words)
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == f"{said}\n"

@@ -139,6 +139,8 @@ def test_maps_and_places_that_are_not_there_are_refused_with_those_that_are(tmp_
             BadMap, match=r"there is no map .*: choose of topohub's, such as abilene"
         ):
             read_map(name)
+    with pytest.raises(BadMap, match="such as abilene, nobel-germany, garr, or"):  # nothing is near
+        read_map("nowhere")
     with pytest.raises(BadMap, match=r"cannot read the map .*none\.json: No such file"):
         read_map(str(tmp_path / "none.json"))
     with pytest.raises(
