@@ -28,6 +28,7 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.node_features import refusal
 from hosts.middleware.session.offers import check_wavelength
+from hosts.middleware.session.service_options import SessionOptions
 from hosts.middleware.session.session import AcceptingSession, OpeningSession, require_source
 from hosts.middleware.session.swap_orders import Swaps
 from hosts.middleware.session.values import Lifetimes
@@ -107,7 +108,7 @@ class Stack:
             raise SessionError(Reason.UNSUPPORTED, text)
         options = kind.options.from_fields(fields)
         peer = self._peer(options.host)
-        source, address = self._peer(options.source or self._config.source)
+        source, address = self._peer(self._source_of(options))
         is_source = source == self._config.name
         require_source(kind.service, source, is_source, peer[0])
         setup = Setup(
@@ -245,6 +246,14 @@ class Stack:
     async def _link(self, channel: MetadataChannel, setup: Setup) -> None:
         with self.active_sessions.engage(setup.session, Role.ACCEPTOR), self.device.serves(setup):
             await serve_link(self._resources, channel, setup)
+
+    def _source_of(self, options: SessionOptions) -> str:
+        """Return the host that makes the pairs of a session: the one asked for, or everybody's."""
+        source = options.source or self._config.source
+        if not source:
+            text = "no host of this network makes pairs for others: add one with source=True, or "
+            raise SessionError(Reason.UNKNOWN_HOST, f"{text}name a host that is to (source)")
+        return source
 
     def _peer(self, host: str) -> tuple[str, str]:
         """Return name and address of a host that is given by either."""

@@ -1,6 +1,7 @@
 """Noise models of a user's own, from a file that the topology names: "dir/file.py:ClassName"."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from dispatcher.fiber.noise import Effect, NoiseModel, Passage
 from dispatcher.sabot.kraus import Operators, wrong_with
 from wire.config import BadConfig
-from wire.custom_class import load_class
+from wire.custom_class import fault_in, load_class
 
 LARGEST_PAULI = 3
 
@@ -22,8 +23,14 @@ class OwnNoise:
         self._reference, self._model = reference, model
 
     def effect(self, passage: Passage) -> Effect:
-        """Return its answer; raise BadConfig for one that no photons can follow."""
-        effect = self._model.effect(passage)
+        """Return its answer; raise BadConfig for none, or one that no photons can follow."""
+        try:
+            effect = self._model.effect(passage)
+        except Exception as error:  # it is another's program, which may raise any
+            file = Path(self._reference.rpartition(":")[0])
+            fault = fault_in(file, error)
+            words = f"{self._reference}: effect raised, at {fault}; all of it is in the log"
+            raise BadConfig(words) from error
         if not isinstance(effect, Effect):
             raise BadConfig(f"{self._reference}: effect gave {effect!r}; return an Effect")
         for name, kind in (

@@ -193,7 +193,7 @@ def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription
     if request.service == RELAYED:
         request, network = with_beam_splitter(request, network)
     ends = request.sender, request.receiver
-    check_two_hosts(*ends, network.hosts)
+    check_two_hosts(*ends, network.hosts, network.dark_hosts)
     for name in request.others:
         if name not in network.hosts:
             raise BadInput(f"--line {name}: choose of {', '.join(network.hosts)}")

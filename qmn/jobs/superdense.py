@@ -1,7 +1,7 @@
 """The job of sending a message by superdense coding."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -90,7 +90,7 @@ def begun(
 ) -> tuple[runner.Job, RunContext]:
     """Return the job and its context, with a folder; raise before there is one."""
     network = describe_network(request.network)
-    size = check_input(request, network.hosts)
+    size = check_input(request, network.hosts, network.dark_hosts)
     require_root()
     tell_estimate(request, size, console)
     folder = begin_folder(request.run.runs, request.network.topology)
@@ -129,10 +129,12 @@ def job(request: SuperdenseRequest, file: Path) -> runner.Job:
     )
 
 
-def check_input(request: SuperdenseRequest, hosts: Sequence[str]) -> int:
+def check_input(
+    request: SuperdenseRequest, hosts: Sequence[str], dark: Collection[str] = ()
+) -> int:
     """Return the size of the message; raise BadInput before anything is started."""
     options = request.options
-    check_two_hosts(request.sender, request.receiver, hosts)
+    check_two_hosts(request.sender, request.receiver, hosts, dark)
     size = message_size(request)
     limit = SIZE_LIMIT[options.handshake]
     if size > limit:

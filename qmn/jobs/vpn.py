@@ -91,7 +91,7 @@ def checked(request: VpnRequest) -> tuple[VpnRequest, NetworkDescription]:
     if request.eve.eve is not None:
         request = replace(request, network=eavesdropping.with_eve(request.network))
     network, ends = describe_network(request.network), (request.sender, request.receiver)
-    check_two_hosts(*ends, network.hosts)
+    check_two_hosts(*ends, network.hosts, network.dark_hosts)
     check_network(request.network)
     check_ranges(request.run)
     check_ranges(request)

@@ -1,7 +1,7 @@
 """Checks of what a user says of a network, before anything starts."""
 
 import socket
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -54,11 +54,18 @@ def check_module(name: str) -> None:
         raise BadInput(f"--app {name}: there is no such module; name one as Python imports it")
 
 
-def check_two_hosts(sender: str, receiver: str, hosts: Sequence[str]) -> None:
-    """Raise BadInput unless both are of these hosts, and not the same."""
+def check_two_hosts(
+    sender: str, receiver: str, hosts: Sequence[str], dark: Collection[str] = ()
+) -> None:
+    """Raise BadInput unless both are of these hosts, and not the same; `dark` have no light."""
+    known = ", ".join(hosts)
     for name in (sender, receiver):
+        if name in dark:
+            raise BadInput(
+                f"host {name!r} has no light: only a host of cls=QuantumHost has; "
+                f"choose sender and receiver (--from, --to) of {known}"
+            )
         if name not in hosts:
-            known = ", ".join(hosts)
             raise BadInput(f"unknown host {name!r}: choose sender and receiver of {known}")
     if sender == receiver:
         raise BadInput(f"sender and receiver are both {sender}: choose two hosts")

@@ -13,6 +13,7 @@ from typing import Any
 from mininet.topo import Topo
 
 from topologies.checked_graph import checked
+from topologies.fiber import OPTICS
 from topologies.programs import ROOT, python
 from wire.config import BadConfig
 from wire.custom_class import fault_in, line_in, load_class
@@ -46,8 +47,10 @@ def load(name: str, given: Mapping[str, Any]) -> Callable[[], Topo]:
         raise BadTopology(str(error)) from error
     for option in sorted(given.keys() - _takes(topo_class, given)):
         words = f"--{option.replace('_', '-')}"
+        of_some = f" or of single fibres (--fiber A-B.{option}=VALUE)," if option in OPTICS else ""
         raise BadTopology(
-            f"{words}: build of {class_name} takes no {option}; say it in {path}, or leave it out"
+            f"{words}: build of {class_name} takes no {option}; say it in {path},{of_some} "
+            "or leave it out"
         )
     return partial(_built, topo_class, name, given)
 

@@ -18,6 +18,7 @@ from qmn.network.options import MAP, NetworkOptions
 from qmn.network.part_options import PartOptions
 from qmn.network.time_scale import Scale, scale_of
 from qmn.network.topologies import builder
+from topologies.clashes import refuse_clashes
 from topologies.description import Description, describe
 from topologies.fabric import fiber_of
 from topologies.fiber import resolved
@@ -44,6 +45,11 @@ class NetworkDescription:
     def hosts(self) -> list[str]:
         """The hosts that have light."""
         return list(self.parts.hosts)
+
+    @property
+    def dark_hosts(self) -> list[str]:
+        """The hosts that have no light."""
+        return [name for name in self.topo.hosts() if name not in self.parts.hosts]
 
     def with_policy(self, policy: Path) -> "NetworkDescription":
         """Return the same with another policy in force."""
@@ -95,6 +101,7 @@ def _described(
 ) -> NetworkDescription:
     topo = words.built(build)
     parts = describe(topo)
+    refuse_clashes(topo)
     own = every is None or is_custom(options.topology)
     base = base_device(options.node, words.preset)
     named = {host: parts.hosts[host] for host in words.named_hosts}

@@ -18,7 +18,7 @@ REMEDIES = {
     "hosts, or not at this rate, frame size or number of sessions; ask who runs the network to "
     "change its policy file (`qmn run --policy`)",
     Reason.LOSS_TOO_HIGH: "every free light path loses more than the controller's loss budget; "
-    "raise the budget, or use shorter or better fibres",
+    "raise the budget (`--loss-budget-db`), or use shorter or better fibres",
     Reason.NO_WAVELENGTH: "no light path can be tuned to this wavelength from end to end; choose "
     "one that every port on the way offers (`wavelength_pm`; the default is 1550120)",
     Reason.UNKNOWN_SESSION: "the controller knows no such session",

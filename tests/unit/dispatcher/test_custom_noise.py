@@ -85,6 +85,7 @@ def test_a_reference_that_names_no_class_is_refused(
 
 
 BAD_ANSWERS = {
+    "[][k]": r"bad.py:Bad: effect raised, at line 6: IndexError: list index out of range; all of",
     "None": "return an Effect",
     "Effect(lost=np.zeros(3, bool))": "lost is bool",
     "Effect(paulis=np.zeros(k))": "paulis is float64",

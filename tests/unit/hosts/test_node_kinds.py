@@ -10,15 +10,19 @@ from typing import Any
 import numpy as np
 import pytest
 from chain_scene import chain
-from stacks_scene import RELAYED, ask, grant, network, refusal, requested
+from stacks_scene import OWN_ADDRESS, RELAYED, ask, grant, hosts_file, network, refusal, requested
 from test_distribution_sessions import failed, inside
 
 from hosts import network_loop
+from hosts.hardware.simulated import SimulatedQnic
 from hosts.middleware.services.distribution import protocol
+from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.values import Lifetimes, values
 from hosts.service_socket import ServiceSocket
+from hosts.stack import Stack
 from hosts.stack_socket import QuantumSocketError
 from topologies.node_kinds import ION_TRAP, node_device
+from wire.config import HostConfig
 from wire.features import EMIT, GATE, HERALD, INTERFERE, MEASURE, STORE
 from wire.metadata import Message, Reason, Setup, Topic, Values, Verdict
 from wire.parameters.physics import Detectors, Device, Gates, Memory, PairSource
@@ -367,3 +371,24 @@ def test_a_source_that_cannot_be_is_refused_before_anything_is_sent(
 def test_the_kinds_differ_in_what_they_can_do() -> None:
     assert ION_TRAP.features == EMIT | STORE | GATE | MEASURE | HERALD
     assert PHOTONS.features == EMIT | STORE | MEASURE | INTERFERE
+
+
+def test_who_asks_hears_that_no_host_makes_pairs(tmp_path: Path) -> None:
+    config = HostConfig(
+        name="alice",
+        address=OWN_ADDRESS["alice"],
+        qnics=[],
+        dispatcher=f"unix:{tmp_path}/dispatcher.sock",
+        token="of alice",
+        socket=str(tmp_path / "alice.sock"),
+        hosts_file=str(hosts_file(tmp_path)),
+        source="",  # no QuantumHost has source=True
+        seed=1,
+    )
+
+    async def run() -> None:
+        stack = Stack(config, SimulatedQnic(config.dispatcher, config.token, config.qnics))
+        with pytest.raises(SessionError, match="no host of this network makes pairs"):
+            stack.request({"service": "distribute", "host": "bob", "port": 9})
+
+    network_loop.run(run())

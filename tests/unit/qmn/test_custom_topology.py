@@ -6,10 +6,12 @@ from pathlib import Path
 import pytest
 
 from qmn.__main__ import described
+from qmn.jobs.counted_service import checked
 from qmn.network.custom_topology import BadTopology
 from qmn.network.description import describe_network
 from qmn.network.options import NetworkOptions
 from qmn.network.time_scale import times
+from qmn.options import BadInput
 from qmn.verbs.run import service_request
 from wire.parameters.physics import Memory
 
@@ -150,6 +152,53 @@ def test_keywords_that_an_own_class_takes_apart_are_its_own(tmp_path: Path) -> N
     slip = 'self.addHost("h2", cls=Own, ip="10.0.0.2/24", colour="red")'
     file.write_text(SLIPS.replace("SLIP", slip).replace("class Slip", f"{own}\nclass Slip"))
     assert describe_network(parse("--topology", f"{file}:Slip")).hosts == ["h1", "h2"]
+
+
+def test_what_is_of_all_fibres_can_be_said_of_some(tmp_path: Path) -> None:
+    (tmp_path / "parts.py").write_text(PARTS)
+    with pytest.raises(BadTopology, match=r"single fibres \(--fiber A-B.length_km=VALUE\), "):
+        describe_network(parse("--topology", f"{tmp_path}/parts.py:Parts", "--length-km", "3"))
+
+
+@pytest.mark.parametrize(
+    ("slip", "refusal"),
+    [
+        (
+            'self.addHost("h2", cls=QuantumHost, ip="10.0.0.1/8")',
+            "h1 and h2 have one address, 10.0.0.1: give each an ip",
+        ),
+        (
+            'self.addSwitch("s", cls=ClassicalSwitch, dpid="00:10:01")',
+            "q1 and s have one datapath ID, 1001: give each a dpid",
+        ),
+        (
+            'self.addSwitch("s4097", cls=ClassicalSwitch)',  # 0x1001
+            "q1 and s4097 have one datapath ID, 1001: give each a dpid",
+        ),
+        (
+            'self.addHost("h2", cls=QuantumHost, ip="10.0.0.300/24")',
+            "h2: ip '10.0.0.300/24' is none: write ADDRESS/BITS",
+        ),
+        (
+            'self.addLink(self.addHost("abcdefghijk", cls=QuantumHost, ip="10.0.0.2/24"), "q1")',
+            "abcdefghijk: its interface abcdefghijk-eth0 would have 16 letters, and Linux "
+            "takes 15: choose a name of at most 10",
+        ),
+    ],
+)
+def test_clashes_are_told_by_name(tmp_path: Path, slip: str, refusal: str) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(SLIPS.replace("SLIP", slip))
+    with pytest.raises(BadTopology) as caught:
+        describe_network(parse("--topology", f"{file}:Slip"))
+    assert refusal in str(caught.value)
+
+
+def test_a_host_without_light_is_told_to_be_one() -> None:
+    words = ("--topology", MY_NET, "--from", "h1", "--to", "sim")
+    whole = ["run", "teleport", *words]
+    with pytest.raises(BadInput, match=r"host 'sim' has no light.*cls=QuantumHost.*of h1, h2, src"):
+        checked(service_request(described(whole).parse_args(whole)))
 
 
 def test_a_name_that_is_neither_is_refused_with_those_there_are(

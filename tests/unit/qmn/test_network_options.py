@@ -1,14 +1,17 @@
 """Scripts say of a network what the command line says."""
 
 import argparse
+import re
 
 import pytest
 
+from hosts.middleware.session.errors import REMEDIES
 from qmn.network.checks import check_address, check_module, check_network
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, add_options, from_keywords, read
 from qmn.scripting.network import start
 from topologies.sdc import SdcTopo
+from wire.metadata import Reason
 
 
 def parse(*words: str) -> NetworkOptions:
@@ -94,3 +97,11 @@ def test_an_address_that_nobody_can_listen_at_is_refused_too(address: str, words
     with pytest.raises(BadInput, match=words):
         check_address(address)
     check_address("127.0.0.1:18123")
+
+
+def test_remedies_of_sessions_name_options_that_there_are() -> None:
+    named = {
+        reason: re.findall(r"--[a-z-]+", text) for reason, text in REMEDIES.items() if "--" in text
+    }
+    assert named == {Reason.NOT_ALLOWED: ["--policy"], Reason.LOSS_TOO_HIGH: ["--loss-budget-db"]}
+    assert parse("--policy=a", "--loss-budget-db=40").loss_budget_db == 40
