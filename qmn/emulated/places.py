@@ -27,9 +27,14 @@ def said_of_fibers(values: Values, parameters: Sequence[Parameter]) -> tuple[str
 
     Theirs may have optics of their own, which their `build` need not let anybody change.
     """
-    plain = are_plain(values)
+    unsaid = left_to_network(parameters, values)
     return tuple(
-        f"{each.name}={values[each.name]}"
-        for each in parameters
-        if plain or values[each.name] != each.default
+        f"{each.name}={values[each.name]}" for each in parameters if each.name not in unsaid
     )
+
+
+def left_to_network(parameters: Sequence[Parameter], values: Values) -> set[str]:
+    """Return the parameters of fibres that other networks are not told: they have their own."""
+    if are_plain(values):
+        return set()
+    return {each.name for each in parameters if values[each.name] == each.default}

@@ -2,6 +2,7 @@
 
 import json
 import random
+from functools import partial
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Any
@@ -10,7 +11,7 @@ from rich.console import Console
 
 from hosts.middleware.services.superdense.options import SuperdenseOptions
 from qmn.emulated import places
-from qmn.emulated.places import PLACES, RECEIVER, SENDER, are_plain, said_of_fibers
+from qmn.emulated.places import PLACES, RECEIVER, SENDER, are_plain, left_to_network, said_of_fibers
 from qmn.emulated.teleportation import TIME_SCALE
 from qmn.jobs import runner, superdense
 from qmn.jobs.run_options import RunOptions
@@ -136,4 +137,5 @@ SUPERDENSE = Experiment(
         Measure("path_setup_s", "from metadata at the controller to the light path (s)"),
     ),
     implied=fiber_implied,
+    unsaid=partial(left_to_network, FIBER),
 )

@@ -6,6 +6,7 @@ for a slow channel. How long that was is measured, and theory is asked about tha
 
 import json
 import math
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from rich.console import Console
 
 from hosts.middleware.services.teleportation.teleport import TeleportOptions
 from qmn.emulated import places
-from qmn.emulated.places import PLACES, RECEIVER, SENDER, are_plain, said_of_fibers
+from qmn.emulated.places import PLACES, RECEIVER, SENDER, are_plain, left_to_network, said_of_fibers
 from qmn.jobs import counted_service, runner
 from qmn.jobs.counted_service import ServiceRequest
 from qmn.jobs.run_options import RunOptions
@@ -109,4 +110,5 @@ TELEPORT = Experiment(
         Measure(WAITED.name, "measured wait in memory for the two bits (s)"),
         Measure("teleported", "average fidelity of the teleported state", teleported, over=WAITED),
     ),
+    unsaid=partial(left_to_network, (DEPOLARIZING,)),
 )

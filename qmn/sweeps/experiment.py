@@ -1,6 +1,6 @@
 """An experiment: the measures that are taken at each point of a grid."""
 
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Collection, Coroutine
 from dataclasses import dataclass
 from difflib import get_close_matches
 
@@ -48,6 +48,8 @@ class Experiment:
     run: Callable[[Values, int], Coroutine[None, None, Outcome]] | None = None
     # What the values that are given say of others; the rest is at its default.
     implied: Callable[[Values], Values] = lambda _given: {}
+    # Parameters that the network is not told, at their defaults here: it may have others.
+    unsaid: Callable[[Values], Collection[str]] = lambda _values: ()
 
     def parameter(self, name: str) -> Parameter:
         """Return a parameter; raise BadGrid for one that the experiment does not have."""

@@ -35,7 +35,8 @@ class Table:
 
     def add(self, values: Values, seed: int, outcome: Outcome) -> None:
         """Append a point; it is on the disk when this returns."""
-        row: list[object] = [seed, *(values[each.name] for each in self._experiment.parameters)]
+        said = {**values, **dict.fromkeys(self._experiment.unsaid(values), "")}
+        row: list[object] = [seed, *(said[each.name] for each in self._experiment.parameters)]
         for measure in self._experiment.measures:
             theory = measure.expected(values, outcome)
             estimate = outcome[measure.name]
@@ -81,7 +82,14 @@ class Table:
             raise ValueError(f"{len(line)} columns instead of {len(self._header())}")
         own = iter(line)
         seed = int(next(own))
-        values = {each.name: each.value(next(own)) for each in experiment.parameters}
+        said = {each.name: next(own) for each in experiment.parameters}
+        values = {
+            each.name: each.value(said[each.name]) if said[each.name] else each.default
+            for each in experiment.parameters
+        }
+        empty = {name for name, text in said.items() if not text and values[name] != ""}
+        if wrong := empty.difference(experiment.unsaid(values)):
+            raise ValueError(f"{min(wrong)} is empty")
         outcome = {}
         for measure in experiment.measures:
             value, error, _theory = next(own), next(own), next(own)
