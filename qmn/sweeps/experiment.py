@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
+from difflib import get_close_matches
 
 from qmn.sweeps.estimates import Estimate
 from qmn.sweeps.parameters import BadGrid, Parameter, Value, Values
@@ -53,8 +54,10 @@ class Experiment:
         for parameter in self.parameters:
             if parameter.name == name:
                 return parameter
-        names = ", ".join(parameter.name for parameter in self.parameters)
-        raise BadGrid(f"{name} is not a parameter of {self.name}: choose {names}")
+        names = [parameter.name for parameter in self.parameters]
+        near = get_close_matches(name, names, 1)
+        remedy = f"did you mean {near[0]}?" if near else f"choose {', '.join(names)}"
+        raise BadGrid(f"{name} is not a parameter of {self.name}: {remedy}")
 
     def measure(self, name: str) -> Measure:
         """Return a measure by its name."""

@@ -25,11 +25,11 @@ from qmn.sweeps.superdense import blocks
 from wire.outcomes import NO_CLICK
 from wire.parameters.physics import Device, PairSource
 
-SOURCES = {
+SOURCES = {  # typed with commas between them; a laser by its mean of photons a pulse
     "single": PairSource(),
-    "single, g2 = 0.02": PairSource(g2=0.02),
-    "laser, mean 0.1": PairSource("poisson", 0.1),
-    "laser, mean 0.01": PairSource("poisson", 0.01),
+    "single-g2-0.02": PairSource(g2=0.02),
+    "laser-0.1": PairSource("poisson", 0.1),
+    "laser-0.01": PairSource("poisson", 0.01),
     "heralded": PairSource("thermal", 0.02, heralding_efficiency=0.7),
 }
 SOURCE = Parameter("source", "single", choices=tuple(SOURCES))

@@ -15,7 +15,9 @@ Value = float | int | str
 Values = dict[str, Value]
 
 MAX_VALUES = 10_000
-UNITS = (
+UNITS = (  # longer endings first
+    ("_ps_per_sqrt_km", "ps/sqrt km"),
+    ("_ps_per_nm_km", "ps/(nm km)"),
     ("_rad_per_sqrt_km", "rad/sqrt km"),
     ("_rad_per_s", "rad/s"),
     ("_k_per_sqrt_s", "K/sqrt s"),

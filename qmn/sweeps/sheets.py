@@ -411,9 +411,9 @@ SHEETS = (
             "length_km": "0:60:4",
             "source": [
                 "single",
-                "single, g2 = 0.02",
-                "laser, mean 0.1",
-                "laser, mean 0.01",
+                "single-g2-0.02",
+                "laser-0.1",
+                "laser-0.01",
                 "heralded",
             ],
             "pairs": 1_000_000,

@@ -42,6 +42,7 @@ def test_whole_numbers_stay_whole() -> None:
 @pytest.mark.parametrize(
     ("name", "given", "text"),
     [
+        ("depolarising", "1", "not a parameter of sdc: did you mean depolarizing?"),
         ("colour", "1", "colour is not a parameter of sdc: choose preset, kind, length_km"),
         ("depolarizing", "1.5", "depolarizing '1.5': choose 0 to 1"),
         ("depolarizing", "-0.1:1:3", "depolarizing '-0.1': choose 0 to 1"),
@@ -148,3 +149,27 @@ def test_of_other_networks_is_said_what_is_not_as_by_default() -> None:
     assert words == [("length_km=0.01", "depolarizing=0.5"), ("depolarizing=0.5",)]
     theories = [EMULATED["sdc"].measure("arrived").theory(each) for each in (known, other)]
     assert theories == [1.0, None]
+
+
+def parameters() -> list[Parameter]:
+    """Return the parameters of all experiments."""
+    experiments = (*EXPERIMENTS.values(), *EMULATED.values())
+    return [parameter for each in experiments for parameter in each.parameters]
+
+
+def test_every_choice_can_be_typed_beside_others() -> None:
+    """Commas part values, and a shell parts words at spaces."""
+    for parameter in parameters():
+        chosen = list(parameter.choices)
+        assert not chosen or parameter.axis(",".join(chosen)) == chosen
+        assert not any(" " in choice for choice in chosen)
+
+
+def test_units_are_those_of_the_field() -> None:
+    """PMD is told in ps/sqrt km, dispersion in ps/(nm km): ITU-T G.650.2 and G.650.1."""
+    units = {parameter.name: parameter.unit for parameter in parameters()}
+    assert units["pmd_ps_per_sqrt_km"] == "ps/sqrt km"
+    assert units["dispersion_ps_per_nm_km"] == "ps/(nm km)"
+    assert units["length_km"] == "km"
+    for name, unit in units.items():
+        assert "_per_" not in name or "/" in unit, name
