@@ -1,5 +1,6 @@
 """Noise models of a user's own, from a file that the topology names: "dir/file.py:ClassName"."""
 
+import logging
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from wire.config import BadConfig
 from wire.custom_class import fault_in, load_class
 
 LARGEST_PAULI = 3
+log = logging.getLogger(__name__)
 
 
 class OwnNoise:
@@ -29,7 +31,9 @@ class OwnNoise:
         except Exception as error:  # it is another's program, which may raise any
             file = Path(self._reference.rpartition(":")[0])
             fault = fault_in(file, error)
-            words = f"{self._reference}: effect raised, at {fault}; all of it is in the log"
+            words = f"{self._reference}: effect raised, at {fault}"
+            log.error("%s", words, exc_info=error)  # for who writes it: the whole traceback
+            words += "; its traceback is in the log (of a network: dispatcher.log)"
             raise BadConfig(words) from error
         if not isinstance(effect, Effect):
             raise BadConfig(f"{self._reference}: effect gave {effect!r}; return an Effect")

@@ -85,7 +85,6 @@ def test_a_reference_that_names_no_class_is_refused(
 
 
 BAD_ANSWERS = {
-    "[][k]": r"bad.py:Bad: effect raised, at line 6: IndexError: list index out of range; all of",
     "None": "return an Effect",
     "Effect(lost=np.zeros(3, bool))": "lost is bool",
     "Effect(paulis=np.zeros(k))": "paulis is float64",
@@ -94,6 +93,18 @@ BAD_ANSWERS = {
     "Effect(delays_ps=0.5)": "delays_ps is 0.5",
     "Effect(transmission=1.5)": "transmission 1.5 is not 0 to 1",
 }
+
+
+def test_a_model_that_raises_is_named_with_its_line_and_its_traceback_is_logged(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    file = tmp_path / "bad.py"
+    file.write_text("class Bad:\n    def effect(self, passage):\n        raise KeyError('oh')\n")
+    words = f"{file}:Bad: effect raised, at line 3: KeyError: 'oh'"
+    with pytest.raises(BadConfig, match=f"^{words}; its traceback is in the log"):
+        custom_noise.load(f"{file}:Bad", {}).effect(passage(10))
+    assert words in caplog.text
+    assert f'File "{file}", line 3, in effect' in caplog.text
 
 
 @pytest.mark.parametrize("answer", BAD_ANSWERS)

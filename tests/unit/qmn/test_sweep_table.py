@@ -112,8 +112,9 @@ def test_what_a_network_of_ones_own_is_not_told_is_empty(
     """Its fibres have the length and the loss that its file says, not the defaults of a sweep."""
     experiment, path = EMULATED[name], tmp_path / "sweep.csv"
     outcome = {measure.name: Estimate(0.5, 0.1) for measure in experiment.measures}
-    own = {"topology": "mine.py:Lab"}
-    points = [experiment.complete(each) for each in ({}, own, {**own, "depolarizing": 0.02})]
+    own: Values = {"topology": "mine.py:Lab"}
+    given: list[Values] = [{}, own, {**own, "depolarizing": 0.02}]
+    points = [experiment.complete(each) for each in given]
     with opened(path, experiment) as table:
         for values in points:
             table.add(values, SEED, outcome)
