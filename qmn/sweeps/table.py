@@ -29,6 +29,10 @@ class Table:
         self.cut_off = self._cut_half_line()
         self._read()
 
+    def __len__(self) -> int:
+        """Return how many points are known, of whichever grid and seed."""
+        return len(self._known)
+
     def get(self, values: Values, seed: int) -> Outcome | None:
         """Return the outcome at a point, None if it is not known."""
         return self._known.get(self._key(values, seed))

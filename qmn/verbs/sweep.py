@@ -159,7 +159,9 @@ def sweep(grid: Grid, seed: int, options: SweepOptions, signals: Signals, consol
             with measuring(options, signals.check) as measurer:
                 _follow(console, grid, seed, table, measurer)
         rows = running.rows(grid, seed, table)
-    console.print(f"table    {table.path}", soft_wrap=True)
+    others = len(table) - len(rows)
+    beside = f", with {others:,} points of other grids or seeds (--out: apart)" if others else ""
+    console.print(f"table    {table.path}{beside}", soft_wrap=True)
     parquet = write_parquet(table.path)
     console.print(f"table    {parquet}" if parquet else WITHOUT, soft_wrap=True)
     for picture in pictures(grid, rows):

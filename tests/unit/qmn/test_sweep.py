@@ -115,6 +115,22 @@ def test_known_points_are_not_measured_again(
     assert sorted(lines[2:]) == sorted([second, third])
 
 
+def test_points_of_other_grids_and_seeds_in_the_table_are_counted(
+    swept: Path, tmp_path: Path, scheduler: Words, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = tmp_path / "teleport.csv"
+    table.write_text((swept / "teleport.csv").read_text())
+    out = ("--out", str(tmp_path))
+    assert run("sweep", "teleport", *POINTS, *scheduler, *out) == 0
+    assert f"table    {table}\n" in capsys.readouterr().out
+    other = ("--fidelity", "0.625", "--pairs", "6000", "--seed", "4")
+    assert run("sweep", "teleport", *other, *scheduler, *out) == 0
+    assert (
+        f"table    {table}, with 3 points of other grids or seeds (--out: apart)\n"
+        in capsys.readouterr().out
+    )
+
+
 def test_a_file_with_a_grid_is_swept_and_flags_come_first(tmp_path: Path, scheduler: Words) -> None:
     file = tmp_path / "grid.toml"
     file.write_text('sweep = "teleport"\nseed = 4\n[grid]\nfidelity = [0.5, 0.9]\npairs = 6000\n')
