@@ -58,10 +58,11 @@ def test_two_hosts_watch_their_way_without_any_program(
             report = await told(stacks["alice"], lambda report: report.seal == SEAL)
             await told(stacks["bob"], lambda report: not report.receiving)
             assert not any(stacks[name].takes_part(SEAL) for name in ("alice", "bob"))
+            # By now: gRPC complains of a call under way when its server is stopped.
+            assert not [each for each in caplog.records if each.levelno >= logging.WARNING]
             return report
 
     report = network_loop.run(run())
-    assert not [each for each in caplog.records if each.levelno >= logging.WARNING]
     assert report.seal_compared >= 3000
     assert report.seal_errors == report.alarm == 0
     assert report.seal_tests > 0
