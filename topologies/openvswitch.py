@@ -105,15 +105,18 @@ def installed() -> bool:
 
 
 def running() -> bool:
-    """Whether both daemons answer."""
-    probe = ["ovs-vsctl", "--timeout=2", "--no-wait", "show"]
+    """Whether the database answers and the switch daemon is there."""
+    return _database_answers() and SWITCH_DAEMON in daemons()
+
+
+def _database_answers() -> bool:
     try:
-        _run(*probe)
+        _run("ovs-vsctl", "--timeout=2", "--no-wait", "show")
     except NetworkError:
         if shutil.which("ovs-vsctl") is None:
             raise NetworkError("Open vSwitch is not installed; run `make setup`") from None
         return False
-    return SWITCH_DAEMON in daemons()
+    return True
 
 
 def daemons() -> dict[str, Owner]:
@@ -226,7 +229,7 @@ def stop_if_ours(owner: str) -> None:
         return
     for daemon in daemons().values():
         daemon.signal(signal.SIGCONT)  # it may have been stopped
-    if DATABASE not in daemons() or bridges():
+    if not _database_answers() or bridges():
         revive_if_ours(owner)
     if not bridges():
         _run(CONTROL, "stop", timeout_s=OPENVSWITCH_TIMEOUT_S)
