@@ -2,12 +2,15 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from math import ceil
 from pathlib import Path
+from typing import NamedTuple
 
 from rich.console import Console
 
 from controller_apps.policy.schedules import PARALLEL, SCHEDULES
 from hosts.middleware.services.ghz.options import GhzOptions
+from hosts.middleware.services.key_distribution.options import KeyOptions
 from hosts.middleware.services.sensing.options import SensingOptions
 from hosts.middleware.services.teleportation import qubit_states
 from hosts.middleware.session.errors import SessionError
@@ -17,7 +20,7 @@ from qmn.jobs import eavesdropping, runner
 from qmn.jobs.eavesdropping import ATTACKS, RELAYED, RESEND, SPLIT, SPLITTABLE, Attack
 from qmn.jobs.run_context import RunContext, begin_folder
 from qmn.jobs.run_options import RunOptions
-from qmn.jobs.service_verbs import verb_of
+from qmn.jobs.service_verbs import Verb, verb_of
 from qmn.jobs.swap_schedule import scheduling_policy
 from qmn.network.checks import check_network, check_two_hosts
 from qmn.network.description import NetworkDescription, describe_network
@@ -57,6 +60,11 @@ class ServiceRequest:
         metavar="DB",
         range=(0, 100),
     )
+    hand_out: Path | None = option(
+        None,
+        "take keys out of both stores as they come, into files of this new folder",
+        metavar="DIR",
+    )
     schedule: str | None = option(
         None,
         f"who swaps when ({PARALLEL}, or as --policy says; docs/services.md)",
@@ -81,6 +89,14 @@ class ServiceRequest:
         """Further hosts that take part."""
         names = self.options.names if isinstance(self.options, GhzOptions) else []
         return tuple(names[2:])
+
+
+class Length(NamedTuple):
+    """When a session is over: at so many of these, by this field of what its opener says."""
+
+    unit: str
+    total: int
+    field: str
 
 
 def run(request: ServiceRequest, signals: Signals, console: Console) -> int:
@@ -117,9 +133,9 @@ def with_policy(
 def job(request: ServiceRequest, network: NetworkDescription) -> runner.Job:
     """Return the use of a service."""
     service, options, verb = request.service, request.options, verb_of(request.service)
-    named = verb.unit.replace("_", " ")
     ends = {"sender": request.sender, "receiver": request.receiver}
-    own = ("count", "block_pairs", "rate_hz", "source", *verb.options)
+    own = dict.fromkeys(("count", "block_pairs", "rate_hz", "source", *verb.options))
+    length = length_of(options, verb)
     return runner.Job(
         service=service,
         options=options,
@@ -136,12 +152,20 @@ def job(request: ServiceRequest, network: NetworkDescription) -> runner.Job:
             **_phases(request, network),
             **{name: getattr(options, name) for name in own},
         },
-        said=f"{service} {_between(request)}: {options.count:,} {named}",
-        unit=named,
-        total=options.count,
-        done=lambda line: line.get(verb.unit, 0),
+        said=f"{service} {_between(request)}: {length.total:,} {length.unit}",
+        unit=length.unit,
+        total=length.total,
+        done=lambda line: int(line.get(length.field, 0)),
         eve=attack_of(request, network),
+        hand_out=request.hand_out,
     )
+
+
+def length_of(options: ServiceOptions, verb: Verb) -> Length:
+    """Return how long a session goes on."""
+    if isinstance(options, KeyOptions) and options.seconds:
+        return Length("seconds", ceil(options.seconds), "elapsed_s")
+    return Length(verb.unit.replace("_", " "), options.count, verb.unit)
 
 
 def _phases(request: ServiceRequest, network: NetworkDescription) -> dict[str, list[float]]:
@@ -202,6 +226,8 @@ def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription
     check_ranges(request.run)
     check_ranges(request)
     check_attack(request)
+    if request.hand_out is not None and request.hand_out.exists():
+        raise BadInput(f"--hand-out {request.hand_out} is there: name a new folder")
     if request.eve is not None:
         eavesdropping.check(ends, network)
         attack_of(request, network)  # whether it can be

@@ -12,6 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from hosts.middleware.session.service_options import SessionOptions
 from qmn.jobs import eavesdropping
+from qmn.jobs.handed_out import handing_out
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.jobs.transfer import TransferError, follow
 from qmn.results import result
@@ -40,6 +41,7 @@ class Job:
     rate: Callable[[Line], float] | None = None  # of them in a second, if that is shown
     file: Path | None = None  # of bytes to send, for a service that carries some
     eve: eavesdropping.Attack | None = None  # None: she does nothing
+    hand_out: Path | None = None  # a folder for keys, taken out of both ends' stores
     handshake: str | None = None  # how often light is asked for, if that is chosen
 
 
@@ -63,7 +65,8 @@ def use_network(job: Job, context: RunContext, facts: RunFacts) -> None:
         context.console.print(job.said)
         with (
             eavesdropping.eavesdropping(network, job.eve, facts),
-            _progress_bar(context.console, job, facts) as progress,
+            _handing_out(network, job, facts) as take,
+            _progress_bar(context.console, job, facts, take) as progress,
         ):
             _use(network, job, context.folder, facts, progress)
         facts["delivered"] = True
@@ -105,8 +108,23 @@ def _start(network: Network, job: Job, host: str, role: str, words: list[str]) -
 
 
 @contextmanager
-def _progress_bar(console: Console, job: Job, facts: RunFacts) -> Iterator[Callable[[Line], None]]:
-    """Show how far the opener is; every line also goes into the facts."""
+def _handing_out(network: Network, job: Job, facts: RunFacts) -> Iterator[Callable[[], None]]:
+    """Have keys of both ends taken whenever that is called, and once more at the end."""
+    if job.hand_out is None:
+        yield lambda: None
+        return
+    ends = job.opener, job.acceptor
+    stores = [network.runtime.key_folder(host) for host in ends]
+    with handing_out(job.hand_out, ends, stores) as handed_out:
+        yield handed_out.take
+    facts["asking"]["handed_out"] = handed_out.count
+
+
+@contextmanager
+def _progress_bar(
+    console: Console, job: Job, facts: RunFacts, take: Callable[[], None]
+) -> Iterator[Callable[[Line], None]]:
+    """Show how far the opener is; every line also goes into the facts, and keys are taken."""
     rates = [TextColumn("{task.fields[rate]:,.0f} " + f"{job.unit}/s")] if job.rate else []
     columns = TextColumn(job.unit), BarColumn(), MofNCompleteColumn(), *rates, TimeRemainingColumn()
     with Progress(*columns, console=console) as bar:
@@ -114,6 +132,7 @@ def _progress_bar(console: Console, job: Job, facts: RunFacts) -> Iterator[Calla
 
         def note(line: Line) -> None:
             facts["asking"] = line
+            take()
             rate = job.rate(line) if job.rate else 0.0
             bar.update(task, completed=min(job.done(line), job.total), rate=rate)
 

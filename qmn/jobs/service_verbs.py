@@ -135,6 +135,16 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
             "distribute secret keys",
             "sifted_bits",
             {
+                "count": {
+                    "metavar": "N",
+                    "help": f"sifted bits ({KEYS.count:,})",
+                    "instead_of": "length",
+                },
+                "seconds": {
+                    "metavar": "S",
+                    "help": "of the network: make keys for so long, however many bits that takes",
+                    "instead_of": "length",
+                },
                 "sifted_per_key": {
                     "metavar": "N",
                     "help": "sifted bits that one key is distilled of, at most "

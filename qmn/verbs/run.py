@@ -114,7 +114,7 @@ def _add_service(jobs: Any, name: str, verb: Verb) -> None:
     block = f"pairs in a block ({session.block_pairs}, or what is made in {MAX_BLOCK_S:g} s)"
     absent = dict.fromkeys(("eve", "eve_attack", "eve_hides_db"), not verb.eavesdropper)
     absent["schedule"] = absent["purify"] = not verb.scheduled
-    absent["sender"] = verb.line
+    absent["sender"], absent["hand_out"] = verb.line, not verb.protocols
     add_options(
         parser,
         ServiceRequest,

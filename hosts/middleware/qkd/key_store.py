@@ -90,10 +90,19 @@ class KeyStore:
         """How many of them the other end hands out first."""
         return sum(1 for _ in key_files.names(self._second))
 
+    def require_room(self, count: int) -> None:
+        """Raise StoreFull unless so many keys more may be put."""
+        if self.stored + count > self.capacity:
+            raise self._full()
+
+    def has(self, wanted: UUID | str) -> bool:
+        """Return whether a key of this id is in the store."""
+        return any((folder / str(wanted)).exists() for folder in (self._first, self._second))
+
     def put(self, stored: StoredKey, *, first: bool) -> None:
         """Add a key, on disk when this returns; StoreFull or DuplicateKey changes nothing."""
         name = str(stored.key_id)
-        if (self._first / name).exists() or (self._second / name).exists():
+        if self.has(name):
             raise DuplicateKey(f"key {name} is in the store already")
         if self.stored >= self.capacity:
             raise self._full()
@@ -104,11 +113,9 @@ class KeyStore:
 
     def put_all(self, keys: Sequence[StoredKey], *, first: bool) -> None:
         """Add keys, on disk when this returns; StoreFull or DuplicateKey: none is added."""
-        there = {*key_files.names(self._first), *key_files.names(self._second)}
-        if len(there) + len(keys) > self.capacity:
-            raise self._full()
+        self.require_room(len(keys))
         by_name = {str(key.key_id): key.key for key in keys}
-        if twice := there & by_name.keys():
+        if twice := [name for name in by_name if self.has(name)]:
             raise DuplicateKey(f"key {min(twice)} is in the store already")
         if len(by_name) < len(keys):
             raise DuplicateKey(f"{len(keys)} keys have {len(by_name)} ids")
@@ -142,8 +149,9 @@ class KeyStore:
 
         MissingKey if there are fewer, and then none goes.
         """
+        # A folder that is added to meanwhile may tell a name twice.
         names = sorted(
-            key_files.names(self._first), key=lambda name: key_files.age(self._first / name)
+            set(key_files.names(self._first)), key=lambda name: key_files.age(self._first / name)
         )
         taken: list[StoredKey] = []
         for name in names if len(names) >= count else ():

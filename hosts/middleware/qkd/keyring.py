@@ -6,19 +6,22 @@ would hold the bytes themselves, and secrecy would rest on nothing computable.
 """
 
 import hashlib
+from bisect import bisect_right
+from collections import defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
+from threading import Lock
 from uuid import UUID
 
 from hosts.middleware.qkd.authentication import KeyPool, pool_bytes
 from hosts.middleware.qkd.bits import Bits
 from hosts.middleware.qkd.key_files import KeyStoreError
-from hosts.middleware.qkd.key_store import KeyStore, cut
+from hosts.middleware.qkd.key_store import KeyStore, StoredKey, cut
 from wire.credentials import secret_file
 
 MESSAGES = 8192  # of one direction of a session, at most
 CAPACITY = 262_144  # keys shared with one other host
-MAX_SESSIONS = 1_000_000  # that are remembered so that none is held twice
+MAX_RANGES = 1_000_000  # of sessions' numbers, that are remembered so that none is held twice
 
 
 class NothingShared(Exception):
@@ -34,6 +37,28 @@ def store_in(folder: Path, other: str) -> KeyStore:
         raise KeyStoreError(f"no store of keys can be in {folder}: {error}") from error
 
 
+class HeldNumbers:
+    """Numbers that were taken; those of a session's keys follow one another, and are one range."""
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self._begins: list[int] = []
+        self._ends: list[int] = []  # the last number of a range and one more
+
+    def take(self, number: int) -> bool:
+        """Take a number; False if it was taken before, or if no more can be remembered."""
+        after = bisect_right(self._begins, number)
+        end = self._ends[after - 1] if after else -1
+        if number < end or len(self._begins) >= MAX_RANGES:
+            return False
+        if number == end:
+            self._ends[after - 1] += 1
+        else:
+            self._begins.insert(after, number)
+            self._ends.insert(after, number + 1)
+        return True
+
+
 class Keyring:
     """The secrets and keys of one host."""
 
@@ -41,7 +66,8 @@ class Keyring:
         """Take the secrets by other host, and the folder of all keys ("": there is none)."""
         self.host = host
         self._secrets, self._folder = secrets, folder
-        self._held: set[tuple[str, int]] = set()
+        self._keeping = Lock()
+        self._held: defaultdict[str, HeldNumbers] = defaultdict(HeldNumbers)  # by opener
 
     def pools(self, opener: str, acceptor: str, session: int) -> tuple[KeyPool, KeyPool]:
         """Return the authentication keys of a session: of what the opener says, the acceptor.
@@ -51,12 +77,11 @@ class Keyring:
         other = acceptor if opener == self.host else opener
         if other not in self._secrets:
             raise NothingShared(f"{self.host} shares no authentication key with {other!r}")
-        if (opener, session) in self._held or len(self._held) >= MAX_SESSIONS:
+        if not self._held[opener].take(session):
             raise NothingShared(
                 f"the authentication key of session {session:016x} of {opener} was used before: "
                 "is this a replay?"
             )
-        self._held.add((opener, session))
         words = f"{opener}/{acceptor}/{session:016x}"
         seed = bytes.fromhex(self._secrets[other])
         size = pool_bytes(MESSAGES)
@@ -78,17 +103,23 @@ class Keyring:
         KeyStoreError if they cannot be kept, and then none of them is.
         """
         keys, store = cut(session, final), self.store(other)
-        ids = [key.key_id for key in keys]
         try:
-            store.put_all(keys[0::2], first=opened)
-            try:
-                store.put_all(keys[1::2], first=not opened)
-            except (KeyStoreError, OSError):
-                self.withdraw(other, ids[0::2])
-                raise
+            with self._keeping:  # who looks for keys must find none that is withdrawn again
+                store.require_room(len(keys))
+                self._keep_halves(store, other, keys, opened)
         except OSError as error:
             raise KeyStoreError(f"keys cannot be kept in {self._folder}: {error}") from error
-        return ids
+        return [key.key_id for key in keys]
+
+    def _keep_halves(
+        self, store: KeyStore, other: str, keys: list[StoredKey], opened: bool
+    ) -> None:
+        store.put_all(keys[0::2], first=opened)
+        try:
+            store.put_all(keys[1::2], first=not opened)
+        except (KeyStoreError, OSError):
+            self.withdraw(other, [key.key_id for key in keys[0::2]])
+            raise
 
     def keep_conference(self, names: Sequence[str], session: int, final: Bits) -> None:
         """Store a key of several hosts as keys of KEY_BITS.

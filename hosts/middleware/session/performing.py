@@ -64,6 +64,7 @@ class Performer:
                 except (SessionError, HardwareError) as error:
                     failure = error
                 if isinstance(order, protocol.Begin):
+                    lights = [light for light in lights if not light.done()]  # it has been heard of
                     lights.append(outcome)
         finally:
             steps.close()

@@ -1,7 +1,7 @@
 """Options of every session, checked before anything is sent."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import (
@@ -62,6 +62,7 @@ class SessionOptions(Options):
 class ServiceOptions(SessionOptions):
     """Those of a session that is about a number of things."""
 
+    MOST: ClassVar[int] = MAX_COUNT  # of these in one session
     count: int = 10_000  # of what the service is about, as states or pairs
 
     @property
@@ -75,7 +76,7 @@ class ServiceOptions(SessionOptions):
 
     def check(self) -> None:
         """Raise SessionError for a value out of range."""
-        check_whole("count", self.count, 1, MAX_COUNT)
+        check_whole("count", self.count, 1, self.MOST)
         super().check()
 
     @property

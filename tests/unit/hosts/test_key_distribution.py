@@ -25,6 +25,7 @@ from hosts import network_loop
 from hosts.middleware.qkd import keyring
 from hosts.middleware.qkd.key_length import finite_key_length
 from hosts.middleware.services.key_distribution import light as key_light
+from hosts.middleware.services.key_distribution import session as key_session
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.middleware.session.values import values
 from hosts.service_socket import ServiceSocket
@@ -339,6 +340,7 @@ def test_a_full_store_is_told_and_nothing_is_kept_at_either_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(keyring, "CAPACITY", 3)
+    monkeypatch.setattr(key_session, "ROOM_TIMEOUT_S", 0.3)
     failed = failure(tmp_path, "bb84")
     for text in (failed.alice, failed.bob):
         assert "bob: the store holds 3 keys" in text
@@ -353,7 +355,9 @@ def test_a_full_store_is_told_and_nothing_is_kept_at_either_end(
         ({"max_qber": "low"}, "max_qber is 'low': choose a fraction between 0 and 1"),
         ({"epsilon": 0.0}, "epsilon is 0.0: choose a fraction"),
         ({"test_fraction": 1.5}, "test_fraction is 1.5"),
-        ({"count": 200_000_000}, "count is 200000000: choose 1 to 100000000"),
+        ({"count": 2 * 10**12}, "count is 2000000000000: choose 1 to 1000000000000"),
+        ({"seconds": -1.0}, "seconds is -1.0: choose up to 31622400, or 0 for a count"),
+        ({"seconds": "long"}, "seconds is 'long'"),
         ({"sifted_per_key": 2_000_000}, "sifted_per_key is 2000000: choose 1 to 1000000"),
         ({"rate_hz": 100, "count": 10}, "take more than 5 s"),
     ],

@@ -46,7 +46,9 @@ def test_options_reach_the_service() -> None:
     ("words", "text"),
     [
         (["qkd", "--max-qber", "0.3"], "at 0.11 no key is secret"),
-        (["qkd", "--count", "200000000"], "count is 200000000: choose 1 to 100000000"),
+        (["qkd", "--count", "2000000000000"], "count is 2000000000000: choose 1 to 1000000000000"),
+        (["qkd", "--seconds", "-1"], "seconds is -1.0: choose up to 31622400"),
+        (["qkd", "--hand-out", "/tmp"], "--hand-out /tmp is there: name a new folder"),
         (["qkd", "--to", "alice"], "sender and receiver are both alice"),
         (["teleport", "--count", "0"], "count is 0"),
     ],
@@ -71,3 +73,11 @@ def test_what_makes_no_keys_is_not_told_where_to_keep_them(
     with pytest.raises(SystemExit):
         parse(verb, "--keys", "keys")
     assert "unrecognized arguments: --keys" in capsys.readouterr().err
+
+
+def test_a_session_has_a_count_or_a_time(capsys: pytest.CaptureFixture[str]) -> None:
+    request, _network = checked(parse("qkd", "--seconds", "2.5"))
+    assert request.options == KeyOptions(host="bob", port=9, seconds=2.5)
+    with pytest.raises(SystemExit):
+        parse("qkd", "--seconds", "2.5", "--count", "5000")
+    assert "not allowed with argument" in capsys.readouterr().err

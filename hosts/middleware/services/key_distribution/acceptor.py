@@ -36,6 +36,7 @@ from hosts.middleware.session.protocol import (
     Hear,
     HostSide,
     Light,
+    Now,
     Steps,
     Tell,
     Until,
@@ -197,7 +198,7 @@ class AcceptorOfKeys:
     def _kept(self, key: int) -> None:
         """Count a key that both ends have."""
         self._progress.made.add(self.keys.end_of(key))
-        self._progress.ids += self.not_kept.pop(key)
+        self._progress.stored(self.not_kept.pop(key))
         self.keys.forget(key)
 
     def _get_ready(self, message: Values) -> Steps[None]:
@@ -233,7 +234,8 @@ class AcceptorOfKeys:
             if not isinstance(bob, Bob) or bob.state not in (State.OPENING, State.SIFTING):
                 raise SessionError(Reason.PROTOCOL, f"light for key {coming.key}, sifted already")
             yield from self.keys.step(coming.key, bob.add_block, record)
-            yield Tell(so_far(progress, self.keys.ends), at_the_end=False)
+            told = so_far(progress, self.keys.ends, (yield Now()))
+            yield Tell(told, at_the_end=False)
 
 
 def proposed_by(message: QkdMessage) -> Parameters:

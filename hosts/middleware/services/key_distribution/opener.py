@@ -21,6 +21,7 @@ from hosts.middleware.session.errors import SessionError, unexpected
 from hosts.middleware.session.protocol import (
     Beside,
     Hear,
+    Now,
     OpenerSide,
     Say,
     Steps,
@@ -74,38 +75,46 @@ class OpenerOfKeys:
 
     def _make_all(self) -> Steps[None]:
         """Make as many keys as are wanted; light for one comes while others are distilled."""
-        count, so_much = self._options.count, 0
-        keys = -(-count // self._options.sifted_per_key)
-        for number in range(keys):
+        number, so_much = 0, 0
+        while share := self._next_share(number, so_much, (yield Now())):
             yield Until(lambda: len(self.keys.numbers) < MAX_UNDER_WAY)
             alice = self._new_key(number)
             yield from self.keys.begin(number, alice)
             yield from self.keys.step(number, alice.start)
-            share = -(-max(1, count - so_much) // (keys - number))
             yield from self._gather(number, alice, share)
-            so_much += alice.sifted_bits
-            yield Beside(self.keys.step(number, alice.distil))
+            number, so_much = number + 1, so_much + alice.sifted_bits
+            yield Beside(self.keys.step(number - 1, alice.distil))
         yield Until(lambda: not self.keys.numbers)
+
+    def _next_share(self, number: int, so_much: int, now_s: float) -> int:
+        """Return how much to sift for the key of this number; 0: no more are wanted."""
+        options = self._options
+        if options.seconds:
+            in_time = now_s - self._progress.started_s < options.seconds
+            return options.sifted_per_key if in_time else 0
+        left = -(-options.count // options.sifted_per_key) - number
+        return -(-max(1, options.count - so_much) // left) if left else 0
 
     def _done(self, number: int, alice: Alice | Bob) -> Steps[None]:
         """Store a key that the other end has stored, and say so."""
-        self._progress.ids += yield Wait(partial(self._store, number, alice))
+        self._progress.stored((yield Wait(partial(self._store, number, alice))))
         self._progress.made.add(alice)
         self.keys.forget(number)
         yield self._side.say(Topic.KEPT, number, [], 1)
 
     def _gather(self, key: int, alice: Alice, count: int) -> Steps[None]:
         """Send blocks until so much is sifted; a block is sifted while the next one flies."""
-        sizes: list[int] = []
+        sizes, before = list[int](), 0
         coming = yield from self._announce(alice, count, sizes)
         while coming:
-            before = alice.sifted_bits
             following = yield from self._announce(alice, count, sizes)
             yield from self._send(key, alice, coming)
             earlier = len(sizes) - (2 if following else 1)
             yield Until(partial(sifted, alice, earlier))
             self._look_for_light(alice.sifted_bits > before)
-            yield Tell(so_far(self._progress, self.keys.ends), at_the_end=False)
+            before = alice.sifted_bits
+            told = so_far(self._progress, self.keys.ends, (yield Now()))
+            yield Tell(told, at_the_end=False)
             if not following:
                 yield Until(partial(sifted, alice, len(sizes)))
                 following = yield from self._announce(alice, count, sizes)

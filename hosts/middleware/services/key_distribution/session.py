@@ -29,6 +29,7 @@ from hosts.middleware.qkd.bob import Bob
 from hosts.middleware.qkd.decoy import Decoys
 from hosts.middleware.qkd.end import Terms
 from hosts.middleware.qkd.key_files import KeyStoreError
+from hosts.middleware.qkd.key_store import StoreFull
 from hosts.middleware.qkd.keyring import NothingShared
 from hosts.middleware.qkd.parameters import Parameters
 from hosts.middleware.services.key_distribution.acceptor import (
@@ -45,6 +46,7 @@ from hosts.middleware.services.key_distribution.under_way import NUMBERS, KeysUn
 from hosts.middleware.session.ends import AcceptorEnd, End, OpenerEnd
 from hosts.middleware.session.errors import SessionError
 from hosts.network_loop import now_s
+from hosts.timeouts import ROOM_LOOK_S, ROOM_TIMEOUT_S
 from wire.metadata import Reason
 
 
@@ -145,18 +147,24 @@ def pools(end: End, opener: str, acceptor: str, key: int) -> tuple[KeyPool, KeyP
 
 
 async def stored(end: End, peer: str, key: int, keys: Alice | Bob, *, opened: bool) -> list[UUID]:
-    """Keep a key that has been made; SessionError if the store does not take it."""
+    """Keep a key that has been made; SessionError if the store does not take it.
+
+    A full store may be one from which keys are taken: it is given some time.
+    """
     assert keys.key is not None
-    keyring = end.resources.keyring
-    work = asyncio.to_thread(keyring.keep, peer, number_of(end, key), keys.key, opened=opened)
-    keeping = asyncio.create_task(work)
-    try:
-        return await asyncio.shield(keeping)
-    except asyncio.CancelledError:  # the thread goes on, and the other end will not have them
-        keyring.withdraw(peer, await keeping)
-        raise
-    except KeyStoreError as error:
-        raise SessionError(Reason.BUSY, f"no key: {keyring.host}: {error}") from error
+    keyring, deadline_s = end.resources.keyring, now_s() + ROOM_TIMEOUT_S
+    while True:
+        work = asyncio.to_thread(keyring.keep, peer, number_of(end, key), keys.key, opened=opened)
+        keeping = asyncio.create_task(work)
+        try:
+            return await asyncio.shield(keeping)
+        except asyncio.CancelledError:  # the thread goes on, and the other end will not have them
+            keyring.withdraw(peer, await keeping)
+            raise
+        except KeyStoreError as error:
+            if not isinstance(error, StoreFull) or now_s() > deadline_s:
+                raise SessionError(Reason.BUSY, f"no key: {keyring.host}: {error}") from error
+        await asyncio.sleep(ROOM_LOOK_S)
 
 
 async def give_up(end: End, keys: KeysUnderWay, progress: Progress, error: SessionError) -> None:

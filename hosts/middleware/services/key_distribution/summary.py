@@ -1,6 +1,6 @@
 """The summary of a key distribution: counts, rates and error rates, never a key."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
 from typing import Any
@@ -68,8 +68,16 @@ class Progress:
     blocks: int = 0  # of them
     light_s: float = 0.0  # until the last block was sifted
     made: Counts = field(default_factory=Counts)  # of keys that are made
-    ids: list[UUID] = field(default_factory=list)  # of those in the store
+    keys: int = 0  # of KEY_BITS, in the store
+    first_id: UUID | None = None
+    last_id: UUID | None = None
     _sifted_blocks: int = 0
+
+    def stored(self, ids: Sequence[UUID]) -> None:
+        """Count keys that are in the store."""
+        if ids:
+            self.first_id, self.last_id = self.first_id or ids[0], ids[-1]
+        self.keys += len(ids)
 
     def note(self, ends: Iterable[End], now_s: float) -> None:
         """Note when blocks have been sifted."""
@@ -85,11 +93,17 @@ class Progress:
         return counts
 
 
-def so_far(progress: Progress, ends: Iterable[End]) -> dict[str, Any]:
+def so_far(progress: Progress, ends: Iterable[End], now_s: float) -> dict[str, Any]:
     """Return what is told while light is sent."""
     counts = progress.counts(ends)
-    told = {"photons": progress.photons, "raw_bits": counts.raw, "sifted_bits": counts.sifted}
-    return {**told, "key_bits": counts.key}
+    return {
+        "photons": progress.photons,
+        "raw_bits": counts.raw,
+        "sifted_bits": counts.sifted,
+        "key_bits": counts.key,
+        "keys": progress.keys,
+        "elapsed_s": now_s - progress.started_s,
+    }
 
 
 def summary(progress: Progress, ends: Iterable[End], now_s: float) -> dict[str, Any]:
@@ -107,7 +121,7 @@ def summary(progress: Progress, ends: Iterable[End], now_s: float) -> dict[str, 
     limit = None
     if qber is not None and not counts.means:
         limit = asymptotic_fraction(qber, counts.single_share)
-    ids = progress.ids
+    first, last = progress.first_id, progress.last_id
     return {
         "photons": progress.photons,
         "raw_bits": counts.raw,
@@ -126,10 +140,10 @@ def summary(progress: Progress, ends: Iterable[End], now_s: float) -> dict[str, 
         "assumed": DECOYS if counts.means else SOURCES[counts.multi_photon > 0],
         **({"intensities": list(counts.means)} if counts.means else {}),
         **(bell_test(counts.bell) if counts.bell.pairs else {}),
-        "keys": len(ids),
+        "keys": progress.keys,
         "bits_of_a_key": KEY_BITS,
-        "first_key_id": str(ids[0]) if ids else None,
-        "last_key_id": str(ids[-1]) if ids else None,
+        "first_key_id": str(first) if first else None,
+        "last_key_id": str(last) if last else None,
         "authentication_bits": counts.authentication,
         "net_key_bits": counts.key - counts.authentication,
         "light_s": light_s,

@@ -1,0 +1,80 @@
+"""Keys of two hosts, taken out of their stores as they come, and put into a file of each.
+
+    DIR/alice/bob.keys    what alice has taken: keys of 32 bytes, one behind the other
+    DIR/bob/alice.keys    the same of bob: the same keys, in the same order
+
+As applications of both ends would: each takes what is its host's to hand out first, and the other
+fetches it by its id. The stores have room for the next keys then, so that a session may go on.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import BinaryIO
+from uuid import UUID
+
+from hosts.middleware.qkd.key_files import MissingKey
+from hosts.middleware.qkd.key_store import KeyStore, StoredKey
+from hosts.middleware.qkd.keyring import store_in
+from qmn.options import BadInput
+from qmn.results.run_folder import given_at_the_end
+from topologies.programs import NetworkError
+
+
+class HandedOut:
+    """What two hosts have handed out, the one that has asked for keys first."""
+
+    def __init__(self, stores: Sequence[KeyStore], files: Sequence[BinaryIO]) -> None:
+        """Take keys out of these stores, and put them into these files."""
+        self._opener, self._acceptor = stores
+        self._files = files
+        self._early: dict[UUID, bytes] = {}  # taken at the acceptor; the opener stores them later
+        self.count = 0
+
+    def take(self) -> None:
+        """Take what both hosts have now."""
+        first = {each.key_id: each.key for each in _taken(self._opener)}
+        self._write(list(first.values()), self._acceptor.take_all(list(first)))
+        self._early |= {each.key_id: each.key for each in _taken(self._acceptor)}
+        ready = [key_id for key_id in self._early if self._opener.has(key_id)]
+        self._write(self._opener.take_all(ready), [self._early.pop(each) for each in ready])
+
+    def _write(self, ours: list[bytes], theirs: list[bytes]) -> None:
+        if ours != theirs:
+            raise NetworkError("the keys of both hosts differ, which their hashes should have told")
+        for file, keys in zip(self._files, (ours, theirs), strict=True):
+            file.write(b"".join(keys))
+            file.flush()
+        self.count += len(ours)
+
+
+def _taken(store: KeyStore) -> list[StoredKey]:
+    """Return all that a host hands out first; nothing while its folder changes under the count."""
+    try:
+        return store.take_oldest(store.mine)
+    except MissingKey:
+        return []
+
+
+@contextmanager
+def handing_out(folder: Path, ends: tuple[str, str], stores: Sequence[str]) -> Iterator[HandedOut]:
+    """Take keys of two hosts, out of the stores in these folders; BadInput if they cannot be put.
+
+    What is there when it ends is taken, too.
+    """
+    with given_at_the_end(str(folder)), ExitStack() as opened:
+        try:
+            files = [opened.enter_context(_new_file(folder, *way)) for way in (ends, ends[::-1])]
+        except OSError as error:
+            raise BadInput(f"--hand-out {folder}: {error.strerror}; name a new folder") from error
+        ways = zip(stores, ends[::-1], strict=True)
+        handed_out = HandedOut([store_in(Path(store), other) for store, other in ways], files)
+        yield handed_out
+        handed_out.take()
+
+
+def _new_file(folder: Path, host: str, other: str) -> BinaryIO:
+    private = folder / host
+    for made in (folder, private):
+        made.mkdir(mode=0o700, parents=True, exist_ok=True)
+    return (private / f"{other}.keys").open("xb")

@@ -1,0 +1,134 @@
+"""Sessions that make keys for as long as asked: keys are taken as they come, and memory is flat."""
+
+import asyncio
+import tracemalloc
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+import pytest
+from stacks_scene import DEADLINE_S, accepted, network
+
+from hosts import network_loop
+from hosts.middleware.qkd import keyring
+from hosts.service_socket import ServiceSocket
+from qmn.jobs.handed_out import handing_out
+from qmn.options import BadInput
+
+PATHS = {"bb84": [(1, 2)], "bbm92": [(4, 1), (5, 2)]}
+LOSS = {"bb84": 650.0, "bbm92": 325.0}  # 1 of 20 pulses is seen over fibres of 10 m
+ENDS = "alice", "bob"
+KEY_BITS = 20_000  # sifted; some 14,000 are left of them without an error
+
+Told = dict[str, Any]
+
+protocols = pytest.mark.parametrize("protocol", list(PATHS))
+
+
+def keys_made(
+    folder: Path,
+    protocol: str,
+    heard: Callable[[Told], None],
+    physics: dict[str, Any] | None = None,
+    **options: Any,
+) -> list[Told]:
+    """Make keys; `heard` is called with each line, while the session goes on. Return summaries."""
+
+    def session() -> list[Told]:
+        with ThreadPoolExecutor(1) as pool, ServiceSocket(folder / "alice.sock") as asking:
+            listening: Future[None] = Future()
+            bob = pool.submit(accepted, folder, protocol, listening)
+            listening.result(DEADLINE_S)
+            asking.settimeout(DEADLINE_S)
+            for told in asking.request(protocol, ("bob", 9), **options):
+                heard(told)
+            asking.shutdown()
+            return [asking.summary, bob.result(DEADLINE_S)]
+
+    async def run() -> list[Told]:
+        async with network(folder, paths=PATHS[protocol], **(physics or {})):
+            return await asyncio.to_thread(session)
+
+    return network_loop.run(run())
+
+
+def ignore(_told: Told) -> None:
+    """Do nothing."""
+
+
+@protocols
+def test_memory_does_not_grow_with_the_light_of_a_session(tmp_path: Path, protocol: str) -> None:
+    """The peak of what hosts, source and dispatcher hold is that of earlier blocks.
+
+    One outcome of each pulse, if it were kept, would be a byte of each.
+    """
+    peaks, pulses = list[int](), list[int]()
+
+    def heard(told: Told) -> None:
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        pulses.append(told["photons"])
+        tracemalloc.reset_peak()
+
+    tracemalloc.start()
+    try:
+        words = {"sifted_per_key": 8000, "block_pairs": 65_536, "count": 16 * 8000}
+        physics = {"loss_db_per_km": LOSS[protocol]}
+        keys_made(tmp_path, protocol, heard, physics, **words)
+    finally:
+        tracemalloc.stop()
+    half, part = len(peaks) // 2, len(peaks) // 4
+    assert part >= 10
+    growth = max(peaks[-part:]) - max(peaks[part:half])
+    assert growth < (pulses[-1] - pulses[half]) / 2, [peak // 1000 for peak in peaks]
+
+
+def test_a_session_lasts_for_the_seconds_that_are_asked_for(tmp_path: Path) -> None:
+    """No key is begun later, and none is cut short."""
+    words = {"seconds": 1.5, "sifted_per_key": KEY_BITS, "block_pairs": 8192}
+    for told in keys_made(tmp_path, "bb84", ignore, **words):
+        assert told["elapsed_s"] >= 1.5
+        assert told["keys"] > 0
+        assert told["sifted_bits"] >= KEY_BITS
+
+
+def test_a_session_goes_on_for_as_long_as_keys_are_taken_from_a_full_store(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It makes five times what its stores hold; both hosts hand out the same keys, each once."""
+    monkeypatch.setattr(keyring, "CAPACITY", 100)
+    stores, out = [tmp_path / "keys" / host for host in ENDS], tmp_path / "out"
+    for store in stores:
+        store.mkdir(mode=0o700, parents=True)
+    words = {"sifted_per_key": KEY_BITS, "block_pairs": 8192}
+    over = Event()
+
+    def take() -> None:
+        while not over.wait(0.05):
+            handed_out.take()
+
+    folders = [str(store) for store in stores]
+    with handing_out(out, ENDS, folders) as handed_out, ThreadPoolExecutor(1) as pool:
+        taking = pool.submit(take)
+        try:
+            alice, bob = keys_made(tmp_path, "bb84", ignore, count=10 * KEY_BITS, **words)
+        finally:
+            over.set()
+            taking.result(DEADLINE_S)
+    assert alice["keys"] == bob["keys"] == handed_out.count > 5 * 50
+    ways = ENDS, ENDS[::-1]
+    mine, theirs = ((out / host / f"{other}.keys").read_bytes() for host, other in ways)
+    assert mine == theirs
+    keys = {mine[start : start + 32] for start in range(0, len(mine), 32)}
+    assert len(keys) == handed_out.count
+    for store in stores:
+        assert [path for path in store.rglob("*") if path.is_file()] == []
+
+
+def test_keys_are_put_into_a_new_folder_alone(tmp_path: Path) -> None:
+    (tmp_path / "alice").mkdir()
+    (tmp_path / "alice" / "bob.keys").touch()
+    words = tmp_path, ENDS, [str(tmp_path / "a"), str(tmp_path / "b")]
+    with pytest.raises(BadInput, match="name a new folder"), handing_out(*words):
+        pass
