@@ -1,7 +1,9 @@
 """Two qubits, |1> and |+>, go from the first rank over all others to the last, which looks."""
 
+from typing import Any
 
-def main(env=None):
+
+def main(env: Any = None) -> None:
     comm = env.comm
     with comm:
         circuit = env.create_circuit(num_qubits=2, num_clbits=2)

@@ -1,7 +1,9 @@
 """The root scatters |1> and |0>; each rank flips its own; all are gathered, |1> of the root too."""
 
+from typing import Any
 
-def main(env=None):
+
+def main(env: Any = None) -> None:
     comm, root = env.comm, 0
     with comm:
         if comm.rank == root:
