@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from hosts.hardware.qnic import BlockName, Qnic, Symbols
 from hosts.middleware.services.ghz.options import MOST_HOSTS, GhzOptions
-from hosts.middleware.session.blocks import LOST, Mask, correct_rotation, keep_of_all
+from hosts.middleware.session.blocks import LOST, Mask, correct_rotation, keep_of_all, store
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.middleware.session.protocol import (
@@ -300,11 +300,12 @@ class Follower(ABC):
             yield from do(Qnic.controlled_x, name, right.block(number))
             in_z = np.zeros(size, dtype=np.uint8)
             outcomes = seen((yield from do(Qnic.measure, right.block(number), in_z)))
+            outcomes[~(yield from store(name))] = LOST  # to wait for corrections
             self.fused += size
         heard = yield from hear(Topic.CORRECTIONS, number, size, LOST, BITS_TIMEOUT_S)
         bits = heard.astype(np.uint8)
         yield from do(Qnic.apply, name, np.where(bits == FLIP, FLIP, 0).astype(np.uint8))
-        there = bits != LOST
+        there = (bits != LOST) & (yield from store(name))  # to wait until it is used
         if right is not None:
             lost = ~there | (outcomes == LOST)
             there = yield from right.correct(number, np.where(lost, LOST, bits ^ outcomes))
