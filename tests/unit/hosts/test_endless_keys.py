@@ -73,7 +73,7 @@ def test_memory_does_not_grow_with_the_light_of_a_session(tmp_path: Path, protoc
 
     tracemalloc.start()
     try:
-        words = {"sifted_per_key": 8000, "block_pairs": 65_536, "count": 16 * 8000}
+        words: dict[str, Any] = {"sifted_per_key": 8000, "block_pairs": 65_536, "count": 16 * 8000}
         physics = {"loss_db_per_km": LOSS[protocol]}
         keys_made(tmp_path, protocol, heard, physics, **words)
     finally:
@@ -86,7 +86,7 @@ def test_memory_does_not_grow_with_the_light_of_a_session(tmp_path: Path, protoc
 
 def test_a_session_lasts_for_the_seconds_that_are_asked_for(tmp_path: Path) -> None:
     """No key is begun later, and none is cut short."""
-    words = {"seconds": 1.5, "sifted_per_key": KEY_BITS, "block_pairs": 8192}
+    words: dict[str, Any] = {"seconds": 1.5, "sifted_per_key": KEY_BITS, "block_pairs": 8192}
     for told in keys_made(tmp_path, "bb84", ignore, **words):
         assert told["elapsed_s"] >= 1.5
         assert told["keys"] > 0
@@ -101,7 +101,7 @@ def test_a_session_goes_on_for_as_long_as_keys_are_taken_from_a_full_store(
     stores, out = [tmp_path / "keys" / host for host in ENDS], tmp_path / "out"
     for store in stores:
         store.mkdir(mode=0o700, parents=True)
-    words = {"sifted_per_key": KEY_BITS, "block_pairs": 8192}
+    words: dict[str, Any] = {"sifted_per_key": KEY_BITS, "block_pairs": 8192}
     over = Event()
 
     def take() -> None:
