@@ -3,6 +3,7 @@
 import asyncio
 
 from qmn.sweeps.bell_measurements import CHSH, DELAY_LINE
+from qmn.sweeps.classical_light import CLASSICAL_LIGHT
 from qmn.sweeps.conference import CONFERENCE
 from qmn.sweeps.contention import LIGHT
 from qmn.sweeps.cutoff import CUTOFF_TIMES
@@ -51,6 +52,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         MULTI_PAIR,
         WEAK_PULSES,
         LIGHT_SOURCES,
+        CLASSICAL_LIGHT,
         PAIR_KEYS,
         RELAYED_KEYS,
         DECOY_STATES,

@@ -194,6 +194,26 @@ SHEETS = (
         ],
     ),
     Sheet(
+        "classical-light",
+        "classical-light",
+        {
+            "length_km": [1, 5, 10, 20, 30, 40, 60],
+            "classical_way": ["along", "against"],
+            "pairs": 1_000_000,
+        },
+        [
+            Curve(
+                "classical-light",
+                "1 mW of classical light beside the photons: errors by what it scatters",
+                "length_km",
+                "length of the fibre (km)",
+                "qber",
+                by=["classical_way"],
+                logarithmic=True,
+            )
+        ],
+    ),
+    Sheet(
         "teleportation",
         "teleport",
         {"fidelity": "0.25:1:11", "pairs": 500_000},
