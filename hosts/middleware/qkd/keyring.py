@@ -10,7 +10,6 @@ from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from threading import Lock
 from uuid import UUID
 
 from hosts.middleware.qkd.authentication import KeyPool, pool_bytes
@@ -66,7 +65,6 @@ class Keyring:
         """Take the secrets by other host, and the folder of all keys ("": there is none)."""
         self.host = host
         self._secrets, self._folder = secrets, folder
-        self._keeping = Lock()
         self._held: defaultdict[str, HeldNumbers] = defaultdict(HeldNumbers)  # by opener
 
     def pools(self, opener: str, acceptor: str, session: int) -> tuple[KeyPool, KeyPool]:
@@ -104,9 +102,8 @@ class Keyring:
         """
         keys, store = cut(session, final), self.store(other)
         try:
-            with self._keeping:  # who looks for keys must find none that is withdrawn again
-                store.require_room(len(keys))
-                self._keep_halves(store, other, keys, opened)
+            store.require_room(len(keys))
+            self._keep_halves(store, other, keys, opened)
         except OSError as error:
             raise KeyStoreError(f"keys cannot be kept in {self._folder}: {error}") from error
         return [key.key_id for key in keys]
@@ -117,9 +114,11 @@ class Keyring:
         store.put_all(keys[0::2], first=opened)
         try:
             store.put_all(keys[1::2], first=not opened)
-        except (KeyStoreError, OSError):
+        except (KeyStoreError, OSError) as error:
             self.withdraw(other, [key.key_id for key in keys[0::2]])
-            raise
+            # There was room for all: not StoreFull, after which who keeps them would try again,
+            # though some may have been handed out.
+            raise KeyStoreError(str(error)) from error
 
     def keep_conference(self, names: Sequence[str], session: int, final: Bits) -> None:
         """Store a key of several hosts as keys of KEY_BITS.

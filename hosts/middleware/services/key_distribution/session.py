@@ -25,12 +25,13 @@ from uuid import UUID
 
 from hosts.middleware.qkd.alice import Alice
 from hosts.middleware.qkd.authentication import KeyPool
+from hosts.middleware.qkd.bits import Bits
 from hosts.middleware.qkd.bob import Bob
 from hosts.middleware.qkd.decoy import Decoys
 from hosts.middleware.qkd.end import Terms
 from hosts.middleware.qkd.key_files import KeyStoreError
 from hosts.middleware.qkd.key_store import StoreFull
-from hosts.middleware.qkd.keyring import NothingShared
+from hosts.middleware.qkd.keyring import Keyring, NothingShared
 from hosts.middleware.qkd.parameters import Parameters
 from hosts.middleware.services.key_distribution.acceptor import (
     AcceptorOfKeys,
@@ -67,7 +68,7 @@ async def make_key(
         given = terms(end, number, parameters, outgoing, incoming, relayed=relayed)
         return Alice(given, decoys)
 
-    store = partial(stored, end, peer, opened=True)
+    store = partial(stored, end, peer, asyncio.Lock(), opened=True)
     protocol = OpenerOfKeys(end.side, options, light, new_key, progress, store)
     try:
         await end.perform_together(protocol.run())
@@ -100,7 +101,7 @@ async def accept_keys(
         given = terms(end, number, opener.parameters, outgoing, incoming, relayed=relayed)
         return Bob(given, decoys)
 
-    store = partial(stored, end, opener.peer, opened=False)
+    store = partial(stored, end, opener.peer, asyncio.Lock(), opened=False)
     protocol = AcceptorOfKeys(end.side, light, opener, new_key, progress, store)
     try:
         await end.perform_together(protocol.run())
@@ -146,7 +147,9 @@ def pools(end: End, opener: str, acceptor: str, key: int) -> tuple[KeyPool, KeyP
     return shared
 
 
-async def stored(end: End, peer: str, key: int, keys: Alice | Bob, *, opened: bool) -> list[UUID]:
+async def stored(
+    end: End, peer: str, turn: asyncio.Lock, key: int, keys: Alice | Bob, *, opened: bool
+) -> list[UUID]:
     """Keep a key that has been made; SessionError if the store does not take it.
 
     A full store may be one from which keys are taken: it is given some time.
@@ -154,17 +157,24 @@ async def stored(end: End, peer: str, key: int, keys: Alice | Bob, *, opened: bo
     assert keys.key is not None
     keyring, deadline_s = end.resources.keyring, now_s() + ROOM_TIMEOUT_S
     while True:
-        work = asyncio.to_thread(keyring.keep, peer, number_of(end, key), keys.key, opened=opened)
-        keeping = asyncio.create_task(work)
         try:
-            return await asyncio.shield(keeping)
-        except asyncio.CancelledError:  # the thread goes on, and the other end will not have them
-            keyring.withdraw(peer, await keeping)
-            raise
+            async with turn:  # the room that one key has found is not another's
+                return await kept(keyring, peer, number_of(end, key), keys.key, opened=opened)
         except KeyStoreError as error:
             if not isinstance(error, StoreFull) or now_s() > deadline_s:
                 raise SessionError(Reason.BUSY, f"no key: {keyring.host}: {error}") from error
         await asyncio.sleep(ROOM_LOOK_S)
+
+
+async def kept(keyring: Keyring, peer: str, number: int, key: Bits, *, opened: bool) -> list[UUID]:
+    """Have a thread keep a key; who is cancelled meanwhile withdraws it."""
+    work = asyncio.to_thread(keyring.keep, peer, number, key, opened=opened)
+    keeping = asyncio.create_task(work)
+    try:
+        return await asyncio.shield(keeping)
+    except asyncio.CancelledError:  # the thread goes on, and the other end will not have them
+        keyring.withdraw(peer, await keeping)
+        raise
 
 
 async def give_up(end: End, keys: KeysUnderWay, progress: Progress, error: SessionError) -> None:
