@@ -13,6 +13,7 @@ from qmn.sweeps.experiment import Experiment, Outcome
 from qmn.sweeps.gated_bell import GATED_BELL
 from qmn.sweeps.gated_swap import GATED_SWAP
 from qmn.sweeps.ghz import GHZ
+from qmn.sweeps.graph_states import GRAPH
 from qmn.sweeps.heralding import HERALDING
 from qmn.sweeps.interference import HOM
 from qmn.sweeps.light_sources import LIGHT_SOURCES
@@ -62,6 +63,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         TIMING,
         DELAY_LINE,
         GHZ,
+        GRAPH,
         CONFERENCE,
         HERALDING,
         CUTOFF_TIMES,

@@ -472,6 +472,22 @@ SHEETS = (
         ],
     ),
     Sheet(
+        "graph",
+        "graph",
+        {"depolarizing": "0:0.2:6", "graph": ["line", "ring", "star", "complete"], "pairs": 60_000},
+        [
+            Curve(
+                "graph",
+                "Graph states of four hosts by fusing pairs: mean of all stabilisers",
+                "depolarizing",
+                "depolarising p of each link",
+                "fidelity",
+                by=["graph"],
+                levels=[(0.5, "no witness of entanglement among all")],
+            )
+        ],
+    ),
+    Sheet(
         "conference",
         "conference",
         {"depolarizing": "0:0.12:7", "hosts": [3, 4, 6], "pairs": 200_000},

@@ -49,6 +49,21 @@ def test_ghz_states_over_links_that_depolarise(hosts: int, p: float, fidelity: f
 
 
 @pytest.mark.parametrize(
+    ("graph", "hosts", "p", "fidelity"),
+    [
+        ("line", 3, 0.1, 0.85625),  # (1 + 2 .9 + 5 .9^2)/8
+        ("ring", 3, 0.1, 0.73655),  # (1 + .9^2 + 2 .9^3 + 4 .9^4)/8: one edge is of two links
+        ("star", 4, 0.05, 0.7982103),  # (1 + k + k^2 + 2 k^3 + k^4 + k^5 + 9 k^6)/16, k = .95
+    ],
+)
+def test_graph_states_over_links_that_depolarise(
+    graph: str, hosts: int, p: float, fidelity: float
+) -> None:
+    told = measured("graph", "fidelity", graph=graph, hosts=hosts, depolarizing=p)
+    assert abs(told - fidelity) < 5 / sqrt(PAIRS)
+
+
+@pytest.mark.parametrize(
     ("hosts", "p", "qber", "key"),
     [(3, 0.05, 0.04875, 0.4379), (4, 0.02, 0.029404, 0.6172), (5, 0.1, 0.17195, 0.0)],
 )
