@@ -527,8 +527,6 @@ class QuantumMetadata(App):
             fields["setup_ms"] = round(note.setup_ms, 4)
         if note.detail:
             fields["detail"] = note.detail
-        if note.event == "refused":  # the rest is in the record, a line for every pair
-            self.logger.info("session %016x: refused, %s", note.session, note.detail)
         if note.event in ("granted", "moved"):
             self.seals.granted(self.arbiter.sessions.by_number.get(note.session))
         if note.event in ("refused", "torn_down"):
