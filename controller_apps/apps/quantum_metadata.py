@@ -527,6 +527,8 @@ class QuantumMetadata(App):
             fields["setup_ms"] = round(note.setup_ms, 4)
         if note.detail:
             fields["detail"] = note.detail
+        if note.event == "refused" and note.detail != Reason.BUSY.name:  # so hosts ask again
+            self.logger.info("session %016x: refused, %s", note.session, note.detail)
         if note.event in ("granted", "moved"):
             self.seals.granted(self.arbiter.sessions.by_number.get(note.session))
         if note.event in ("refused", "torn_down"):
