@@ -15,7 +15,7 @@ from uuid import UUID
 from hosts.middleware.qkd.authentication import KeyPool, pool_bytes
 from hosts.middleware.qkd.bits import Bits
 from hosts.middleware.qkd.key_files import KeyStoreError
-from hosts.middleware.qkd.key_store import KeyStore, StoredKey, cut
+from hosts.middleware.qkd.key_store import KeyStore, StoredKey, StoreFull, cut
 from wire.credentials import secret_file
 
 MESSAGES = 8192  # of one direction of a session, at most
@@ -116,9 +116,9 @@ class Keyring:
             store.put_all(keys[1::2], first=not opened)
         except (KeyStoreError, OSError) as error:
             self.withdraw(other, [key.key_id for key in keys[0::2]])
-            # There was room for all: not StoreFull, after which who keeps them would try again,
-            # though some may have been handed out.
-            raise KeyStoreError(str(error)) from error
+            if isinstance(error, StoreFull):  # some may have been handed out: not to be tried again
+                raise KeyStoreError(str(error)) from error
+            raise
 
     def keep_conference(self, names: Sequence[str], session: int, final: Bits) -> None:
         """Store a key of several hosts as keys of KEY_BITS.
