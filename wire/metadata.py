@@ -311,7 +311,7 @@ def session_number(opener: str, count: int) -> int:
 
 def is_number_of(session: int, opener: str) -> bool:
     """Tell whether a host opens sessions of this number, by its IPv4 address."""
-    return _PLACE.unpack(session.to_bytes(_PLACE.size, "big"))[0] == IPv4Address(opener).packed
+    return session >> 32 == int(IPv4Address(opener))
 
 
 def session_of(message: bytes) -> int:
