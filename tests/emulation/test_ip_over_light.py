@@ -120,7 +120,7 @@ def test_a_file_comes_by_http_and_light_is_given_back(network: Network, tmp_path
 def test_a_shell_and_a_copied_file_come_by_light(network: Network, tmp_path: Path) -> None:
     key, server_key, home = (tmp_path / name for name in ("key", "server-key", "home"))
     subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", key], check=True)
-    made = ["dropbearkey", "-t", "ed25519", "-f", server_key]
+    made = ["dropbearkey", "-t", "ed25519", "-f", str(server_key)]
     subprocess.run(made, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     (home / ".ssh").mkdir(mode=0o700, parents=True)
     home.chmod(0o700)
