@@ -12,6 +12,7 @@ from typing import Any
 
 from controller_apps.apps.host_orders import (
     EventAlarm,
+    EventFigure,
     EventNodeAnswered,
     EventOrder,
     EventSealOver,
@@ -80,6 +81,7 @@ from controller_apps.sessions.state_folder import StateFolder
 from controller_apps.timeouts import SESSION_TICK_S
 from wire.config import ControllerConfig
 from wire.metadata import MalformedPacket, Reason, Setup
+from wire.session_figures import Figure
 
 DEVICE_MONITOR = "DeviceMonitor"  # the app that speaks to the hosts
 
@@ -397,6 +399,20 @@ class QuantumMetadata(App):
             tests_whole=told.seal_tests,
             alarm=told.alarm == told.seal,
             end=Reason(told.seal_end).name,
+        )
+
+    @on(EventFigure)
+    def figure_told(self, event: Any) -> None:
+        """Record what an end of a session has found out about its light."""
+        told = event.told
+        if not self.arbiter.sessions.is_end(told.about, event.address):
+            return  # it says what it likes
+        self.record.write(
+            "figure",
+            session=f"{told.about:016x}",
+            host=event.host,
+            figure=Figure(told.figure).name.lower(),
+            **told.interval._asdict(),
         )
 
     def _find_idle(self, setup: Setup, connection: FiveTuple) -> Admission:

@@ -224,6 +224,7 @@ class Sessions:
     obstacles: set[Direction] = field(
         default_factory=set
     )  # that `blocks` has met; cleared by users
+    ended: dict[int, tuple[str, str]] = field(default_factory=dict)  # the last ones' two ends
     over: dict[int, frozenset[str]] = field(default_factory=dict)
     # Seals that are to cross a fibre between two switches, given by their names; empty: any way.
     max_sessions: int = MAX_SESSIONS
@@ -256,6 +257,20 @@ class Sessions:
         session.requests[request.five_tuple] = request
         self.requests[request.five_tuple] = request
         return session
+
+    def remove(self, session: Session) -> None:
+        """Take out one that is over; for a while its ends may still tell of it."""
+        del self.by_number[session.number]
+        self.ended[session.number] = session.owner.source, session.owner.destination
+        if len(self.ended) > self.max_retired:
+            del self.ended[next(iter(self.ended))]
+
+    def is_end(self, number: int, address: str) -> bool:
+        """Tell whether a host is, or was just now, at an end of a session."""
+        session = self.by_number.get(number)
+        if session is None:
+            return address in self.ended.get(number, ())
+        return address in (session.owner.source, session.owner.destination)
 
     def occupy(
         self, session: Session, paths: tuple[LightPath, ...], owner: FiveTuple | None

@@ -16,6 +16,7 @@ from scapy.layers.l2 import Ether
 from controller_apps.apps.device_monitor import DeviceMonitor
 from controller_apps.apps.host_orders import (
     EventAlarm,
+    EventFigure,
     EventOrder,
     EventSealOver,
     EventSessionTold,
@@ -48,6 +49,7 @@ from wire.device import (
 from wire.metadata import Answer, Message, Reason
 from wire.optical import ALL_VALID, TUNABLE, PortLight, PortOptics
 from wire.seal_orders import GiveBack, SealOrder
+from wire.session_figures import Figure, SessionFigure
 
 KEYS = {"alice": "aa" * 16, "bob": "bb" * 16}
 CONTROLLER, ALICE = "10.0.0.254", "10.0.0.1"
@@ -489,3 +491,23 @@ def test_a_thousand_hosts_are_polled_one_after_the_other_each_once_a_period(scen
         assert len(sent) <= 15
         polled.update(host_of(bytes(Ether(each.frame)[UDP].payload)) for each in sent)
     assert polled == Counter(names)
+
+
+def test_what_a_host_has_found_out_of_a_session_is_passed_on(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent: list[tuple[str, Any]] = []
+    monkeypatch.setattr(scene.monitor, "send_event", lambda app, event: sent.append((app, event)))
+    figure = SessionFigure(0, 7, Figure.FIDELITY, 0.9, 0.8, 0.95)
+    scene.says(figure)  # nobody has heard of the host yet
+    assert sent == []
+    scene.says(SET)
+    scene.says(figure)
+    ((app, event),) = sent
+    assert isinstance(event, EventFigure)
+    assert (app, event.host, event.address, event.told) == (
+        "QuantumMetadata",
+        "alice",
+        ALICE,
+        figure,
+    )
