@@ -69,12 +69,17 @@ class KeyRelays(App):
         elif self.datapaths.get(dpid) is datapath:
             del self.datapaths[dpid]
 
+    def takes(self, message: Any) -> bool:
+        """Take datagrams that a classical switch has picked out."""
+        classical = message.datapath.id not in self.quantum_switches
+        picked = message.table_id == flow_entries.METADATA_TABLE
+        return classical and picked and is_udp(message.data)
+
     @on(ofp_event.EventOFPPacketIn, MAIN)
     def packet_arrived(self, event: Any) -> None:
         """Take in the datagrams of key managers; the rest is not ours."""
         message, frame = event.msg, bytes(event.msg.data)
-        classical = message.datapath.id not in self.quantum_switches
-        if not classical or message.table_id != flow_entries.METADATA_TABLE or not is_udp(frame):
+        if not self.takes(message):
             return
         try:
             datagram = Frame.decode(frame)

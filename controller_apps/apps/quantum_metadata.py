@@ -543,7 +543,7 @@ class QuantumMetadata(App):
             fields["setup_ms"] = round(note.setup_ms, 4)
         if note.detail:
             fields["detail"] = note.detail
-        if note.event == "refused":  # the rest is in the record, a line for every pair
+        if note.event == "refused" and note.detail != Reason.BUSY.name:  # so hosts ask again
             self.logger.info("session %016x: refused, %s", note.session, note.detail)
         if note.event in ("granted", "moved"):
             self.seals.granted(self.arbiter.sessions.by_number.get(note.session))

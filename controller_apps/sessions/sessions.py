@@ -113,6 +113,8 @@ class Request:
     @property
     def granted(self) -> Setup:
         """The set-up with the size of blocks that memories take, and the channel of its light."""
+        if not self.block_pairs and not self.wavelength_pm:
+            return self.setup
         pairs = self.block_pairs or self.setup.pairs
         return replace(self.setup, pairs=pairs, wavelength_pm=self.granted_pm)
 

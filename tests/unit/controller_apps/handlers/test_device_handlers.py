@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 from handlers_scene import Datapath, packet_out
 from metadata_scene import Q1, S1
-from scapy.layers.inet import IP, UDP
+from scapy.layers.inet import IP, TCP, UDP
 from scapy.layers.l2 import Ether
+from scapy.packet import Packet
 
 from controller_apps.apps.device_monitor import DeviceMonitor
 from controller_apps.apps.host_orders import (
@@ -81,16 +82,16 @@ class Scene:
         self.hears(data, port)
 
     def hears(self, data: bytes, port: int = 3) -> None:
-        frame = (
-            Ether(src="02:00:00:00:00:01", dst="ff:ff:ff:ff:ff:ff")
-            / IP(src=ALICE, dst="10.0.0.255")
-            / UDP(sport=DEVICE_PORT, dport=DEVICE_PORT)
-            / data
-        )
+        segment = UDP(sport=DEVICE_PORT, dport=DEVICE_PORT) / data
+        self.monitor.packet_arrived(self.packet_in(segment, port))
+
+    def packet_in(self, segment: Packet, port: int = 3, table: int = 1) -> Any:
+        ends = Ether(src="02:00:00:00:00:01", dst="ff:ff:ff:ff:ff:ff")
+        frame = ends / IP(src=ALICE, dst="10.0.0.255") / segment
         message = parser.OFPPacketIn(
-            self.s1, table_id=1, match=parser.OFPMatch(in_port=port), data=bytes(frame)
+            self.s1, table_id=table, match=parser.OFPMatch(in_port=port), data=bytes(frame)
         )
-        self.monitor.packet_arrived(ofp_event.EventOFPPacketIn(message))
+        return ofp_event.EventOFPPacketIn(message)
 
     def datagrams(self, host: str = "alice") -> list[Message]:
         """Return what s1 was told to send to a host, checked by scapy."""
@@ -124,6 +125,15 @@ class Scene:
 @pytest.fixture
 def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Scene:
     return Scene(tmp_path, monkeypatch)
+
+
+def test_an_app_is_not_woken_for_packets_of_others(scene: Scene) -> None:
+    queued = scene.monitor.events
+    for segment, table in ((TCP(), 1), (UDP(), 2)):
+        scene.monitor._send_event(scene.packet_in(segment, table=table), framework.MAIN)
+    assert queued.empty()
+    scene.monitor._send_event(scene.packet_in(UDP()), framework.MAIN)
+    assert queued.qsize() == 1
 
 
 NODES = ALICE, "10.0.0.9", "10.0.0.2"
