@@ -55,6 +55,7 @@ class Service(IntEnum):
         15  # a key of several hosts, by GHZ states: this is between two neighbours likewise
     )
     SENSE = 14  # phases at hosts, by GHZ states: this is between two neighbours of their line
+    GRAPH = 16  # graph states of several hosts: this is between two neighbours of their line
     MDI = 13  # by photons that both ends prepare and a relay measures in pairs
 
 
@@ -100,6 +101,9 @@ class Topic(IntEnum):
     SYNDROME = 19
     AMPLIFY = 20
     TAGS = 21
+    EDGES = (
+        25  # of a graph state: how many hosts, and both ends of each edge, as places in the line
+    )
     KEPT = 14  # the opener holds the key of this number (block) in its store; no values
     PURIFY = 32  # protocol (1 BBPSSW, 2 DEJMPS) and seed of the twirl, of a round of a block
     # Of a station, or passed on by the opener: the Bell state of each heralded pair, as 0 Phi+,

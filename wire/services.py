@@ -72,6 +72,7 @@ LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
         Service.SWAP: (),  # its links have it
         Service.LINK: (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),),
         Service.GHZ: (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),),
+        Service.GRAPH: (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),),
         Service.SENSE: (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),),
         Service.CONFERENCE: (Beam(FiberOf(OPENER, -1), FiberOf(ACCEPTOR, 0)),),
         # Its pairs come by the light of the session that it goes back on: either half of them
@@ -115,6 +116,7 @@ NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
         Service.BB84: {OPENER: EMIT, ACCEPTOR: MEASURE},
         Service.MDI: {SOURCE: INTERFERE, OPENER: EMIT, ACCEPTOR: EMIT},
         Service.GHZ: {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: STORE | MEASURE},
+        Service.GRAPH: {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: STORE | MEASURE},
         Service.SENSE: {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: STORE | MEASURE},
         Service.CONFERENCE: {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: STORE | MEASURE},
         Service.SWAP: {

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dispatcher.fiber.fiber_noise import ClassicalLight
+from dispatcher.fiber.classical_light import ClassicalLight
 from dispatcher.fiber.fluctuations import ThermalDrift
 from dispatcher.fiber.tap import Tap
 from dispatcher.layer.layer import PhysicalLayer

@@ -22,6 +22,7 @@ from hosts.applications.carrying import say
 from hosts.applications.service import ended_well
 from hosts.netqasm_sdk.external import installed
 from hosts.netqasm_sdk.placement import Placement
+from hosts.netqasm_sdk.ranks import counts
 
 Main = Callable[..., Any]
 
@@ -60,8 +61,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         prog="python -m hosts.applications.netqasm_program", description=__doc__
     )
-    parser.add_argument("folder", type=Path, help="of the application")
-    parser.add_argument("role", help="app_ROLE.py is run")
+    text = "folder of the application, or file of a NetQMPI program"
+    parser.add_argument("path", type=Path, help=text)
+    parser.add_argument("role", help="app_ROLE.py is run, or the program's rank")
     parser.add_argument("--stack", help="socket of this host's stack (QMN_STACK)")
     parser.add_argument("--placement", type=json.loads, help="hosts and addresses by role")
     parser.add_argument("--inputs", type=json.loads, default={}, help="of the program, as JSON")
@@ -70,13 +72,27 @@ def main() -> int:
     arguments = parser.parse_args()
     role = arguments.role
     placement = Placement(**arguments.placement, stacks={role: arguments.stack})
-    os.chdir(arguments.folder)
+    program = arguments.path.is_file()
+    os.chdir(arguments.path.parent if program else arguments.path)
     set_log_level("INFO")
+
+    def work_of_rank() -> None:
+        own = sys.stdout
+
+        def told(number: int) -> None:
+            with redirect_stdout(own):
+                say("round", {"round": number})
+
+        with installed(placement, told), redirect_stdout(sys.stderr):
+            rank, size = list(placement.hosts).index(role), len(placement.hosts)
+            found = counts(arguments.path, rank, size, arguments.rounds)
+        say("result", {"round": 0, "output": found})
+        say("done", {"rounds": arguments.rounds})
 
     def work() -> None:
         with installed(placement):
             with redirect_stdout(sys.stderr):
-                entry = load(arguments.folder, role)
+                entry = load(arguments.path, role)
             for number in range(arguments.rounds):
                 with redirect_stdout(sys.stderr):
                     host = placement.host(role)
@@ -85,7 +101,7 @@ def main() -> int:
                 say("result", {"round": number, "output": output})
         say("done", {"rounds": arguments.rounds})
 
-    return ended_well("netqasm_program", work)
+    return ended_well("netqasm_program", work_of_rank if program else work)
 
 
 if __name__ == "__main__":

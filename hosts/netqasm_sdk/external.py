@@ -2,8 +2,9 @@
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from types import ModuleType
 
 import netqasm.sdk
@@ -11,6 +12,7 @@ from netqasm.runtime.settings import SIMULATOR_ENV, Simulator
 
 from hosts.netqasm_sdk.connection import Connection, get_qubit_state
 from hosts.netqasm_sdk.placement import Placement
+from hosts.netqasm_sdk.rounds import simulate_application
 from hosts.netqasm_sdk.texts import BroadcastChannel, Exchange, Socket
 from wire.netqasm.texts import NAME_BYTES
 
@@ -18,8 +20,13 @@ NAME = "netqasm.sdk.external"
 
 
 @contextmanager
-def installed(placement: Placement) -> Iterator[None]:
-    """Let programs of the roles that run here use our network, until the end."""
+def installed(
+    placement: Placement, told: Callable[[int], None] = lambda _number: None
+) -> Iterator[None]:
+    """Let programs of the roles that run here use our network, until the end.
+
+    Of what asks for a simulation of an application, `told` hears the number of each round done.
+    """
     for role in placement.hosts:
         if len(role.encode()) > NAME_BYTES:
             raise ValueError(f"role {role!r}: at most {NAME_BYTES} bytes")
@@ -32,6 +39,7 @@ def installed(placement: Placement) -> Iterator[None]:
     channel = type("BroadcastChannel", (BroadcastChannel,), {"_socket_class": own})
     module.BroadcastChannel = channel  # type: ignore[attr-defined]
     module.get_qubit_state = get_qubit_state  # type: ignore[attr-defined]
+    module.simulate_application = partial(simulate_application, placement, told)  # type: ignore[attr-defined]
     # Of the simulators that the SDK knows, the one whose own parts it never imports.
     os.environ.setdefault(SIMULATOR_ENV, Simulator.SIMULAQRON.value)
     before = sys.modules.get(NAME)

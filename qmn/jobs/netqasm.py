@@ -1,7 +1,8 @@
 """The job of a NetQASM application: its programs run on hosts, as they are, and return something.
 
 A folder has a program app_ROLE.py for each role, and perhaps its inputs in ROLE.yaml and the host
-of each role in roles.yaml, as NetQASM's own `netqasm simulate` wants it.
+of each role in roles.yaml, as NetQASM's own `netqasm simulate` wants it. A file is a NetQMPI
+program of all ranks, whose roles are rank_0, rank_1, ...
 """
 
 import json
@@ -34,6 +35,7 @@ from topologies.programs import NetworkError, Program, python
 from wire.parameters.option import option
 
 PREFIX, SUFFIX = "app_", ".py"
+RANK = "rank_"  # as NetQMPI calls its roles
 MOST_SHOWN = 3  # rounds
 
 
@@ -41,7 +43,10 @@ MOST_SHOWN = 3  # rounds
 class NetqasmRequest:
     """An application, where its roles are, and what they are given."""
 
-    folder: Path
+    path: Path  # a folder, or the file of a NetQMPI program
+    ranks: int | None = option(
+        None, "hosts that run a NetQMPI program, FILE.py", metavar="N", range=(2, 1_000)
+    )
     place: tuple[str, ...] = option(
         (),
         "put a role on a host (repeatable; the host of its name, or the next that is free)",
@@ -64,7 +69,7 @@ class NetqasmRequest:
 class Application:
     """What is to run: hosts and inputs by role."""
 
-    folder: Path
+    path: Path
     hosts: Mapping[str, str]
     inputs: Mapping[str, Mapping[str, Any]]
     rounds: int
@@ -77,14 +82,14 @@ def run(request: NetqasmRequest, signals: Signals, console: Console) -> int:
     require_root()
     folder = begin_folder(request.run.runs, "netqasm")
     context = RunContext(description, request.run, folder, signals, console)
-    own = {"application": str(application.folder), "rounds": application.rounds}
+    own = {"application": str(application.path), "rounds": application.rounds}
     facts = known_facts(context, "netqasm", {**own, "input": list(request.input) or None})
     facts["roles"], facts["outputs"] = dict(application.hosts), []
     with (
         ending(folder, facts, result.complete, context.options.report),
         running_network(context, facts) as network,
     ):
-        console.print(f"{application.folder.name}: {told(application.hosts)}")
+        console.print(f"{application.path.name}: {told(application.hosts)}")
         play(application, network, folder, facts["outputs"])
         facts["delivered"] = True
     result.print_rows(console, {**rows(facts), **result.rows_of_every_run(facts, folder)})
@@ -96,18 +101,36 @@ def checked(request: NetqasmRequest, hosts: Sequence[str]) -> Application:
     check_network(request.network)
     check_ranges(request.run)
     check_ranges(request)
-    roles = roles_of(request.folder)
-    inputs = {role: read_yaml(request.folder / f"{role}.yaml") for role in roles}
+    roles, folder = roles_of(request.path, request.ranks), request.path.resolve()
+    if request.path.is_file():
+        folder = folder.parent
+        if request.input:
+            raise BadInput("--input: NetQMPI gives its programs none; write it into the program")
+    inputs = {role: read_yaml(folder / f"{role}.yaml") for role in roles}
     for role, name, value in map(_input, request.input):
         _require(role, roles, "--input")
         inputs[role][name] = value
-    placed = {**read_yaml(request.folder / "roles.yaml"), **dict(map(_placed, request.place))}
-    folder = request.folder.resolve()
-    return Application(folder, placement(roles, placed, hosts), inputs, request.rounds)
+    placed = {**read_yaml(folder / "roles.yaml"), **dict(map(_placed, request.place))}
+    path = request.path.resolve()
+    return Application(path, placement(roles, placed, hosts), inputs, request.rounds)
 
 
-def roles_of(folder: Path) -> list[str]:
-    """Return the roles of the application in a folder; raise BadInput if there is none."""
+def roles_of(path: Path, ranks: int | None) -> list[str]:
+    """Return the roles of the application in a folder, or of a program of so many ranks.
+
+    Raise BadInput if there is none.
+    """
+    if path.is_file():
+        if path.suffix != SUFFIX or ranks is None:
+            text = "it is FILE.py, and --ranks says on how many hosts it runs"
+            raise BadInput(f"{path} is no folder; of a NetQMPI program {text}")
+        return [f"{RANK}{number}" for number in range(ranks)]
+    if ranks is not None:
+        raise BadInput(f"--ranks {ranks} is for a NetQMPI program, FILE.py, which {path} is not")
+    return _roles_in(path)
+
+
+def _roles_in(folder: Path) -> list[str]:
     files = sorted(folder.glob(f"{PREFIX}*{SUFFIX}"))
     if not files:
         raise BadInput(f"{folder} has no {PREFIX}ROLE{SUFFIX}: name a NetQASM application's folder")
@@ -173,7 +196,7 @@ def play(
 def _start(
     role: str, application: Application, network: Network, placed: str, logs: Path
 ) -> Program:
-    command = [python(), "-m", "hosts.applications.netqasm_program", str(application.folder), role]
+    command = [python(), "-m", "hosts.applications.netqasm_program", str(application.path), role]
     command += ["--stack", network.runtime.socket(application.hosts[role]), "--placement", placed]
     command += ["--inputs", json.dumps(application.inputs[role]), "--logs", str(logs.resolve())]
     command += ["--rounds", str(application.rounds)]

@@ -54,7 +54,10 @@ class PassingEavesdropper:
         self._options, self._begin, self._end = options, begin, end
         self._folder = folder
         self._eve: Program | None = None
-        self._gone = options.eve is None
+        self._is_there, self._gone = False, options.eve is None
+        self._since_s = 0.0
+        # Something else may keep her from coming in time; then she also leaves later.
+        self._stays_s = math.inf if options.until is None else options.until - options.at
 
     def with_policy(self, network: NetworkDescription) -> NetworkDescription:
         """Return the network with a policy that can change; she is not in it yet."""
@@ -71,21 +74,23 @@ class PassingEavesdropper:
         """Do what it is time for."""
         if self._gone:
             return
-        if self._eve is None and moments.now_s >= self._options.at:
-            self._eve = self._come(network)
+        if self._eve is None:
+            self._eve = self._prepare(network)
+        elif not self._is_there and moments.now_s >= self._options.at:
+            self._eve.wait_for("intercepting", START_TIMEOUT_S)
+            eavesdropping.tapping_policy(self._begin, self._end, self._folder)
+            ask("reload-policy")
+            self._is_there, self._since_s = True, moments.now_s
             moments.add("eve_comes", fraction=self._options.eve)
-        elif self._eve and moments.now_s >= (self._options.until or math.inf):
+        elif self._is_there and moments.now_s >= self._since_s + self._stays_s:
             self._write()
             ask("reload-policy")
             self._eve.stop()
             self._gone = True
             moments.add("eve_leaves", **eavesdropping.summary_of(self._eve))
 
-    def _come(self, network: Network) -> Program:
+    def _prepare(self, network: Network) -> Program:
+        """Start her program, which takes no light before the policy puts her on the fibre."""
         name, socket = eavesdropping.EVE, network.runtime.socket(eavesdropping.EVE)
         command = [python(), "-m", "hosts.applications.intercept", "--stack", socket]
-        eve = network.run_on(name, "eve-intercepts", [*command, str(self._options.eve)])
-        eve.wait_for("intercepting", START_TIMEOUT_S)
-        eavesdropping.tapping_policy(self._begin, self._end, self._folder)
-        ask("reload-policy")
-        return eve
+        return network.run_on(name, "eve-intercepts", [*command, str(self._options.eve)])

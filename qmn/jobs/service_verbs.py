@@ -6,6 +6,7 @@ from types import MappingProxyType
 
 from hosts.middleware.services.conference.options import ConferenceOptions
 from hosts.middleware.services.distribution.options import PROTOCOLS
+from hosts.middleware.services.graph_states.options import SHAPES, WITNESSES
 from hosts.middleware.services.key_distribution.options import BOUNDS, CORRECTIONS, KeyOptions
 from hosts.middleware.services.sensing.options import PROBES
 from hosts.middleware.services.teleportation import qubit_states
@@ -76,6 +77,23 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
             "make GHZ states of several hosts, and tell their fidelity",
             "states",
             {"line": LINE},
+            line=True,
+        ),
+        "graph": Verb(
+            "make graph states of several hosts, and tell their fidelity",
+            "states",
+            {
+                "line": LINE,
+                "graph": {
+                    "metavar": "NAME|A-B,B-C",
+                    "help": f"{', '.join(SHAPES)} (of the first host with all others), or edges",
+                },
+                "witness": {
+                    "choices": WITNESSES,
+                    "help": "the fidelity by stabilisers drawn of all, or a bound of it by a few "
+                    f"settings, as many as the graph has colours ({WITNESSES[0]})",
+                },
+            },
             line=True,
         ),
         "conference": Verb(

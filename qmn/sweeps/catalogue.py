@@ -3,6 +3,7 @@
 import asyncio
 
 from qmn.sweeps.bell_measurements import CHSH, DELAY_LINE
+from qmn.sweeps.classical_light import CLASSICAL_LIGHT
 from qmn.sweeps.conference import CONFERENCE
 from qmn.sweeps.contention import LIGHT
 from qmn.sweeps.cutoff import CUTOFF_TIMES
@@ -12,6 +13,7 @@ from qmn.sweeps.experiment import Experiment, Outcome
 from qmn.sweeps.gated_bell import GATED_BELL
 from qmn.sweeps.gated_swap import GATED_SWAP
 from qmn.sweeps.ghz import GHZ
+from qmn.sweeps.graph_states import GRAPH
 from qmn.sweeps.heralding import HERALDING
 from qmn.sweeps.interference import HOM
 from qmn.sweeps.light_sources import LIGHT_SOURCES
@@ -51,6 +53,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         MULTI_PAIR,
         WEAK_PULSES,
         LIGHT_SOURCES,
+        CLASSICAL_LIGHT,
         PAIR_KEYS,
         RELAYED_KEYS,
         DECOY_STATES,
@@ -60,6 +63,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         TIMING,
         DELAY_LINE,
         GHZ,
+        GRAPH,
         CONFERENCE,
         HERALDING,
         CUTOFF_TIMES,

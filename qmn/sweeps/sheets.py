@@ -194,6 +194,26 @@ SHEETS = (
         ],
     ),
     Sheet(
+        "classical-light",
+        "classical-light",
+        {
+            "length_km": [1, 5, 10, 20, 30, 40, 60],
+            "classical_way": ["along", "against"],
+            "pairs": 1_000_000,
+        },
+        [
+            Curve(
+                "classical-light",
+                "1 mW of classical light beside the photons: errors by what it scatters",
+                "length_km",
+                "length of the fibre (km)",
+                "qber",
+                by=["classical_way"],
+                logarithmic=True,
+            )
+        ],
+    ),
+    Sheet(
         "teleportation",
         "teleport",
         {"fidelity": "0.25:1:11", "pairs": 500_000},
@@ -447,6 +467,22 @@ SHEETS = (
                 "depolarising p of each link",
                 "fidelity",
                 by=["hosts"],
+                levels=[(0.5, "no witness of entanglement among all")],
+            )
+        ],
+    ),
+    Sheet(
+        "graph",
+        "graph",
+        {"depolarizing": "0:0.2:6", "graph": ["line", "ring", "star", "complete"], "pairs": 60_000},
+        [
+            Curve(
+                "graph",
+                "Graph states of four hosts by fusing pairs: mean of all stabilisers",
+                "depolarizing",
+                "depolarising p of each link",
+                "fidelity",
+                by=["graph"],
                 levels=[(0.5, "no witness of entanglement among all")],
             )
         ],

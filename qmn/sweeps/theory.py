@@ -123,6 +123,45 @@ def several_pairs(statistics: str, mean_pairs: float, arrives: float) -> tuple[f
     return wrong / both, both
 
 
+def scattered_photons(
+    length_km: float,
+    loss_db_per_km: float,
+    classical_mw: float,
+    classical_db_per_km: float,
+    raman_per_km_nm: float,
+    filter_nm: float,
+    filter_center_nm: float,
+    pulse_window_s: float,
+    against: bool = False,
+) -> float:
+    """Return how many photons classical light scatters into a pulse's window at a fibre's end.
+
+    P rho D (e^(-qL) - e^(-cL))/(c - q) along with the photons, P rho D (1 - e^(-(c + q)L))/(c + q)
+    against them, divided by the energy h c / lambda of one.
+    """
+    own, light = (db * math.log(10) / 10 for db in (loss_db_per_km, classical_db_per_km))
+    left, decay = (1.0, light + own) if against else (math.exp(-own * length_km), light - own)
+    far_km = (1 - math.exp(-decay * length_km)) / decay if decay else length_km
+    photon_j = 6.62607015e-34 * 299_792_458 / (filter_center_nm * 1e-9)
+    scattered_w = classical_mw * 1e-3 * raman_per_km_nm * filter_nm * left * far_km
+    return scattered_w * pulse_window_s / photon_j
+
+
+def coincidence_visibility(
+    pairs: float, arrives: tuple[float, float], noises: tuple[float, float]
+) -> float:
+    """Return (C - A)/(C + A) of pairs of one polarisation, thermal, where few come and click.
+
+    Of so many pairs in a pulse either half clicks so likely, and noise does so beside it: A are
+    accidental coincidences, of different pulses, and C = arrives arrives' (n + n^2) + A.
+    """
+    accidental = math.prod(
+        share * pairs + noise for share, noise in zip(arrives, noises, strict=True)
+    )
+    of_pairs = math.prod(arrives) * (pairs + pairs**2)
+    return of_pairs / (of_pairs + 2 * accidental)
+
+
 def gain(mean: float) -> float:
     """Return how often a detector sees a pulse of which so many photons come to it on average."""
     return -math.expm1(-mean)

@@ -19,8 +19,8 @@ def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     text = "run a NetQASM application on hosts"
     parser = verbs.add_parser("netqasm", help=text, description=__doc__)
-    text = "of the application, with app_ROLE.py for each of its roles"
-    parser.add_argument("folder", type=Path, metavar="APP_DIR", help=text)
+    text = "folder of the application, with app_ROLE.py for each of its roles; or a NetQMPI program"
+    parser.add_argument("path", type=Path, metavar="APP_DIR", help=text)
     names = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
     text = f"over this network ({names}; default: sdc)"
     parser.add_argument("--topology", type=topology_name, default="sdc", metavar="NAME", help=text)

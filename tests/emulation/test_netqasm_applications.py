@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import netqasm.examples.apps
+from documentation import blocks
 from loaded import run_qmn
 from scapy.layers.inet import IP, TCP
 from scapy.utils import PcapReader
@@ -15,6 +16,7 @@ from scapy.utils import PcapReader
 from wire.netqasm.pair_requests import PAIRS_PORT, REQUEST, PairRequest, Use, decode_request
 
 APPS = Path(netqasm.examples.apps.__file__).parent
+RANKS = Path(__file__).parents[1] / "unit/hosts/netqasm_styles/netqmpi"
 
 
 def run(runs: Path, application: str, *options: str) -> dict[str, Any]:
@@ -129,6 +131,33 @@ def test_the_teleport_of_the_sdk_runs_as_it_is(tmp_path: Path) -> None:
         sent, done = each["sender"], each["receiver"]
         assert done["correction1"] == ("Z" if sent["m1"] else "None")
         assert done["correction2"] == ("X" if sent["m2"] else "None")
+
+
+def test_the_netqmpi_program_of_the_documentation_runs_on_a_host_for_each_rank(
+    tmp_path: Path,
+) -> None:
+    """What rank 0 teleports is 1; without corrections one in 2 ** rounds would be right."""
+    (text,) = [each for each in blocks("docs/netqasm.md", "python") if "comm.qsend" in each]
+    program, rounds = tmp_path / "send.py", 12
+    program.write_text(text)
+    places = ["--place", "rank_0=charlie"]
+    result = run(tmp_path, str(program), "--ranks", "2", "--rounds", str(rounds), *places)
+    assert result["roles"] == {"rank_0": "charlie", "rank_1": "alice"}
+    assert result["outputs"] == [{"rank_0": {"0": rounds}, "rank_1": {"1": rounds}}]
+    for role, counts in result["outputs"][0].items():  # a program says its own alone
+        log = (tmp_path / "latest" / f"netqasm-{role}.log").read_text()
+        assert re.findall(r"^\{(?:'.*)?\}$", log, re.MULTILINE) == [str(counts)]
+    quantum = (tmp_path / "latest" / "quantum.log").read_text()
+    for host, instruction in (("charlie", "create_epr"), ("alice", "recv_epr")):
+        assert re.search(rf" {host} +subroutine +set [^\n]*{instruction}", quantum)
+
+
+def test_what_a_netqmpi_program_scatters_and_flips_is_gathered(tmp_path: Path) -> None:
+    """Charlie scatters |1> and |0>, and gathers |0> and |1> behind his own |1>."""
+    words = ["--ranks", "3", "--place", "rank_0=charlie", "--rounds", "3"]
+    result = run(tmp_path, str(RANKS / "scattered.py"), *words)
+    assert result["roles"] == {"rank_0": "charlie", "rank_1": "alice", "rank_2": "bob"}
+    assert result["outputs"] == [{"rank_0": {"101": 3}, "rank_1": {"": 3}, "rank_2": {"": 3}}]
 
 
 def test_a_state_comes_over_and_nobody_knows_from_whom(tmp_path: Path) -> None:

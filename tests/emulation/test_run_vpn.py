@@ -113,7 +113,7 @@ def test_the_tunnel_closes_while_eve_listens_and_the_file_arrives(
         "--runs",
         str(tmp_path / "runs"),
     ]
-    words += ["--eve", "0.5", "--at", "2", "--until", "4"]
+    words += ["--eve", "0.5", "--at", "2", "--until", "5"]
     done = run_qmn("run", "vpn", *words, timeout_s=110)
     assert done.returncode == 0, done.stdout + done.stderr
     folder = tmp_path / "runs" / "latest"

@@ -129,6 +129,7 @@ PROTOCOLS = [
         SERVICES / service / f"{name}.py"
         for service, names in {
             "ghz": ("line", "options", "protocol", "witness"),
+            "graph_states": ("fusion", "graph", "options", "protocol", "witness"),
             "conference": ("follower", "leader", "options", "protocol", "summary"),
             "sensing": ("fringe", "options", "protocol"),
             "distribution": ("fidelity", "pairs", "protocol", "purification", "sharing"),

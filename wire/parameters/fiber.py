@@ -78,10 +78,14 @@ class FiberOptics:
     temperature_slope_k_per_s: float = parameter(0.0, -10.0, 10.0)
     temperature_walk_k_per_sqrt_s: float = parameter(0.0, 0.0, 10.0)
     thermal_ppm_per_k: float = parameter(8.2, 0.0, 1_000.0)
-    # Light of classical traffic that goes along with the photons, and what it scatters.
+    # Light of classical traffic: launched power, its attenuation (None: that of the photons),
+    # which way it goes, and what it scatters into a filter around the photons.
     classical_mw: float = parameter(0.0, 0.0, 1_000.0)
+    classical_db_per_km: float | None = parameter(None, 0.0, 1_000.0)
+    classical_way: str = choice("along", "against")
     raman_per_km_nm: float = parameter(2e-9, 0.0, 1e-3)
     filter_nm: float = parameter(0.4, 0.0, 100.0)  # about 50 GHz
+    filter_center_nm: float = parameter(1550.12, 200.0, 5_000.0)  # 193.4 THz
     pulse_window_s: float = parameter(1e-9, 0.0, 1e-3)
     # Channels by wavelength, behind a multiplexer at either end; 1: a fibre without multiplexers.
     # Channel 1 is at 193.4 THz (1550.12 nm), each further one so much higher.

@@ -6,6 +6,7 @@ from types import MappingProxyType
 from hosts.middleware.services.conference import conference
 from hosts.middleware.services.distribution import distribute
 from hosts.middleware.services.ghz import ghz
+from hosts.middleware.services.graph_states import graph_states
 from hosts.middleware.services.key_distribution import protocols, relayed
 from hosts.middleware.services.sealing import seal
 from hosts.middleware.services.sensing import sensing
@@ -28,6 +29,7 @@ KINDS: Mapping[Service, ServiceKind] = MappingProxyType(
             conference.KIND,
             distribute.KIND,
             ghz.KIND,
+            graph_states.KIND,
             seal.KIND,
             sensing.KIND,
             swap.KIND,

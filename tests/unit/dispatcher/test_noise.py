@@ -1,11 +1,13 @@
 """Noise models without memory against their closed forms, within 5 sigma; the seed is 1."""
 
+from math import exp, sinh
+
 import numpy as np
 import pytest
 from noise_cases import COUNT, START_NS, passage, within
 
 from dispatcher.fiber import fiber_noise
-from dispatcher.fiber.fiber_noise import ClassicalLight
+from dispatcher.fiber.classical_light import ClassicalLight
 from dispatcher.fiber.noise import (
     Dephasing,
     Depolarizing,
@@ -158,6 +160,38 @@ def test_classical_light_scatters_in_proportion_to_its_power(power_mw: float) ->
     assert within(int(np.count_nonzero(extras.extras == 0)), float(np.exp(-mean)), COUNT) or (
         power_mw == 100  # there the third digit of .0394 is not enough
     )
+
+
+@pytest.mark.parametrize("way", ["along", "against"])
+@pytest.mark.parametrize(("own_db", "light_db"), [(0.33, 0.2), (0.2, 0.2), (0.0, 0.0), (0.2, 1.0)])
+def test_each_kilometre_scatters_what_comes_to_it_and_loses_what_it_scatters(
+    way: str, own_db: float, light_db: float
+) -> None:
+    """Kilometre by kilometre: P 10^(-light z/10), then 10^(-own z/10) to where the photons go."""
+    steps = (np.arange(30_000) + 0.5) * 1e-3  # km, of 30
+    to_go = 30 - steps if way == "along" else steps
+    each = 10 ** (-(light_db * steps + own_db * to_go + 0.5) / 10) * 1e-3
+    fiber = optics(
+        "it",
+        length_km=30,
+        loss_db_per_km=own_db,
+        connectors_db=0.5,
+        classical_db_per_km=light_db,
+        classical_way=way,
+        filter_center_nm=1290.0,
+    )
+    # 1 mW * 2e-9 / (km nm) * .4 nm * 1 ns / 1.5399e-19 J, the energy of a photon at 1290 nm
+    mean = 1e-3 * 2e-9 * 0.4 * 1e-9 / 1.53988e-19 * float(each.sum())
+    assert ClassicalLight(fiber).photons_per_mw == pytest.approx(mean, rel=1e-5)
+
+
+def test_light_against_the_photons_is_that_of_the_literature() -> None:
+    """Eraerds et al.: P sinh(a L)/a e^(-a L) rho, a = .046052 of .2 dB/km, L = 25 km: 8.5713 km."""
+    fiber = optics("it", length_km=25, loss_db_per_km=0.2, classical_way="against")
+    ideal = optics("it", length_km=1)
+    expected = ClassicalLight(ideal).photons_per_mw * sinh(0.0460517 * 25) / 0.0460517
+    expected *= exp(-0.0460517 * 25)
+    assert ClassicalLight(fiber).photons_per_mw == pytest.approx(expected, rel=1e-5)
 
 
 def test_a_change_of_the_classical_light_takes_effect_when_it_is_made() -> None:

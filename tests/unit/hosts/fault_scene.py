@@ -35,6 +35,7 @@ SESSIONS: dict[str, dict[str, Any]] = {
     "e91": KEYS,
     "mdi": KEYS,
     "ghz": {"count": 600, "block_pairs": 300, "line": "alice,bob"},
+    "graph": {"count": 600, "block_pairs": 300, "line": "alice,bob"},
     "conference": {"count": 4000, "block_pairs": 2000, "line": "alice,bob"},
     "sense": {"count": 600, "block_pairs": 300, "line": "alice,bob"},
     "seal": {"count": 900, "block_pairs": 500},
@@ -45,6 +46,7 @@ PATHS = {
     "bb84": [(1, 2)],
     "mdi": [(1, 4), (2, 5)],
     "ghz": [(1, 2)],
+    "graph": [(1, 2)],
     "sense": [(1, 2)],
     "conference": [(1, 2)],
 }  # of all others: pairs to both ends

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import netqasm.examples.apps
 from dispatcher_status import require_nothing_left
@@ -18,6 +18,7 @@ from hosts.netqasm_sdk.placement import Placement
 
 EXAMPLES = Path(netqasm.examples.apps.__file__).parent
 Program = Callable[..., Any]
+Output = TypeVar("Output")
 
 
 def placed(folder: Path, hosts: Mapping[str, str]) -> Placement:
@@ -51,7 +52,6 @@ def outputs(
         ]
 
     def perform() -> list[dict[str, Any]]:
-        forget_modules()
         with installed(placed(folder, hosts)), ThreadPoolExecutor(len(hosts)) as pool:
             entries = (
                 {role: load(programs, role) for role in hosts}
@@ -60,12 +60,23 @@ def outputs(
             )
             playing = {role: pool.submit(play, role, main) for role, main in entries.items()}
             told = {role: each.result(2 * DEADLINE_S) for role, each in playing.items()}
-        require_nothing_left(folder)
         return [dict(zip(told, each, strict=True)) for each in zip(*told.values(), strict=True)]
 
-    async def run() -> list[dict[str, Any]]:
+    return performed(folder, perform, **physics)
+
+
+def performed(folder: Path, perform: Callable[[], Output], **physics: Any) -> Output:
+    """Return what programs of this process have done over the network. No photon may be left."""
+
+    def alone() -> Output:
+        forget_modules()
+        output = perform()
+        require_nothing_left(folder)
+        return output
+
+    async def run() -> Output:
         async with network(folder, **physics):
-            return await asyncio.to_thread(perform)
+            return await asyncio.to_thread(alone)
 
     before = list(sys.path)
     try:
@@ -75,6 +86,7 @@ def outputs(
 
 
 def forget_modules() -> None:
-    """Forget what programs have imported from their own folders."""
-    for name in [name for name in sys.modules if name.split(".")[0] in ("src", "shared")]:
+    """Forget what programs have imported from their own folders, and what keeps our sockets."""
+    kept = "src", "shared", "netqmpi"
+    for name in [name for name in sys.modules if name.split(".")[0] in kept]:
         del sys.modules[name]

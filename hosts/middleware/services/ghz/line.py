@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from hosts.hardware.qnic import BlockName, Qnic, Symbols
 from hosts.middleware.services.ghz.options import MOST_HOSTS, GhzOptions
-from hosts.middleware.session.blocks import LOST, Mask, correct_rotation, keep_of_all
+from hosts.middleware.session.blocks import LOST, Mask, correct_rotation, keep_of_all, store
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.middleware.session.protocol import (
@@ -97,11 +97,15 @@ class Right:
         """Return the name of the halves that are kept here."""
         return self.side.block(number, half=0)
 
-    def make(self, number: int, size: int, there: Mask) -> Steps[Mask]:
-        """Make pairs with the next host of those states that are there; return which all have."""
-        side = self.side
-        stored = yield from own_pairs(side, number, size, side.ports[-1])
-        yield Through(self.connection, _say(side, Topic.ARRIVED, number, stored.arrived & there, 1))
+    def make(self, number: int, there: Mask, lit: bool = True) -> Steps[Mask]:
+        """Make pairs with the next host of those states that are there; return which all have.
+
+        If it is not lit, there are none to be made here, but perhaps behind.
+        """
+        side, size = self.side, there.size
+        if lit:
+            there = there & (yield from own_pairs(side, number, size, side.ports[-1])).arrived
+        yield Through(self.connection, _say(side, Topic.ARRIVED, number, there, 1))
         heard = yield Through(self.connection, hear(Topic.ARRIVED, number, size, 1, BITS_TIMEOUT_S))
         return heard.astype(bool)  # type: ignore[no-any-return]
 
@@ -165,7 +169,7 @@ class Leader(ABC):
 
     @abstractmethod
     def use(self, number: int, states: int) -> Steps[None]:
-        """Use so many states, of which a qubit is in the block of this number here."""
+        """Use so many states, of which this host has its `qubits`."""
 
     @abstractmethod
     def figures(self) -> dict[str, Any]:
@@ -195,16 +199,24 @@ class Leader(ABC):
 
     def block(self, number: int, size: int) -> Steps[None]:
         """Make a block of states and use it."""
-        right, name = self.right, self.right.block(number)
-        yield Through(right.connection, right.side.announce(number, size))
+        right, name = self.right, self.qubits(number)
         self.emitted += size
-        kept = yield from right.make(number, size, np.ones(size, dtype=bool))
+        kept = yield from self.pairs(number, size)
         if not (yield from keep_of_all(name, kept)):
             return
         kept = yield from right.correct(number, np.zeros(np.count_nonzero(kept), dtype=np.uint8))
         if states := (yield from keep_of_all(name, kept)):
             self.made += states
             yield from self.use(number, states)
+
+    def pairs(self, number: int, size: int, lit: bool = True) -> Steps[Mask]:
+        """Have pairs made along the line, here too if it is lit; return of which states all are."""
+        yield Through(self.right.connection, self.right.side.announce(number, size))
+        return (yield from self.right.make(number, np.ones(size, dtype=bool), lit))
+
+    def qubits(self, number: int) -> BlockName:
+        """Return the block of this host's qubits of states."""
+        return self.right.block(number)
 
     def _summary(self, elapsed_s: float) -> dict[str, Any]:
         return {
@@ -230,7 +242,7 @@ class Follower(ABC):
 
     @abstractmethod
     def use(self, number: int, states: int) -> Steps[None]:
-        """Use so many states, of which a qubit is in the block of this number here."""
+        """Use so many states, of which this host has its `qubits`."""
 
     def figures(self) -> dict[str, Any]:
         """Return what this host's application is told."""
@@ -249,37 +261,51 @@ class Follower(ABC):
         """Take part in what the message announces: a block of states."""
         yield from self._block(*coming(message, self.side.setup.pairs))
 
-    def _block(self, number: int, size: int) -> Steps[None]:
-        side, right, name = self.side, self.right, self.side.block(number, half=1)
-        if right is not None:
-            yield Through(right.connection, right.side.announce(number, size))
-        light = yield from side.expect_light(name)
+    def qubits(self, number: int) -> BlockName:
+        """Return the block of this host's qubits of states."""
+        return self.side.block(number, half=1)
+
+    def pairs(self, number: int, size: int, left: bool = True, right: bool = True) -> Steps[Mask]:
+        """Store halves from the left, make pairs to the right; return of which states all are.
+
+        Where there are none on one side of this host, there may be some further on.
+        """
+        side, name, after = self.side, self.side.block(number, half=1), self.right
+        if after is not None:
+            yield Through(after.connection, after.side.announce(number, size))
+        light = (yield from side.expect_light(name)) if left else None
         yield side.agree()
         there = (yield from hear(Topic.ARRIVED, number, size, 1, BITS_TIMEOUT_S)).astype(bool)
-        stored = yield from side.stored(light, size)
-        there &= yield from correct_rotation(name, stored.arrived, side.setup.rotation)
-        if right is not None:
-            there = yield from right.make(number, size, there)
+        if light is not None:
+            stored = yield from side.stored(light, size)
+            there &= yield from correct_rotation(name, stored.arrived, side.setup.rotation)
+        if after is not None:
+            there = yield from after.make(number, there, right)
         yield side.say(Topic.ARRIVED, number, there, 1)
-        left = yield from keep_of_all(name, there)
-        if right is not None:
-            yield from keep_of_all(right.block(number), there)
+        return there
+
+    def _block(self, number: int, size: int) -> Steps[None]:
+        there = yield from self.pairs(number, size)
+        left = yield from keep_of_all(self.qubits(number), there)
+        if self.right is not None:
+            yield from keep_of_all(self.right.block(number), there)
         if left:
             yield from self._fuse(number, left)
 
     def _fuse(self, number: int, size: int) -> Steps[None]:
         """Fuse with the next host, correct, and use what is left."""
-        side, right, name = self.side, self.right, self.side.block(number, half=1)
+        side, right, name = self.side, self.right, self.qubits(number)
         outcomes = np.zeros(size, dtype=np.uint8)
         if right is not None:
             yield from do(Qnic.controlled_x, name, right.block(number))
             in_z = np.zeros(size, dtype=np.uint8)
             outcomes = seen((yield from do(Qnic.measure, right.block(number), in_z)))
+            outcomes[~(yield from store(name))] = LOST  # to wait for corrections
             self.fused += size
         heard = yield from hear(Topic.CORRECTIONS, number, size, LOST, BITS_TIMEOUT_S)
         bits = heard.astype(np.uint8)
         yield from do(Qnic.apply, name, np.where(bits == FLIP, FLIP, 0).astype(np.uint8))
-        there = bits != LOST
+        there = (bits != LOST) & (yield from store(name))  # to wait until it is used
         if right is not None:
             lost = ~there | (outcomes == LOST)
             there = yield from right.correct(number, np.where(lost, LOST, bits ^ outcomes))

@@ -7,12 +7,13 @@ leader                      next                        last
 """
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from hosts.hardware.qnic import Qnic
 from hosts.middleware.services.ghz import line
+from hosts.middleware.services.ghz.line import Table
 from hosts.middleware.services.ghz.witness import Tally, chosen_bases
 from hosts.middleware.session.protocol import Steps, do, hear
 from hosts.timeouts import BITS_TIMEOUT_S
@@ -20,11 +21,25 @@ from wire.metadata import Topic
 from wire.outcomes import BASES
 
 
+class Witness(Protocol):
+    """What measurements of states have told so far."""
+
+    @property
+    def states(self) -> int:
+        """Return how many states have told something."""
+
+    def add(self, bases: Table, outcomes: Table) -> None:
+        """Count states: bases and outcomes of all hosts, above 1 where there was none."""
+
+    def summary(self) -> dict[str, Any]:
+        """Return the fidelity, and what it is of; None where nothing is known."""
+
+
 @dataclass
 class Leader(line.Leader):
     """The host that asks: it draws the stabilisers that are measured."""
 
-    tally: Tally = field(default_factory=Tally)
+    tally: Witness = field(default_factory=Tally)
 
     @property
     def states(self) -> int:
@@ -33,11 +48,15 @@ class Leader(line.Leader):
 
     def use(self, number: int, states: int) -> Steps[None]:
         """Measure a stabiliser of each state."""
-        bases = chosen_bases(self.side.draws, len(self.options.names), states)
-        ours = line.seen((yield from do(Qnic.measure, self.right.block(number), bases[0])))
+        bases = self.bases(states)
+        ours = line.seen((yield from do(Qnic.measure, self.qubits(number), bases[0])))
         behind = bases[1:]
         theirs = yield from self.right.ask(Topic.BASES, number, behind.ravel(), 2, behind.shape)
         self.tally.add(bases, np.vstack([ours, theirs]))
+
+    def bases(self, states: int) -> Table:
+        """Return in which basis each host measures each state."""
+        return chosen_bases(self.side.draws, len(self.options.names), states)
 
     def figures(self) -> dict[str, Any]:
         """Return the fidelity."""
@@ -54,8 +73,7 @@ class Follower(line.Follower):
             Topic.BASES, number, shape[0] * states, len(BASES) - 1, BITS_TIMEOUT_S
         )
         bases = told.astype(np.uint8).reshape(shape)
-        name = self.side.block(number, half=1)
-        own = line.seen((yield from do(Qnic.measure, name, bases[0])))
+        own = line.seen((yield from do(Qnic.measure, self.qubits(number), bases[0])))
         others = []
         if self.right is not None:
             behind = bases[1:]

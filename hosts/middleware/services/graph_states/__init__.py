@@ -1,0 +1,1 @@
+"""Graph states of several hosts: a pair for each edge, fused at the hosts."""

@@ -1,0 +1,180 @@
+"""Graphs of hosts in a line, and how pairs between neighbours of the line make their edges.
+
+An edge between hosts that are not neighbours is made of a pair on each link between them, swapped
+at the hosts on its way. Edges whose ways have no link in common are made in one layer of pairs
+along the line: a ring of A, B, C and D takes two layers,
+
+    A ===== B ===== C ===== D      edges A-B, B-C and C-D
+    A ===== x ===== x ===== D      edge A-D, swapped at B and C
+"""
+
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations, pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hosts.middleware.services.ghz.options import LEAST_HOSTS, MOST_HOSTS
+
+Edge = tuple[int, int]  # places in the line, the lower first
+
+
+class Half(NamedTuple):
+    """Half of a pair at a host."""
+
+    layer: int
+    came: bool  # from the left; if not, it was made here
+    far: int  # the host with the other end of its edge
+
+
+class Swap(NamedTuple):
+    """Two pairs that a host joins, on the way of an edge."""
+
+    layer: int
+    edge: Edge
+
+
+@dataclass(frozen=True)
+class Graph:
+    """Which hosts of a line are joined; ValueError for what is no connected graph of all."""
+
+    hosts: int
+    edges: tuple[Edge, ...]
+
+    def __post_init__(self) -> None:
+        """Check that it is one."""
+        if not LEAST_HOSTS <= self.hosts <= MOST_HOSTS:
+            raise ValueError(f"{self.hosts} hosts, of {LEAST_HOSTS} to {MOST_HOSTS}")
+        if any(not 0 <= a < b < self.hosts for a, b in self.edges):
+            raise ValueError(f"an edge joins two different ones of {self.hosts} hosts")
+        if len(set(self.edges)) != len(self.edges):
+            raise ValueError("an edge is there once")
+        if apart := set(range(self.hosts)) - self._joined():
+            raise ValueError(f"no edges lead from the first host to number {min(apart) + 1}")
+
+    def _joined(self) -> set[int]:
+        """Return the hosts to which edges lead from the first."""
+        found, left = {0}, {0}
+        while left:
+            left = {there for here in left for there in self.neighbours(here)} - found
+            found |= left
+        return found
+
+    def neighbours(self, place: int) -> set[int]:
+        """Return with which hosts edges join one."""
+        return {b if a == place else a for a, b in self.edges if place in (a, b)}
+
+    @cached_property
+    def adjacency(self) -> NDArray[np.uint8]:
+        """Return 1 for hosts that are joined; shape (hosts, hosts)."""
+        joined = np.zeros((self.hosts, self.hosts), dtype=np.uint8)
+        for a, b in self.edges:
+            joined[a, b] = joined[b, a] = 1
+        return joined
+
+    @cached_property
+    def layers(self) -> tuple[tuple[Edge, ...], ...]:
+        """Return the edges of each layer of pairs: as few layers as the busiest link has edges."""
+        layers: list[list[Edge]] = []
+        for edge in sorted(self.edges):
+            free = next((each for each in layers if each[-1][1] <= edge[0]), None)
+            if free is None:
+                layers.append([edge])
+            else:
+                free.append(edge)
+        return tuple(map(tuple, layers))
+
+    @property
+    def pairs(self) -> int:
+        """Return how many pairs a state takes, on all links."""
+        return sum(b - a for a, b in self.edges)
+
+    def kept(self, place: int) -> int:
+        """Return how many halves of pairs of one state a host keeps at most."""
+        return len(self.halves(place)) + 2 * len(self.swaps(place))
+
+    def lit(self, layer: int, place: int) -> bool:
+        """Return whether a layer has a pair of this host and the next one."""
+        return any(a <= place < b for a, b in self.layers[layer])
+
+    def halves(self, place: int) -> list[Half]:
+        """Return the halves at a host that are ends of edges."""
+        return [
+            Half(layer, came=place == b, far=a if place == b else b)
+            for layer, edges in enumerate(self.layers)
+            for a, b in edges
+            if place in (a, b)
+        ]
+
+    def swaps(self, place: int) -> list[Swap]:
+        """Return what a host swaps."""
+        return [
+            Swap(layer, (a, b))
+            for layer, edges in enumerate(self.layers)
+            for a, b in edges
+            if a < place < b
+        ]
+
+    @cached_property
+    def colours(self) -> tuple[int, ...]:
+        """Return a colour for each host, other than those of its neighbours; two if that can be."""
+        found = self._two_colours()
+        if any(found[a] == found[b] for a, b in self.edges):
+            found = {}
+            for place in range(self.hosts):
+                taken = {found.get(there) for there in self.neighbours(place)}
+                found[place] = next(each for each in range(self.hosts) if each not in taken)
+        return tuple(found[place] for place in range(self.hosts))
+
+    def _two_colours(self) -> dict[int, int]:
+        """Return colours by how many edges away the first host is."""
+        found, left, colour = {0: 0}, {0}, 0
+        while left:
+            colour ^= 1
+            left = {there for here in left for there in self.neighbours(here)} - found.keys()
+            found |= dict.fromkeys(left, colour)
+        return found
+
+
+def _ring(hosts: int) -> list[Edge]:
+    return sorted({*pairwise(range(hosts)), (0, hosts - 1)})
+
+
+NAMED: dict[str, Callable[[int], Iterable[Edge]]] = {
+    "line": lambda hosts: pairwise(range(hosts)),
+    "ring": _ring,
+    "star": lambda hosts: [(0, place) for place in range(1, hosts)],
+    "complete": lambda hosts: combinations(range(hosts), 2),
+}
+
+
+def read_graph(text: str, names: list[str]) -> Graph:
+    """Return the graph of words such as `ring` or `alice-bob,bob-charlie`; ValueError for none."""
+    if text in NAMED:
+        return Graph(len(names), tuple(NAMED[text](len(names))))
+    return Graph(len(names), tuple(_edge(word, names) for word in text.split(",")))
+
+
+def _edge(word: str, names: Collection[str]) -> Edge:
+    """Return the edge that a word says; names of hosts may have hyphens, too."""
+    for (a, first), (b, second) in combinations(enumerate(names), 2):
+        if word in (f"{first}-{second}", f"{second}-{first}"):
+            return a, b
+    text = f"{word!r} is no edge of two of {', '.join(names)}"
+    raise ValueError(f"{text}: write {', '.join(NAMED)}, or edges as A-B,B-C")
+
+
+def numbers_of_graph(graph: Graph) -> list[int]:
+    """Return a graph as hosts tell it."""
+    return [graph.hosts, *(place for edge in graph.edges for place in edge)]
+
+
+def graph_of_numbers(numbers: Iterable[int]) -> Graph:
+    """Return the graph that hosts tell; ValueError for none."""
+    hosts, *places = numbers
+    if len(places) % 2:
+        raise ValueError("an edge has two ends")
+    return Graph(hosts, tuple(zip(places[::2], places[1::2], strict=True)))

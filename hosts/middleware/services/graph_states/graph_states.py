@@ -1,0 +1,23 @@
+"""Graph states of a line of hosts, measured to tell how good they are.
+
+protocol.py and fusion.py decide; ghz/connections.py opens the sessions between neighbours.
+"""
+
+from hosts.middleware.services.ghz import connections
+from hosts.middleware.services.graph_states.options import GraphOptions
+from hosts.middleware.services.graph_states.protocol import Follower, Leader
+from hosts.middleware.session.ends import AcceptorEnd, OpenerEnd, ServiceKind
+from wire.metadata import Service
+
+
+async def lead(end: OpenerEnd, options: GraphOptions) -> None:
+    """Do what the first host of the line does."""
+    await connections.lead(end, options, Leader)
+
+
+async def follow(end: AcceptorEnd) -> None:
+    """Do what another host of the line does."""
+    await connections.follow(end, Follower)
+
+
+KIND = ServiceKind(Service.GRAPH, GraphOptions, lead, follow)

@@ -1,0 +1,159 @@
+"""The protocol of graph states at all hosts of a line: no socket, no clock.
+
+leader                      next                        last
+  | (ghz/line.py)              |                          |
+  | Values(EDGES) -----------> | Values(EDGES) ---------> |  the graph
+  | Values(COMING) ----------> | Values(COMING) --------> |  and so on, as of GHZ states: pairs,
+  |                            |                          |  in as many layers as the graph has
+  |            swaps, H, CX, all halves but one measured  |
+  | Values(CORRECTIONS) -----> | Values(CORRECTIONS) ---> |  bits for those behind: Z
+  | <------- Values(OUTCOMES)  | <---- Values(OUTCOMES)   |  bits for those before: Z
+  | Values(BASES) -----------> | Values(BASES) ---------> |
+  | <------- Values(OUTCOMES)  | <---- Values(OUTCOMES)   |
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from hosts.hardware.qnic import BlockName
+from hosts.middleware.services.ghz import protocol
+from hosts.middleware.services.ghz.line import Table
+from hosts.middleware.services.graph_states.fusion import Fusion, combined, lit
+from hosts.middleware.services.graph_states.graph import graph_of_numbers, numbers_of_graph
+from hosts.middleware.services.graph_states.options import COLOURS, GraphOptions
+from hosts.middleware.services.graph_states.witness import Colours, Stabilisers
+from hosts.middleware.session.blocks import LOST
+from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.protocol import Steps, coming, hear
+from hosts.middleware.session.values import numbers_of
+from hosts.timeouts import BITS_TIMEOUT_S
+from wire.metadata import Reason, Topic, Values
+
+
+@dataclass
+class Leader(protocol.Leader):
+    """The host that asks: it draws what is measured."""
+
+    options: GraphOptions
+    tally: Stabilisers | Colours = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Make blocks as small as the halves of their states need."""
+        graph = self.options.edges
+        self.fusion = Fusion(graph, 0, self.side, self.right)
+        self.tally = Colours(graph) if self.options.witness == COLOURS else Stabilisers(graph)
+        # Those between two others have told for how many states they have room for two halves.
+        told = [1, *[2] * (graph.hosts - 2), 1]
+        needed = max(graph.kept(place) / halves for place, halves in enumerate(told))
+        self.most = max(1, int(self.most / needed))
+
+    def run(self) -> Steps[None]:
+        """Tell the graph, and do what the line does."""
+        numbers = numbers_of_graph(self.fusion.graph)
+        yield from self.right.tell(self.side.say(Topic.EDGES, 0, numbers, 8))
+        yield from super().run()
+
+    def qubits(self, number: int) -> BlockName:
+        """Return the block of this host's qubits of states."""
+        return self.fusion.qubits(number)
+
+    def bases(self, states: int) -> Table:
+        """Return in which basis each host measures each state."""
+        return self.tally.bases(self.side.draws, states)
+
+    def block(self, number: int, size: int) -> Steps[None]:
+        """Make a block of states and use it."""
+        fusion, graph = self.fusion, self.fusion.graph
+        self.emitted += size
+        for layer in range(len(graph.layers)):
+            _, here = lit(graph, layer, 0)
+            there = yield from self.pairs(fusion.number(number, layer), size, here)
+            size = yield from fusion.keep(number, layer, there)
+            if not size:
+                return
+        found = yield from fusion.fuse(number, size)
+        others = found[1:].ravel()
+        told = yield from self.right.ask(Topic.CORRECTIONS, number, others, 2, (1, size))
+        if states := (yield from fusion.correct(number, combined(found[0], told[0]))):
+            self.made += states
+            yield from self.use(number, states)
+
+    def figures(self) -> dict[str, Any]:
+        """Return how good the states are."""
+        graph = self.fusion.graph
+        return {
+            **super().figures(),
+            "edges": len(graph.edges),
+            "pairs_per_state": graph.pairs,
+        }
+
+
+@dataclass
+class Follower(protocol.Follower):
+    """A host that another has asked."""
+
+    fusion: Fusion | None = None  # known once the graph is
+    expected: tuple[int, int, int] | None = None  # behind the first layer: number, layer, size
+
+    def heard(self, message: Values) -> Steps[None]:
+        """Hear the graph, or take part in a layer of pairs."""
+        if self.fusion is None:
+            yield from self._introduced(message)
+            return
+        yield from self._layer(self.fusion, *coming(message, self.side.setup.pairs))
+
+    def _introduced(self, message: Values) -> Steps[None]:
+        if message.topic != Topic.EDGES or not message.count:
+            raise SessionError(Reason.PROTOCOL, "a graph state does not begin so")
+        numbers = numbers_of(message).tolist()
+        try:
+            graph = graph_of_numbers(numbers)
+        except ValueError as error:
+            raise SessionError(Reason.PROTOCOL, f"no graph of hosts: {error}") from error
+        place = graph.hosts - 1 - self.behind
+        if place < 1:
+            text = f"a graph of {graph.hosts} hosts, with {self.behind} behind this one"
+            raise SessionError(Reason.PROTOCOL, text)
+        self.fusion = Fusion(graph, place, self.side, self.right)
+        if self.right is not None:
+            yield from self.right.tell(self.right.side.say(Topic.EDGES, 0, numbers, 8))
+
+    def qubits(self, number: int) -> BlockName:
+        """Return the block of this host's qubits of states."""
+        assert self.fusion is not None
+        return self.fusion.qubits(number)
+
+    def _layer(self, fusion: Fusion, number: int, size: int) -> Steps[None]:
+        layers = len(fusion.graph.layers)
+        state, layer = divmod(number, layers)
+        due = (state, 0, size) if self.expected is None else self.expected
+        if (state, layer, size) != due:
+            text = f"layer {layer} of block {state}, {size} states, where {due} were due"
+            raise SessionError(Reason.PROTOCOL, text)
+        there = yield from self.pairs(number, size, *lit(fusion.graph, layer, fusion.place))
+        left = yield from fusion.keep(state, layer, there)
+        last = layer + 1 == layers
+        self.expected = None if last or not left else (state, layer + 1, left)
+        if last and left:
+            yield from self._made(fusion, state, left)
+
+    def _made(self, fusion: Fusion, number: int, size: int) -> Steps[None]:
+        """Fuse, tell what others turn their qubits by, turn the own ones, and use what is left."""
+        place, hosts = fusion.place, fusion.graph.hosts
+        found = yield from fusion.fuse(number, size)
+        self.fused += size * (len(fusion.halves) > 1)
+        count = (hosts - place) * size
+        heard = yield from hear(Topic.CORRECTIONS, number, count, LOST, BITS_TIMEOUT_S)
+        behind = combined(found[place:], heard.astype(np.uint8).reshape(-1, size))
+        before = np.zeros((place + 1, size), dtype=np.uint8)
+        if self.right is not None:
+            bits, shape = behind[1:].ravel(), before.shape
+            before = yield from self.right.ask(Topic.CORRECTIONS, number, bits, 2, shape)
+        states = yield from fusion.correct(number, combined(behind[0], before[-1]))
+        told = combined(found[:place], before[:-1])
+        yield self.side.say(Topic.OUTCOMES, number, told.ravel(), 2)
+        if states:
+            yield from self.use(number, states)
+            self.measured += states

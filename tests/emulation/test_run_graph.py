@@ -1,0 +1,46 @@
+"""`qmn run graph` from outside: graph states of three hosts over fibres that depolarise."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from loaded import run_qmn
+
+NOISE = 0.02
+KEPT = (1 - NOISE) ** 2  # of a pair, by the two fibres of a link
+
+
+def told(folder: Path, *words: str) -> dict[str, Any]:
+    """Return what the host is told that asks."""
+    words = (*words, "--depolarizing", str(NOISE), "--captures", "none", "--no-report")
+    done = run_qmn("run", "graph", *words, "--count", "20000", "--runs", str(folder))
+    assert done.returncode == 0, done.stdout + done.stderr
+    result = json.loads((folder / "latest" / "result.json").read_text())
+    assert result["asking"]["states"] >= 20_000
+    return dict(result["asking"])
+
+
+def test_the_fidelity_of_a_ring_is_that_of_theory(tmp_path: Path) -> None:
+    """The mean of eight stabilisers: each has what is kept of the edges that it touches.
+
+    The edge between alice and charlie is of two links.
+    """
+    found = told(tmp_path, "--graph", "ring")
+    expected = (1 + 2 * KEPT**3 + KEPT**2 + 4 * KEPT**4) / 8
+    assert abs(found["fidelity"] - expected) < 5 * found["fidelity_error"] < 0.02
+
+
+def test_two_settings_bound_the_fidelity_of_a_line(tmp_path: Path) -> None:
+    """Both generators of the ends are +1, and that of bob is, with what their edges have kept."""
+    found = told(tmp_path, "--graph", "bob-alice,bob-charlie", "--witness", "colours")
+    expected = ((1 + KEPT) / 2) ** 2, (1 + KEPT**2) / 2
+    assert len(found["passed"]) == 2
+    bound = found["fidelity_at_least"]
+    assert abs(bound - (sum(expected) - 1)) < 5 * found["fidelity_error"] < 0.02
+
+
+def test_a_graph_that_cannot_be_is_named_before_anything_starts(tmp_path: Path) -> None:
+    done = run_qmn("run", "graph", "--graph", "alice-zoe", "--runs", str(tmp_path))
+    assert done.returncode != 0
+    assert "'alice-zoe' is no edge" in done.stdout + done.stderr
+    assert not list(tmp_path.iterdir())
