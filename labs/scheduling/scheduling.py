@@ -10,7 +10,7 @@ from pathlib import Path
 from qmn.labs.lab import Chart, Finding, Lab, Runs, paired
 from qmn.sweeps.estimates import mean_of_draws
 from qmn.sweeps.experiment import Measure
-from qmn.sweeps.figure import Picture, draw
+from qmn.sweeps.figure import Picture, Point, draw
 from qmn.sweeps.parameters import Parameter
 
 HERE = Path(__file__).parent
@@ -42,12 +42,14 @@ def files(runs: Runs, folder: Path) -> Sequence[Path]:
     """Draw what orders and signalling do."""
     series = []
     for order, times in (("edf", 0), ("edf", 1), ("edf", 10), ("fcfs", 1), ("slots", 1)):
-        cases = {rate: ("released", "tree", rate, order, times) for rate, _order in KINDS[:3]}
-        shares = [({"x": x}, mean_of_draws(ours(runs, "share", *at))) for x, at in cases.items()]
+        shares: list[Point] = []
+        for rate, _order in KINDS[:3]:
+            told = ours(runs, "share", "released", "tree", rate, order, times)
+            shares.append(({"x": rate}, mean_of_draws(told)))
         series.append((f"{order}, messages {times} times as long as fibres", shares))
     measure = Measure("orders", WHAT["share"], lambda _values: None)
-    title = "orders of waiting, and signalling"
-    draw(Picture(title, Parameter("x", 0.0), AXIS, measure, series), folder / "orders.png")
+    picture = Picture("orders and signalling", Parameter("x", 0.0), AXIS, measure, series)
+    draw(picture, folder / "orders.png")
     return [folder / "orders.png"]
 
 

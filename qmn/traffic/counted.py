@@ -160,8 +160,8 @@ class CountedTime:
     def _asking(self, number: int, asked: Asked) -> Event:
         light = asked.service, Handshake.FRAMED, asked.source or asked.opener, 1, 1, 1
         deadline_ms = round(asked.deadline_s * 1000)
-        urgency = {"priority": asked.priority, "deadline_ms": deadline_ms}
-        setup = replace(Setup(number, *light, wavelength_pm=asked.wavelength_pm), **urgency)
+        setup = Setup(number, *light, priority=asked.priority, deadline_ms=deadline_ms)
+        setup = replace(setup, wavelength_pm=asked.wavelength_pm)
         return self._saying(number, FIRST_SEQUENCE, PUSH, setup.encode())
 
     def _saying(self, number: int, sequence: int, flags: int, data: bytes = b"") -> Event:
