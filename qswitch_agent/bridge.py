@@ -9,8 +9,7 @@ import logging
 from collections.abc import Callable
 from dataclasses import replace
 
-from os_ken.ofproto import ofproto_v1_4 as ofp
-
+from qswitch_agent.openflow import constants as ofp
 from qswitch_agent.openflow import flow_reports, flows, messages, multipart, ports
 from qswitch_agent.openflow.flow_reports import FlowUpdate
 from qswitch_agent.openflow.flows import FlowEntry

@@ -8,8 +8,6 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import asynccontextmanager
 from typing import Protocol
 
-from os_ken.ofproto import ofproto_v1_4 as ofp
-
 from qswitch_agent.hardware.optics import (
     Condition,
     CrossConnect,
@@ -22,6 +20,7 @@ from qswitch_agent.light_paths import LightPaths
 from qswitch_agent.middleware import optical_ports
 from qswitch_agent.middleware.flow_table import FlowTable
 from qswitch_agent.middleware.optical_ports import Tuned
+from qswitch_agent.openflow import constants as ofp
 from qswitch_agent.openflow import refusals
 from qswitch_agent.openflow.flows import FlowEntry, FlowMod
 from qswitch_agent.openflow.identity import Identity, on_fiber

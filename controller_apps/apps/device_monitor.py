@@ -18,6 +18,7 @@ from typing import Any
 
 from controller_apps.apps.host_orders import (
     EventAlarm,
+    EventFigure,
     EventNodeAnswered,
     EventOrder,
     EventSealOver,
@@ -205,12 +206,17 @@ class DeviceMonitor(App):
         switch.heard = time.monotonic()
         return body
 
+    def takes(self, message: Any) -> bool:
+        """Take datagrams that a classical switch has picked out."""
+        classical = message.datapath.id not in self.quantum_switches
+        picked = message.table_id == flow_entries.METADATA_TABLE
+        return classical and picked and is_udp(message.data)
+
     @on(ofp_event.EventOFPPacketIn, MAIN)
     def packet_arrived(self, event: Any) -> None:
         """Take in the datagrams of hosts; the rest is not ours."""
         message, frame = event.msg, bytes(event.msg.data)
-        classical = message.datapath.id not in self.quantum_switches
-        if not classical or message.table_id != flow_entries.METADATA_TABLE or not is_udp(frame):
+        if not self.takes(message):
             return
         try:
             datagram = Frame.decode(frame)
@@ -238,6 +244,9 @@ class DeviceMonitor(App):
             self.logger.warning("%s: %s", host, told.answer.text)
             self._settle(host, Refused(f"{host}: {told.answer.text}"))
         state = self.hosts.states[host]
+        if told.figure is not None:
+            self.send_event(METADATA, EventFigure(host, state.place.address, told.figure))
+            return
         if told.alarm:
             self.send_event(METADATA, EventAlarm(told.alarm, host, state.place.address))
         if told.sealed:

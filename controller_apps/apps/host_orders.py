@@ -8,6 +8,7 @@ from controller_apps.sessions.actions import HostOrder, Order, SwapsOrdered
 from controller_apps.timeouts import NODE_TIMEOUT_S
 from wire.device import DeviceReport, SessionQuery, SwapOrder
 from wire.metadata import Reason
+from wire.session_figures import SessionFigure
 
 AnyOrder = SwapOrder | HostOrder
 
@@ -54,6 +55,14 @@ class EventSealOver(Event):
     def __init__(self, host: str, address: str, report: DeviceReport) -> None:
         super().__init__()
         self.host, self.address, self.report = host, address, report
+
+
+class EventFigure(Event):
+    """A host has told what a session has found out about its light."""
+
+    def __init__(self, host: str, address: str, told: SessionFigure) -> None:
+        super().__init__()
+        self.host, self.address, self.told = host, address, told
 
 
 @dataclass

@@ -10,8 +10,8 @@ from typing import Any
 
 from controller_apps.console.questions import EventQuestion, Refused, reply
 from controller_apps.devices.hosts_state import Place
-from controller_apps.keys.key_network import KeyNetwork, NoRoute
-from controller_apps.keys.view import keys_view
+from controller_apps.keys.key_network import KeyNetwork, NoRoute, Stores, stores_of
+from controller_apps.keys.view import PPM, keys_view
 from controller_apps.openflow import flow_entries
 from controller_apps.openflow.framework import DEAD, MAIN, App, ofp_event, ofproto, on
 from controller_apps.packets.datagrams import CONTROLLER_MAC, Frame, is_udp
@@ -23,6 +23,7 @@ from wire.key_routes import (
     FROM_KEY_MANAGER,
     KEY_AGENT_PORT,
     TO_KEY_MANAGER,
+    UNKNOWN,
     Hop,
     KeyLinks,
     KeyRoute,
@@ -68,12 +69,17 @@ class KeyRelays(App):
         elif self.datapaths.get(dpid) is datapath:
             del self.datapaths[dpid]
 
+    def takes(self, message: Any) -> bool:
+        """Take datagrams that a classical switch has picked out."""
+        classical = message.datapath.id not in self.quantum_switches
+        picked = message.table_id == flow_entries.METADATA_TABLE
+        return classical and picked and is_udp(message.data)
+
     @on(ofp_event.EventOFPPacketIn, MAIN)
     def packet_arrived(self, event: Any) -> None:
         """Take in the datagrams of key managers; the rest is not ours."""
         message, frame = event.msg, bytes(event.msg.data)
-        classical = message.datapath.id not in self.quantum_switches
-        if not classical or message.table_id != flow_entries.METADATA_TABLE or not is_udp(frame):
+        if not self.takes(message):
             return
         try:
             datagram = Frame.decode(frame)
@@ -101,11 +107,29 @@ class KeyRelays(App):
         address, now = self.addresses[heard.host], time.monotonic()
         match heard.message:
             case KeyLinks(_, links):
+                before = self.network.stores(address)
                 self.network.take(address, links, now)
+                self._note_fill(address, before, now)
             case KeyRouteRequest() as request:
                 self._send(heard, self._answer(heard.host, address, request, now))
             case other:
                 self.logger.info("dropped: %s of a key manager", type(other).__name__)
+
+    def _note_fill(self, address: str, before: dict[str, Stores], now: float) -> None:
+        """Record the links of a host whose stores have another fill than before."""
+        for link, usable in self.network.links_of(address, now):
+            if before.get(link.peer) == stores_of(link):
+                continue
+            self.record.write(
+                "key_link",
+                from_=self.network.names[address],
+                to=self.network.names[link.peer],
+                keys_ready=link.mine,
+                keys_ready_there=link.theirs,
+                key_bits_per_s=link.rate_bps,
+                qber=None if link.qber_ppm == UNKNOWN else link.qber_ppm / PPM,
+                state="active" if usable else "off",
+            )
 
     def _answer(self, host: str, address: str, request: KeyRouteRequest, now: float) -> Message:
         fields = {"master": request.master, "slave": request.slave, "stored": request.stored}

@@ -35,13 +35,17 @@ class LearningSwitch(App):
             miss = flow_entries.to_controller()
             datapath.send_msg(flow_entries.add(datapath, LEARNING_TABLE, 0, {}, miss))
 
+    def takes(self, message: Any) -> bool:
+        """Take what no other table has taken."""
+        return bool(message.table_id == LEARNING_TABLE)
+
     @on(ofp_event.EventOFPPacketIn, MAIN)
     def packet_arrived(self, event: Any) -> None:
         """Learn the sender's port, and forward to the receiver's or to all others."""
         message = event.msg
-        datapath, frame, in_port = message.datapath, bytes(message.data), message.match["in_port"]
-        if message.table_id != LEARNING_TABLE:
+        if not self.takes(message):
             return
+        datapath, frame, in_port = message.datapath, bytes(message.data), message.match["in_port"]
         destination, source = frame[:6], frame[6:12]
         if len(source) < 6 or (destination[:5] == LINK_LOCAL and destination[5] < 0x10):
             return

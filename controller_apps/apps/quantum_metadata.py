@@ -12,6 +12,7 @@ from typing import Any
 
 from controller_apps.apps.host_orders import (
     EventAlarm,
+    EventFigure,
     EventNodeAnswered,
     EventOrder,
     EventSealOver,
@@ -80,6 +81,7 @@ from controller_apps.sessions.state_folder import StateFolder
 from controller_apps.timeouts import SESSION_TICK_S
 from wire.config import ControllerConfig
 from wire.metadata import MalformedPacket, Reason, Setup
+from wire.session_figures import Figure
 
 DEVICE_MONITOR = "DeviceMonitor"  # the app that speaks to the hosts
 
@@ -399,6 +401,20 @@ class QuantumMetadata(App):
             end=Reason(told.seal_end).name,
         )
 
+    @on(EventFigure)
+    def figure_told(self, event: Any) -> None:
+        """Record what an end of a session has found out about its light."""
+        told = event.told
+        if not self.arbiter.sessions.is_end(told.about, event.address):
+            return  # it says what it likes
+        self.record.write(
+            "figure",
+            session=f"{told.about:016x}",
+            host=event.host,
+            figure=Figure(told.figure).name.lower(),
+            **told.interval._asdict(),
+        )
+
     def _find_idle(self, setup: Setup, connection: FiveTuple) -> Admission:
         """Return light for a seal that is to begin."""
         arbiter = self.arbiter
@@ -527,7 +543,7 @@ class QuantumMetadata(App):
             fields["setup_ms"] = round(note.setup_ms, 4)
         if note.detail:
             fields["detail"] = note.detail
-        if note.event == "refused":  # the rest is in the record, a line for every pair
+        if note.event == "refused" and note.detail != Reason.BUSY.name:  # so hosts ask again
             self.logger.info("session %016x: refused, %s", note.session, note.detail)
         if note.event in ("granted", "moved"):
             self.seals.granted(self.arbiter.sessions.by_number.get(note.session))

@@ -20,6 +20,7 @@ from wire.device import (
     open_sealed,
 )
 from wire.metadata import Answer, MalformedPacket, Message, Reason
+from wire.session_figures import SessionFigure
 
 SILENT_AFTER = 3.5  # periods without a word
 
@@ -46,7 +47,7 @@ class HostState:
 
 @dataclass(frozen=True)
 class Told:
-    """What a datagram has told: anything that changed, and the answer to which request."""
+    """What a datagram has told: what has changed, the answer to a request, or a figure."""
 
     host: str
     changed: bool = False
@@ -54,6 +55,7 @@ class Told:
     alarm: int = 0  # the session of a seal that has found somebody since the last report
     sealed: bool = False  # whether another seal of this host is over since then
     answer: Answer | None = None
+    figure: SessionFigure | None = None
 
 
 @dataclass
@@ -82,9 +84,11 @@ class Hosts:
             alarm = message.alarm if message.alarm != before else 0
             sealed = message.seal not in (0, known.report.seal if known is not None else 0)
             return Told(host, changed, known is None, alarm, sealed)
-        if known is None or not isinstance(message, Answer):
+        if known is None or not isinstance(message, Answer | SessionFigure):
             raise MalformedPacket(f"{host} sent {type(message).__name__} unasked")
         known.number, known.heard, known.place = datagram.number, now, place
+        if isinstance(message, SessionFigure):
+            return Told(host, figure=message)
         if message.reason != Reason.OK:  # it will not: want what is
             self.wanted[host] = known.report.settings
         return Told(host, answer=message)

@@ -7,6 +7,7 @@ with keys of these two ends are between them.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from controller_apps.policy.policy import Policy
 from wire.key_routes import MAX_HOPS, KeyRouteRequest, LinkState
@@ -32,6 +33,19 @@ class Application:
     nodes: tuple[str, ...]  # addresses
 
 
+class Stores(NamedTuple):
+    """What is in the stores of a link, and whether relays are kept out of it."""
+
+    mine: int
+    theirs: int
+    withheld: bool
+
+
+def stores_of(link: LinkState) -> Stores:
+    """Return that of a link."""
+    return Stores(link.mine, link.theirs, link.withheld)
+
+
 class NoRoute(Exception):
     """Keys cannot go to that host; the text says why, and what would help."""
 
@@ -49,6 +63,11 @@ class KeyNetwork:
         """Take in what a host says; links to hosts that are none are no links."""
         known = {link.peer: link for link in links if link.peer in self.names}
         self.hosts[host] = Told(known, now)
+
+    def stores(self, host: str) -> dict[str, Stores]:
+        """Return what a host has said last of the stores of its links, by the other end."""
+        told = self.hosts.get(host)
+        return {peer: stores_of(link) for peer, link in told.links.items()} if told else {}
 
     def serve(self, host: str, request: KeyRouteRequest, now: float) -> tuple[tuple[str, ...], int]:
         """Return the addresses that keys of an application go by, and the keys of the poorest link.

@@ -73,19 +73,21 @@ class Optics:
     ranges: dict[SwitchPort, PortOptics] = field(default_factory=dict)
     tuned_mhz: dict[SwitchPort, int] = field(default_factory=dict)
     lights: dict[SwitchPort, PortLight] = field(default_factory=dict)  # as last measured
-    losses: int = field(default=0, compare=False)  # another number if a loss may have changed
+    changes: int = field(default=0, compare=False)  # another number if losses or ranges may differ
     _channels_mhz: list[int] | None = field(default=None, init=False, compare=False, repr=False)
 
     def described(self, at: SwitchPort, port: PortOptics) -> None:
         """Take what a port says of how far it can be tuned."""
-        self.ranges[at] = port
-        self._channels_mhz = None
+        if self.ranges.get(at) != port:
+            self.ranges[at] = port
+            self.changes += 1
+            self._channels_mhz = None
 
     def told(self, dpid: int, optics: SwitchOptics) -> None:
         """Take what a switch says of its paths."""
         if self.switches.get(dpid) != optics:
             self.switches[dpid] = optics
-            self.losses += 1
+            self.changes += 1
 
     def path(self, dpid: int, in_port: int, out_port: int) -> PathOptics | None:
         """Return what a path through a switch does to light, None if it cannot be had."""
@@ -95,7 +97,7 @@ class Optics:
         """Take the statistics of a port; tell whether it is tuned differently than was known."""
         before, self.lights[at] = self.lights.get(at), light
         if _power(before) != _power(light):
-            self.losses += 1
+            self.changes += 1
         if light.flags & BOTH_TUNED != BOTH_TUNED or light.tx_mhz != light.rx_mhz:
             self.tuned_mhz.pop(at, None)  # unknown, or of no use for light in both directions
             return False
@@ -119,13 +121,13 @@ class Optics:
     def forget_light(self, at: SwitchPort) -> None:
         """Forget what was measured at a port whose fibre has changed."""
         self.lights.pop(at, None)
-        self.losses += 1
+        self.changes += 1
 
     def forget_switch(self, dpid: int) -> None:
         """Forget all that a switch has told."""
         self.switches.pop(dpid, None)
         self._channels_mhz = None
-        self.losses += 1
+        self.changes += 1
         for table in (self.ranges, self.tuned_mhz, self.lights):
             for at in [at for at in table if at.dpid == dpid]:
                 del table[at]

@@ -2,10 +2,10 @@
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, field
 from functools import lru_cache, reduce
-from typing import NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from controller_apps.light.optics import Optics
 from controller_apps.light.optics import SwitchPort as SwitchPort
@@ -90,6 +90,28 @@ class HostIndex:
         return cls(hosts, dict(ports), can)
 
 
+Key = TypeVar("Key", bound=Hashable)
+Value = TypeVar("Value")
+
+
+@dataclass
+class Kept(Generic[Key, Value]):
+    """What has been found out of a state of things, until that is another."""
+
+    most: int = 1024
+    _state: object = None
+    _known: dict[Key, Value] = field(default_factory=dict)
+
+    def found(self, state: object, key: Key, find: Callable[[], Value]) -> Value:
+        """Return what is known by this key, found out if it has not been in this state."""
+        if self._state != state or (len(self._known) >= self.most and key not in self._known):
+            self._state = state
+            self._known.clear()
+        if key not in self._known:
+            self._known[key] = find()
+        return self._known[key]
+
+
 Bound = tuple[int, int]  # loss in thousandths of a dB, switches
 Ends = tuple[tuple[SwitchPort, SwitchPort], ...]  # of fibres, the near one first
 
@@ -107,10 +129,10 @@ class Network:
     names: dict[int, str] = field(default_factory=dict)  # of switches, for people
     closed: frozenset[frozenset[str]] = frozenset()  # switches, by name, between which none may go
     wiring: int = field(default=0, init=False, compare=False)  # another one if links change
-    _bounds: dict[SwitchPort, dict[int, Bound]] = field(
-        default_factory=dict, init=False, compare=False, repr=False
+    _bounds: Kept[SwitchPort, dict[int, Bound]] = field(
+        default_factory=Kept, init=False, compare=False, repr=False
     )
-    _bounds_of: tuple[int, int] = field(default=(0, 0), init=False, compare=False, repr=False)
+    _free: Kept[Hashable, Any] = field(default_factory=Kept, init=False, compare=False, repr=False)
     _index: HostIndex | None = field(default=None, init=False, compare=False, repr=False)
     _near: dict[int, Ends] = field(default_factory=dict, init=False, compare=False, repr=False)
 
@@ -172,13 +194,15 @@ class Network:
         self.wiring += 1
         self._near.clear()
 
-    def until_it_changes(self) -> dict[SwitchPort, dict[int, Bound]]:
-        """Return what is kept of bounds (light.bounds), by port, while links and losses stay."""
-        now = self.wiring, self.optics.losses
-        if self._bounds_of != now:
-            self._bounds_of = now
-            self._bounds.clear()
-        return self._bounds
+    def bounds(self, end: SwitchPort, find: Callable[[], dict[int, Bound]]) -> dict[int, Bound]:
+        """Return the bounds to a port, found out once for these links and losses."""
+        return self._bounds.found((self.wiring, self.optics.changes), end, find)
+
+    def if_all_were_free(self, asked: Hashable, find: Callable[[], Value]) -> Value:
+        """Return what is found of light paths whatever others have, once for this network."""
+        parts = frozenset(self.connected), frozenset(self.cut), self.closed
+        found: Value = self._free.found((self.wiring, self.optics.changes, *parts), asked, find)
+        return found
 
     def _forget_broken(self, end: SwitchPort) -> None:
         other = self.broken.pop(end, None)

@@ -12,7 +12,7 @@ Where a switch loses less by one path than by others, the least counts for all o
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import partial, reduce
 from heapq import heappop, heappush
 from itertools import permutations
 from operator import xor
@@ -22,20 +22,13 @@ from controller_apps.light.optics import UNKNOWN, SwitchPort
 from controller_apps.light.paths import Bound, Direction, Hop, Network, directions
 from wire.metadata import Reason
 
-MAX_BOUNDS = 1024  # ports that are remembered
-
 
 def bounds_to(end: SwitchPort, network: Network) -> dict[int, Bound]:
     """Return the bound from each switch, from where light comes in, to what is behind a port.
 
     A switch that is not in it cannot be come from.
     """
-    known = network.until_it_changes()
-    if end not in known:
-        if len(known) >= MAX_BOUNDS:
-            known.clear()
-        known[end] = _bounds(end, network)
-    return known[end]
+    return network.bounds(end, partial(_bounds, end, network))
 
 
 def _bounds(end: SwitchPort, network: Network) -> dict[int, Bound]:
@@ -240,6 +233,11 @@ def _beside(paths: Iterable[LightPath], limits: Limits) -> Limits:
 
 def why_not(network: Network, legs: list[Leg], limits: Limits) -> Reason:
     """Return what stands in the way of a route: the first limit without which there is one."""
+    asked = tuple(legs), limits._replace(blocked=Limits().blocked)
+    return network.if_all_were_free(asked, partial(_why_not, network, legs, limits))
+
+
+def _why_not(network: Network, legs: list[Leg], limits: Limits) -> Reason:
     free = limits._replace(blocked=Limits().blocked)
     free_at_any_loss = free._replace(loss_budget_mdb=None)
     for reason, fewer in (

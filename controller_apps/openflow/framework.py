@@ -78,6 +78,18 @@ class App(_App):
 
         super().register_handler(event_class, guarded)
 
+    def _send_event(self, event: Any, state: Any) -> None:
+        """Put an event into this app's queue; called by the framework, for all that handle it.
+
+        To be woken for what is another's takes as long as to handle it.
+        """
+        if not isinstance(event, ofp_event.EventOFPPacketIn) or self.takes(event.msg):
+            super()._send_event(event, state)
+
+    def takes(self, message: Any) -> bool:
+        """Tell whether a packet that a switch has sent up (PACKET_IN) is of this app."""
+        return True
+
 
 SPEAKERS = Speakers(DEAD, owner)
 

@@ -245,12 +245,14 @@ class Arbiter:
             for number, session in sessions.by_number.items()
             if session.setup.service == Service.SEAL
         }
+        if not watching:
+            return False
         others = {
             way: holder for way, holder in sessions.occupied.items() if holder not in watching
         }
         without = replace(sessions, occupied=others, obstacles=set())
         words = self.network, self.budget_mdb, self.taps
-        return bool(watching and find_light(setup, connection, without, *words).paths)
+        return bool(find_light(setup, connection, without, *words).paths)
 
     def _want_back(self, request: Request, now: float) -> list[Action]:
         """Have the seals end that have light which a request waits for."""

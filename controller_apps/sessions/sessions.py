@@ -113,6 +113,8 @@ class Request:
     @property
     def granted(self) -> Setup:
         """The set-up with the size of blocks that memories take, and the channel of its light."""
+        if not self.block_pairs and not self.wavelength_pm:
+            return self.setup
         pairs = self.block_pairs or self.setup.pairs
         return replace(self.setup, pairs=pairs, wavelength_pm=self.granted_pm)
 
@@ -224,6 +226,7 @@ class Sessions:
     obstacles: set[Direction] = field(
         default_factory=set
     )  # that `blocks` has met; cleared by users
+    ended: dict[int, tuple[str, str]] = field(default_factory=dict)  # the last ones' two ends
     over: dict[int, frozenset[str]] = field(default_factory=dict)
     # Seals that are to cross a fibre between two switches, given by their names; empty: any way.
     max_sessions: int = MAX_SESSIONS
@@ -256,6 +259,20 @@ class Sessions:
         session.requests[request.five_tuple] = request
         self.requests[request.five_tuple] = request
         return session
+
+    def remove(self, session: Session) -> None:
+        """Take out one that is over; for a while its ends may still tell of it."""
+        del self.by_number[session.number]
+        self.ended[session.number] = session.owner.source, session.owner.destination
+        if len(self.ended) > self.max_retired:
+            del self.ended[next(iter(self.ended))]
+
+    def is_end(self, number: int, address: str) -> bool:
+        """Tell whether a host is, or was just now, at an end of a session."""
+        session = self.by_number.get(number)
+        if session is None:
+            return address in self.ended.get(number, ())
+        return address in (session.owner.source, session.owner.destination)
 
     def occupy(
         self, session: Session, paths: tuple[LightPath, ...], owner: FiveTuple | None

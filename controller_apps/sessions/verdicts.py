@@ -100,7 +100,7 @@ class Verdicts:
         forgotten = [Forget(session.number)] if session.kept else []
         actions = [*forgotten, *self.light.close(session)]
         members = list(session.requests.values())
-        del self.sessions.by_number[session.number]
+        self.sessions.remove(session)
         for request in members:
             actions += self._punt_again(request)
             if request.held is not None and request.five_tuple != session.owner:

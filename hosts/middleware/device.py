@@ -8,14 +8,16 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from hosts.middleware.services.superdense.coding import CODES, NAMES
 from hosts.middleware.session.ends import Watched
 from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.figures import Figures, figures_of
 from hosts.middleware.session.options import overridden
 from wire.device import DevicePort, DeviceReport, DeviceSettings, Subscribe
 from wire.metadata import Reason, Service, Setup
+from wire.session_figures import SessionFigure
 
 log = logging.getLogger("device")
 
@@ -32,6 +34,10 @@ class Counted(Protocol):
     @property
     def counts(self) -> Mapping[str, int]:
         """What it has used so far, as DeviceReport names it."""
+
+    @property
+    def summary(self) -> Mapping[str, Any]:
+        """What its application is told, as far as that is known."""
 
     @property
     def watched(self) -> Watched | None:
@@ -64,6 +70,7 @@ class Device:
     _ended: Counter[str] = field(default_factory=Counter)
     _in_use: dict[str, int] = field(default_factory=dict)
     _seal: dict[str, int] = field(default_factory=dict)  # the last one, as DeviceReport names it
+    _figures: Figures = field(default_factory=Figures)
 
     @property
     def at_work(self) -> bool:
@@ -124,6 +131,7 @@ class Device:
         finally:
             among.remove(session)
             self._ended.update(session.counts)
+            self._note_figures(session, over=True)
             if session.watched is not None:
                 self._sealed(session.setup.session, session.watched)
             self.changed()
@@ -172,6 +180,16 @@ class Device:
             **self._in_use,
             **self._seal,
         )
+
+    def new_figures(self) -> list[SessionFigure]:
+        """Return what sessions have found out since this was asked last."""
+        for session in (*self._opened, *self._accepted):
+            self._note_figures(session)
+        return self._figures.take()
+
+    def _note_figures(self, session: Counted, over: bool = False) -> None:
+        found = figures_of(session.summary, session.counts)
+        self._figures.note(session.setup.session, found, over)
 
     def alarming(self, before: DeviceReport, now: DeviceReport) -> bool:
         """Whether more was lost or wrong between two reports than the subscription puts up with."""

@@ -88,6 +88,11 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
                     "metavar": "NAME|A-B,B-C",
                     "help": f"{', '.join(SHAPES)} (of the first host with all others), or edges",
                 },
+                "hub": {
+                    "metavar": "HOST",
+                    "help": "a host of the line that fuses pairs, and is measured out: it joins "
+                    "its neighbours (none)",
+                },
                 "witness": {
                     "choices": WITNESSES,
                     "help": "the fidelity by stabilisers drawn of all, or a bound of it by a few "

@@ -6,7 +6,9 @@ The page is served on the loopback, under an address that nobody can guess, unti
 import argparse
 import asyncio
 import os
+import shutil
 import signal
+import subprocess
 import sys
 import webbrowser
 from collections.abc import Iterator
@@ -28,6 +30,8 @@ from qmn.results.network_facts import NetworkFacts
 from topologies.programs import NetworkError
 from wire.metadata import MalformedPacket
 from wire.parameters.option import option
+
+DESKTOP = ("PATH", "LANG", "DISPLAY", "WAYLAND_DISPLAY", "XAUTHORITY", "DBUS_SESSION_BUS_ADDRESS")
 
 
 @dataclass(frozen=True)
@@ -105,5 +109,25 @@ def _view(folder: Path, network: NetworkFacts, timeline: Timeline, live: bool, a
 def say(address: str, browser: bool) -> None:
     """Tell where the page is, and open it where there is a browser of the user's own."""
     print(f"live view: {address}", flush=True)
-    if browser and os.environ.get("DISPLAY") and os.geteuid() != 0:
+    if browser and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        open_browser(address)
+
+
+def open_browser(address: str) -> None:
+    """Open the page in the browser of who called sudo; root itself has none."""
+    if os.geteuid() != 0:
         webbrowser.open(address)
+        return
+    user, opener = os.environ.get("SUDO_USER", "root"), shutil.which("xdg-open")
+    if user == "root" or opener is None:
+        return
+    own = {"XDG_RUNTIME_DIR": f"/run/user/{os.environ['SUDO_UID']}"}  # sudo leaves it out
+    subprocess.run(
+        ["setsid", "--fork", "runuser", "-u", user, "--", opener, address],
+        check=False,
+        # No mark of a run: the browser stays when its network is cleared away.
+        env={name: os.environ[name] for name in DESKTOP if name in os.environ} | own,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )

@@ -9,9 +9,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from zlib import crc32
 
-from os_ken.ofproto import ofproto_v1_4 as ofp
-
 from qswitch_agent.hardware.optics import CrossConnect
+from qswitch_agent.openflow import constants as ofp
 from qswitch_agent.openflow import flows, matches, refusals
 from qswitch_agent.openflow.flow_reports import REMOVED, FlowUpdate
 from qswitch_agent.openflow.flows import FlowEntry, FlowMod

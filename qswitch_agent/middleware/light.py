@@ -7,8 +7,7 @@ On a fibre's supervisory channel LLDP passes, and only to the controller.
 
 from collections.abc import Callable, Iterable
 
-from os_ken.ofproto import ofproto_v1_4 as ofp
-
+from qswitch_agent.openflow import constants as ofp
 from qswitch_agent.openflow import matches, refusals
 from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.instructions import ACTION_LISTS, KNOWN, Instructions

@@ -8,8 +8,7 @@ did not ask for is left out on the way.
 import struct
 from collections.abc import Iterator, Mapping
 
-from os_ken.ofproto import ofproto_v1_4 as ofp
-
+from qswitch_agent.openflow import constants as ofp
 from qswitch_agent.openflow.messages import HEADER, each_part, with_body
 
 REASONS = struct.Struct(ofp.OFP_ASYNC_CONFIG_PROP_REASONS_PACK_STR)  # type, length, mask

@@ -5,8 +5,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Self
 
-from os_ken.ofproto import ofproto_v1_4 as ofp
-
+from qswitch_agent.openflow import constants as ofp
 from qswitch_agent.openflow import instructions, matches, multipart
 from qswitch_agent.openflow.flows import FlowEntry, entry
 from qswitch_agent.openflow.instructions import Instructions, Mark

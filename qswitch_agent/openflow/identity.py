@@ -8,8 +8,7 @@ further tables stays Open vSwitch's; of such tables no features are told.
 import struct
 from typing import NamedTuple
 
-from os_ken.ofproto import ofproto_v1_4 as ofp
-
+from qswitch_agent.openflow import constants as ofp
 from qswitch_agent.openflow import multipart
 from qswitch_agent.openflow.messages import HEADER, each_part, strict, with_body
 

@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple, Self
 
-from os_ken.ofproto import ofproto_v1_4 as ofp
-
+from qswitch_agent.openflow import constants as ofp
 from qswitch_agent.openflow.messages import MalformedPart, each_part
 
 INSTRUCTION = struct.Struct("!HH4x")  # type, length

@@ -4,8 +4,7 @@ import struct
 from collections.abc import Mapping
 from functools import lru_cache
 
-from os_ken.ofproto import ofproto_v1_4 as ofp
-
+from qswitch_agent.openflow import constants as ofp
 from qswitch_agent.openflow.messages import MalformedPart, strict
 
 OXM = struct.Struct("!HBB")  # class, field << 1 | has_mask, length of the value

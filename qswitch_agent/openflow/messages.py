@@ -5,8 +5,7 @@ from collections.abc import Callable
 from functools import wraps
 from typing import ParamSpec, TypeVar
 
-from os_ken.ofproto import ofproto_v1_4 as ofp
-
+from qswitch_agent.openflow import constants as ofp
 from wire.metadata import MalformedPacket
 
 HEADER = struct.Struct(ofp.OFP_HEADER_PACK_STR)  # version, type, length, xid

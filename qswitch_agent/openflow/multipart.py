@@ -3,8 +3,7 @@
 import struct
 from collections.abc import Iterable
 
-from os_ken.ofproto import ofproto_v1_4 as ofp
-
+from qswitch_agent.openflow import constants as ofp
 from qswitch_agent.openflow.messages import HEADER, MAX_LENGTH, encode, strict, transaction_id
 from wire.optical import EXPERIMENTER, PATH_OPTICS
 

@@ -4,8 +4,7 @@ import struct
 from dataclasses import dataclass
 from typing import Self
 
-from os_ken.ofproto import ofproto_v1_4 as ofp
-
+from qswitch_agent.openflow import constants as ofp
 from qswitch_agent.openflow import matches
 from qswitch_agent.openflow.instructions import each_action, output_ports
 from qswitch_agent.openflow.messages import HEADER, MalformedPart, strict, with_body

@@ -5,8 +5,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from os_ken.ofproto import ofproto_v1_4 as ofp
-
+from qswitch_agent.openflow import constants as ofp
 from qswitch_agent.openflow import multipart
 from qswitch_agent.openflow.messages import (
     HEADER,

@@ -5,8 +5,7 @@ raise refusals.bad_out_port(f"there is no port {number}")
 
 from functools import partial
 
-from os_ken.ofproto import ofproto_v1_4 as ofp
-
+from qswitch_agent.openflow import constants as ofp
 from qswitch_agent.openflow.messages import MalformedPart
 from wire.metadata import MalformedPacket
 

@@ -2,9 +2,8 @@
 
 from collections.abc import Awaitable, Callable
 
-from os_ken.ofproto import ofproto_v1_4 as ofp
-
 from qswitch_agent.middleware.flow_table import FlowTable
+from qswitch_agent.openflow import constants as ofp
 from qswitch_agent.openflow import messages, packets, refusals
 from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.messages import HEADER, transaction_id

@@ -6,9 +6,8 @@ it at COMMIT.
 
 from dataclasses import dataclass, field
 
-from os_ken.ofproto import ofproto_v1_4 as ofp
-
 from qswitch_agent.middleware.optical_ports import Tuned
+from qswitch_agent.openflow import constants as ofp
 from qswitch_agent.openflow import packets, refusals
 from qswitch_agent.openflow.flows import FlowMod
 

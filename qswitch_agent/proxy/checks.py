@@ -1,9 +1,8 @@
 """The checks of a request about light before the bridge hears of it, alone or in a bundle."""
 
-from os_ken.ofproto import ofproto_v1_4 as ofp
-
 from qswitch_agent.middleware.flow_table import concerns
 from qswitch_agent.middleware.light import MODIFYING, is_light, require_no_fiber
+from qswitch_agent.openflow import constants as ofp
 from qswitch_agent.openflow import packets, refusals
 from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.instructions import Mark

@@ -9,10 +9,9 @@ from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from os_ken.ofproto import ofproto_v1_4 as ofp
-
 from qswitch_agent.bridge import BridgeFault
 from qswitch_agent.openflow import async_config, messages, packets
+from qswitch_agent.openflow import constants as ofp
 from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.messages import message_type, transaction_id
 from qswitch_agent.proxy.bundles import Bundles

@@ -4,8 +4,6 @@ import asyncio
 import logging
 import struct
 
-from os_ken.ofproto import ofproto_v1_4 as ofp
-
 from qswitch_agent.bridge import NO_PACKETS, BridgeFault
 from qswitch_agent.hardware.optics import HardwareFault, HardwareRefusal, Readings
 from qswitch_agent.openflow import (
@@ -17,6 +15,7 @@ from qswitch_agent.openflow import (
     packets,
     ports,
 )
+from qswitch_agent.openflow import constants as ofp
 from qswitch_agent.openflow.flow_reports import FlowRemoved
 from qswitch_agent.openflow.flows import FlowEntry
 from qswitch_agent.openflow.instructions import Mark

@@ -7,10 +7,9 @@ a bundle together at COMMIT. What a controller is refused changes nothing.
 import logging
 from collections.abc import Awaitable, Callable
 
-from os_ken.ofproto import ofproto_v1_4 as ofp
-
 from qswitch_agent.hardware.optics import HardwareRefusal
 from qswitch_agent.openflow import async_config, identity, messages, multipart, packets, refusals
+from qswitch_agent.openflow import constants as ofp
 from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.instructions import NICIRA
 from qswitch_agent.openflow.messages import HEADER, transaction_id

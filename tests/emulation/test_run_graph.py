@@ -39,6 +39,14 @@ def test_two_settings_bound_the_fidelity_of_a_line(tmp_path: Path) -> None:
     assert abs(bound - (sum(expected) - 1)) < 5 * found["fidelity_error"] < 0.02
 
 
+def test_a_hub_leaves_a_state_of_the_others(tmp_path: Path) -> None:
+    """Of a line of three, a pair of the ends: (1 + 3 k^2)/4, as by a swap of two Werner pairs."""
+    found = told(tmp_path, "--hub", "bob")
+    assert found["edges"] == 1
+    expected = (1 + 3 * KEPT**2) / 4
+    assert abs(found["fidelity"] - expected) < 5 * found["fidelity_error"] < 0.02
+
+
 def test_a_graph_that_cannot_be_is_named_before_anything_starts(tmp_path: Path) -> None:
     done = run_qmn("run", "graph", "--graph", "alice-zoe", "--runs", str(tmp_path))
     assert done.returncode != 0

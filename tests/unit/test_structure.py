@@ -74,6 +74,13 @@ def test_grpc_stays_where_it_belongs(folder: str) -> None:
         assert not loads_grpc or path.startswith(GRPC), file
 
 
+@pytest.mark.parametrize("folder", PRODUCT)
+def test_no_framework_of_controllers_is_loaded_but_by_name(folder: str) -> None:
+    for file in sources(folder):  # to load one takes a third of a second
+        packages = {name.partition(".")[0] for name in imports(file)}
+        assert packages.isdisjoint({"os_ken", "ryu"}), file
+
+
 def test_wire_imports_nothing_by_itself() -> None:
     assert list(imports(ROOT / "wire" / "__init__.py")) == []
 

@@ -1,6 +1,7 @@
 // What can be done to what is chosen: each a form, which becomes a command of qmn.
 
 import { device, element, table } from "./panels.js";
+import { end } from "./state.js";
 
 const field = (name, words, value = "", kind = "") => ({ name, words, value, kind });
 
@@ -59,10 +60,18 @@ export function show(at, chosen, network, state, perform) {
 }
 
 export function refresh(facts, chosen, state) {
-  const rows = chosen.kind === "fiber"
-    ? [["length", `${chosen.fiber.km} km`], ["loss", `${chosen.fiber.loss_db.toFixed(2)} dB`]]
-    : device(state, chosen.name);
-  table(facts, ["", ""], rows, "");
+  const rows = chosen.kind === "fiber" ? fiber(state, chosen.fiber) : device(state, chosen.name);
+  table(facts, ["what", "value"], rows, "Nothing is known of it yet.");
+}
+
+function fiber(state, { ends, km, loss_db }) {
+  const keys = ends.map((each) => end(...each));
+  const known = (map) => keys.map((key) => map.get(key)).find((each) => each !== undefined) ?? 0;
+  const rows = [["length", `${km} km`], ["loss", `${loss_db.toFixed(2)} dB`]];
+  rows.push(["state", keys.some((key) => state.cut.has(key)) ? "cut" : "whole"]);
+  rows.push(["measured by somebody", `${100 * known(state.tapped)} % of the photons`]);
+  rows.push(["classical light", `${known(state.classical)} mW`]);
+  return rows;
 }
 
 function made({ act, label, given, fields = [] }, perform, said) {

@@ -1,5 +1,7 @@
 // The drawing of the network: nodes, copper, fibres; light and photons where they are.
 
+import { end, rate } from "./state.js";
+
 const SVG = "http://www.w3.org/2000/svg";
 const NODE = { width: 92, height: 44 };
 const BESIDE = 12; // between fibres of the same two nodes
@@ -44,12 +46,13 @@ export class Drawing {
   fiber(fiber, offset, choose) {
     const [a, b] = fiber.ends.map(([node]) => this.places.get(node));
     const ends = moved(a, b, fiber.ends[0][0] < fiber.ends[1][0] ? offset : -offset);
-    const keys = fiber.ends.map(([node, port]) => (port.startsWith(`${node}-`) ? port : `${node}:${port}`));
+    const keys = fiber.ends.map((each) => end(...each));
     this.fibers.set(keys[0], { fiber, far: keys[1] });
     this.fibers.set(keys[1], { fiber, far: keys[0] });
     const text = `fibre ${fiber.name}, ${fiber.km} km, ${fiber.loss_db.toFixed(2)} dB`;
     const group = make("g", { class: "fiber", tabindex: 0, role: "button", "aria-label": text },
-      make("title", {}, text), line("near", ...ends), line("seen", ...ends), line("photons", ...ends));
+      make("title", {}, text), line("near", ...ends), line("seen", ...ends), line("photons", ...ends),
+      make("text", { class: "small flow", x: (ends[0].x + ends[1].x) / 2, y: (ends[0].y + ends[1].y) / 2 - 9 }));
     chooses(group, () => choose({ kind: "fiber", name: fiber.name, fiber }));
     group.dataset.keys = keys.join(" ");
     this.elements.set(fiber.name, group);
@@ -83,8 +86,10 @@ export class Drawing {
         if (state.t - light.t < FLOWS_S) classes.push("flowing");
         if (light.back) classes.push("back");
       }
+      const label = light?.label ?? "", there = element.lastChild;
+      if (there.textContent !== label) there.textContent = label;
       if (keys.some((key) => state.cut.has(key))) classes.push("cut");
-      if (state.tapped.get(fiber.ends.map((end) => end[0]).sort().join(" "))) classes.push("tapped");
+      if (keys.some((key) => state.tapped.get(key))) classes.push("tapped");
       if (chosen?.name === fiber.name) classes.push("chosen");
       const text = classes.join(" ");
       if (element.getAttribute("class") !== text) element.setAttribute("class", text);
@@ -108,12 +113,13 @@ export class Drawing {
       if (!host) continue;
       const hops = this.follow(begin, state.ways);
       if (!hops) continue;
-      const end = hops.at(-1).to;
-      const t = Math.max(state.flows.get(begin)?.t ?? -9, state.flows.get(end)?.t ?? -9);
+      const last = hops.at(-1);
+      const t = Math.max(state.flows.get(begin)?.t ?? -9, state.flows.get(last.to)?.t ?? -9);
       for (const { fiber, from } of hops) {
         const keys = this.elements.get(fiber.name).dataset.keys.split(" ");
         found.set(fiber.name, { number, t, back: from !== keys[0] });
       }
+      found.get(last.fiber.name).label = told(rate(state, last.to));
       number += 1;
     }
     return found;
@@ -181,6 +187,12 @@ export class Drawing {
     }
     new ResizeObserver(() => this.apply()).observe(this.svg);
   }
+}
+
+// What comes to the end of a path, in photons a second, and what is lost on its way.
+function told({ photons, lost }) {
+  if (!photons) return "";
+  return `${photons.toLocaleString("en", { notation: "compact" })} photons/s, ${(100 * lost).toFixed(1)} % lost`;
 }
 
 function line(kind, a, b) {

@@ -41,9 +41,34 @@ function show(there, cell) {
   if (there.className !== kinds) there.className = kinds;
 }
 
+// An estimate with its 95 % interval, by so many digits.
+function estimate({ value, low, high }, digits, factor = 1) {
+  const text = (number) => (factor * number).toFixed(digits);
+  return `${text(value)} (${text(low)} to ${text(high)})`;
+}
+
+const unknown = (each) => (each.over ? "not measured" : "not yet known");
+
+// What is known of how good a session's pairs are; S tells that, too.
+function fidelity(each) {
+  const { fidelity, chsh } = each.figures, texts = [];
+  if (fidelity) texts.push(estimate(fidelity, 4));
+  if (chsh) texts.push(`S ${estimate(chsh, 3)}`);
+  return texts.join("; ") || unknown(each);
+}
+
+function errors(each) {
+  const { qber, error_rate } = each.figures, texts = [];
+  if (qber) texts.push(`QBER ${estimate(qber, 2, 100)}`);
+  if (error_rate) texts.push(estimate(error_rate, 2, 100));
+  return texts.join("; ") || unknown(each);
+}
+
 export function sessions(at, state) {
   const newest = [...state.sessions.values()].sort((one, two) => two.last - one.last).slice(0, SHOWN_SESSIONS);
-  table(at, ["session", "between", "state", "set-up (ms)", "pairs", "pairs/s", "photons arrived", "lost (%)", "measured"],
+  const heads = ["session", "between", "state", "set-up (ms)", "pairs", "pairs/s", "photons arrived", "lost (%)", "measured",
+    "fidelity, or S of CHSH (95 %)", "errors in % (95 %)"];
+  table(at, heads,
     newest.map((each) => {
       const took = Math.max(each.last - each.since, 1e-3);
       const ends = each.told.from ? `${each.told.from} → ${each.told.to}` : [...each.nodes].join(", ");
@@ -52,6 +77,7 @@ export function sessions(at, state) {
         element("td", each.id.slice(-6)), ends, each.says || "-", each.setup_ms?.toFixed(1) ?? "-", count(each.pairs),
         each.pairs ? count(Math.round(each.pairs / took)) : "-", count(arrived),
         each.arrived ? ((100 * each.lost) / each.arrived).toFixed(1) : "-", count(each.measured),
+        fidelity(each), errors(each),
       ];
     }), "No session yet.");
 }
@@ -102,15 +128,27 @@ export function decisions(at, state) {
   }));
 }
 
-// Devices as the controller knows them: counts of a host, ports of a switch.
+const NOT_SHOWN = new Set(["heard_s_ago", "paths"]);
+const words = (text) => text.replaceAll("_", " ");
+
+// Devices as the controller knows them: counts and settings of a host, faults and ports of a switch.
 export function device(state, name) {
-  const known = state.devices[name];
-  if (!known) return [];
   const rows = [];
-  for (const [field, value] of Object.entries(known)) {
-    if (typeof value === "number" || typeof value === "string") rows.push([field.replaceAll("_", " "), String(value)]);
+  if (state.faulty.has(name)) rows.push(["fault", state.faulty.get(name)]);
+  for (const [field, value] of Object.entries(state.devices[name] ?? {})) {
+    if (NOT_SHOWN.has(field)) continue;
+    if (Array.isArray(value)) rows.push(...value.map((each) => [words(field).replace(/s$/, ""), list(each)]));
+    else rows.push([words(field), list(value)]);
   }
+  for (const { in_port, out_port } of state.devices[name]?.paths ?? []) rows.push(["light path", `${in_port} → ${out_port}`]);
   return rows;
+}
+
+// Values one behind the other, those of objects with their names, which say the unit.
+function list(value) {
+  if (value === null || typeof value !== "object") return typeof value === "number" ? count(value) : String(value);
+  return Object.entries(value).filter(([, each]) => each !== null)
+    .map(([name, each]) => (name === "up" ? (each ? "up" : "cut") : `${words(name)} ${list(each)}`)).join(", ") || "-";
 }
 
 export { element, table };

@@ -2,7 +2,9 @@
 
 const GATHERED = /^(\d+) of \d+ of (\d+\/\d+)(, still stored)?/;
 const OUTCOME = /(?:Phi|Psi)[+-]=(\d+)/g;
+const TAPPED = /^tapped (\S+)/, LIT = /^classical light (\S+)/;
 export const BUCKET_S = 0.1;
+const RATE_BUCKETS = 10; // of a port, over which its rate is told
 const MOST_DECISIONS = 300, MOST_SESSIONS = 300;
 export const WINDOW_S = 60; // of which buckets are kept
 const ENDED = new Set(["torn_down", "refused", "forbidden"]);
@@ -13,13 +15,14 @@ export function blank() {
     ways: new Map(), // "q1:2" -> "4": cross-connects that stand
     sessions: new Map(),
     memories: new Map(), // node -> Map of block -> {photons, t}
-    flows: new Map(), // "alice-q0" -> {photons, lost, t, session} of the last arrival or sending there
+    flows: new Map(), // "alice-q0" -> {photons, lost, t, session} of the last light there, and its buckets
     outcomes: {},
     buckets: new Map(), // number of a BUCKET_S -> {pairs, arrived, lost}
     decisions: [],
     cut: new Set(), // "q1:2"
-    tapped: new Map(), // "alice q1" -> fraction
-    faulty: new Map(), // switch -> text
+    tapped: new Map(), // "q1:2" or "alice-q0" -> fraction that somebody measures
+    classical: new Map(), // the same -> mW
+    faulty: new Map(), // switch -> what is wrong with it
     devices: {}, // of hosts and switches, as the controller knows them
     keyLinks: [], // with the keys that are ready at either end
     job: {},
@@ -87,6 +90,14 @@ function event(state, m) {
     case "discard":
       memory(state, m.node).delete(block(m));
       break;
+    case "tune":
+      tune(state, m);
+      break;
+    case "fault":
+      if (m.detail === "repaired") state.faulty.delete(m.node);
+      else state.faulty.set(m.node, m.detail);
+      decide(state, m.t, m.node, `fault: ${m.detail}`);
+      break;
     case "dropped":
       state.missed += parseInt(m.detail);
       break;
@@ -94,7 +105,33 @@ function event(state, m) {
 }
 
 function flow(state, m) {
-  if (m.port) state.flows.set(m.port, { photons: m.photons ?? 0, lost: m.lost ?? 0, t: m.t, session: m.session });
+  if (!m.port) return;
+  const photons = m.photons ?? 0, lost = m.lost ?? 0, number = Math.floor(m.t / BUCKET_S);
+  const buckets = (state.flows.get(m.port)?.buckets ?? []).filter((each) => each.number > number - RATE_BUCKETS);
+  const last = buckets.at(-1);
+  if (last?.number === number) last.photons += photons, last.lost += lost;
+  else buckets.push({ number, photons, lost });
+  state.flows.set(m.port, { photons, lost, t: m.t, session: m.session, buckets });
+}
+
+// Photons that have come to a port in the last second, or were to come, and the part that was lost.
+export function rate(state, port) {
+  const first = Math.floor(state.t / BUCKET_S) - RATE_BUCKETS;
+  const recent = (state.flows.get(port)?.buckets ?? []).filter((each) => each.number > first);
+  const sum = (name) => recent.reduce((all, each) => all + each[name], 0);
+  const photons = sum("photons") / (RATE_BUCKETS * BUCKET_S);
+  return { photons, lost: photons ? sum("lost") / sum("photons") : 0 };
+}
+
+// A fibre's end: "q1:2", or "alice-q0", as ports of hosts have names of their own.
+export function end(node, port) {
+  return port.startsWith(`${node}-`) ? port : `${node}:${port}`;
+}
+
+function tune(state, m) {
+  const tapped = m.detail?.match(TAPPED), lit = m.detail?.match(LIT);
+  if (tapped) state.tapped.set(end(m.node, m.port), Number(tapped[1]));
+  if (lit) state.classical.set(end(m.node, m.port), Number(lit[1]));
 }
 
 // The block of this number that has been stored longest: pairs of a link pass to another session.
@@ -134,6 +171,7 @@ function session(state, id, t) {
     if (state.sessions.size >= MOST_SESSIONS) forgetSessions(state);
     state.sessions.set(id, {
       id, nodes: new Set(), says: "", since: t, last: t, pairs: 0, arrived: 0, lost: 0, measured: 0, told: {},
+      figures: {}, // what its ends have estimated: name -> {value, low, high} of 95 %
     });
   }
   const found = state.sessions.get(id);
@@ -142,6 +180,15 @@ function session(state, id, t) {
 }
 
 function controller(state, m, names) {
+  if (m.event === "figure") {
+    session(state, m.session, m.t).figures[m.figure] = { value: m.value, low: m.low, high: m.high };
+    return;
+  }
+  if (m.event === "key_link") {
+    const others = state.keyLinks.filter((each) => each.from_ !== m.from_ || each.to !== m.to);
+    state.keyLinks = [...others, m].sort((one, two) => `${one.from_} ${one.to}`.localeCompare(`${two.from_} ${two.to}`));
+    return;
+  }
   if (m.session) {
     const here = session(state, m.session, m.t);
     here.says = m.event === "refused" || m.event === "forbidden" ? `${m.event}: ${m.detail}` : m.event.replaceAll("_", " ");
@@ -165,11 +212,6 @@ function words(m) {
 
 function act(state, m) {
   decide(state, m.t, "you", `${["qmn", ...m.command].join(" ")}: ${m.said || (m.status ? "failed" : "done")}`);
-  if (m.status) return;
-  const [verb, first, second, third] = m.command;
-  if (verb === "tap") state.tapped.set([first, second].sort().join(" "), Number(third));
-  if (verb === "fault" && second === "repair") state.faulty.delete(first);
-  else if (verb === "fault") state.faulty.set(first, m.said);
 }
 
 function decide(state, t, who, text) {

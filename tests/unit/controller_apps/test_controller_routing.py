@@ -208,6 +208,30 @@ def test_what_stands_in_the_way_is_named(limits: Limits, reason: Reason) -> None
     assert why_not(network, [Leg(START, END)], limits) == Reason.NO_PATH
 
 
+def test_what_stands_in_the_way_is_found_out_anew_when_the_network_is_another() -> None:
+    network = ring()
+    network.names = {number: f"q{number}" for number in (1, 2, 3, 4)}
+    limits = Limits(lambda way: way == Direction(*END, False), CHANNEL_MHZ, 100)
+
+    def reason() -> Reason:
+        assert route(network, [Leg(START, END)], limits) is None
+        return why_not(network, [Leg(START, END)], limits)
+
+    assert reason() == Reason.BUSY
+    for dpid in (2, 4):
+        network.optics.told(dpid, rotating(0, 200))
+    assert reason() == Reason.LOSS_TOO_HIGH
+    network.optics.described(END, band(CHANNEL_MHZ + 50_000, CHANNEL_MHZ + 50_000))
+    assert reason() == Reason.NO_WAVELENGTH
+    network.closed = frozenset({frozenset({"q1", "q2"}), frozenset({"q3", "q4"})})
+    assert reason() == Reason.NO_PATH
+    network.closed = frozenset()
+    assert reason() == Reason.NO_WAVELENGTH
+    network.remove_link(SwitchPort(1, 12))
+    network.set_fiber(SwitchPort(4, 43), whole=False)
+    assert reason() == Reason.NO_PATH
+
+
 def test_what_was_measured_is_forgotten_with_a_cut_and_with_the_switch() -> None:
     network = ring()
     network.optics.measured(START, light(rx_power=-400))

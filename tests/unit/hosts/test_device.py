@@ -4,7 +4,7 @@ import asyncio
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import pytest
@@ -37,6 +37,7 @@ from wire.device import (
 )
 from wire.metadata import Answer, Fec, Handshake, Message, Reason, Service, Setup
 from wire.seal_orders import GiveBack, SealOrder
+from wire.session_figures import Figure, SessionFigure
 
 KEY = "00112233445566778899aabbccddeeff"
 SETUP = Setup(7, Service.SDC, Handshake.FRAMED, "10.0.0.3", 65_536, 256, 50_000_000)
@@ -53,6 +54,7 @@ class Session:
     setup: Setup = SETUP
     watched: Watched | None = None
     wanted_back: bool = False
+    summary: dict[str, Any] = field(default_factory=dict)
 
     def give_back(self) -> None:
         self.wanted_back = True
@@ -404,3 +406,22 @@ def test_what_is_old_foreign_or_for_another_host_changes_nothing() -> None:
 def test_a_port_has_light_that_is_up_or_cannot_tell() -> None:
     """Of loopback, as of VXLAN, the kernel says "unknown" (Linux, operstates.rst)."""
     assert read_ports(["lo", "gone"]) == (DevicePort("lo", True), DevicePort("gone", False))
+
+
+def test_what_a_session_has_found_out_is_told_while_it_lasts_and_in_the_end() -> None:
+    device = Device(Fibers())
+
+    async def scene() -> None:
+        async with agent(device) as peer:
+            await peer.next()
+            session = Session({})
+            with device.opens(session):
+                assert isinstance(await peer.next(), DeviceReport)
+                session.summary = {"fidelity": 0.9, "fidelity_low": 0.85, "fidelity_high": 0.94}
+                first = SessionFigure(0, 7, Figure.FIDELITY, 0.9, 0.85, 0.94)
+                assert await peer.next() == first
+                session.summary |= {"fidelity": 0.91}
+            told = [await peer.next(), await peer.next()]
+            assert SessionFigure(0, 7, Figure.FIDELITY, 0.91, 0.85, 0.94) in told
+
+    network_loop.run(scene())

@@ -31,6 +31,11 @@ GRAPHS = [
     (4, "star"),
     (4, "complete"),
 ]
+HUB = (
+    4,
+    "bob-alice,bob-charlie,bob-eve",
+    "bob",
+)  # a star, of which the others are left in a GHZ state
 PENTAGON = ((0, 1), (1, 2), (2, 3), (3, 4), (0, 4))
 WHEEL = (*PENTAGON, *((place, 5) for place in range(5)))
 
@@ -40,15 +45,15 @@ def fidelity(graph: Graph, kept: float) -> float:
 
     A pair that is depolarised is a graph state of two with Z at either end, each in half of the
     cases in which it is hit; a product of generators changes its sign unless it has neither end.
+    Z at a hub is Z at all its neighbours: it is in products with an odd number of them.
     """
-    return float(
-        np.mean(
-            [
-                np.prod([kept ** (b - a) for a, b in graph.edges if chosen[a] or chosen[b]])
-                for chosen in product((0, 1), repeat=graph.hosts)
-            ]
-        )
-    )
+    found = []
+    for some in product((0, 1), repeat=len(graph.members)):
+        chosen = dict(zip(graph.members, some, strict=True))
+        if graph.hub:
+            chosen[graph.hub] = sum(chosen[place] for place in graph.neighbours(graph.hub)) % 2
+        found.append([kept ** (b - a) for a, b in graph.edges if chosen[a] or chosen[b]])
+    return float(np.mean([np.prod(each) for each in found]))
 
 
 def is_made(graph: Graph, errors: dict[tuple[int, int, int], int]) -> bool:
@@ -56,7 +61,7 @@ def is_made(graph: Graph, errors: dict[tuple[int, int, int], int]) -> bool:
 
     The errors (0 I, 1 X, 2 Y, 3 Z) are of the right half of the pair of an edge on a link. Qubits
     are numbered as they are made. An edge's pairs are swapped, and its right end goes through H;
-    of all ends at a host the others are measured into the first one.
+    of all ends at a host the others are measured into the first one. A hub is measured in Y.
     """
     simulator, qubits = stim.TableauSimulator(seed=1), iter(range(1000))
     ends: dict[int, list[tuple[int, int]]] = {place: [] for place in range(graph.hosts)}
@@ -83,9 +88,16 @@ def is_made(graph: Graph, errors: dict[tuple[int, int, int], int]) -> bool:
     for qubit, flip in zip(kept, flips, strict=True):
         if flip:
             simulator.z(qubit)
+    if graph.hub:
+        simulator.h_yz(kept[graph.hub])
+        outcome = simulator.measure(kept.pop(graph.hub))
+        for place in graph.neighbours(graph.hub):
+            qubit = kept[graph.members.index(place)]
+            (simulator.s if outcome else simulator.s_dag)(qubit)
+    rest = graph.left()
     return all(
-        simulator.peek_observable_expectation(generator(graph, place, kept)) == 1
-        for place in range(graph.hosts)
+        simulator.peek_observable_expectation(generator(rest, place, kept)) == 1
+        for place in range(rest.hosts)
     )
 
 
@@ -99,9 +111,14 @@ def generator(graph: Graph, place: int, kept: list[int]) -> stim.PauliString:
     return paulis
 
 
-@pytest.mark.parametrize(("hosts", "words"), GRAPHS[:3])
-def test_the_closed_form_is_that_of_an_enumeration_of_all_errors(hosts: int, words: str) -> None:
-    graph, p = read_graph(words, LINE[:hosts]), 0.1
+@pytest.mark.parametrize(
+    ("hosts", "words", "hub"),
+    [*((*graph, "") for graph in GRAPHS[:3]), (3, "line", "bob"), (4, "line", "charlie"), HUB],
+)
+def test_the_closed_form_is_that_of_an_enumeration_of_all_errors(
+    hosts: int, words: str, hub: str
+) -> None:
+    graph, p = read_graph(words, LINE[:hosts], hub), 0.1
     links = [(a, b, link) for a, b in graph.edges for link in range(a, b)]
     total = 0.0
     for errors in product(range(4), repeat=len(links)):
@@ -113,7 +130,7 @@ def test_the_closed_form_is_that_of_an_enumeration_of_all_errors(hosts: int, wor
 def made(folder: Path, hosts: int, words: str, **given: Any) -> list[dict[str, Any]]:
     """Return the summaries of all hosts, in their order."""
     asked: dict[str, Any] = {
-        name: given.pop(name) for name in ("count", "witness") if name in given
+        name: given.pop(name) for name in ("count", "witness", "hub") if name in given
     }
     return summaries(folder, "graph", LINE[:hosts], {"graph": words, **asked}, **given)
 
@@ -134,6 +151,22 @@ def test_fibers_that_depolarise_leave_the_fidelity_of_the_closed_form(
     alice, *_others = made(tmp_path, hosts, words, count=COUNT, depolarizing=0.03)
     expected = fidelity(read_graph(words, LINE[:hosts]), 0.97**2)  # to the switch, to the host
     assert abs(alice["fidelity"] - expected) < 5 * alice["fidelity_error"] < 0.03
+
+
+def test_a_hub_fuses_pairs_and_leaves_the_others_joined(tmp_path: Path) -> None:
+    """Of a star each two of the others: the triangle, which is a GHZ state but for local gates."""
+    hosts, words, hub = HUB
+    alice, bob, *_others = made(tmp_path, hosts, words, hub=hub, count=COUNT, depolarizing=0.03)
+    expected = fidelity(read_graph(words, LINE, hub), 0.97**2)
+    assert (alice["edges"], alice["pairs_per_state"]) == (3, 4)
+    assert bob["fused"] >= alice["made"]
+    assert abs(alice["fidelity"] - expected) < 5 * alice["fidelity_error"] < 0.03
+
+
+def test_what_a_hub_leaves_is_the_local_complement() -> None:
+    assert read_graph(HUB[1], LINE, "bob").left() == read_graph("complete", LINE[:3])
+    assert read_graph("complete", LINE, "bob").hub == 1
+    assert read_graph("line", LINE[:3], "bob").left().edges == ((0, 1),)
 
 
 @pytest.mark.parametrize(("words", "colours"), [("ring", 2), ("complete", 4)])
@@ -206,16 +239,18 @@ def test_qubits_wait_in_memory_until_they_are_used(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "text"),
+    ("words", "hub", "text"),
     [
-        ("alice-bob", "no edges lead from the first host to number 3"),
-        ("alice-bob,bob-zoe", "'bob-zoe' is no edge of two of alice, bob, charlie"),
-        ("alice-bob,bob-alice,bob-charlie", "an edge is there once"),
-        ("pentagram", "write line, ring, star, complete, or edges as A-B,B-C"),
+        ("line", "alice", "hub alice: choose one of bob, charlie"),
+        ("complete", "bob", "without bob: no edges lead"),
+        ("alice-bob", "", "no edges lead from the first host to number 3"),
+        ("alice-bob,bob-zoe", "", "'bob-zoe' is no edge of two of alice, bob, charlie"),
+        ("alice-bob,bob-alice,bob-charlie", "", "an edge is there once"),
+        ("pentagram", "", "write line, ring, star, complete, or edges as A-B,B-C"),
     ],
 )
-def test_a_graph_that_cannot_be_is_refused(words: str, text: str) -> None:
-    options = GraphOptions("bob", 9, graph=words)
+def test_a_graph_that_cannot_be_is_refused(words: str, hub: str, text: str) -> None:
+    options = GraphOptions("bob", 9, graph=words, hub=hub)
     with pytest.raises(SessionError, match=text):
         options.check()
 
@@ -224,14 +259,17 @@ def test_names_with_hyphens_have_edges() -> None:
     assert read_graph("a-b-a", ["a", "b-a"]).edges == ((0, 1),)
 
 
-@pytest.mark.parametrize("numbers", [[1], [17, 0, 1], [3, 0], [3, 0, 1], [2, 1, 0], [2, 0, 2]])
+@pytest.mark.parametrize(
+    "numbers",
+    [[1, 0], [17, 0, 0, 1], [3, 0, 0], [3, 0, 0, 1], [2, 0, 1, 0], [2, 0, 0, 2], [2, 2, 0, 1]],
+)
 def test_numbers_that_tell_no_graph_are_refused(numbers: list[int]) -> None:
     with pytest.raises(ValueError, match=r"host|edge"):
         graph_of_numbers(numbers)
 
 
 def test_a_graph_is_told_whole() -> None:
-    graph = Graph(6, WHEEL)
+    graph = Graph(6, WHEEL, 3)
     assert graph_of_numbers(numbers_of_graph(graph)) == graph
 
 

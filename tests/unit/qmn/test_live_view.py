@@ -3,14 +3,17 @@
 import base64
 import hashlib
 import json
+import os
 import signal
 import subprocess
 import sys
+import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
@@ -25,6 +28,7 @@ from qmn.live_view.server import PAGE
 from qmn.live_view.sources import timeline_of_run
 from qmn.live_view.timeline import Timeline
 from qmn.results.network_facts import NetworkFacts
+from qmn.verbs.live import say
 
 EXAMPLES = {
     "link": {"a": "alice", "b": "q1", "state": "down"},
@@ -54,6 +58,20 @@ def test_a_run_is_told_in_the_order_of_time(tmp_path: Path) -> None:
     ]
     assert messages[6]["t"] == pytest.approx(3e-3)  # bob's light, 4 ms, since 1 ms
     assert messages[-1]["bell_pairs"] == 100
+
+
+def test_the_command_shows_a_run_until_ctrl_c(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "qmn", "live", str(record_run(tmp_path)), "--no-browser"]
+    with subprocess.Popen(
+        command, cwd=Path(acts.__file__).parents[2], stdout=subprocess.PIPE, text=True
+    ) as program:
+        assert program.stdout is not None
+        said, _colon, url = program.stdout.readline().strip().partition(": ")
+        assert said == "live view"
+        drawn = json.loads(answer(f"{url}network.json")[1])
+        assert (drawn["live"], drawn["acts"]) == (False, False)
+        program.send_signal(signal.SIGINT)
+        assert program.wait(DEADLINE_S) == 0
 
 
 def test_a_reader_who_is_slow_is_told_how_much_was_missed() -> None:
@@ -204,6 +222,31 @@ def test_in_a_container_the_page_is_where_its_environment_says(
     monkeypatch.setenv("QMN_LIVE_SOCKET", "/live/socket")
     monkeypatch.setenv("QMN_LIVE_PORT", "8000")
     assert place_of_container() == Place(8000, Path("/live/socket"))
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root is somebody else's by sudo")
+def test_by_sudo_the_page_opens_in_the_users_own_browser(monkeypatch: pytest.MonkeyPatch) -> None:
+    with TemporaryDirectory(prefix="qmn-browser-") as folder:
+        at, told = Path(folder), Path(folder, "told")
+        at.chmod(0o777)
+        opener = at / "xdg-open"
+        opener.write_text(
+            f'#!/bin/sh\nid -u >{told}.new\necho "$1" >>{told}.new\nenv >>{told}.new\n'
+        )
+        opener.write_text(f"{opener.read_text()}mv {told}.new {told}\n")
+        opener.chmod(0o755)
+        asked = {"SUDO_USER": "nobody", "SUDO_UID": "65534", "DISPLAY": ":0", "QMN_RUN": "mark"}
+        for name, value in {**asked, "PATH": f"{at}:{os.environ['PATH']}"}.items():
+            monkeypatch.setenv(name, value)
+        say("http://127.0.0.1:1/x/", browser=True)
+        deadline = time.monotonic() + DEADLINE_S
+        while not told.exists():
+            assert time.monotonic() < deadline, "nobody has opened a browser"
+            time.sleep(0.05)
+        user, address, *environment = told.read_text().splitlines()
+    assert (user, address) == ("65534", "http://127.0.0.1:1/x/")
+    assert {"DISPLAY=:0", "XDG_RUNTIME_DIR=/run/user/65534"} <= set(environment)
+    assert not any(line.startswith("QMN_RUN") for line in environment)  # `qmn clean` ends those
 
 
 def test_a_thousand_hosts_have_places_of_their_own() -> None:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -132,6 +132,102 @@ def test_the_fill_of_key_stores_is_shown(
         view.timeline.add("devices", START_NS + 10**9, told)
         row = ["alice → bob", "1,200", "1,199", "4,096", "1.23", "active"]
         expect(page.locator("#keys tbody td")).to_have_text(row)
+        later = {"event": "key_link", **asdict(replace(link, keys_ready=2000))}  # in the record
+        view.timeline.add("controller", START_NS + 2 * 10**9, later)
+        row[1] = "2,000"
+        expect(page.locator("#keys tbody td")).to_have_text(row)
+        page.get_by_label("time in s").fill("1.5")
+        expect(page.locator("#keys tbody td").nth(1)).to_have_text("1,200")
+        page.close()
+
+
+def told_by_hosts(view: View, t: float, **figure: Any) -> None:
+    """Let the controller record what an end of the session has found out."""
+    fact = {"event": "figure", "session": SESSION, "host": "bob", **figure}
+    view.timeline.add("controller", START_NS + round(t * 1e9), fact)
+
+
+def test_what_is_known_of_a_sessions_pairs_is_in_its_row(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    view = live(tmp_path)
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        light(view, 1.0)
+        heads = page.locator("#sessions th")
+        expect(heads.nth(9)).to_have_text("fidelity, or S of CHSH (95 %)")
+        expect(heads.nth(10)).to_have_text("errors in % (95 %)")
+        fidelity, errors = (page.locator("#sessions tbody td").nth(n) for n in (9, 10))
+        expect(fidelity).to_have_text("not yet known")
+        expect(errors).to_have_text("not yet known")
+        told_by_hosts(view, 1.1, figure="error_rate", value=0.03125, low=0.02, high=0.045)
+        expect(errors).to_have_text("3.13 (2.00 to 4.50)")
+        expect(fidelity).to_have_text("not yet known")
+        told_by_hosts(view, 1.2, figure="fidelity", value=0.9512, low=0.94, high=0.962)
+        expect(fidelity).to_have_text("0.9512 (0.9400 to 0.9620)")
+        told_by_hosts(view, 1.3, figure="qber", value=0.0123, low=0.01, high=0.015)
+        told_by_hosts(view, 1.3, figure="chsh", value=2.71, low=2.6, high=2.82)
+        expect(errors).to_have_text("QBER 1.23 (1.00 to 1.50); 3.13 (2.00 to 4.50)")
+        expect(fidelity).to_have_text("0.9512 (0.9400 to 0.9620); S 2.710 (2.600 to 2.820)")
+        expect(page.locator("#decisions li")).to_have_count(0)  # it is no decision
+        page.get_by_label("time in s").fill("1.15")  # what was known then
+        expect(fidelity).to_have_text("not yet known")
+        over = {"event": "torn_down", "session": SESSION, "detail": "FIN"}
+        view.timeline.add("controller", START_NS + 2 * 10**9, {**over, "session": "f" * 16})
+        page.get_by_role("button", name="latest").click()
+        expect(page.locator("#sessions tbody tr").first).to_contain_text("not measured")
+        page.close()
+
+
+def test_what_others_do_to_fibres_and_switches_is_shown(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    """As by commands in another terminal: the dispatcher tells of it."""
+    view = live(tmp_path)
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        expect(page.locator("#status")).to_have_text("live")
+        for node, port in (("alice", "alice-q0"), ("q1", "2")):
+            tell(view, 1.0, "tune", node, port=port, detail="tapped 0.25")
+        tell(view, 1.0, "tune", "q1", port="3", detail="193414 GHz")
+        tell(view, 1.1, "fault", "q1", detail="stuck 2 -> 3")
+        expect(page.locator(".fiber.tapped")).to_have_count(1)
+        expect(page.locator(".node.faulty")).to_have_count(1)
+        page.get_by_role("button", name=re.compile("^fibre alice-q0")).press("Enter")
+        expect(page.locator("#facts")).to_contain_text("25 % of the photons")
+        page.get_by_role("button", name="quantum switch q1").press("Enter")
+        expect(page.locator("#facts")).to_contain_text("stuck 2 -> 3")
+        eth2 = {"port": 2, "name": "q1-eth2", "up": True, "photons_in": 1200, "photons_lost": 3}
+        known = {"name": "q1", "kind": "quantum-switch", "state": "up"}
+        ways = {"ports": [eth2], "paths": [{"in_port": 2, "out_port": 3}]}
+        told = {"devices": [known | ways], "sessions": [], "key_links": []}
+        view.timeline.add("devices", START_NS + 12 * 10**8, told)
+        expect(page.locator("#facts")).to_contain_text("photons in 1,200, photons lost 3")
+        expect(page.locator("#facts")).to_contain_text("2 → 3")
+        tell(view, 2.0, "fault", "q1", detail="repaired")
+        tell(view, 2.0, "tune", "q1", port="2", detail="tapped 0")
+        tell(view, 2.0, "tune", "alice", port="alice-q0", detail="tapped 0")
+        expect(page.locator(".node.faulty")).to_have_count(0)
+        expect(page.locator(".fiber.tapped")).to_have_count(0)
+        page.close()
+
+
+def test_light_says_its_rate_and_its_loss(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    view = live(tmp_path)
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        expect(page.locator("#status")).to_have_text("live")
+        light(view, 1.0)
+        light(view, 1.5)  # 100 photons each, of which 40 are lost: 200 in that second
+        tell(view, 4.0, "create", "charlie")  # time goes on, and nothing comes
+        expect(page.locator("#clock")).to_have_text("4.000 s")
+        expect(page.locator(".fiber .flow", has_text="photons/s")).to_have_count(0)
+        page.get_by_label("time in s").fill("1.6")
+        expect(page.locator(".fiber .flow", has_text="photons/s")).to_have_text(
+            ["200 photons/s, 40.0 % lost"]
+        )
         page.close()
 
 

@@ -157,6 +157,13 @@ local function check_seal(values, fields, range)
     return nil
 end
 
+-- Returns why the estimate of a session cannot be, or nil.
+local function check_figure(values)
+    local low, value, high, most = values.low, values.value, values.high, format.most_figure
+    local right = low <= value and value <= high and -most <= low and high <= most
+    return not right and "no estimate" or nil
+end
+
 local function add_body(tree, kind, range)
     local size = range and range:len() or 0
     local problem = check_size(kind, size)
@@ -176,6 +183,7 @@ local function add_body(tree, kind, range)
         end
         problem = problem or check_order(values, range, right, station)
     end
+    if kind.name == "SessionFigure" then problem = problem or check_figure(values) end
     if kind.name == "SealOrder" then problem = problem or check_seal(values, plain, range) end
     if settings then
         local place = range:range(settings.offset, settings.size)

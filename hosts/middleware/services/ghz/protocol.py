@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from hosts.hardware.qnic import Qnic
+from hosts.hardware.qnic import Qnic, Symbols
 from hosts.middleware.services.ghz import line
 from hosts.middleware.services.ghz.line import Table
 from hosts.middleware.services.ghz.witness import Tally, chosen_bases
@@ -52,7 +52,11 @@ class Leader(line.Leader):
         ours = line.seen((yield from do(Qnic.measure, self.qubits(number), bases[0])))
         behind = bases[1:]
         theirs = yield from self.right.ask(Topic.BASES, number, behind.ravel(), 2, behind.shape)
-        self.tally.add(bases, np.vstack([ours, theirs]))
+        self.count(bases, np.vstack([ours, theirs]))
+
+    def count(self, bases: Table, outcomes: Table) -> None:
+        """Take in what all hosts have measured."""
+        self.tally.add(bases, outcomes)
 
     def bases(self, states: int) -> Table:
         """Return in which basis each host measures each state."""
@@ -73,10 +77,14 @@ class Follower(line.Follower):
             Topic.BASES, number, shape[0] * states, len(BASES) - 1, BITS_TIMEOUT_S
         )
         bases = told.astype(np.uint8).reshape(shape)
-        own = line.seen((yield from do(Qnic.measure, self.qubits(number), bases[0])))
+        own = yield from self.outcomes(number, bases[0])
         others = []
         if self.right is not None:
             behind = bases[1:]
             ask = self.right.ask(Topic.BASES, number, behind.ravel(), 2, behind.shape)
             others.append((yield from ask))
         yield self.answer(number, own, others)
+
+    def outcomes(self, number: int, bases: Symbols) -> Steps[Symbols]:
+        """Measure this host's qubits of states."""
+        return line.seen((yield from do(Qnic.measure, self.qubits(number), bases)))

@@ -5,7 +5,8 @@ another, which is then measured in Z, makes one qubit of both with the neighbour
 outcome 1 it is that but for Z at the neighbour of the one that was measured (Browne and Rudolph,
 Phys. Rev. Lett. 95, 010501, 2005, fusion of type I). A swap that found X^a Z^b turns the qubit at
 the right end of its edge by Z^a and the one at the left by Z^b. So all that a host finds are bits
-by which others turn theirs by Z.
+by which others turn theirs by Z. A hub measures its own qubit in Y: outcome 1, like Z before it, is
+Z at all its neighbours, which go through S^-1.
 """
 
 from collections.abc import Iterator
@@ -15,7 +16,7 @@ import numpy as np
 
 from hosts.hardware.qnic import BlockName, Qnic, Symbols
 from hosts.middleware.services.ghz.line import Right, Table, seen
-from hosts.middleware.services.ghz.witness import X, Z
+from hosts.middleware.services.ghz.witness import X, Y, Z
 from hosts.middleware.services.graph_states.graph import Graph, Half
 from hosts.middleware.session.blocks import LOST, Mask, keep_of_all, store
 from hosts.middleware.session.protocol import Side, Steps, do
@@ -83,8 +84,8 @@ class Fusion:
         for layer, (left, right) in self.graph.swaps(self.place):
             came, own = self.block(state, layer, True), self.block(state, layer, False)
             yield from do(Qnic.controlled_x, came, own)
-            _turn(turned, right, (yield from _measured(own, size, Z)))
-            _turn(turned, left, (yield from _measured(came, size, X)))
+            self._turn(turned, right, (yield from _measured(own, size, Z)))
+            self._turn(turned, left, (yield from _measured(came, size, X)))
         for half in self.halves:
             if half.came:
                 yield from do(Qnic.rotate, self.block(state, half.layer, True), ["H"])
@@ -92,12 +93,30 @@ class Fusion:
         for half in self.halves[1:]:
             name = self.block(state, half.layer, half.came)
             yield from do(Qnic.controlled_x, kept, name)
-            _turn(turned, half.far, (yield from _measured(name, size, Z)))
+            self._turn(turned, half.far, (yield from _measured(name, size, Z)))
+        if self.is_hub:
+            self._turn(turned, self.place, (yield from _measured(kept, size, Y)))
+            return turned
+        if self.graph.hub and self.graph.hub in self.graph.neighbours(self.place):
+            yield from do(Qnic.rotate, kept, ["S_DAG"])
         turned[:, ~(yield from store(kept))] = LOST
         return turned
 
+    @property
+    def is_hub(self) -> bool:
+        """Return whether this host has no part in the state."""
+        return self.place not in self.graph.members
+
+    def _turn(self, turned: Table, place: int, outcomes: Symbols) -> None:
+        """Have Z at a host by outcomes; what is lost here is lost for all."""
+        for each in self.graph.due(place):
+            turned[each] = combined(turned[each], outcomes)
+        turned[:, outcomes == LOST] = LOST
+
     def correct(self, state: int, bits: Symbols) -> Steps[int]:
         """Turn this host's qubits, and keep those that are not lost; return how many these are."""
+        if self.is_hub:
+            return int(np.count_nonzero(bits != LOST))
         kept = self.qubits(state)
         yield from do(Qnic.apply, kept, np.where(bits == 1, TURN, 0).astype(np.uint8))
         yield from store(kept)  # to wait until they are used
@@ -106,9 +125,3 @@ class Fusion:
 
 def _measured(name: BlockName, size: int, basis: int) -> Steps[Symbols]:
     return seen((yield from do(Qnic.measure, name, np.full(size, basis, dtype=np.uint8))))
-
-
-def _turn(turned: Table, place: int, outcomes: Symbols) -> None:
-    """Have a host turn its qubits by outcomes; what is lost here is lost for all."""
-    turned[place] = combined(turned[place], outcomes)
-    turned[:, outcomes == LOST] = LOST

@@ -6,6 +6,10 @@ along the line: a ring of A, B, C and D takes two layers,
 
     A ===== B ===== C ===== D      edges A-B, B-C and C-D
     A ===== x ===== x ===== D      edge A-D, swapped at B and C
+
+A hub takes no part in the state: its qubit is measured in Y, which joins each two of its neighbours
+that were apart, and parts those that were joined (local complementation: Hein, Eisert and Briegel,
+Phys. Rev. A 69, 062311, 2004). Of a star the others are left in a GHZ state, but for local gates.
 """
 
 from collections.abc import Callable, Collection, Iterable
@@ -43,6 +47,7 @@ class Graph:
 
     hosts: int
     edges: tuple[Edge, ...]
+    hub: int = 0  # 0: none; the first host has a part in the state
 
     def __post_init__(self) -> None:
         """Check that it is one."""
@@ -54,6 +59,8 @@ class Graph:
             raise ValueError("an edge is there once")
         if apart := set(range(self.hosts)) - self._joined():
             raise ValueError(f"no edges lead from the first host to number {min(apart) + 1}")
+        if not 0 <= self.hub < self.hosts:
+            raise ValueError(f"no host of {self.hosts} is hub {self.hub}")
 
     def _joined(self) -> set[int]:
         """Return the hosts to which edges lead from the first."""
@@ -66,6 +73,24 @@ class Graph:
     def neighbours(self, place: int) -> set[int]:
         """Return with which hosts edges join one."""
         return {b if a == place else a for a, b in self.edges if place in (a, b)}
+
+    @property
+    def members(self) -> list[int]:
+        """Return the hosts with a part in the state."""
+        return [place for place in range(self.hosts) if place != self.hub or not self.hub]
+
+    def left(self) -> "Graph":
+        """Return the graph of the members when the hub is measured, by their order."""
+        if not self.hub:
+            return self
+        edges = set(self.edges) ^ set(combinations(sorted(self.neighbours(self.hub)), 2))
+        order = {place: each for each, place in enumerate(self.members)}
+        kept = sorted(edge for edge in edges if self.hub not in edge)
+        return Graph(len(order), tuple((order[a], order[b]) for a, b in kept))
+
+    def due(self, place: int) -> list[int]:
+        """Return at which hosts Z is due where it is at one: for a hub, at its neighbours."""
+        return sorted(self.neighbours(place)) if self.hub and place == self.hub else [place]
 
     @cached_property
     def adjacency(self) -> NDArray[np.uint8]:
@@ -151,11 +176,14 @@ NAMED: dict[str, Callable[[int], Iterable[Edge]]] = {
 }
 
 
-def read_graph(text: str, names: list[str]) -> Graph:
+def read_graph(text: str, names: list[str], hub: str = "") -> Graph:
     """Return the graph of words such as `ring` or `alice-bob,bob-charlie`; ValueError for none."""
+    if hub and hub not in names[1:]:
+        raise ValueError(f"hub {hub}: choose one of {', '.join(names[1:])}")
+    place = names.index(hub) if hub else 0
     if text in NAMED:
-        return Graph(len(names), tuple(NAMED[text](len(names))))
-    return Graph(len(names), tuple(_edge(word, names) for word in text.split(",")))
+        return Graph(len(names), tuple(NAMED[text](len(names))), place)
+    return Graph(len(names), tuple(_edge(word, names) for word in text.split(",")), place)
 
 
 def _edge(word: str, names: Collection[str]) -> Edge:
@@ -169,12 +197,12 @@ def _edge(word: str, names: Collection[str]) -> Edge:
 
 def numbers_of_graph(graph: Graph) -> list[int]:
     """Return a graph as hosts tell it."""
-    return [graph.hosts, *(place for edge in graph.edges for place in edge)]
+    return [graph.hosts, graph.hub, *(place for edge in graph.edges for place in edge)]
 
 
 def graph_of_numbers(numbers: Iterable[int]) -> Graph:
     """Return the graph that hosts tell; ValueError for none."""
-    hosts, *places = numbers
+    hosts, hub, *places = numbers
     if len(places) % 2:
         raise ValueError("an edge has two ends")
-    return Graph(hosts, tuple(zip(places[::2], places[1::2], strict=True)))
+    return Graph(hosts, tuple(zip(places[::2], places[1::2], strict=True)), hub)

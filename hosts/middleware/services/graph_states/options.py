@@ -17,13 +17,14 @@ class GraphOptions(GhzOptions):
     """`count` graph states of all hosts, measured to tell how good they are."""
 
     graph: str = "line"  # a name of SHAPES, or edges as A-B,B-C
+    hub: str = ""  # a host that fuses pairs, and is measured out; "": none
     witness: str = STABILISERS
 
     @property
     def edges(self) -> Graph:
         """Return the graph; raise SessionError where there is none of all hosts of the line."""
         try:
-            return read_graph(self.graph, self.names)
+            return read_graph(self.graph, self.names, self.hub)
         except ValueError as error:
             raise SessionError(Reason.UNSUPPORTED, f"graph {self.graph}: {error}") from error
 
@@ -34,4 +35,10 @@ class GraphOptions(GhzOptions):
         if not isinstance(self.graph, str):
             text = f"graph {self.graph!r}: write {', '.join(SHAPES)}, or edges as A-B,B-C"
             raise SessionError(Reason.UNSUPPORTED, text)
-        _ = self.edges
+        if not isinstance(self.hub, str):
+            raise SessionError(Reason.UNSUPPORTED, f"hub {self.hub!r} is not a name")
+        try:
+            self.edges.left()
+        except ValueError as error:
+            text = f"graph {self.graph} without {self.hub}: {error}"
+            raise SessionError(Reason.UNSUPPORTED, text) from error

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from hosts.hardware.qnic import BlockName
+from hosts.hardware.qnic import BlockName, Symbols
 from hosts.middleware.services.ghz import protocol
 from hosts.middleware.services.ghz.line import Table
 from hosts.middleware.services.graph_states.fusion import Fusion, combined, lit
@@ -43,7 +43,8 @@ class Leader(protocol.Leader):
         """Make blocks as small as the halves of their states need."""
         graph = self.options.edges
         self.fusion = Fusion(graph, 0, self.side, self.right)
-        self.tally = Colours(graph) if self.options.witness == COLOURS else Stabilisers(graph)
+        witness = Colours if self.options.witness == COLOURS else Stabilisers
+        self.tally = witness(graph.left())
         # Those between two others have told for how many states they have room for two halves.
         told = [1, *[2] * (graph.hosts - 2), 1]
         needed = max(graph.kept(place) / halves for place, halves in enumerate(told))
@@ -61,7 +62,15 @@ class Leader(protocol.Leader):
 
     def bases(self, states: int) -> Table:
         """Return in which basis each host measures each state."""
-        return self.tally.bases(self.side.draws, states)
+        graph = self.fusion.graph
+        bases = np.zeros((graph.hosts, states), dtype=np.uint8)  # of a hub, too, which has measured
+        bases[graph.members] = self.tally.bases(self.side.draws, states)
+        return bases
+
+    def count(self, bases: Table, outcomes: Table) -> None:
+        """Take in what the hosts of the state have measured."""
+        members = self.fusion.graph.members
+        super().count(bases[members], outcomes[members])
 
     def block(self, number: int, size: int) -> Steps[None]:
         """Make a block of states and use it."""
@@ -85,7 +94,7 @@ class Leader(protocol.Leader):
         graph = self.fusion.graph
         return {
             **super().figures(),
-            "edges": len(graph.edges),
+            "edges": len(graph.left().edges),
             "pairs_per_state": graph.pairs,
         }
 
@@ -105,7 +114,7 @@ class Follower(protocol.Follower):
         yield from self._layer(self.fusion, *coming(message, self.side.setup.pairs))
 
     def _introduced(self, message: Values) -> Steps[None]:
-        if message.topic != Topic.EDGES or not message.count:
+        if message.topic != Topic.EDGES or message.count < 2:
             raise SessionError(Reason.PROTOCOL, "a graph state does not begin so")
         numbers = numbers_of(message).tolist()
         try:
@@ -124,6 +133,12 @@ class Follower(protocol.Follower):
         """Return the block of this host's qubits of states."""
         assert self.fusion is not None
         return self.fusion.qubits(number)
+
+    def outcomes(self, number: int, bases: Symbols) -> Steps[Symbols]:
+        """Measure this host's qubits of states; a hub has none left."""
+        if self.fusion is not None and self.fusion.is_hub:
+            return np.zeros_like(bases)
+        return (yield from super().outcomes(number, bases))
 
     def _layer(self, fusion: Fusion, number: int, size: int) -> Steps[None]:
         layers = len(fusion.graph.layers)

@@ -10,12 +10,14 @@ from typing import Any
 import pytest
 from handlers_scene import Datapath, packet_out
 from metadata_scene import Q1, S1
-from scapy.layers.inet import IP, UDP
+from scapy.layers.inet import IP, TCP, UDP
 from scapy.layers.l2 import Ether
+from scapy.packet import Packet
 
 from controller_apps.apps.device_monitor import DeviceMonitor
 from controller_apps.apps.host_orders import (
     EventAlarm,
+    EventFigure,
     EventOrder,
     EventSealOver,
     EventSessionTold,
@@ -48,6 +50,7 @@ from wire.device import (
 from wire.metadata import Answer, Message, Reason
 from wire.optical import ALL_VALID, TUNABLE, PortLight, PortOptics
 from wire.seal_orders import GiveBack, SealOrder
+from wire.session_figures import Figure, SessionFigure
 
 KEYS = {"alice": "aa" * 16, "bob": "bb" * 16}
 CONTROLLER, ALICE = "10.0.0.254", "10.0.0.1"
@@ -79,16 +82,16 @@ class Scene:
         self.hears(data, port)
 
     def hears(self, data: bytes, port: int = 3) -> None:
-        frame = (
-            Ether(src="02:00:00:00:00:01", dst="ff:ff:ff:ff:ff:ff")
-            / IP(src=ALICE, dst="10.0.0.255")
-            / UDP(sport=DEVICE_PORT, dport=DEVICE_PORT)
-            / data
-        )
+        segment = UDP(sport=DEVICE_PORT, dport=DEVICE_PORT) / data
+        self.monitor.packet_arrived(self.packet_in(segment, port))
+
+    def packet_in(self, segment: Packet, port: int = 3, table: int = 1) -> Any:
+        ends = Ether(src="02:00:00:00:00:01", dst="ff:ff:ff:ff:ff:ff")
+        frame = ends / IP(src=ALICE, dst="10.0.0.255") / segment
         message = parser.OFPPacketIn(
-            self.s1, table_id=1, match=parser.OFPMatch(in_port=port), data=bytes(frame)
+            self.s1, table_id=table, match=parser.OFPMatch(in_port=port), data=bytes(frame)
         )
-        self.monitor.packet_arrived(ofp_event.EventOFPPacketIn(message))
+        return ofp_event.EventOFPPacketIn(message)
 
     def datagrams(self, host: str = "alice") -> list[Message]:
         """Return what s1 was told to send to a host, checked by scapy."""
@@ -122,6 +125,15 @@ class Scene:
 @pytest.fixture
 def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Scene:
     return Scene(tmp_path, monkeypatch)
+
+
+def test_an_app_is_not_woken_for_packets_of_others(scene: Scene) -> None:
+    queued = scene.monitor.events
+    for segment, table in ((TCP(), 1), (UDP(), 2)):
+        scene.monitor._send_event(scene.packet_in(segment, table=table), framework.MAIN)
+    assert queued.empty()
+    scene.monitor._send_event(scene.packet_in(UDP()), framework.MAIN)
+    assert queued.qsize() == 1
 
 
 NODES = ALICE, "10.0.0.9", "10.0.0.2"
@@ -489,3 +501,23 @@ def test_a_thousand_hosts_are_polled_one_after_the_other_each_once_a_period(scen
         assert len(sent) <= 15
         polled.update(host_of(bytes(Ether(each.frame)[UDP].payload)) for each in sent)
     assert polled == Counter(names)
+
+
+def test_what_a_host_has_found_out_of_a_session_is_passed_on(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent: list[tuple[str, Any]] = []
+    monkeypatch.setattr(scene.monitor, "send_event", lambda app, event: sent.append((app, event)))
+    figure = SessionFigure(0, 7, Figure.FIDELITY, 0.9, 0.8, 0.95)
+    scene.says(figure)  # nobody has heard of the host yet
+    assert sent == []
+    scene.says(SET)
+    scene.says(figure)
+    ((app, event),) = sent
+    assert isinstance(event, EventFigure)
+    assert (app, event.host, event.address, event.told) == (
+        "QuantumMetadata",
+        "alice",
+        ALICE,
+        figure,
+    )

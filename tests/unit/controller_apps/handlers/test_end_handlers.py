@@ -1,6 +1,8 @@
 """How sessions end: by a packet, by silence, by the deadline of a hold."""
 
+from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import handlers_scene
 import pytest
@@ -17,6 +19,7 @@ from handlers_scene import (
 from metadata_scene import (
     ALICE,
     BOB,
+    CHARLIE,
     FIBERS,
     FRAMED,
     HOLD_S,
@@ -24,6 +27,7 @@ from metadata_scene import (
     payload_of,
 )
 
+from controller_apps.apps.host_orders import EventFigure
 from controller_apps.openflow.framework import ofproto, parser
 from wire.metadata import (
     METADATA_PORT,
@@ -32,6 +36,7 @@ from wire.metadata import (
     Setup,
     decode,
 )
+from wire.session_figures import Figure, SessionFigure
 
 scene, ready = handlers_scene.scene, handlers_scene.ready  # fixtures
 
@@ -127,3 +132,24 @@ def test_the_end_is_recorded_with_all_packets_counted(ready: Scene) -> None:
     ready.quantum.close()
     last = ready.recorded()[-1]
     assert (last["event"], last["packet_in_count"]) == ("stopped", len(FIBERS) + 1)
+
+
+def test_what_an_end_has_found_out_is_recorded_also_when_the_session_is_over(
+    ready: Scene,
+) -> None:
+    def figures() -> list[dict[str, Any]]:
+        return [fact for fact in ready.recorded() if fact["event"] == "figure"]
+
+    told = SessionFigure(0, FRAMED.session, Figure.FIDELITY, 0.9, 0.8, 0.95)
+    ready.quantum.figure_told(EventFigure("alice", ALICE, told))  # there is no such session yet
+    grant(ready)
+    ready.quantum.figure_told(EventFigure("charlie", CHARLIE, told))  # at none of its ends
+    assert figures() == []
+    ready.quantum.figure_told(EventFigure("alice", ALICE, told))
+    ready.packet_in(ready.s1, 1, frame(seq=100 + len(FRAMED.encode()), flags="FA"))
+    assert ready.recorded()[-1]["event"] == "torn_down"
+    ready.quantum.figure_told(EventFigure("bob", BOB, replace(told, figure=Figure.QBER)))
+    found = [(fact["session"], fact["host"], fact["figure"]) for fact in figures()]
+    session = f"{FRAMED.session:016x}"
+    assert found == [(session, "alice", "fidelity"), (session, "bob", "qber")]
+    assert [figures()[0][name] for name in ("value", "low", "high")] == [0.9, 0.8, 0.95]

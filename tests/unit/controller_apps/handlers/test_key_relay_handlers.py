@@ -135,3 +135,23 @@ def test_what_is_not_from_a_key_manager_of_the_network_changes_nothing(scene: Sc
         assert scene.hears(data) == []
     stranger = Datagram(links, "mallory", 100).seal("aa" * 16, FROM_KEY_MANAGER)
     assert scene.hears(stranger) == []
+
+
+def test_the_fill_of_key_stores_is_recorded_when_it_changes(tmp_path: Path) -> None:
+    scene = Scene(tmp_path)
+
+    def recorded() -> list[dict[str, object]]:
+        lines = scene.record.read_text().splitlines()
+        facts = [json.loads(line) for line in lines]
+        return [fact for fact in facts if fact["event"] == "key_link"]
+
+    scene.says(KeyLinks(0, (LinkState(ADDRESSES["bob"], 0, 0, 0),)))
+    scene.says(KeyLinks(0, (LinkState(ADDRESSES["bob"], 12, 11, 4096, 12_300),)))
+    scene.says(KeyLinks(0, (LinkState(ADDRESSES["bob"], 12, 11, 3000, 12_300),)))  # as full
+    scene.says(KeyLinks(0, (LinkState(ADDRESSES["bob"], 12, 11, 0, 12_300, True),)))
+    names = ("from_", "to", "keys_ready", "keys_ready_there", "key_bits_per_s", "qber", "state")
+    assert [tuple(fact[name] for name in names) for fact in recorded()] == [
+        ("alice", "bob", 0, 0, 0, None, "active"),
+        ("alice", "bob", 12, 11, 4096, 0.0123, "active"),
+        ("alice", "bob", 12, 11, 0, 0.0123, "off"),
+    ]

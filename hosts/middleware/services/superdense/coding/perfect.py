@@ -69,9 +69,9 @@ class PerfectCode:
         """Return the error of least weight for every syndrome; rows: those of single errors."""
         leaders = np.zeros((1 << self.n - self.k, self.n), dtype=np.uint8)
         for weight in range((self.distance - 1) // 2 + 1):
-            for places in combinations(range(self.n), weight):
-                syndrome = syndromes[list(places)].sum(axis=0) & 1
-                leaders[int(syndrome @ self._check_weights), list(places)] = 1
+            places = np.array(list(combinations(range(self.n), weight)), dtype=np.intp)
+            found = syndromes[places].sum(axis=1, dtype=np.intp) & 1
+            leaders[(found @ self._check_weights)[:, None], places] = 1
         return leaders
 
     def _nearest(self, words: Bits) -> Bits:

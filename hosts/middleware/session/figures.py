@@ -1,0 +1,93 @@
+"""Figures of sessions: estimates of their light, as the controller is told (wire.session_figures).
+
+A figure is told again when it has left the interval told before, or when the interval is half as
+wide: so the longer a session lasts, the less it says. What it has found in the end is told in any
+case.
+"""
+
+from collections.abc import Mapping
+from math import isfinite
+from statistics import NormalDist
+from typing import Any
+
+from hosts.middleware.qkd.estimation import Estimate
+from wire.session_figures import Figure, Interval, SessionFigure
+
+NORMAL_95 = NormalDist().inv_cdf(0.975)  # 95 % are within so many standard errors
+MOST_UNTOLD = 1000  # figures; the oldest go
+
+Found = dict[Figure, Interval]
+
+
+def figures_of(summary: Mapping[str, Any], counts: Mapping[str, int]) -> Found:
+    """Return what a session knows, from what its application and the device are told."""
+    told = {
+        Figure.FIDELITY: _estimate(summary, "fidelity"),
+        Figure.QBER: _estimate(summary, "qber")
+        or _share(summary.get("qber_x"), summary.get("tests_in_x", 0)),
+        Figure.CHSH: _estimate(summary, "chsh"),
+        Figure.ERROR_RATE: _share(summary.get("error_rate"), summary.get("compared", 0))
+        or _symbol_errors(counts),
+    }
+    return {figure: interval for figure, interval in told.items() if interval is not None}
+
+
+def _estimate(summary: Mapping[str, Any], name: str) -> Interval | None:
+    """Return a figure with its interval, or with that which its standard error makes."""
+    value = summary.get(name)
+    if value is None or not isfinite(value):
+        return None
+    low, high = summary.get(f"{name}_low"), summary.get(f"{name}_high")
+    if low is None or high is None:
+        half = NORMAL_95 * summary[f"{name}_error"]
+        low, high = value - half, value + half
+    return Interval(value, min(low, value), max(high, value))
+
+
+def _share(value: float | None, number: int) -> Interval | None:
+    """Return the part of so many that was wrong, with its interval."""
+    if value is None or not number:
+        return None
+    low, high = Estimate(round(value * number), number).interval()
+    return Interval(value, min(low, value), max(high, value))
+
+
+def _symbol_errors(counts: Mapping[str, int]) -> Interval | None:
+    """Return what was wrong of the symbols that a receiver has seen."""
+    seen, wrong = counts.get("pairs_received", 0), counts.get("symbol_errors")
+    return None if wrong is None or not seen else _share(min(wrong / seen, 1.0), seen)
+
+
+class Figures:
+    """What there is to be told of the sessions of a host."""
+
+    def __init__(self) -> None:
+        """Begin with nothing."""
+        self._told: dict[tuple[int, Figure], Interval] = {}  # of sessions that go on
+        self._untold: dict[tuple[int, Figure], Interval] = {}
+
+    def note(self, session: int, found: Found, over: bool = False) -> None:
+        """Take what a session knows now, for the last time if it is over."""
+        for figure, interval in found.items():
+            before = self._told.get((session, figure))
+            if before is None or (over and interval != before) or _is_news(before, interval):
+                self._told[session, figure] = self._untold[session, figure] = interval
+        while len(self._untold) > MOST_UNTOLD:
+            del self._untold[next(iter(self._untold))]
+        if over:
+            for figure in Figure:
+                self._told.pop((session, figure), None)
+
+    def take(self) -> list[SessionFigure]:
+        """Return what has not been told yet."""
+        untold, self._untold = self._untold, {}
+        return [
+            SessionFigure(0, session, figure, *interval)
+            for (session, figure), interval in untold.items()
+        ]
+
+
+def _is_news(before: Interval, now: Interval) -> bool:
+    width = before.high - before.low
+    outside = not before.low <= now.value <= before.high
+    return outside or (width > 0 and now.high - now.low <= width / 2)

@@ -1,0 +1,63 @@
+"""Estimates that hosts have made of the light of their sessions, in the envelope of wire.device.
+
+node agent                   controller
+SessionFigure ->             unasked (its session field is 0), when a figure has changed
+"""
+
+import struct
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from math import isfinite
+from typing import NamedTuple
+
+from wire.metadata import MalformedPacket, Message
+
+MOST = 4  # of any figure: S of CHSH is a sum of four correlations
+
+
+class Figure(IntEnum):
+    """What was estimated; rates are from 0 to 1."""
+
+    FIDELITY = 1  # of pairs or states to those that were wanted
+    QBER = 2  # of a key, in conference keys that in X
+    CHSH = 3  # S: at most 2 without entanglement
+    ERROR_RATE = 4  # of symbols before any code, or of compared pairs
+
+
+class Interval(NamedTuple):
+    """An estimate and its 95 % confidence interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class SessionFigure(Message):
+    """Tell an estimate that a session has made of its light, with its 95 % interval."""
+
+    KIND = 43
+    FIELDS = struct.Struct("!QBddd")
+
+    about: int  # the session
+    figure: int
+    value: float
+    low: float
+    high: float
+
+    @property
+    def interval(self) -> Interval:
+        """Return the estimate."""
+        return Interval(self.value, self.low, self.high)
+
+    @classmethod
+    def parse(cls, session: int, body: bytes) -> "SessionFigure":
+        """Build the message from its body; raise MalformedPacket if it does not fit."""
+        raw = super().parse(session, body)
+        assert isinstance(raw, SessionFigure)
+        if raw.figure not in set(Figure):
+            raise MalformedPacket(f"SessionFigure: unknown figure {raw.figure}")
+        inside = all(isfinite(each) and abs(each) <= MOST for each in raw.interval)
+        if not inside or not raw.low <= raw.value <= raw.high:
+            raise MalformedPacket(f"SessionFigure: {raw.interval} is no estimate")
+        return replace(raw, figure=Figure(raw.figure))
