@@ -18,7 +18,6 @@ TOLD = json.loads((HERE / "reference.json").read_text())
 KINDS = [(4, "edf"), (16, "edf"), (64, "edf"), (1, "timetable")]
 WHAT = {"share": "packets made of those released", "turnaround": "s from release to completion"}
 AXIS, OURS = "packets/s of each application", "the controller, in counted time"
-THEIRS = "the authors' program"
 
 
 def ours(runs: Runs, what: str, *case: object) -> list[float]:
@@ -32,7 +31,7 @@ def findings(runs: Runs) -> Sequence[Finding]:
     for (rate, order), (what, words) in product(KINDS, WHAT.items()):
         our = ours(runs, what, "made", "tree", rate, order, 0)
         their = TOLD[f"tree {rate} {order}"][what]
-        finding = paired(f"{words}, {order}, {rate}/s", our, their, THEIRS)
+        finding = paired(f"{words}, {order}, {rate}/s", our, their, "their program")
         found.append(replace(finding, chart=what if order == "edf" else "", at=rate))
     times = ours(runs, "turnaround", "made", "garr", 16, "edf", 0)  # light goes round others'
     return [*found, Finding("", "the same of edf, 16/s, on all ways", mean_of_draws(times))]
@@ -59,7 +58,7 @@ LAB = Lab(
     runs={"counted": f"script {shlex.quote(str(HERE))}/counted.py"},
     findings=findings,
     charts=[
-        Chart(what, "edf, no signalling", AXIS, words, ours=OURS, theirs=THEIRS)
+        Chart(what, "edf, no signalling", AXIS, words, ours=OURS, theirs="their program")
         for what, words in WHAT.items()
     ],
     files=files,
