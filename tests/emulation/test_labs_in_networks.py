@@ -7,6 +7,8 @@ from pathlib import Path
 
 from conftest import ROOT
 
+from qmn.labs import catalogue
+
 OTHER = """
 from qmn.labs.lab import Lab, exactly
 
@@ -50,3 +52,24 @@ def test_a_lab_that_does_not_agree_ends_with_status_1(tmp_path: Path) -> None:
     (folder,) = (tmp_path / "out").iterdir()
     (finding,) = json.loads((folder / "lab.json").read_text())["findings"]
     assert (finding["ours"], finding["published"], finding["agrees"]) == (4, 5, False)
+
+
+def test_classical_light_in_the_photons_band_spoils_what_is_teleported(tmp_path: Path) -> None:
+    """10 mW at 1550 nm: F = .58986 by the supplement's equations, and .96513 without them."""
+    settings = catalogue.lab("coexistence").findings.__globals__["settings"]
+    command = [sys.executable, "-m", "qmn", "run", "teleport", "--state", "0"]
+    command += ["--count", "1000000", "--block-pairs", "262144", "--no-report", "--no-record"]
+    command += ["--runs", str(tmp_path)]
+    done = subprocess.run(
+        [*command, "--captures", "none", "--seed", "1", *settings("c-band", 10.0)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=110,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    told = json.loads((tmp_path / "latest" / "result.json").read_text())["asking"]
+    sigma = (0.58986 * (1 - 0.58986) / told["arrived"]) ** 0.5
+    assert 5 * sigma < 0.96513 - 0.58986  # so many have arrived that it can be told
+    assert abs(told["fidelity"] - 0.58986) < 5 * sigma

@@ -1,13 +1,18 @@
 """Models that labs compute by themselves, beside enumerations and sums of their own."""
 
+import re
+from dataclasses import replace
 from itertools import pairwise
 from math import exp, factorial
 from typing import Any
 
 import pytest
 
+from dispatcher.fiber.classical_light import ClassicalLight
 from qmn.labs import catalogue
 from qmn.network import custom_topology
+from qmn.sweeps import theory
+from wire.parameters.fiber import optics
 
 
 def globals_of(lab: str) -> dict[str, Any]:
@@ -72,3 +77,74 @@ def test_light_of_all_channels_makes_the_fidelity_of_the_pair_that_it_is_fitted_
     others = mean * comes / 2
     visible = comes * exp(-others) / (1 - (1 - comes) * exp(-2 * others))
     assert (1 + 3 * visible) / 4 == pytest.approx(0.765, abs=1e-4)
+
+
+def settings_of(band: str, dbm: float) -> dict[str, float]:
+    """Return the numbers that a run beside classical light is given, by name."""
+    words = globals_of("coexistence")["settings"](band, dbm)
+    said = dict(each.split("=") for each in words[1::2])
+    return {name: float(text) for name, text in said.items() if re.fullmatch(r"[\d.e-]+", text)}
+
+
+@pytest.mark.parametrize(
+    ("band", "dbm", "photons"), [("o-band", 18.7, 5e-5), ("c-band", 0, 0.0248)]
+)
+def test_alices_fibre_has_the_light_that_both_arms_scatter(
+    band: str, dbm: float, photons: float
+) -> None:
+    """Of 1 mW at 1550 nm: 2e-9 * .4 nm * 1 mW * 7.958 km * .5 ns / 1.2816e-19 J in either arm.
+
+    The kilometres are (e^(-c L) - e^(-q L))/(q - c) at .2 and .16871 dB/km; 7.91 dB come behind.
+    """
+    given = settings_of(band, dbm)
+    own = {name: each for name, each in given.items() if name.startswith("q1-alice.")}
+    fiber = optics("it", **{name.partition(".")[2]: each for name, each in own.items()})
+    fiber = replace(fiber, pulse_window_s=given["pulse_window_s"])
+    came = ClassicalLight(fiber).photons_per_mw * fiber.classical_mw
+    assert came == pytest.approx(2 * photons * 10**-0.791, rel=2e-3)
+    assert 10 ** (-fiber.loss_db / 10) == pytest.approx(0.09, rel=1e-4)  # of bob's to a detector
+
+
+def test_noise_of_the_sources_comes_to_detectors_as_equations_s5_to_s7_have_it() -> None:
+    """In either of two detectors near bob .0022 * .05, and behind the beam splitter half of all."""
+    given = settings_of("o-band", -20)
+    photons = {  # in a window, of 1 mW along 10 m
+        way: given[f"q1-{way}.raman_per_km_nm"] * 0.4 * 0.01 * 1e-3 * 5e-10 / 1.28149e-19
+        for way in ("charlie", "bob")
+    }
+    near = sum(photons.values()) / 2 * given["bob.detectors.efficiency"]
+    assert near == pytest.approx(0.0022 * 0.05, rel=1e-3)
+    behind = 10**-0.671 * (0.0027 * 10**-1.081 + 0.0022 * 10**-1.064) / 2
+    assert photons["charlie"] / 2 * 0.09 == pytest.approx(behind, rel=1e-3)
+
+
+@pytest.mark.parametrize("noise", [1e-6, 1e-4, 1e-3])
+def test_visibility_of_thermal_pairs_is_that_of_all_numbers_of_pairs(noise: float) -> None:
+    """Each number n of them with n^k/(1 + n)^(k + 1), each half lost or not, noise in either."""
+    mean, here, there = 0.013, 0.05, 0.09
+    both = one = other = 0.0
+    for pairs in range(60):
+        chance = mean**pairs / (1 + mean) ** (pairs + 1)
+        clicks = [1 - (1 - noise) * (1 - share) ** pairs for share in (here, there)]
+        both += chance * clicks[0] * clicks[1]
+        one, other = one + chance * clicks[0], other + chance * clicks[1]
+    expected = (both - one * other) / (both + one * other)
+    told = theory.coincidence_visibility(mean, (here, there), (noise, noise))
+    assert told == pytest.approx(expected, rel=3e-3)
+
+
+def test_fidelity_beside_traffic_is_that_of_the_supplement() -> None:
+    """Equations S5 to S7 and S13 to S15 by hand, with 5e-5 photons scattered at either arm's end.
+
+    Noise is 5.1305e-4 and 6.6725e-5 in alice's detectors, 1.1005e-4 and 5.2285e-5 in bob's.
+    """
+    visible = 1.0
+    for mean, near, far, stray, noise in (
+        (0.018, 0.19, 0.07, 5.1305e-4, 6.6725e-5),
+        (0.013, 0.05, 0.09, 1.1005e-4, 5.2285e-5),
+    ):
+        accidental = (near * mean + stray) * (far * mean + noise)
+        coincident = near * far * (mean + mean**2) + accidental
+        visible *= (coincident - accidental) / (coincident + accidental)
+    own = globals_of("coexistence")
+    assert own["fidelity"]("o-band", 18.7) == pytest.approx((1 + visible) / 2, abs=1e-5)
