@@ -28,7 +28,8 @@ in_folder = folder=$$(mktemp -d /tmp/qmn.XXXX) && \
 TESTS := tests/emulation  # of test-docker
 # What notebooks need is large, and not in the image; and Docker lets no process take files of others,
 # nor make groups of processes.
-IN_GROUPS := several_together_do_not_take_more what_a_killed_run_leaves_is_found_and_goes
+IN_GROUPS := several_together_do_not_take_more who_takes_more_does_not_go_on_by_swapping \
+    what_a_killed_run_leaves_is_found_and_goes
 NOT_IN_IMAGE := $(patsubst %,--ignore=tests/emulation/test_%.py,notebooks held_packet_sockets) \
     $(patsubst %,--deselect=tests/emulation/test_memory_shares.py::test_%,$(IN_GROUPS))
 PRODUCT := wire dispatcher hosts controller_apps qswitch_agent copper topologies qmn

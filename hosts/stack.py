@@ -42,7 +42,15 @@ from hosts.serving.ordered_seals import OrderedSeals, Unattended
 from hosts.timeouts import ANSWER_TIMEOUT_S
 from wire.config import STANDING, HostConfig
 from wire.features import HERALD
-from wire.metadata import Handshake, MemoryState, Reason, Service, Setup, Verdict
+from wire.metadata import (
+    Handshake,
+    MemoryState,
+    Reason,
+    Service,
+    Setup,
+    Verdict,
+    session_number,
+)
 from wire.optical import ANY_WAVELENGTH
 from wire.services import HERALDED_LIGHT, Role
 
@@ -58,6 +66,8 @@ class Stack:
         self._config = config
         self._qnic = qnic
         self._sessions_made = 0
+        name = f"{config.seed}/{config.name}"
+        self._first_session = int.from_bytes(blake2b(name.encode(), digest_size=4).digest(), "big")
         self._accepting: dict[int, AcceptingSession] = {}
         self._verdicts = Verdicts(config.device_key, config.light == STANDING)
         self._light = Light()
@@ -264,7 +274,7 @@ class Stack:
         raise SessionError(Reason.UNKNOWN_HOST, f"unknown host {host!r}: choose one of {known}")
 
     def _new_session(self) -> int:
-        """Return a session id that no other host makes and that follows from the seed."""
+        """Return a number that no other host may open a session of; the seed decides the first."""
+        number = session_number(self._config.address, self._first_session + self._sessions_made)
         self._sessions_made += 1
-        name = f"{self._config.seed}/{self._config.name}/{self._sessions_made}"
-        return int.from_bytes(blake2b(name.encode(), digest_size=8).digest(), "big")
+        return number

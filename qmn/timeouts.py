@@ -51,5 +51,5 @@ LIVE_PAUSE_MS = 20  # in which the dispatcher gathers events
 LIVE_POLL_S = 0.02  # between two looks for messages
 LIVE_DEVICES_S = 1.0  # between two questions about devices and sessions
 LIVE_ACT_S = 60.0  # for a command that a page asks for
-LIVE_START_S = 20.0  # until the page of a run can be opened
+LIVE_START_S = 60.0  # until the page of a run can be opened
 LIVE_LAST_S = 1.0  # for the last words to those who read

@@ -34,10 +34,12 @@ class Version(NamedTuple):
 
     limit: str
     events: str
+    swap: str  # where the kernel counts it, or else none
+    counts_both: bool  # whether that one limits memory and swap together
 
 
-V1 = Version("memory.limit_in_bytes", "memory.oom_control")
-V2 = Version("memory.max", "memory.events")
+V1 = Version("memory.limit_in_bytes", "memory.oom_control", "memory.memsw.limit_in_bytes", True)
+V2 = Version("memory.max", "memory.events", "memory.swap.max", False)
 
 
 def default_mib() -> int:
@@ -88,7 +90,11 @@ class MemoryGroup:
         name = f"{PREFIX}.{owners.namespace()}.{owners.this_process()}.{host}"
         group = cls(folder / name, version)
         group.folder.mkdir()
-        (group.folder / version.limit).write_text(str(limit_mib * MIB))
+        limit = limit_mib * MIB
+        (group.folder / version.limit).write_text(str(limit))
+        swap = group.folder / version.swap
+        if swap.exists():  # who takes too much would else go on, slowly, by swapping
+            swap.write_text(str(limit if version.counts_both else 0))
         return group
 
     def admit(self, pid: int) -> None:

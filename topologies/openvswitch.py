@@ -360,8 +360,11 @@ def delete_finally(owner: str, *names: str) -> None:
 
     Its userspace datapath takes time with the square of the ports to delete them. Where this run
     has started it, and there are no other bridges, its switch daemon ends instead, and all that
-    it has goes with it; see `revive_if_ours`.
+    it has goes with it; see `revive_if_ours`. A database that has ended meanwhile comes back first:
+    it alone can forget bridges.
     """
+    if names and DATABASE not in daemons():
+        revive_if_ours(owner)
     found = daemons()
     is_ours = found.keys() == set(DAEMONS) and starter() == owner
     if names and is_ours and datapath() == "user" and set(bridges()) <= set(names):

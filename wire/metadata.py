@@ -296,6 +296,24 @@ def _words(padded: object) -> str:
 SETUP_LENGTH = HEADER.size + Setup.FIELDS.size
 
 
+NUMBERS_APART = 128  # of a host's sessions: those between are of links and lines that belong to one
+_PLACE = struct.Struct("!4sI")
+
+
+def session_number(opener: str, count: int) -> int:
+    """Return the number of the count-th session that a host opens, by its IPv4 address.
+
+    It is nobody else's: the controller refuses a host the numbers of others (`is_number_of`).
+    """
+    place = _PLACE.pack(IPv4Address(opener).packed, count * NUMBERS_APART % (1 << 32))
+    return int.from_bytes(place, "big")
+
+
+def is_number_of(session: int, opener: str) -> bool:
+    """Tell whether a host opens sessions of this number, by its IPv4 address."""
+    return session >> 32 == int(IPv4Address(opener))
+
+
 def session_of(message: bytes) -> int:
     """Return the session that a message names, whatever else it says."""
     return int(HEADER.unpack_from(message)[-1])

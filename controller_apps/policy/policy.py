@@ -53,6 +53,7 @@ addresses = true            # switches drop what is not from the port's own MAC 
 handshakes = true           # a set-up needs a TCP connection that both ends have opened
 sequences = true            # a FIN or RST counts only where its connection is
 announcements = true        # LLDP in the name of a host needs that host's seal
+numbers = true              # a session has a number of its opener, not of another host
 
 [refusal]
 names_elements = true       # hosts are told which fibre, cross-connect or switch is in their way
@@ -214,6 +215,7 @@ class Filter:
     handshakes: bool = True  # a set-up needs a connection that both ends have opened
     sequences: bool = True  # a FIN or RST counts only where its connection is
     announcements: bool = True  # LLDP in the name of a host needs that host's seal
+    numbers: bool = True  # a session has a number of its opener, not of another host
 
 
 @dataclass(frozen=True)

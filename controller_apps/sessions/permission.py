@@ -7,10 +7,11 @@ from controller_apps.light.paths import Network
 from controller_apps.packets.segments import FiveTuple
 from controller_apps.policy.policy import Host, Policy, SessionRequest
 from controller_apps.sessions.sessions import Sessions
-from wire.metadata import Handshake, Service, Setup
+from wire.metadata import Handshake, Service, Setup, is_number_of
 from wire.services import RETURNS
 
 PARTS = (Service.PAIR_SOURCE, Service.LINK)  # of sessions that were asked for before
+LINES = (Service.GHZ, Service.CONFERENCE, Service.SENSE)  # of hosts, each of which asks the next
 
 
 @dataclass
@@ -30,8 +31,25 @@ class Permission:
         """
         if setup.service in PARTS:
             return ""
+        if self.policy.filter.numbers and not self._is_own_number(setup, five_tuple):
+            return f"session {setup.session:016x} is not of {five_tuple.source}, which opens it"
         request = self._request(setup, five_tuple)
         return self.policy.objection(request, self._open(setup.session)) if request else ""
+
+    def _is_own_number(self, setup: Setup, five_tuple: FiveTuple) -> bool:
+        """Tell whether a number is one of the opener's, or the next one of a line of hosts.
+
+        Such a line is asked for by its first host; each host in it asks the next.
+        """
+        if is_number_of(setup.session, five_tuple.source):
+            return True
+        before = self.sessions.by_number.get((setup.session - 1) % (1 << 64))
+        return (
+            setup.service in LINES
+            and before is not None
+            and before.setup.service == setup.service
+            and before.owner.destination == five_tuple.source
+        )
 
     def _open(self, but: int) -> Iterator[SessionRequest]:
         for session in self.sessions.by_number.values():

@@ -26,6 +26,7 @@ from wire.metadata import (
     Setup,
     decode,
     message_length,
+    session_number,
 )
 
 CHUNK = 4096
@@ -66,13 +67,14 @@ def time_ns(text: str) -> int:
     return int(datetime.fromisoformat(f"{seconds}+00:00").timestamp()) * 10**9 + int(fraction)
 
 
-def ask(session: int, receiver: str, source: str, service: Service = Service.SDC) -> socket.socket:
-    """Return a connection whose set-up message the controller has granted."""
-    setup = Setup(session, service, Handshake.FRAMED, source, 64, 64, 1_000_000)
+def ask(place: int, receiver: str, source: str, service: Service = Service.SDC) -> socket.socket:
+    """Return a connection whose set-up message the controller has granted; the host's next one."""
     connection = socket.socket()
     connection.settimeout(TURN_TIMEOUT_S)
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 0)  # as hosts' stacks do
     connection.connect((receiver, METADATA_PORT))
+    session = session_number(connection.getsockname()[0], place)
+    setup = Setup(session, service, Handshake.FRAMED, source, 64, 64, 1_000_000)
     connection.sendall(setup.encode())
     answer = answered(connection)
     if answer.session != session or answer.reason != Reason.NO_LISTENER:
@@ -113,14 +115,14 @@ def requests(count: int, receiver: str, source: str, openings: Openings) -> floa
     """Have so many paths opened and closed again; return the seconds that all took."""
     first = time.time_ns()  # sessions that nobody else has
     took_ns = 0
-    for session in range(first, first + count):
+    for place in range(first, first + count):
         before, asked_ns = openings.opened, time.time_ns()
-        connection = ask(session, receiver, source)
+        connection = ask(place, receiver, source)
         answered_ns = time.time_ns()
         connection.close()
         wait_until_closed(openings, before)
         if openings.opened_ns > answered_ns:
-            raise NoPath(f"session {session:016x} was answered before its cross-connects opened")
+            raise NoPath("a session was answered before its cross-connects opened")
         took_ns += openings.closed_ns - asked_ns
     return took_ns / 1e9
 

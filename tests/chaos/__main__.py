@@ -30,7 +30,7 @@ from strikes import Strike, strike
 
 ROOT = Path(__file__).resolve().parents[2]
 APART = str(ROOT / "topologies" / "own_namespaces")
-LONGEST_WAIT_S = 9.0  # from the start to the strike
+LONGEST_WAIT_S = 9.0  # from the start to the strike, where each process has a processor
 AFTER_START = 2.5  # before which there is little to strike
 HANG_S = 90.0  # from the strike to the end
 NAMED_S, STALLED_NAMED_S = 5.0, 30.0
@@ -230,7 +230,7 @@ def _struck(
     number: int, random: Random, place: Path, before: dict[str, set[str]], mark: str
 ) -> Outcome:
     job = random.choice(JOBS)(random, place)
-    moment = random.uniform(AFTER_START, LONGEST_WAIT_S)
+    moment = random.uniform(AFTER_START, LONGEST_WAIT_S) * machine.slowness()
     run = Struck(job.words, place / "runs")
     started, made = time.monotonic(), None
     while run.running and made is None:
@@ -266,8 +266,9 @@ def _left_after(
         by_next = status is None or (made is not None and made.ends)
     if by_next:
         after = Struck(("sdc", "--message", "after", "--no-capture"), place / "after")
-        if after.end(HANG_S) != 0:
-            return [f"the next run failed: {after.said[:3]}"]
+        if (status := after.end(HANG_S)) != 0:
+            last = " | ".join(line for _at, line in after.said[-4:])
+            return [f"the next run failed with status {status}: {last}"]
     return machine.left(before)
 
 

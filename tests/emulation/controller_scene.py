@@ -24,14 +24,14 @@ from scapy.layers.l2 import Ether
 from topologies.programs import python
 from topologies.runtime import free_port
 from wire.config import ControllerConfig
-from wire.metadata import METADATA_PORT, Handshake, Service, Setup, decode
+from wire.metadata import METADATA_PORT, Handshake, Service, Setup, decode, session_number
 
 CLASSICAL, QUANTUM = "cat-s1", "cat-q1"
 DEADLINE_S = 15.0
 HOSTS = {"alice": "10.0.0.1", "bob": "10.0.0.2", "charlie": "10.0.0.3"}
 FIBERS = ["alice-q0", "bob-q0", "bob-q1", "charlie-q0", "charlie-q1"]
 MACS = {"alice": "02:00:00:00:00:01", "bob": "02:00:00:00:00:02"}
-SESSION = 0x0123456789ABCDEF
+SESSION = session_number(HOSTS["alice"], 1)
 
 
 def run(*command: str) -> str:

@@ -7,19 +7,22 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
 from conftest import wait_until
 from fabric_scene import running, session
 from scapy.layers.inet import TCP
 from scapy.packet import Packet
 from scapy.utils import rdpcap
-from test_service_faults import BOB, CHARLIE, facts, listening, require_nothing_left
+from test_service_faults import ALICE, BOB, CHARLIE, facts, listening, require_nothing_left
 
 from hosts.hardware.lldp import announcement
+from hosts.stack_socket import QuantumSocketError
 from topologies.network import Network
 from topologies.sdc import SdcTopo
 from wire.features import EVERYTHING, NodeFeatures
 from wire.metadata import (
     METADATA_PORT,
+    NUMBERS_APART,
     Answer,
     Message,
     Reason,
@@ -28,9 +31,10 @@ from wire.metadata import (
     Verdict,
     decode,
     message_length,
+    session_number,
 )
 
-SETUP = Setup(0xF06ED, Service.TELEPORT, 1, CHARLIE, 100, 1, 1_000_000, port=9)
+SETUP = Setup(session_number(ALICE, 9), Service.TELEPORT, 1, CHARLIE, 100, 1, 1_000_000, port=9)
 # More than a segment takes: PSH is set only in the last one, and the set-up is in the first.
 BEHIND = bytes(6000)
 SPEAK = """
@@ -68,11 +72,12 @@ def test_a_segment_without_psh_is_arbitrated_like_any_other(network: Network) ->
     granted = replace(SETUP, verdict=Verdict.GRANTED)
     with listening(network, "teleport"):
         assert spoken(network, "alice", granted.encode() + BEHIND) is None
-        asked = spoken(network, "alice", replace(SETUP, session=1).encode() + BEHIND)
+        own = replace(SETUP, session=session_number(ALICE, 1))
+        asked = spoken(network, "alice", own.encode() + BEHIND)
         assert isinstance(asked, Answer)
         assert asked.reason == Reason.OK  # what follows is not a message, and ends it
         require_nothing_left(network)
-        assert [fact["session"] for fact in facts(network, "granted")] == [f"{1:016x}"]
+        assert [fact["session"] for fact in facts(network, "granted")] == ["0a00000100000080"]
     assert first_with_payload(capture).flags == "A"
 
 
@@ -119,6 +124,40 @@ def test_for_attack_studies_hosts_may_pose_as_others(tmp_path: Path) -> None:
     with running(SdcTopo, tmp_path, policy=str(policy)) as network:
         carried = pose_as_alice(network)
         assert [words for words in FOREIGN if words in carried] == list(FOREIGN)
+
+
+def take_the_next_number_of_alice(network: Network) -> tuple[Reason, int]:
+    """Let charlie open a session at bob under it; return what he is told, and the number."""
+    with session(network, "alice", "bob") as opened:
+        assert opened.carry(b"first") == b"first"
+    require_nothing_left(network)
+    number = int(str(facts(network, "granted")[0]["session"]), 16) + NUMBERS_APART
+    with listening(network, "teleport"):
+        told = spoken(network, "charlie", replace(SETUP, session=number).encode())
+    assert isinstance(told, Answer)
+    require_nothing_left(network)
+    return Reason(told.reason), number
+
+
+def test_nobody_takes_the_number_of_another_s_session(network: Network) -> None:
+    reason, number = take_the_next_number_of_alice(network)
+    assert reason == Reason.NOT_ALLOWED
+    with session(network, "alice", "bob") as opened:
+        assert opened.carry(b"second") == b"second"
+    assert f"{number:016x}" in {fact["session"] for fact in facts(network, "granted")}
+
+
+def test_for_attack_studies_hosts_may_take_others_numbers(tmp_path: Path) -> None:
+    policy = tmp_path / "open.toml"
+    policy.write_text("[filter]\nnumbers = false\n")
+    with running(SdcTopo, tmp_path, policy=str(policy)) as network:
+        reason, number = take_the_next_number_of_alice(network)
+        assert reason == Reason.OK
+        with (
+            pytest.raises(QuantumSocketError, match=f"session {number:016x} was here before"),
+            session(network, "alice", "bob"),
+        ):
+            pytest.fail("charlie has not taken the number")
 
 
 ANNOUNCE = """

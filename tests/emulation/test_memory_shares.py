@@ -97,6 +97,18 @@ def test_several_together_do_not_take_more(dave: Node) -> None:
         end(program)
 
 
+def test_who_takes_more_does_not_go_on_by_swapping(dave: Node) -> None:
+    """Linux documents it: version 1 limits memory and swap together, version 2 swap alone."""
+    below = parent()
+    if below is None:
+        pytest.skip(NONE)
+    (group,) = groups()
+    swap = group / below[1].swap
+    if not swap.exists():
+        pytest.skip("this kernel counts no swap")
+    assert int(swap.read_text()) == {"memory.memsw.limit_in_bytes": MIB << 20}.get(swap.name, 0)
+
+
 @pytest.mark.usefixtures("_open_vswitch")
 def test_what_a_killed_run_leaves_is_found_and_goes() -> None:
     below = parent()

@@ -223,6 +223,19 @@ def test_the_switch_daemon_goes_on_for_others(owner: str, others: set[str]) -> N
     openvswitch.stop_if_ours("tests")
 
 
+@pytest.mark.usefixtures("no_open_vswitch")
+def test_bridges_go_although_the_database_has_just_ended() -> None:
+    """It was killed when the run's clean-up had already seen that both daemons run."""
+    openvswitch.start("tests")
+    add("s7", "q7")
+    openvswitch.daemons()[openvswitch.DATABASE].signal(signal.SIGKILL)
+    wait_until(lambda: openvswitch.DATABASE not in openvswitch.daemons(), "it is gone")
+    openvswitch.delete_finally("tests", "s7", "q7")
+    openvswitch.stop_if_ours("tests")
+    assert not openvswitch.daemons()
+    assert not interfaces() & {"s7", "q7"}
+
+
 def test_runs_of_bridges_are_told_by_one_command() -> None:
     add("s7", "s8")
     openvswitch.vsctl("set", "bridge", "s8", f"{openvswitch.OWNER}=1-2-abc")

@@ -25,9 +25,10 @@ from wire.metadata import (
     Setup,
     Verdict,
     decode,
+    session_number,
 )
 
-BOB, CHARLIE = "10.0.0.2", "10.0.0.3"
+ALICE, BOB, CHARLIE = "10.0.0.1", "10.0.0.2", "10.0.0.3"
 DEADLINE_S = 30.0
 HOSTS = ("alice", "bob", "charlie")
 SERVICES = ("teleport", "distribute", "bb84", "bbm92")
@@ -113,7 +114,7 @@ def facts(network: Network, event: str) -> list[dict[str, object]]:
 
 
 def test_set_ups_that_are_forged_or_unknown_open_nothing(network: Network) -> None:
-    setup = Setup(0xF06ED, Service.TELEPORT, 1, CHARLIE, 100, 1, 1_000_000, port=9)
+    setup = Setup(session_number(ALICE, 9), Service.TELEPORT, 1, CHARLIE, 100, 1, 1_000_000, port=9)
     with listening(network, "teleport"):
         granted = replace(setup, verdict=Verdict.GRANTED)
         assert spoken(network, granted.encode()) is None  # the controller drops it

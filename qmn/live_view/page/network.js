@@ -157,7 +157,7 @@ export class Drawing {
     const scale = Math.min((clientWidth || 800) / this.box[2], (clientHeight || 400) / this.box[3]);
     this.scale = scale;
     this.svg.classList.toggle("far", scale < 0.6); // px of the screen for one of the drawing
-    this.svg.classList.toggle("farthest", scale < 0.3);
+    this.svg.classList.toggle("farthest", scale < 0.4);
   }
 
   move() {

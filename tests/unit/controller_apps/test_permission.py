@@ -3,21 +3,34 @@
 from dataclasses import replace
 
 import pytest
-from metadata_scene import BOB, CHARLIE, FRAMED, ONE_PAIR, PAIR_SOURCE, PER_PAIR, S1, arbiter, frame
+from metadata_scene import (
+    ALICE,
+    BOB,
+    CHARLIE,
+    FRAMED,
+    ONE_PAIR,
+    PAIR_SOURCE,
+    PER_PAIR,
+    S1,
+    arbiter,
+    frame,
+)
 
 from controller_apps.packets.segments import parse
 from controller_apps.policy.policy import parse_policy
-from controller_apps.sessions.actions import Action, Forward, Note, OpenPaths
+from controller_apps.sessions.actions import Action, Drop, Forward, Note, OpenPaths
 from controller_apps.sessions.admission import Admission
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.permission import Permission
-from wire.metadata import Reason, Setup, Verdict, decode
+from wire.metadata import Reason, Service, Setup, Verdict, decode, session_number
+
+ANY_NUMBER = "\n[filter]\nnumbers = false\n"
 
 
-def under(policy: str) -> tuple[Arbiter, Permission]:
+def under(policy: str, numbers: str = ANY_NUMBER) -> tuple[Arbiter, Permission]:
     """Return an arbiter that keeps to a policy."""
     state = arbiter()
-    permission = Permission(parse_policy(policy), state.network, state.sessions)
+    permission = Permission(parse_policy(policy + numbers), state.network, state.sessions)
     state.forbid = lambda setup, connection: (
         Admission(Reason.NOT_ALLOWED) if permission.objection(setup, connection) else None
     )
@@ -74,5 +87,32 @@ def test_a_new_policy_holds_for_the_next_pair(limit: str) -> None:
     state, permission = under("")
     assert refused(ask(state, PER_PAIR)) is None
     rule = limit if "default" in limit else f"[[rule]]\naction = 'allow'\n{limit}"
-    permission.policy = parse_policy(rule)
+    permission.policy = parse_policy(rule + ANY_NUMBER)
     assert refused(ask(state, ONE_PAIR, sport=40001)) == Reason.NOT_ALLOWED
+
+
+def test_a_session_has_a_number_of_its_opener() -> None:
+    """Who took the number that another is about to use would keep it out of its own session."""
+    own, anothers = session_number(ALICE, 1), session_number(CHARLIE, 1)
+    for number, reason in ((anothers, Reason.NOT_ALLOWED), (7, Reason.NOT_ALLOWED), (own, None)):
+        assert refused(ask(under("", "")[0], replace(FRAMED, session=number))) == reason
+        assert refused(ask(under("")[0], replace(FRAMED, session=number))) is None
+
+
+def test_a_host_in_a_line_goes_on_with_the_number_of_the_host_before_it() -> None:
+    first = replace(FRAMED, service=Service.GHZ, session=session_number(CHARLIE, 1))
+    after = replace(first, session=first.session + 1)
+    state, permission = under("", "")
+
+    def asks(setup: Setup, source: str, destination: str) -> bool:
+        segment = parse(frame(setup.encode(), source=source, destination=destination))
+        return permission.objection(setup, segment.five_tuple) == ""
+
+    assert not asks(after, ALICE, BOB)  # of a line that there is not
+    segment = frame(first.encode(), source=CHARLIE, destination=ALICE)
+    assert not any(isinstance(each, Drop) for each in state.segment_arrived(S1, 3, segment, 0.0))
+    assert state.sessions.by_number.keys() == {first.session}
+    assert asks(after, ALICE, BOB)
+    assert not asks(after, BOB, ALICE)  # which nobody has asked
+    assert not asks(replace(after, service=Service.TELEPORT), ALICE, BOB)
+    assert not asks(replace(after, session=after.session + 1), ALICE, BOB)

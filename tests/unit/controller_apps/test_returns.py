@@ -133,7 +133,7 @@ def test_a_session_goes_on_without_its_return() -> None:
 def test_the_policy_judges_a_return_as_what_it_is_a_return_of() -> None:
     state = scene()
     granted(state)
-    text = "[[rule]]\naction = 'deny'\nservice = 'sdc'\nfrom = 'bob'\n"
+    text = "[filter]\nnumbers = false\n[[rule]]\naction = 'deny'\nservice = 'sdc'\nfrom = 'bob'\n"
     permission = Permission(parse_policy(text), state.network, state.sessions)
     request = opened(ask(state, BACK, **BACKWARDS))
     session = state.sessions.by_number[request.session]

@@ -309,6 +309,9 @@ def test_it_fits_a_phone_and_a_screen(
         expect(page.locator(".fiber.lit")).to_have_count(3)
         overflow = "document.documentElement.scrollWidth - window.innerWidth"
         assert page.evaluate(f"() => {overflow}") <= 0
+        name = page.locator(".node text", has_text="alice").bounding_box()
+        assert name is not None
+        assert name["height"] >= 12  # px: it can be read
         dark = page.evaluate("() => getComputedStyle(document.body).backgroundColor")
         assert (dark == "rgb(255, 255, 255)") == (scheme == "light")
         page.close()

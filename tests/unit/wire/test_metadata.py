@@ -18,6 +18,7 @@ from scapy.fields import (
 )
 from scapy.packet import Packet
 
+from wire.device import MAX_REPEATERS
 from wire.metadata import (
     SETUP_LENGTH,
     Answer,
@@ -38,7 +39,9 @@ from wire.metadata import (
     Values,
     Verdict,
     decode,
+    is_number_of,
     message_length,
+    session_number,
 )
 
 SETUP = Setup(
@@ -278,3 +281,13 @@ def test_random_bytes_are_malformed_or_a_message_that_is_written_alike() -> None
                 assert (read == message) == (data == message.encode())
                 outcomes["read"] += 1
     assert min(outcomes["malformed"], outcomes["read"]) > 500, outcomes
+
+
+def test_numbers_of_sessions_are_their_openers() -> None:
+    """10.0.0.1 in the high 32 bits; of 2^25 sessions each has 127 numbers behind it to itself."""
+    assert session_number("10.0.0.1", 1) == 0x0A000001_00000080
+    assert session_number("10.0.0.1", (1 << 25) + 1) == session_number("10.0.0.1", 1)
+    assert session_number("10.0.0.1", 3) - session_number("10.0.0.1", 2) == 128 > MAX_REPEATERS + 1
+    for number in (session_number("10.0.0.1", 5), session_number("10.0.0.1", (1 << 25) - 1) + 127):
+        assert is_number_of(number, "10.0.0.1")
+        assert not is_number_of(number, "10.0.0.2")

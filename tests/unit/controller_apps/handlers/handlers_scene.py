@@ -131,7 +131,7 @@ def packet_out(data: bytes, xid: int) -> SimpleNamespace:
     )
 
 
-UNFILTERED = "[filter]\naddresses = false\nhandshakes = false\n"
+UNFILTERED = "[filter]\naddresses = false\nhandshakes = false\nnumbers = false\n"
 
 
 STATIONS = [Station(S1, 1, MACS[ALICE], ALICE), Station(77, 1, MACS[BOB], BOB)]

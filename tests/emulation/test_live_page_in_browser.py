@@ -1,0 +1,80 @@
+"""Every button of the live view, pressed in Chromium on the page of a network that runs."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from live_page import browser
+from playwright.sync_api import Page, expect
+from test_live_page_of_a_network import network_with_a_page
+
+from qmn.live_view.acts import ACTS
+
+DEADLINE_MS = 60_000
+FIBER, SWITCH, HOST = re.compile("^fibre alice-q0"), "quantum switch q1", "host alice"
+Press = tuple[str | re.Pattern[str], dict[str, str], str, str]
+PRESSED: list[Press] = [  # what is chosen, what is typed, the button, the command
+    (HOST, {}, "send", "send alice bob hello"),
+    (HOST, {"setting": "frame-bytes", "value": "64"}, "set", "set alice frame-bytes 64"),
+    (HOST, {"setting": "frame-bytes", "value": "default"}, "set", "set alice frame-bytes default"),
+    (HOST, {}, "reload the policy", "policy reload"),
+    (FIBER, {}, "cut", "link alice q1 down"),
+    (FIBER, {}, "mend", "link alice q1 up"),
+    (FIBER, {"fraction measured": "0.5"}, "put eve on it", "tap alice q1 0.5"),
+    (FIBER, {}, "take eve off", "tap alice q1 0"),
+    (FIBER, {"mW": "2"}, "classical light", "classical alice q1 2"),
+    (FIBER, {}, "calibrate", "calibrate alice q1"),
+    (SWITCH, {"in port": "2", "out port": "3"}, "stuck", "fault q1 stuck 2 3"),
+    (SWITCH, {"°C": "80"}, "temperature", "fault q1 temperature 80"),
+    (SWITCH, {}, "repair", "fault q1 repair"),
+]
+SEEN = {  # what the drawing shows behind a command: how many there are of what
+    "link alice q1 down": (".fiber.cut", 1),
+    "link alice q1 up": (".fiber.cut", 0),
+    "tap alice q1 0.5": (".fiber.tapped", 1),
+    "tap alice q1 0": (".fiber.tapped", 0),
+    "fault q1 stuck 2 3": (".node.faulty", 1),
+    "fault q1 repair": (".node.faulty", 0),
+}
+
+
+@pytest.mark.timeout(500)
+def test_every_button_does_what_its_command_does(tmp_path: Path) -> None:
+    with network_with_a_page(tmp_path) as url, browser() as chromium:
+        page = chromium.new_page()
+        page.set_default_timeout(DEADLINE_MS)
+        expect.set_options(timeout=DEADLINE_MS)
+        wrong: list[str] = []
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.goto(url)
+        for chosen, typed, button, command in PRESSED:
+            press(page, chosen, typed, button, command)
+            selector, number = SEEN.get(command, ("body", 1))
+            expect(page.locator(selector)).to_have_count(number)
+        # What bob has measured: no symbol of 20 was wrong.
+        errors = page.locator("#sessions tbody tr").last.locator("td").last
+        expect(errors).to_have_text(re.compile(r"^0\.00 \(0\.00 to \d+\.\d\d\)$"))
+        page.get_by_role("button", name="draw").click()
+        expect(page.locator("#handshake svg")).to_contain_text("Setup SDC")
+        expect(page.locator("#decisions")).to_contain_text("you qmn send alice bob hello")
+        assert wrong == []
+        page.close()
+    noted = [json.loads(line) for line in (tmp_path / "latest" / ACTS).read_text().splitlines()]
+    assert [" ".join(each["command"]) for each in noted] == [command for *_, command in PRESSED]
+    assert {each["status"] for each in noted} == {0}
+
+
+def press(
+    page: Page, chosen: str | re.Pattern[str], typed: dict[str, str], button: str, command: str
+) -> None:
+    """Choose a thing, type into the fields of a button, press it, and wait until it is done."""
+    page.get_by_role("button", name=chosen).first.press("Enter")
+    at = page.locator("#chosen")
+    form = at.locator("form").filter(has=page.get_by_role("button", name=button, exact=True))
+    for label, text in typed.items():
+        form.get_by_label(label).fill(text)
+    form.get_by_role("button", name=button, exact=True).click()
+    said = at.locator("p[role=status]")
+    expect(said).to_contain_text(f"qmn {command}")
+    expect(said).to_have_class("good")
