@@ -12,7 +12,7 @@ import numpy as np
 from controller_apps.policy.orders import Queue
 from qmn.live.event_sources import RESULT
 from qmn.results.run_folder import make_folder
-from qmn.traffic.packets import Pairs, Requests, ask_in_counted_time, drawn, timetable, tree_of
+from qmn.sweeps.packets import Pairs, Requests, ask_in_counted_time, drawn, timetable, tree_of
 from topologies.maps import read_map
 
 COUNT, PACKETS, PAIRS, GARR = 30, 10, Pairs(), read_map("garr")

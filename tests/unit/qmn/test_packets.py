@@ -14,9 +14,7 @@ from controller_apps.policy.orders import Queue
 from controller_apps.sessions.arbiter import Arbiter
 from qmn.labs import catalogue
 from qmn.sweeps.contention import FOR_EVER_S, address, trunk
-from qmn.sweeps.scheduling import away, network_of
-from qmn.traffic.counted import GIVEN_UP, Asked, CountedTime, Told
-from qmn.traffic.packets import (
+from qmn.sweeps.packets import (
     Application,
     Pairs,
     Requests,
@@ -25,6 +23,8 @@ from qmn.traffic.packets import (
     timetable,
     tree_of,
 )
+from qmn.sweeps.scheduling import away, network_of
+from qmn.traffic.counted import GIVEN_UP, Asked, CountedTime, Told
 from topologies.maps import read_map
 
 GARR = read_map("garr")
