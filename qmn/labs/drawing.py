@@ -9,7 +9,6 @@ from qmn.sweeps.figure import Mark, Picture, draw
 from qmn.sweeps.parameters import Parameter, Values
 
 X = "x"
-OURS = "this model, in the network"
 
 
 def draw_charts(charts: Sequence[Chart], findings: Sequence[Finding], folder: Path) -> list[Path]:
@@ -34,9 +33,9 @@ def picture(chart: Chart, findings: Sequence[Finding]) -> Picture:
         Parameter(X, 0.0),
         chart.x,
         Measure(chart.name, chart.y, expected, chart.logarithmic),
-        [(OURS, [({X: at}, each.ours) for each, at in places])],
+        [(chart.ours, [({X: at}, each.ours) for each, at in places])],
         [
-            Mark(at, each.published.value, each.published.error, "published", each.at_error)
+            Mark(at, each.published.value, each.published.error, chart.theirs, each.at_error)
             for each, at in places
             if each.published is not None and each.published.error > 0
         ],

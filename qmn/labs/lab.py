@@ -10,7 +10,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from qmn.sweeps.estimates import SIGMAS, Estimate
+import numpy as np
+from numpy.typing import ArrayLike
+
+from qmn.sweeps.estimates import SIGMAS, Estimate, mean_of_draws
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,17 @@ def in_range(what: str, ours: Estimate, low: float, high: float, source: str) ->
     return Finding("", what, ours, published)
 
 
+def paired(what: str, ours: ArrayLike, theirs: ArrayLike, source: str) -> Finding:
+    """Return the finding of what both have measured of the same draws, one by one.
+
+    Errors are those of the differences, as large in ours as in theirs.
+    """
+    our, their = np.asarray(ours), np.asarray(theirs)
+    error = mean_of_draws(our - their).error / math.sqrt(2)
+    published = Published(float(their.mean()), error, source)
+    return Finding("", what, Estimate(float(our.mean()), error), published)
+
+
 @dataclass(frozen=True)
 class Chart:
     """What a figure of a lab shows; axes have their units in the labels."""
@@ -86,6 +100,8 @@ class Chart:
     y: str
     theory: Callable[[float], float] | None = None
     logarithmic: bool = False
+    ours: str = "this model, in the network"  # the label of our points
+    theirs: str = "published"  # of the stars
 
 
 @dataclass(frozen=True)

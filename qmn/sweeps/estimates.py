@@ -67,6 +67,14 @@ def mean(values: Sequence[float], counts: Sequence[int]) -> Estimate:
     return Estimate(value, max(math.sqrt(variance / total), least))
 
 
+def mean_of_draws(values: ArrayLike) -> Estimate:
+    """Return the mean of independent measurements; the error is that between them."""
+    drawn = np.asarray(values, np.float64)
+    if len(drawn) < 2:
+        return NOTHING
+    return Estimate(float(drawn.mean()), float(drawn.std(ddof=1)) / math.sqrt(len(drawn)))
+
+
 def mean_of_series(values: Sequence[float]) -> Estimate:
     """Return the mean of what was measured one after the other, neighbours of which are alike.
 

@@ -35,7 +35,7 @@ SESSIONS = Parameter("sessions", 2_000, 400, 1_000_000)
 HOST_FIBERS = WAY_FIBERS = 2
 
 
-def network_of(read: Map) -> tuple[Network, dict[str, int]]:
+def network_of(read: Map, way_fibers: int = WAY_FIBERS) -> tuple[Network, dict[str, int]]:
     """Return the network as it would have been discovered, and the switch of each place."""
     switches = {place.name: number for number, place in enumerate(read.places, 1)}
     network = Network(set(switches.values()))
@@ -46,7 +46,7 @@ def network_of(read: Map) -> tuple[Network, dict[str, int]]:
             host = HostPort(name, address(dpid), f"{name}-q{port - 1}")
             network.attach(SwitchPort(dpid, port), host)
     for way in read.ways:
-        for _ in range(WAY_FIBERS):
+        for _ in range(way_fibers):
             one, other = switches[way.one], switches[way.other]
             network.add_link(SwitchPort(one, free[one]), SwitchPort(other, free[other]))
             free[one], free[other] = free[one] + 1, free[other] + 1

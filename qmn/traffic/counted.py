@@ -15,10 +15,11 @@ the clock, so that thousands of sessions take seconds.
 
 import struct
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from heapq import heappop, heappush
 from ipaddress import IPv4Address
 from itertools import count
+from math import inf
 
 from controller_apps.sessions.actions import Action, Note, OpenPaths
 from controller_apps.sessions.arbiter import Arbiter
@@ -28,6 +29,7 @@ from wire.metadata import METADATA_PORT, SETUP_LENGTH, Handshake, Service, Setup
 S1 = 1 << 32  # datapath id of the classical switch, none of a quantum one
 FIRST_SEQUENCE = 100
 PUSH, FIN, ACK = 8, 1, 16
+GIVEN_UP = "GIVEN_UP"  # by its opener, which is none of wire.metadata.Reason
 _ETHERNET_IP_TCP = struct.Struct("!12sH BBHHHBBH4s4s HHIIBBHHH")
 
 
@@ -53,6 +55,9 @@ class Asked:
     deadline_s: float = 0.0  # from the request on; 0: none
     source: str = ""  # another host than the opener that makes the photons
     service: Service = Service.BB84
+    # Both directions of a port have one tuning: light of a wavelength of its own has fibres alone.
+    wavelength_pm: int = Setup.wavelength_pm
+    useful_s: float = inf  # without light so long after the request its opener gives up
 
 
 @dataclass
@@ -68,47 +73,98 @@ class Told:
         """How long it was without light, if it has had some."""
         return None if self.light_s is None else self.light_s - self.asked.at_s
 
+    @property
+    def used(self) -> bool:
+        """Whether it has had light when that was of use."""
+        return self.waited_s is not None and self.waited_s <= self.asked.useful_s
+
+
+Event = Callable[[float], Iterable[Action]]
+
 
 class CountedTime:
     """An arbiter, and all that happens to it."""
 
     def __init__(
-        self, arbiter: Arbiter, away_s: Callable[[str | int], float] = lambda _place: 0.0
+        self,
+        arbiter: Arbiter,
+        away_s: Callable[[str | int], float] = lambda _place: 0.0,
+        then: Callable[[Told, float], Asked | None] = lambda _told, _now: None,
     ) -> None:
-        """`away_s` says how long a message takes to a host (address) or a switch (datapath id)."""
-        self._arbiter, self._away_s = arbiter, away_s
-        self._events: list[tuple[float, int, Callable[[float], Iterable[Action]]]] = []
+        """`away_s` says how long a message takes to a host (address) or a switch (datapath id).
+
+        `then` says what an opener asks for when a request is over for it, now or later.
+        """
+        self._arbiter, self._away_s, self._then = arbiter, away_s, then
+        self._events: list[tuple[float, int, Event]] = []
         self._order = count()
         self._told: dict[int, Told] = {}
 
     def run(self, requests: Sequence[Asked]) -> list[Told]:
-        """Let all of them happen; return what becomes of each, in their order."""
-        for number, asked in enumerate(requests, 1):
-            self._told[number] = Told(asked)
-            self._at(asked.at_s + self._away_s(asked.opener), self._asking(number, asked))
+        """Let all of them happen; return what becomes of each, in the order that they come up."""
+        for asked in requests:
+            self._ask(asked)
         self._at(SESSION_TICK_S, self._tick)
         while self._events:
             now, _order, happens = heappop(self._events)
             self._obey(happens(now), now)
         return list(self._told.values())
 
+    def _ask(self, asked: Asked) -> None:
+        number = len(self._told) + 1
+        self._told[number] = Told(asked)
+        self._at(asked.at_s + self._away_s(asked.opener), self._asking(number, asked))
+        if asked.useful_s < inf:
+            self._at(asked.at_s + asked.useful_s, self._given_up(number))
+
+    def _given_up(self, number: int) -> Event:
+        told = self._told[number]
+
+        def happens(now: float) -> Iterable[Action]:
+            if told.light_s is not None or told.reason:
+                return ()  # or they are on their way
+            told.reason = GIVEN_UP
+            return self._ends(number)(now)
+
+        return happens
+
+    def _ends(self, number: int) -> Event:
+        """Have the opener ask for what comes next, and then close this."""
+        over, opener = self._over(number), self._told[number].asked.opener
+        fin = self._saying(number, FIRST_SEQUENCE + SETUP_LENGTH, FIN)
+
+        def happens(now: float) -> Iterable[Action]:
+            over(now)
+            self._at(now + self._away_s(opener), fin)
+            return ()
+
+        return happens
+
+    def _over(self, number: int) -> Event:
+        def happens(now: float) -> Iterable[Action]:
+            asked = self._then(self._told[number], now)
+            if asked is not None:
+                self._ask(asked)
+            return ()
+
+        return happens
+
     def _tick(self, now: float) -> Iterable[Action]:
         if self._events or self._arbiter.sessions.queue:
             self._at(min(now + SESSION_TICK_S, self._arbiter.next_slot_s(now)), self._tick)
         return self._arbiter.tick(now)
 
-    def _at(self, when_s: float, happens: Callable[[float], Iterable[Action]]) -> None:
+    def _at(self, when_s: float, happens: Event) -> None:
         heappush(self._events, (when_s, next(self._order), happens))
 
-    def _asking(self, number: int, asked: Asked) -> Callable[[float], Iterable[Action]]:
+    def _asking(self, number: int, asked: Asked) -> Event:
         light = asked.service, Handshake.FRAMED, asked.source or asked.opener, 1, 1, 1
         deadline_ms = round(asked.deadline_s * 1000)
         setup = Setup(number, *light, priority=asked.priority, deadline_ms=deadline_ms)
+        setup = replace(setup, wavelength_pm=asked.wavelength_pm)
         return self._saying(number, FIRST_SEQUENCE, PUSH, setup.encode())
 
-    def _saying(
-        self, number: int, sequence: int, flags: int, data: bytes = b""
-    ) -> Callable[[float], Iterable[Action]]:
+    def _saying(self, number: int, sequence: int, flags: int, data: bytes = b"") -> Event:
         asked = self._told[number].asked
         ends, port = (asked.opener, asked.acceptor), 1_024 + number % 60_000
         frame = segment(ends, port, sequence, flags, data)
@@ -121,7 +177,7 @@ class CountedTime:
             elif isinstance(action, Note) and action.event == "path_ready":
                 self._ready(action.session, now)
             elif isinstance(action, Note) and action.event == "refused":
-                self._told[action.session].reason = action.detail
+                self._refused(action.session, action.detail, now)
 
     def _opening(self, action: OpenPaths, now: float) -> None:
         done_s = now + 2 * self._away_s(action.dpid)
@@ -130,7 +186,18 @@ class CountedTime:
 
     def _ready(self, number: int, now: float) -> None:
         told = self._told[number]
+        if told.reason == GIVEN_UP:
+            return  # its FIN is on its way
         opener_s = self._away_s(told.asked.opener)
         told.light_s = now + 2 * self._away_s(told.asked.acceptor) + opener_s
-        ended_s = told.light_s + told.asked.holding_s + opener_s
-        self._at(ended_s, self._saying(number, FIRST_SEQUENCE + SETUP_LENGTH, FIN))
+        held_s = told.asked.holding_s if told.used else 0.0
+        self._at(told.light_s + held_s, self._ends(number))
+
+    def _refused(self, number: int, reason: str, now: float) -> None:
+        """Note a refusal, which comes to the opener by way of the acceptor."""
+        told = self._told[number]
+        if told.reason == GIVEN_UP:
+            return
+        told.reason = reason
+        heard_s = now + 2 * self._away_s(told.asked.acceptor) + self._away_s(told.asked.opener)
+        self._at(heard_s, self._over(number))

@@ -13,7 +13,7 @@ from rich.console import Console
 from qmn.__main__ import described
 from qmn.labs import catalogue, outcome
 from qmn.labs.drawing import draw_charts, picture
-from qmn.labs.lab import Chart, Finding, Lab, Published, Run, exactly, in_range
+from qmn.labs.lab import Chart, Finding, Lab, Published, Run, exactly, in_range, paired
 from qmn.labs.networks import words_of
 from qmn.options import BadInput
 from qmn.sweeps.estimates import NOTHING, Estimate
@@ -136,6 +136,13 @@ def test_a_count_is_the_same_or_differs() -> None:
     assert exactly("x", 4, 4, "table").agrees(0)
     assert exactly("x", 3, 4, "table").difference == -math.inf
     assert not exactly("x", 3, 4, "table").agrees(1e9)
+
+
+def test_errors_of_what_both_measured_of_the_same_draws_are_of_the_differences() -> None:
+    """Differences 0.5, 1, 1.5: their mean is 1, with an error of 0.5 / sqrt(3)."""
+    finding = paired("x", [11.5, 22.0, 33.5], [11.0, 21.0, 32.0], "their program")
+    assert finding.difference == pytest.approx(1 / (0.5 / math.sqrt(3)))
+    assert paired("x", [1.0, 2.0], [1.0, 2.0], "their program").difference == 0.0
 
 
 def test_what_was_not_measured_does_not_agree() -> None:
