@@ -208,7 +208,7 @@ def test_what_others_do_to_fibres_and_switches_is_shown(
         expect(page.locator("#facts")).to_contain_text("photons in 1,200, photons lost 3")
         expect(page.locator("#facts")).to_contain_text("2 → 3")
         page.set_viewport_size({"width": 390, "height": 800})  # what is known of a port is long
-        assert page.evaluate("() => document.documentElement.scrollWidth - innerWidth") <= 0
+        page.wait_for_function("() => document.documentElement.scrollWidth <= innerWidth")
         tell(view, 2.0, "fault", "q1", detail="repaired")
         tell(view, 2.0, "tune", "q1", port="2", detail="tapped 0")
         tell(view, 2.0, "tune", "alice", port="alice-q0", detail="tapped 0")
