@@ -71,7 +71,7 @@ def results_of_light() -> int:
 def test_what_light_has_brought_is_held_no_longer_than_it_is_needed(
     tmp_path: Path, protocol: str
 ) -> None:
-    """Each block brings a byte or more of each pulse: these would be all that a session grows by."""
+    """Each block brings a byte or more of each pulse: a session would grow by these."""
     held = list[int]()
 
     def heard(_told: Told) -> None:
