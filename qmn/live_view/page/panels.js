@@ -128,7 +128,7 @@ export function decisions(at, state) {
   }));
 }
 
-const NOT_SHOWN = new Set(["heard_s_ago", "paths"]);
+const NOT_SHOWN = new Set(["heard_s_ago", "paths", "tuning"]);
 const words = (text) => text.replaceAll("_", " ");
 
 // Devices as the controller knows them: counts and settings of a host, faults and ports of a switch.
@@ -147,7 +147,7 @@ export function device(state, name) {
 // Values one behind the other, those of objects with their names, which say the unit.
 function list(value) {
   if (value === null || typeof value !== "object") return typeof value === "number" ? count(value) : String(value);
-  return Object.entries(value).filter(([, each]) => each !== null)
+  return Object.entries(value).filter(([name, each]) => each !== null && !NOT_SHOWN.has(name))
     .map(([name, each]) => (name === "up" ? (each ? "up" : "cut") : `${words(name)} ${list(each)}`)).join(", ") || "-";
 }
 

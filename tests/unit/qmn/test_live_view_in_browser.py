@@ -198,12 +198,15 @@ def test_what_others_do_to_fibres_and_switches_is_shown(
         page.get_by_role("button", name="quantum switch q1").press("Enter")
         expect(page.locator("#facts")).to_contain_text("stuck 2 -> 3")
         eth2 = {"port": 2, "name": "q1-eth2", "up": True, "photons_in": 1200, "photons_lost": 3}
+        eth2["light"] = {"frequency_mhz": 193_400_000, "tx_power_dbm": 0, "temperature_c": 25}
         known = {"name": "q1", "kind": "quantum-switch", "state": "up"}
         ways = {"ports": [eth2], "paths": [{"in_port": 2, "out_port": 3}]}
         told = {"devices": [known | ways], "sessions": [], "key_links": []}
         view.timeline.add("devices", START_NS + 12 * 10**8, told)
         expect(page.locator("#facts")).to_contain_text("photons in 1,200, photons lost 3")
         expect(page.locator("#facts")).to_contain_text("2 → 3")
+        page.set_viewport_size({"width": 390, "height": 800})  # what is known of a port is long
+        assert page.evaluate("() => document.documentElement.scrollWidth - innerWidth") <= 0
         tell(view, 2.0, "fault", "q1", detail="repaired")
         tell(view, 2.0, "tune", "q1", port="2", detail="tapped 0")
         tell(view, 2.0, "tune", "alice", port="alice-q0", detail="tapped 0")
@@ -311,7 +314,7 @@ def test_it_fits_a_phone_and_a_screen(
         assert page.evaluate(f"() => {overflow}") <= 0
         name = page.locator(".node text", has_text="alice").bounding_box()
         assert name is not None
-        assert name["height"] >= 12  # px: it can be read
+        assert name["height"] >= 9  # px: it can be read (7 by the font of large screens)
         dark = page.evaluate("() => getComputedStyle(document.body).backgroundColor")
         assert (dark == "rgb(255, 255, 255)") == (scheme == "light")
         page.close()
