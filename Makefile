@@ -6,7 +6,7 @@ SHELL := /bin/bash
 .NOTPARALLEL:
 .PHONY: help setup packages strongswan notebooks install uninstall run-sdc test test-docker lint types unit \
     emulation test-swarm commands chaos fuzz bench live-speed curves labs picture lab-pictures site image clean \
-    lock browser
+    lock browser q0-programs
 
 PYTHON := .venv/bin/python
 # The caches and byte code of root would be in the user's way.
@@ -91,7 +91,7 @@ unit: setup browser notebooks ## Run the unit tests (no root)
 	@echo 'unit: handlers of the controller on os-ken, too: a process loads one framework'
 	@QMN_CONTROLLER_FRAMEWORK=os-ken $(WITH_BYTE_CODE) $(PYTEST) tests/unit/controller_apps/handlers
 
-emulation: setup strongswan notebooks ## Run the emulation tests (root, Open vSwitch)
+emulation: setup strongswan q0-programs notebooks ## Run the emulation tests (root, Open vSwitch)
 	@$(call in_folder,$(AS_ROOT),$(APART) tests/emulation)
 
 chaos: setup ## Strike runs at random for MINUTES (3), from SEED (1): nothing may hang or stay
@@ -154,6 +154,10 @@ packages:
 
 browser:
 	@setup/browser
+
+# What tests run over q0, as it is.
+q0-programs: | packages
+	@setup/packages apt-packages-q0.txt
 
 # Not where it would start as a service; there the tests that need it are skipped, and say so.
 strongswan: | packages

@@ -120,6 +120,8 @@ def roles_of(path: Path, ranks: int | None) -> list[str]:
 
     Raise BadInput if there is none.
     """
+    if not path.exists():
+        raise BadInput(f"there is no {path}: name an application's folder, or a NetQMPI program")
     if path.is_file():
         if path.suffix != SUFFIX or ranks is None:
             text = "it is FILE.py, and --ranks says on how many hosts it runs"

@@ -1,6 +1,9 @@
 """q0: programs that nobody here wrote talk by light, and copper carries none of what they say."""
 
+import json
 import re
+import shutil
+import subprocess
 from collections.abc import Iterator
 from functools import partial
 from ipaddress import IPv6Address
@@ -22,6 +25,15 @@ MARK = b"by light"  # in the packets of a test, and nowhere else
 BOB6 = "fd71:6d6e::2"
 BOB6_BYTES = IPv6Address(BOB6).packed
 DARK_S = 15.0
+SSH_PORT = 2222
+# A server of ssh that Debian does not start by itself, and its files in the place of root's home.
+SSH_SERVER = 'mount --bind "$0" "$1"; exec dropbear -F -E -s -r "$2" -P "$3" -p "$4"'
+
+
+def if_there(*programs: str) -> pytest.MarkDecorator:
+    """Skip a test where programs that are not needed otherwise are not installed."""
+    missing = [each for each in programs if shutil.which(each) is None]
+    return pytest.mark.skipif(bool(missing), reason=f"not installed: {', '.join(missing)}")
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +83,11 @@ def test_hosts_ping_each_other_by_light_alone(network: Network) -> None:
 
     wait_until(lambda: b"coppercopper" in seen(), "the capture of what did go over copper")
     assert MARK not in seen()
+    require_light_alone(network)
+
+
+def require_light_alone(network: Network) -> None:
+    """Fail if copper has carried a packet of q0, or TCP between alice and bob but metadata."""
     packets = [packet[IP] for packet in copper(network, "bob") if IP in packet]
     assert not any(str(end).startswith("10.1.") for p in packets for end in (p.src, p.dst))
     between = [p for p in packets if {p.src, p.dst} == {"10.0.0.1", "10.0.0.2"} and TCP in p]
@@ -97,6 +114,52 @@ def test_a_file_comes_by_http_and_light_is_given_back(network: Network, tmp_path
     given_back = re.compile(r"given back \(sdc(?:_return)?\).*; (\d+) bytes")
     log = (network.runtime.logs / "q0-bob.log").read_text()
     assert sum(map(int, given_back.findall(log))) > len(content)
+
+
+@if_there("ssh", "ssh-keygen", "scp", "dropbear", "dropbearkey")
+def test_a_shell_and_a_copied_file_come_by_light(network: Network, tmp_path: Path) -> None:
+    key, server_key, home = (tmp_path / name for name in ("key", "server-key", "home"))
+    subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", key], check=True)
+    made = ["dropbearkey", "-t", "ed25519", "-f", str(server_key)]
+    subprocess.run(made, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    (home / ".ssh").mkdir(mode=0o700, parents=True)
+    home.chmod(0o700)
+    shutil.copy(key.with_suffix(".pub"), home / ".ssh" / "authorized_keys")
+    (tmp_path / "file").write_bytes(content := bytes(range(256)) * 800)
+    words = [home, Path("~root").expanduser(), server_key, tmp_path / "pid", f"10.1.0.2:{SSH_PORT}"]
+    command = ["unshare", "--mount", "sh", "-ec", SSH_SERVER, *map(str, words)]
+    server = network.run_on("bob", "dropbear", command)
+    checks = "-o StrictHostKeyChecking=no -o UserKnownHostsFile=/dev/null -o LogLevel=ERROR"
+    options = f"-F none -i {key} -o BatchMode=yes -o ConnectTimeout=30 {checks}"
+    try:
+        server.wait_for("Not backgrounding", 10.0)
+        said = run(
+            network, "alice", f"ssh -p {SSH_PORT} {options} root@10.1.0.2 ip -o -4 addr show q0"
+        )
+        assert " 10.1.0.2/" in said
+        copied = f"{tmp_path}/file root@10.1.0.2:{tmp_path}/copied"
+        said = run(network, "alice", f"scp -O -P {SSH_PORT} {options} {copied}; echo $?")
+    finally:
+        server.stop()
+    assert said.split()[-1] == "0", said
+    assert (tmp_path / "copied").read_bytes() == content
+    require_light_alone(network)
+
+
+@if_there("iperf3")
+def test_iperf3_measures_light(network: Network) -> None:
+    server = network.run_on(
+        "bob", "iperf3", ["iperf3", "-s", "-1", "-B", "10.1.0.2", "--forceflush"]
+    )
+    try:
+        server.wait_for("listening on", 10.0)
+        said = run(network, "alice", "iperf3 -c 10.1.0.2 -n 3M --json")
+    finally:
+        server.stop()
+    ended = json.loads(said)["end"]
+    assert ended["sum_sent"]["bytes"] >= 3 << 20
+    assert ended["sum_received"]["bytes"] > 1 << 20  # what is under way in the end is not counted
+    require_light_alone(network)
 
 
 def test_who_makes_pairs_has_those_of_another(network: Network) -> None:

@@ -80,6 +80,8 @@ def test_a_netqmpi_program_has_as_many_roles_as_ranks(tmp_path: Path) -> None:
             application(program, *words)
     with pytest.raises(BadInput, match=r"is for a NetQMPI program, FILE\.py"):
         application(APPS / "teleport", "--ranks", "2")
+    with pytest.raises(BadInput, match=r"there is no .*/nowhere\.py"):
+        application(tmp_path / "nowhere.py", "--ranks", "2")
     (tmp_path / "program.txt").write_text("")
     with pytest.raises(BadInput, match=r"it is FILE\.py"):
         application(tmp_path / "program.txt", "--ranks", "2")
