@@ -30,7 +30,7 @@ from strikes import Strike, strike
 
 ROOT = Path(__file__).resolve().parents[2]
 APART = str(ROOT / "topologies" / "own_namespaces")
-LONGEST_WAIT_S = 9.0  # from the start to the strike, where each process has a processor
+LONGEST_WAIT_S = 9.0  # from the start to the strike
 AFTER_START = 2.5  # before which there is little to strike
 HANG_S = 90.0  # from the strike to the end
 NAMED_S, STALLED_NAMED_S = 5.0, 30.0
@@ -230,7 +230,7 @@ def _struck(
     number: int, random: Random, place: Path, before: dict[str, set[str]], mark: str
 ) -> Outcome:
     job = random.choice(JOBS)(random, place)
-    moment = random.uniform(AFTER_START, LONGEST_WAIT_S) * machine.slowness()
+    moment = random.uniform(AFTER_START, LONGEST_WAIT_S)
     run = Struck(job.words, place / "runs")
     started, made = time.monotonic(), None
     while run.running and made is None:

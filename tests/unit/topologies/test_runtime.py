@@ -28,6 +28,9 @@ def test_nobody_else_reads_the_folder_of_tokens_and_keys(
     folder = Path(network.socket("dispatcher")).parent
     assert folder == tmp_path / "qmn" / str(this_process())
     assert folder.stat().st_mode & 0o777 == 0o700
+    assert network.rest_token() == (folder / "rest-token").read_text()
+    for file in (folder / "rest-token", network.private_file("openflow.keys")):
+        assert file.stat().st_mode & 0o777 == 0o600
     keys = Path(network.key_folder("alice")).parent
     assert keys.stat().st_mode & 0o777 == 0o700
 

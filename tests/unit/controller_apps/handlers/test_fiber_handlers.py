@@ -180,7 +180,7 @@ def test_a_fibre_between_switches_is_found_cut_and_found_again(scene: Scene) -> 
 
 
 def test_a_host_cannot_claim_a_fibre_between_switches(scene: Scene) -> None:
-    q1, q2 = reconnect(scene, fiber_port(6)), second_switch(scene, 7)
+    q1, q2 = reconnect(scene, fiber_port(6), fiber_port(8)), second_switch(scene, 7)
     scene.quantum.time_passed(None)
     genuine = spoken(q1.take())[6]
     draw = random.Random(3)
