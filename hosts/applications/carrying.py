@@ -2,7 +2,8 @@
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -58,15 +59,27 @@ def next_chunk(first: int, used: Mapping[str, Any]) -> int:
     return max(1, int(arriving * used["code_rate"] / PAIRS_PER_BYTE) // first) * first
 
 
-def receive(receiving: QuantumSocket, peer: str, output: Path) -> None:
-    """Write what comes to a file; a session that breaks leaves none."""
-    digest, partial = sha256(), output.with_name(f"{output.name}.part")
+@contextmanager
+def written_whole(output: Path) -> Iterator[BinaryIO]:
+    """Open a file for writing that is there only if all goes well; a device stays what it is."""
+    if output.exists() and not output.is_file():
+        with output.open("wb") as opened:
+            yield opened
+        return
+    partial = output.with_name(f"{output.name}.part")
     try:
         with partial.open("wb") as opened:
-            while chunk := receiving.recv(READ_BYTES):
-                opened.write(chunk)
-                digest.update(chunk)
+            yield opened
         partial.replace(output)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def receive(receiving: QuantumSocket, peer: str, output: Path) -> None:
+    """Write what comes to a file, or into a device or pipe that is there."""
+    digest = sha256()
+    with written_whole(output) as opened:
+        while chunk := receiving.recv(READ_BYTES):
+            opened.write(chunk)
+            digest.update(chunk)
     say("done", {"peer": peer, "sha256": digest.hexdigest(), **receiving.statistics})

@@ -1,8 +1,16 @@
-"""How many bytes an application sends at a time: 2^20 pairs of two bits are 2^18 bytes."""
+"""Applications that carry bytes: how many at a time, and into which files.
+
+2^20 pairs of two bits are 2^18 bytes.
+"""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import BinaryIO
 
 import pytest
 
-from hosts.applications.carrying import CHUNK_BYTES, next_chunk
+from hosts.applications.carrying import CHUNK_BYTES, next_chunk, written_whole
 
 FIRST = CHUNK_BYTES["framed"]
 GOOD = {"bell_pairs": 1_000, "received_symbols": 1_000, "rate_hz": 50_000_000, "code_rate": 1.0}
@@ -28,3 +36,32 @@ def test_more_is_sent_at_a_time_where_more_light_arrives(used: dict[str, int], s
 
 def test_pairs_with_handshakes_of_their_own_stay_few() -> None:
     assert next_chunk(CHUNK_BYTES["per-pair"], GOOD) == CHUNK_BYTES["per-pair"]
+
+
+def write_half(opened: BinaryIO) -> None:
+    opened.write(b"half")
+    raise EOFError
+
+
+def test_a_file_is_there_only_if_all_of_it_has_come(tmp_path: Path) -> None:
+    output = tmp_path / "received"
+    output.write_bytes(b"of another session")
+    with pytest.raises(EOFError), written_whole(output) as opened:
+        write_half(opened)
+    assert output.read_bytes() == b"of another session"
+    with written_whole(output) as opened:
+        opened.write(b"whole")
+    assert output.read_bytes() == b"whole"
+    assert list(tmp_path.iterdir()) == [output]
+
+
+def test_a_pipe_stays_a_pipe(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with ThreadPoolExecutor(1) as pool:
+        read = pool.submit(pipe.read_bytes)
+        with written_whole(pipe) as opened:
+            opened.write(b"what has come")
+        assert read.result(10) == b"what has come"
+    assert pipe.is_fifo()
+    assert list(tmp_path.iterdir()) == [pipe]
