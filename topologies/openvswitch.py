@@ -7,7 +7,7 @@ import shutil
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -36,6 +36,7 @@ STARTED = "open-vswitch"  # file: the run that has started the daemons, then the
 STARTER = "QMN_STARTED_OPEN_VSWITCH"  # in the environment of daemons: the run that started them
 INTERFACES = Path("/sys/class/net")
 UNREACHABLE = "database connection failed"  # as ovs-vsctl says it
+NO_WAIT = "--no-wait"  # for the switch daemon: what is only asked for is in the database
 OWNER_KEY = "qmn"
 OWNER = f"external_ids:{OWNER_KEY}"  # which run has made a bridge
 RESTART = "restart Open vSwitch, as by `systemctl restart openvswitch-switch`"
@@ -49,7 +50,7 @@ def vsctl(*arguments: str) -> str:
         return _run(
             *("ovs-vsctl", f"--timeout={limit_s:.0f}", *arguments),
             timeout_s=limit_s + VSCTL_GRACE_S,
-            check=lambda: require_alive(watched),
+            check=lambda: _require_useful(watched, arguments),
         )
     except NetworkError as error:
         require_alive(watched)
@@ -59,6 +60,13 @@ def vsctl(*arguments: str) -> str:
         if UNREACHABLE in str(error):  # it is ending, and its socket has gone first
             raise NetworkError(f"{DATABASE} does not answer: {error}") from error
         raise
+
+
+def _require_useful(watched: Mapping[str, Owner], arguments: Sequence[str]) -> None:
+    """Raise NetworkError if ovs-vsctl waits for a daemon that has ended, now or before."""
+    require_alive(watched)
+    if DATABASE in watched and SWITCH_DAEMON not in watched and NO_WAIT not in arguments:
+        raise NetworkError(f"{SWITCH_DAEMON} {_silence(watched, SWITCH_DAEMON)}")
 
 
 _put_off: list[str] | None = None  # words of changes, within one_transaction
@@ -111,7 +119,7 @@ def running() -> bool:
 
 def _database_answers() -> bool:
     try:
-        _run("ovs-vsctl", "--timeout=2", "--no-wait", "show")
+        _run("ovs-vsctl", "--timeout=2", NO_WAIT, "show")
     except NetworkError:
         if shutil.which("ovs-vsctl") is None:
             raise NetworkError("Open vSwitch is not installed; run `make setup`") from None
@@ -262,7 +270,7 @@ def _mark_of(daemon: Owner) -> str:
 
 def bridges() -> list[str]:
     """Return the names of all bridges, ours or not."""
-    return vsctl("list-br").split()
+    return vsctl(NO_WAIT, "list-br").split()
 
 
 def owner_of(bridge: str) -> str:
@@ -272,7 +280,7 @@ def owner_of(bridge: str) -> str:
 
 def runs_of_bridges() -> dict[str, str]:
     """Return the run that made each bridge, by one command; "" for what none of ours made."""
-    said = vsctl("--format=json", "--columns=name,external_ids", "list", "Bridge")
+    said = vsctl(NO_WAIT, "--format=json", "--columns=name,external_ids", "list", "Bridge")
     rows = json.loads(said)["data"] if said.strip() else []
     return {name: dict(ids[1]).get(OWNER_KEY, "") for name, ids in rows}
 
@@ -308,9 +316,9 @@ def forget_certificate(is_ours: Callable[[str], bool]) -> None:
 
 def _certified_for() -> str | None:
     """Return which run has set the certificate, "" if none of ours has, None if there is none."""
-    if not vsctl("--bare", "--columns=_uuid", "list", "SSL").strip():
+    if not vsctl(NO_WAIT, "--bare", "--columns=_uuid", "list", "SSL").strip():
         return None
-    return vsctl("--if-exists", "get", "SSL", ".", OWNER).strip('"\n ')
+    return vsctl(NO_WAIT, "--if-exists", "get", "SSL", ".", OWNER).strip('"\n ')
 
 
 def management(bridge: str) -> Path:
@@ -327,7 +335,7 @@ def require_made(bridges: Iterable[str]) -> None:
     if not tun.exists():
         text = f"Open vSwitch cannot make {name} without {tun}"
         raise NetworkError(f"{text}: in a container, give it --device={tun}")
-    why = vsctl("--bare", "--columns=error", "find", "Interface", f"name={name}").strip()
+    why = vsctl(NO_WAIT, "--bare", "--columns=error", "find", "Interface", f"name={name}").strip()
     log = LOG_FOLDER / f"{SWITCH_DAEMON}.log"
     raise NetworkError(f"Open vSwitch did not make {name}: {why or f'its log, {log}, says why'}")
 
@@ -351,7 +359,7 @@ def delete(*names: str) -> None:
         with packet_sockets.held(found[SWITCH_DAEMON].pid):
             vsctl(*words)
         return
-    vsctl("--no-wait", *words)
+    vsctl(NO_WAIT, *words)
     delete_interfaces(names)
 
 

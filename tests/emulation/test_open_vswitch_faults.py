@@ -236,6 +236,23 @@ def test_bridges_go_although_the_database_has_just_ended() -> None:
     assert not interfaces() & {"s7", "q7"}
 
 
+@pytest.mark.usefixtures("no_open_vswitch")
+def test_no_change_waits_for_a_switch_daemon_that_ended_before(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(openvswitch, "VSCTL_TIMEOUT_S", 3600.0)
+    openvswitch.start("tests")
+    openvswitch.daemons()[openvswitch.SWITCH_DAEMON].signal(signal.SIGKILL)
+    wait_until(lambda: openvswitch.SWITCH_DAEMON not in openvswitch.daemons(), "it is gone")
+    with pytest.raises(NetworkError, match="ovs-vswitchd does not run: restart Open vSwitch"):
+        openvswitch.vsctl("add-br", "s7")
+    assert openvswitch.bridges() == ["s7"]
+    openvswitch.start("tests")
+    openvswitch.delete("s7")
+    openvswitch.stop_if_ours("tests")
+    assert not openvswitch.daemons()
+
+
 def test_runs_of_bridges_are_told_by_one_command() -> None:
     add("s7", "s8")
     openvswitch.vsctl("set", "bridge", "s8", f"{openvswitch.OWNER}=1-2-abc")
