@@ -83,6 +83,9 @@ LIGHT: Mapping[Service, tuple[Beam, ...]] = MappingProxyType(
 # Services whose pairs come by light of a session that stands between the same hosts, and was
 # opened by the other one: of this service, with the same source and the same wavelength.
 RETURNS: Mapping[Service, Service] = MappingProxyType({Service.SDC_RETURN: Service.SDC})
+# Services of lines of hosts, each of which opens a session with the next: they count on from the
+# number of the first.
+LINES = frozenset({Service.GHZ, Service.CONFERENCE, Service.SENSE, Service.GRAPH})
 
 
 # Where the opener is the source, of services that can do with that: it keeps half of each pair.

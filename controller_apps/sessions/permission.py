@@ -8,10 +8,9 @@ from controller_apps.packets.segments import FiveTuple
 from controller_apps.policy.policy import Host, Policy, SessionRequest
 from controller_apps.sessions.sessions import Sessions
 from wire.metadata import Handshake, Service, Setup, is_number_of
-from wire.services import RETURNS
+from wire.services import LINES, RETURNS
 
 PARTS = (Service.PAIR_SOURCE, Service.LINK)  # of sessions that were asked for before
-LINES = (Service.GHZ, Service.CONFERENCE, Service.SENSE)  # of hosts, each of which asks the next
 
 
 @dataclass

@@ -99,8 +99,13 @@ def test_a_session_has_a_number_of_its_opener() -> None:
         assert refused(ask(under("")[0], replace(FRAMED, session=number))) is None
 
 
-def test_a_host_in_a_line_goes_on_with_the_number_of_the_host_before_it() -> None:
-    first = replace(FRAMED, service=Service.GHZ, session=session_number(CHARLIE, 1))
+@pytest.mark.parametrize(
+    "service",
+    [Service.GHZ, Service.GRAPH, Service.SENSE, Service.CONFERENCE],
+    ids=lambda at: at.name,
+)
+def test_a_host_in_a_line_goes_on_with_the_number_of_the_host_before_it(service: Service) -> None:
+    first = replace(FRAMED, service=service, session=session_number(CHARLIE, 1))
     after = replace(first, session=first.session + 1)
     state, permission = under("", "")
 
