@@ -85,11 +85,13 @@ def test_pairs_of_65_links_are_those_of_werner(tmp_path: Path) -> None:
 def test_the_pairs_of_a_chain_are_purified_until_they_are_as_good_as_is_asked(
     tmp_path: Path,
 ) -> None:
+    """Swapped pairs have .8665, once purified by DEJMPS .8985: these are the first above .8825."""
     devices = {node: Device(source=PairSource(fidelity=0.93)) for node in ("alice", "r1")}
-    physics = {"devices": devices}
-    alice, _bob = swapped(tmp_path, 1, physics=physics, count=COUNT, fidelity=0.9)
+    words: dict[str, Any] = {"count": 10 * COUNT, "sample": 0.3, "fidelity": 0.8825}
+    alice, _bob = swapped(tmp_path, 1, physics={"devices": devices}, **words)
     assert alice["rounds"] == 1
-    assert (alice["pairs"], alice["fidelity"] >= 0.9) == (COUNT, True)
+    assert alice["pairs"] == 10 * COUNT
+    assert abs(alice["fidelity"] - 0.8985) < 5 * sqrt(0.8985 * 0.1015 / (3 * COUNT))
 
 
 @pytest.mark.parametrize("repeaters", [1, 3])
