@@ -22,7 +22,7 @@ def test_light_is_handed_out_in_slots_and_none_is_given_too_late(tmp_path: Path)
     trace.write_text("\n".join([header, *rows]) + "\n")
     words = ["run", "load", "--topology", f"{ROOT}/examples/trunk.py:Trunk", "--source", "own"]
     words += ["--traffic", "trace", "--file", str(trace), "--policy", str(policy), "--no-capture"]
-    words += ["--from", SIDES[0], "--to", SIDES[1]]
+    words += ["--from", SIDES[0], "--to", SIDES[1], "--time-scale", "5"]  # software is quick enough
     done = run_qmn(*words, "--runs", str(tmp_path), timeout_s=110)
     assert done.returncode == 0, done.stdout + done.stderr
     load = json.loads((tmp_path / "latest" / "result.json").read_text())["load"]
