@@ -21,10 +21,10 @@ def test_the_rest_is_expected_to_go_on_alike(
     assert left(done, total, elapsed_s) == words
 
 
-def followed(kind: str, *said: str, every_s: str = "0") -> list[str]:
+def followed(total: str, *said: str, every_s: str = "0") -> list[str]:
     """Return what set-up tells of an installation whose program has said this."""
     done = subprocess.run(
-        [ROOT / "setup" / "following", kind],
+        [ROOT / "setup" / "following", total],
         input="".join(f"{line}\n" for line in said),
         env={**os.environ, "EVERY_S": every_s},
         capture_output=True,
@@ -46,15 +46,3 @@ def test_set_up_tells_how_many_packages_are_left() -> None:
     assert re.fullmatch(r"setup: 2 of 3 Python packages fetched, about \d+ s left", second)
     assert last == "setup: installing 3 Python packages"
     assert followed("3", *said, every_s="1000") == [last]  # not all the time
-
-
-def test_set_up_tells_how_far_apt_is() -> None:
-    said = (  # as apt 2.6 says it by APT::Status-Fd
-        "Reading package lists...",
-        "dlstatus:3:42.1234:Retrieving file 3 of 9 (2s remaining)",
-        "pmstatus:tshark:7.6923:Preparing tshark (amd64)",
-    )
-    assert followed("apt", *said) == [
-        "setup: Debian packages: 42 % fetched",
-        "setup: Debian packages: 7 % installed",
-    ]

@@ -1,4 +1,4 @@
-"""What all tests of stacks share."""
+"""The part that all tests of stacks share: light that is drawn alike in each process."""
 
 from ipaddress import IPv4Address
 
