@@ -26,11 +26,12 @@ APART = --dist=worksteal --tx="$(AT_A_TIME)*popen//python=topologies/own_namespa
 in_folder = folder=$$(mktemp -d /tmp/qmn.XXXX) && \
     $1 $(PYTEST) --basetemp="$$folder" $2 && $1 rm -r "$$folder"
 TESTS := tests/emulation  # of test-docker
-# What notebooks need is large, and not in the image; and Docker lets no process take files of others,
-# nor make groups of processes.
+# What notebooks need and a browser are large, and not in the image; and Docker lets no process take
+# files of others, nor make groups of processes.
 IN_GROUPS := several_together_do_not_take_more who_takes_more_does_not_go_on_by_swapping \
     what_a_killed_run_leaves_is_found_and_goes
-NOT_IN_IMAGE := $(patsubst %,--ignore=tests/emulation/test_%.py,notebooks held_packet_sockets) \
+NOT_IN_IMAGE := $(patsubst %,--ignore=tests/emulation/test_%.py,notebooks held_packet_sockets \
+    live_page_in_browser) \
     $(patsubst %,--deselect=tests/emulation/test_memory_shares.py::test_%,$(IN_GROUPS))
 PRODUCT := wire dispatcher hosts controller_apps qswitch_agent copper topologies qmn
 PROTOCOLS := $(patsubst %.proto,%,$(wildcard wire/*.proto))
@@ -91,7 +92,7 @@ unit: setup browser notebooks ## Run the unit tests (no root)
 	@echo 'unit: handlers of the controller on os-ken, too: a process loads one framework'
 	@QMN_CONTROLLER_FRAMEWORK=os-ken $(WITH_BYTE_CODE) $(PYTEST) tests/unit/controller_apps/handlers
 
-emulation: setup strongswan q0-programs notebooks ## Run the emulation tests (root, Open vSwitch)
+emulation: setup strongswan q0-programs browser notebooks ## Run the emulation tests (root, Open vSwitch)
 	@$(call in_folder,$(AS_ROOT),$(APART) tests/emulation)
 
 chaos: setup ## Strike runs at random for MINUTES (3), from SEED (1): nothing may hang or stay
