@@ -43,7 +43,7 @@ from controller_apps.openflow.framework import (
     on,
     parser,
 )
-from controller_apps.packets.datagrams import CONTROLLER_MAC, Frame, is_udp
+from controller_apps.packets.datagrams import CONTROLLER_MAC, Frame
 from controller_apps.policy.policy import BadPolicy, Policy, read_policy
 from controller_apps.record import Record
 from controller_apps.sessions.actions import HostOrder
@@ -208,9 +208,7 @@ class DeviceMonitor(App):
 
     def takes(self, message: Any) -> bool:
         """Take datagrams that a classical switch has picked out."""
-        classical = message.datapath.id not in self.quantum_switches
-        picked = message.table_id == flow_entries.METADATA_TABLE
-        return classical and picked and is_udp(message.data)
+        return flow_entries.is_picked_datagram(message, self.quantum_switches)
 
     @on(ofp_event.EventOFPPacketIn, MAIN)
     def packet_arrived(self, event: Any) -> None:

@@ -14,7 +14,7 @@ from controller_apps.keys.key_network import KeyNetwork, NoRoute, Stores, stores
 from controller_apps.keys.view import PPM, keys_view
 from controller_apps.openflow import flow_entries
 from controller_apps.openflow.framework import DEAD, MAIN, App, ofp_event, ofproto, on
-from controller_apps.packets.datagrams import CONTROLLER_MAC, Frame, is_udp
+from controller_apps.packets.datagrams import CONTROLLER_MAC, Frame
 from controller_apps.policy.policy import BadPolicy, read_policy
 from controller_apps.record import Record
 from wire.config import ControllerConfig
@@ -71,9 +71,7 @@ class KeyRelays(App):
 
     def takes(self, message: Any) -> bool:
         """Take datagrams that a classical switch has picked out."""
-        classical = message.datapath.id not in self.quantum_switches
-        picked = message.table_id == flow_entries.METADATA_TABLE
-        return classical and picked and is_udp(message.data)
+        return flow_entries.is_picked_datagram(message, self.quantum_switches)
 
     @on(ofp_event.EventOFPPacketIn, MAIN)
     def packet_arrived(self, event: Any) -> None:

@@ -5,12 +5,13 @@ learns and forwards.
 Quantum switches: table 0 holds light paths and nothing else, but for LLDP.
 """
 
+from collections.abc import Set
 from typing import Any
 
 from controller_apps.light.paths import Hop
 from controller_apps.openflow.framework import ofproto, parser
 from controller_apps.openflow.optical_messages import is_fiber
-from controller_apps.packets.datagrams import IP_UDP
+from controller_apps.packets.datagrams import IP_UDP, is_udp
 from controller_apps.packets.segments import ACK, FIN, IP_TCP, RST, SYN, FiveTuple
 from controller_apps.sessions.actions import OpenPaths
 from wire.device import DEVICE_PORT
@@ -26,6 +27,12 @@ ENTRIES_PER_BARRIER = 100
 ETH_TYPE_IPV4, ETH_TYPE_LLDP = 0x0800, 0x88CC
 ALL_BITS = (1 << 64) - 1
 BUNDLE_FLAGS = ofproto.OFPBF_ATOMIC | ofproto.OFPBF_ORDERED
+
+
+def is_picked_datagram(message: Any, quantum_switches: Set[int]) -> bool:
+    """Tell whether a packet-in is a datagram that a classical switch has picked out for us."""
+    classical = message.datapath.id not in quantum_switches
+    return classical and message.table_id == METADATA_TABLE and is_udp(message.data)
 
 
 def output(port: int) -> Any:

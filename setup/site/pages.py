@@ -16,7 +16,14 @@ from mkdocs.structure.files import File, Files, InclusionLevel
 from mkdocs.structure.pages import Page
 
 LINK = re.compile(r"(?<=\]\()[^)#:\s]+")
-LANGUAGES = {".py": "python", ".json": "json", ".toml": "toml", ".yml": "yaml", ".cff": "yaml", "": "text"}
+LANGUAGES = {
+    ".py": "python",
+    ".json": "json",
+    ".toml": "toml",
+    ".yml": "yaml",
+    ".cff": "yaml",
+    "": "text",
+}
 PICTURES = {".png", ".svg"}
 
 

@@ -19,6 +19,7 @@ from typing import Any, Literal, TextIO
 import grpc
 import pytest
 
+import hosts.stack
 from dispatcher.build import build_layer
 from dispatcher.clock import NetworkClock
 from dispatcher.server.server import build_server, build_service
@@ -31,7 +32,7 @@ from hosts.stack import Stack
 from hosts.stack_socket import QuantumSocketError
 from qswitch_agent.hardware.optics import CrossConnect
 from qswitch_agent.hardware.simulated import SimulatedSwitch
-from wire import dispatcher_service
+from wire import dispatcher_service, metadata
 from wire.config import DispatcherConfig, Fiber, FiberEnd, HostConfig, PathOptics, QuantumSwitch
 from wire.device import DeviceSettings
 from wire.dispatcher_pb2 import StatusRequest
@@ -75,6 +76,17 @@ ROW, COLUMN = divmod(os.getpid() % (254 * 127), 254)
 OWN_ADDRESS = {name: f"127.{1 + COLUMN}.{2 * ROW}.{number}" for name, number in NUMBERS.items()}
 RELAYED = {name: f"127.{1 + COLUMN}.{2 * ROW + 1}.{number}" for name, number in NUMBERS.items()}
 DEADLINE_S = 30
+
+
+def same_number(opener: str, count: int) -> int:
+    """Return the number of a session alike in each process: light is drawn by it.
+
+    It has an address, of which here only the last byte is always the same.
+    """
+    return metadata.session_number(f"127.0.0.{opener.rpartition('.')[2]}", count)
+
+
+pytest.MonkeyPatch().setattr(hosts.stack, "session_number", same_number)  # as long as tests run
 
 Judge = Callable[[Setup], Setup]
 # What becomes of a message that goes "forth" or "back"; None: cut the connection.
