@@ -11,9 +11,21 @@ from stacks_scene import DEADLINE_S, live_qubits, network, taken_part
 
 from hosts import network_loop
 from hosts.service_socket import ServiceSocket
+from wire.metadata import Message, Topic, Values
+from wire.parameters.physics import Device, Memory
 
 LINE = ["alice", "bob", "charlie", "eve"]
 PATHS = [(1, 2), (3, 4), (5, 6)]  # alice to bob, bob to charlie, charlie to eve
+
+
+async def five_t2_late(_way: str, message: Message) -> Message:
+    """Let hosts wait for what they are to measure, with qubits in `MEMORIES`."""
+    if isinstance(message, Values) and message.topic == Topic.BASES:
+        await asyncio.sleep(1)
+    return message
+
+
+MEMORIES = dict.fromkeys(LINE[1:3], Device(memory=Memory(t2_s=0.2)))
 
 
 def summaries(

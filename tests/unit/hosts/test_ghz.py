@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from line_scene import LINE, PATHS, summaries
+from line_scene import LINE, MEMORIES, PATHS, five_t2_late, summaries
 from numpy.typing import NDArray
 from stacks_scene import DEADLINE_S, live_qubits, network
 
@@ -18,8 +18,8 @@ from hosts.middleware.services.ghz.witness import Tally, X, Y, Z, chosen_bases
 from hosts.middleware.session.values import values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
-from wire.metadata import MAX_LENGTH, Message, Topic, Values, message_length
-from wire.parameters.physics import Detectors, Device, Memory
+from wire.metadata import MAX_LENGTH, Topic, message_length
+from wire.parameters.physics import Detectors, Device
 
 COUNT = 20_000
 PAULIS = [
@@ -129,14 +129,8 @@ def test_where_a_fusion_is_not_seen_there_is_no_state(tmp_path: Path) -> None:
 
 def test_qubits_wait_in_memory_until_they_are_used(tmp_path: Path) -> None:
     """Bob and charlie hear the bases 5 T2 late: e^-10 of the coherence is left; Z stays."""
-
-    async def change(_way: str, message: Message) -> Message:
-        if isinstance(message, Values) and message.topic == Topic.BASES:
-            await asyncio.sleep(1)
-        return message
-
-    devices = dict.fromkeys(LINE[1:3], Device(memory=Memory(t2_s=0.2)))
-    alice, *_others = made(tmp_path, 3, count=4000, devices=devices, change=change)
+    late = {"devices": MEMORIES, "change": five_t2_late}
+    alice, *_others = made(tmp_path, 3, count=4000, **late)
     assert alice["equal_in_z"] == 1
     assert abs(alice["coherence"]) < 5 / np.sqrt(2000)
 

@@ -1,6 +1,5 @@
 """Graph states between whole stacks over loopback, beside an enumeration with stim's tableaus."""
 
-import asyncio
 from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
@@ -8,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import stim
-from line_scene import LINE, summaries
+from line_scene import LINE, MEMORIES, five_t2_late, summaries
 
 from hosts.middleware.services.graph_states.graph import (
     Graph,
@@ -19,7 +18,6 @@ from hosts.middleware.services.graph_states.graph import (
 from hosts.middleware.services.graph_states.options import GraphOptions
 from hosts.middleware.services.graph_states.witness import Colours, Stabilisers
 from hosts.middleware.session.errors import SessionError
-from wire.metadata import Message, Topic, Values
 from wire.parameters.physics import Detectors, Device, Memory
 
 COUNT = 20_000
@@ -227,14 +225,8 @@ def test_blocks_are_as_small_as_the_halves_of_their_states_need(tmp_path: Path) 
 
 def test_qubits_wait_in_memory_until_they_are_used(tmp_path: Path) -> None:
     """Bob and charlie hear the bases 5 T2 late: X at alice, Z at bob is all that stays."""
-
-    async def change(_way: str, message: Message) -> Message:
-        if isinstance(message, Values) and message.topic == Topic.BASES:
-            await asyncio.sleep(1)
-        return message
-
-    devices = dict.fromkeys(LINE[1:3], Device(memory=Memory(t2_s=0.2)))
-    alice, *_others = made(tmp_path, 3, "line", count=4000, devices=devices, change=change)
+    late = {"devices": MEMORIES, "change": five_t2_late}
+    alice, *_others = made(tmp_path, 3, "line", count=4000, **late)
     assert abs(alice["fidelity"] - 2 / 8) < 5 * alice["fidelity_error"] < 0.1
 
 
