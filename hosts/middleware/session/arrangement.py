@@ -10,12 +10,12 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.offers import at_wavelength
 from hosts.middleware.session.values import announced, heralds_of
 from hosts.network_loop import now_s, wall_sleep
+from hosts.pauses import growing_pauses
 from hosts.timeouts import (
     ANSWER_TIMEOUT_S,
     DISCOVERY_TIMEOUT_S,
     FREEING_TIMEOUT_S,
     HERALD_TIMEOUT_S,
-    RETRY_PAUSE_S,
 )
 from wire.metadata import Answer, Emit, MemoryState, Reason, Service, Setup, Values
 
@@ -66,6 +66,7 @@ class Arrangement:
         deadlines_s = {Reason.UNKNOWN_HOST: began_s + DISCOVERY_TIMEOUT_S}
         if began_s - self._light.freed_s < FREEING_TIMEOUT_S:
             deadlines_s[Reason.BUSY] = began_s + FREEING_TIMEOUT_S
+        pauses = growing_pauses(f"{self._setup.session}")
         while True:
             channel = await MetadataChannel.connect(*self._peer)
             try:
@@ -75,9 +76,10 @@ class Arrangement:
                 channel.close()
                 if not isinstance(error, SessionError):
                     raise
-                if now_s() > deadlines_s.get(error.reason, -math.inf):
+                left_s = deadlines_s.get(error.reason, -math.inf) - now_s()
+                if left_s <= 0:
                     raise
-                await wall_sleep(RETRY_PAUSE_S)
+                await wall_sleep(next(pauses), left_s)
             else:
                 self.channel = channel
                 return answer
