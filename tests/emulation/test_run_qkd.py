@@ -235,6 +235,14 @@ def test_decoys_find_who_splits_photon_numbers(tmp_path: Path) -> None:
     assert result["asking"]["qber"] == 0
 
 
+def taken_part(listener: ServiceSocket) -> None:
+    """Take part in one session until it is over."""
+    connection, _peer = listener.accept()
+    with connection:
+        while not connection.over:
+            list(connection.results())
+
+
 def test_a_session_gets_the_light_of_one_that_has_just_ended(tmp_path: Path) -> None:
     """So much is said in each that its close has to be held against what the switch counts."""
     bits = 3_000_000
@@ -246,9 +254,10 @@ def test_a_session_gets_the_light_of_one_that_has_just_ended(tmp_path: Path) -> 
                 ServiceSocket(network.runtime.socket(acceptor)) as listener,
             ):
                 listener.listen(9, "bb84")
-                pool.submit(listener.accept)
+                accepting = pool.submit(taken_part, listener)
                 list(asking.request("bb84", (acceptor, 9), count=bits))
                 asking.shutdown()
+                accepting.result(10.0)
                 assert asking.summary["sifted_bits"] >= bits
         over = [fact["detail"] for fact in facts(network, "torn_down")]
         assert over[:2] == ["close", "close"]
