@@ -131,7 +131,7 @@ class Transport:
         flight.launch(end)
         left, landed = True, False
         while left and (arrival := await flight.next_arrival(layer.clock)):
-            left = np.count_nonzero(further.lit(block) & ~arrival.members) > 0
+            left = bool(np.count_nonzero(further.lit(block) & ~arrival.members))
             landed_block = self._part(block, arrival) if left else block
             self._land(landed_block, arrival, turns)
             layer.software.light(end.node, flight.start_ns, arrival.end.node, landed_block.last_ns)
