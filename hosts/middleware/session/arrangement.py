@@ -26,6 +26,10 @@ class Light:
 
     freed_s: float = -math.inf  # when a session last let go of it, of the network's clock
 
+    def let_go(self) -> None:
+        """Note that a session which this host took part in is over."""
+        self.freed_s = now_s()
+
 
 class Arrangement:
     """The connections of a session that this host opens: to its peer, and to the pair source."""
@@ -55,8 +59,8 @@ class Arrangement:
     async def open(self, timeout_s: float = ANSWER_TIMEOUT_S) -> Answer:
         """Arrange light paths; return what the peer accepts in time, or raise SessionError.
 
-        Fibres that the controller is still discovering are waited for, and so is light that this
-        host has only just let go: the controller may hear of that after the next request.
+        Fibres that the controller is still discovering are waited for, and so is light of a session
+        that this host was in until now: the controller may hear of its end after the next request.
         """
         began_s = now_s()
         deadlines_s = {Reason.UNKNOWN_HOST: began_s + DISCOVERY_TIMEOUT_S}
@@ -128,4 +132,4 @@ class Arrangement:
             self._pairs.close()
         if hasattr(self, "channel"):
             self.channel.close()
-            self._light.freed_s = now_s()
+            self._light.let_go()

@@ -10,6 +10,7 @@ from stacks_scene import grant, network, requested
 
 from hosts import network_loop
 from hosts.middleware.session import arrangement
+from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from wire.metadata import Reason, Service, Setup, Verdict
 
@@ -64,6 +65,36 @@ def test_light_that_this_host_has_just_let_go_is_waited_for(
     controller = Slow(late=3)
     two_sessions(tmp_path, controller)
     assert controller.asked == 5
+    assert len(pauses) == 3
+
+
+def test_light_that_this_host_has_just_had_of_another_is_waited_for(
+    tmp_path: Path, pauses: list[float]
+) -> None:
+    """Bob asks as soon as his application knows that alice's session is over."""
+    asked: list[int] = []
+
+    def judge(setup: Setup) -> Setup:
+        if setup.service != Service.TELEPORT:
+            return grant(setup)
+        asked.append(setup.session)
+        if len(asked) == 1:
+            return grant(setup)
+        reason = Reason.BUSY if len(asked) < 5 else Reason.NO_PATH
+        return replace(setup, verdict=Verdict.REFUSED, reason=reason)
+
+    async def run() -> None:
+        async with network(tmp_path, judge):
+            await asyncio.to_thread(requested, tmp_path, "teleport", count=100)
+            await asyncio.to_thread(asked_by_bob)
+
+    def asked_by_bob() -> None:
+        with ServiceSocket(tmp_path / "bob.sock") as bob:
+            list(bob.request("teleport", ("alice", 9), count=100))
+
+    with pytest.raises(QuantumSocketError) as caught:
+        network_loop.run(run())
+    assert caught.value.reason == Reason.NO_PATH
     assert len(pauses) == 3
 
 
