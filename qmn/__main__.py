@@ -10,6 +10,7 @@ from importlib import import_module
 from typing import Any, NoReturn
 
 from qmn.as_root import NoRoot, become_root
+from qmn.version import ShowVersion
 
 # Until a verb runs there is nothing to clean up: Ctrl-C just ends the program.
 signal.signal(signal.SIGINT, signal.SIG_DFL)
@@ -80,8 +81,10 @@ class Parser(argparse.ArgumentParser):
 def described(words: Sequence[str] = ()) -> argparse.ArgumentParser:
     """Return a parser of the verb that is asked for, or of all, which takes longer to load."""
     parser = Parser(prog="qmn", description=__doc__)
+    parser.add_argument("--version", action=ShowVersion, help="print name and version, and end")
     verbs = parser.add_subparsers(metavar="VERB", required=True)
-    for name in [name for name in VERBS if name in words[:1]] or VERBS:
+    all_verbs = () if words[:1] == ["--version"] else VERBS
+    for name in [name for name in VERBS if name in words[:1]] or all_verbs:
         import_module(f"qmn.verbs.{name}").add_parser(verbs)
     return parser
 
