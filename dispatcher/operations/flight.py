@@ -121,7 +121,7 @@ class Flight:
             time_ns, _number, line, beam = heapq.heappop(self._queue)
             await clock.wait_until(time_ns)
             self._pass(beam, line)
-            if not (beam.members & further.lit(self._block)).any():
+            if not np.count_nonzero(beam.members & further.lit(self._block)):
                 continue
             switch = self._layer.network.switches.get(line.far.node)
             if switch is None:
@@ -268,7 +268,7 @@ class Flight:
         further.darken(self._layer.sabot, self._block, members)
 
     def _lose(self, photons: Mask, told: str) -> None:
-        if photons.any():
+        if np.count_nonzero(photons):
             self._layer.sabot.explain(self._block.register, told, photons)
             self.lost += self._layer.sabot.lose(self._block.register, photons)
 
