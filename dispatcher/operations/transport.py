@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Callable, Sequence
 
 import grpc
+import numpy as np
 
 from dispatcher.devices import hardware
 from dispatcher.fiber.noise import Pattern
@@ -76,12 +77,14 @@ class Transport:
         layer = self._layer
         layer.network.require_port(node, port)
         limit_s = limits.timeout(timeout_s)
-        try:
-            async with layer.journal.timeout(limit_s):
-                block = await self._arrived(name, node, port)
-        except TimeoutError:
-            message = f"{name} did not arrive at {port} of {node} within {limit_s:g} s"
-            raise Refusal(grpc.StatusCode.DEADLINE_EXCEEDED, message) from None
+        block = self._whole(name, node, port)
+        if block is None:
+            try:
+                async with layer.journal.timeout(limit_s):
+                    block = await self._arrived(name, node, port)
+            except TimeoutError:
+                message = f"{name} did not arrive at {port} of {node} within {limit_s:g} s"
+                raise Refusal(grpc.StatusCode.DEADLINE_EXCEEDED, message) from None
         feedback = layer.feedback(block)
         self._bring(block, node, "")
         layer.record(node, "receive", block, port=port)
@@ -128,7 +131,7 @@ class Transport:
         flight.launch(end)
         left, landed = True, False
         while left and (arrival := await flight.next_arrival(layer.clock)):
-            left = bool((further.lit(block) & ~arrival.members).any())
+            left = bool(np.count_nonzero(further.lit(block) & ~arrival.members))
             landed_block = self._part(block, arrival) if left else block
             self._land(landed_block, arrival, turns)
             layer.software.light(end.node, flight.start_ns, arrival.end.node, landed_block.last_ns)
@@ -214,9 +217,13 @@ class Transport:
             if not waiter.done():
                 waiter.set_result(None)
 
+    def _whole(self, name: BlockName, node: str, port: str) -> Block | None:
+        """Return what has come of a block to a port, None if there is nothing or more will come."""
+        block = self._layer.ownership.at(name, node, port)
+        return None if block is None or self._layer.ownership.rest_flies(block) else block
+
     async def _arrived(self, name: BlockName, node: str, port: str) -> Block:
-        ownership = self._layer.ownership
-        while (block := ownership.at(name, node, port)) is None or ownership.rest_flies(block):
+        while (block := self._whole(name, node, port)) is None:
             waiter = asyncio.get_running_loop().create_future()
             waiters = self._waiting.setdefault(name, [])
             waiters.append(waiter)
