@@ -160,9 +160,12 @@ def enter_namespaces(pid: int | None) -> None:
     if pid is None:
         return
     for kind in NAMESPACES:
-        with open(f"/proc/{pid}/ns/{kind}") as namespace:
-            if LIBC.setns(namespace.fileno(), 0):
-                raise OSError(ctypes.get_errno(), f"setns to the {kind} namespace of {pid}")
+        try:
+            with open(f"/proc/{pid}/ns/{kind}") as namespace:
+                if LIBC.setns(namespace.fileno(), 0):
+                    raise OSError(ctypes.get_errno(), f"setns to the {kind} namespace of {pid}")
+        except FileNotFoundError:
+            sys.exit(f"process {pid}, the shell of its node, was ended")
 
 
 def keep_files(files: Sequence[int], descriptors: Sequence[int]) -> None:

@@ -18,8 +18,9 @@ from qmn.options import add_options, read
 from qmn.results.run_folder import give_tree
 from qmn.sweeps.experiment import SweepError
 from qmn.sweeps.grid import Measurer
+from qmn.sweeps.lines import BadTable
 from qmn.sweeps.parameters import BadGrid
-from qmn.sweeps.table import BadTable, opened
+from qmn.sweeps.table import opened
 from qmn.verbs.sweep import MAX_WORKERS, progress_columns
 from topologies.network import Interrupted, Signals
 from wire.parameters.option import option
