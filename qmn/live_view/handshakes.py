@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from qmn.live.event_sources import recorded
-from qmn.reports.handshake_diagram import handshake_diagram
 from qmn.reports.packets import messages
 from qmn.reports.sequence import handshake, lanes
 from qmn.results.network_facts import NetworkFacts
@@ -25,6 +24,9 @@ def newest_setup_ns(folder: Path, network: NetworkFacts) -> int:
 
 def drawn_handshake(folder: Path, network: NetworkFacts) -> str:
     """Return an element of the page: the drawing, or in its place what is missing."""
+    # matplotlib takes half a second to load: a page begins without it.
+    from qmn.reports.handshake_diagram import handshake_diagram
+
     since_ns = newest_setup_ns(folder, network)
     if not since_ns:
         return "<p>No set-up has been captured (in <code>qmn cli</code>: --capture).</p>"

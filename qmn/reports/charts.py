@@ -1,34 +1,24 @@
 """The charts of a run: its rate, errors, symbols, losses, and how long paths took."""
 
 from collections.abc import Mapping, Sequence
-from math import ceil, floor, log10
+from math import ceil
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Rectangle
+from matplotlib.ticker import EngFormatter, MaxNLocator
 from numpy.typing import NDArray
 
-from qmn.reports.axes import (
-    SMALL_INCHES,
-    Axes,
-    Frame,
-    Scale,
-    Tick,
-    framed,
-    legend,
-    round_values,
-    ticks,
-)
-from qmn.reports.drawing import BAD, INK, METADATA, MUTED, QUANTUM, Drawing
+from qmn.reports import drawing
+from qmn.reports.drawing import BAD, INK, METADATA, MUTED, QUANTUM, SMALL_INCHES
 from qmn.reports.light_paths import LightPath
 
 MAX_BINS = 60
 MAX_RATIO = 50  # of counts on one scale
-MOST_DOTS = 20
 SYMBOLS = {3: "012", 4: ("00", "01", "10", "11")}  # three states carry no whole bits
-DOTTED = (1.0, 1.65)
-HOP_INCHES, PATH_INCHES = 0.23, 0.3  # of rows
-CELL_INCHES = 0.03  # between cells
 
 
+@drawing.styled
 def rate(begin_ns: int, times_ns: Sequence[int], pairs: Sequence[int], lost: Sequence[int]) -> str:
     """Draw Bell pairs measured a second, and of these the lost ones, from a time on.
 
@@ -37,140 +27,141 @@ def rate(begin_ns: int, times_ns: Sequence[int], pairs: Sequence[int], lost: Seq
     seconds = (np.array(times_ns) - begin_ns) / 1e9
     span = max(float(seconds[-1]), 1e-6)
     edges = np.linspace(0, span, min(MAX_BINS, len(times_ns)) + 1)
-    rates = [
-        np.histogram(seconds, edges, weights=each)[0] / np.diff(edges) for each in (pairs, lost)
-    ]
-    top = 1.05 * max(float(np.max(rates)), 1e-9)
-    drawing = Drawing(*SMALL_INCHES)
-    upward = ticks(round_values(0, top, 6))
-    axes = Axes(drawing, framed(drawing, _words(upward), legend=True), (0, span), (0, top))
-    axes.x_axis(ticks(round_values(0, span, 5), "s"), "time since the first pairs were made")
-    axes.y_axis(upward, "Bell pairs/s")
-    lines = ("measured", QUANTUM, ()), ("lost", BAD, ())
-    for found, (_words_of_it, colour, _dashes) in zip(rates, lines, strict=True):
-        heights = [0.0, *found.tolist(), 0.0]
-        axes.steps([0.0, *edges.tolist()], heights, colour)
-    legend(drawing, lines)
-    return drawing.svg("Bell pairs a second over time")
+    made, axes = drawing.figure(*SMALL_INCHES)
+    for counts, colour, label in ((pairs, QUANTUM, "measured"), (lost, BAD, "lost")):
+        found, _edges = np.histogram(seconds, edges, weights=counts)
+        axes.stairs(found / np.diff(edges), edges, color=colour, linewidth=1.8, label=label)
+    axes.set_ylim(bottom=0)
+    axes.set_xlabel("time since the first pairs were made")
+    _seconds(axes)
+    axes.set_ylabel("Bell pairs/s")
+    axes.yaxis.set_major_formatter(EngFormatter())
+    made.legend(loc="outside upper center", ncols=2)
+    return drawing.svg(made, "Bell pairs a second over time")
 
 
+@drawing.styled
 def errors(seconds: Sequence[float], counts: Mapping[str, Sequence[int]]) -> str:
     """Draw counts that have grown during the run, as the sender has heard of them."""
+    made, axes = drawing.figure(*SMALL_INCHES)
+    for (label, values), colour in zip(counts.items(), (BAD, METADATA, QUANTUM), strict=False):
+        marker = "o" if len(seconds) < 20 else ""
+        axes.plot(
+            seconds,
+            values,
+            color=colour,
+            label=label,
+            linewidth=1.8,
+            marker=marker,
+            markersize=4,
+            drawstyle="steps-post",
+        )
     last = [values[-1] for values in counts.values()]
-    # Few of one kind beside many of another are seen on a scale of powers of ten.
-    powers = max(last) > MAX_RATIO * min((value for value in last if value), default=1)
-    scale: Scale = _symmetric if powers else float
-    if powers:
-        low, top = -0.1, 2.0 * max(last)
-        upward = ticks([0, *(10**power for power in range(1 + floor(log10(top))))])
+    if max(last) > MAX_RATIO * min((value for value in last if value), default=1):
+        axes.set_yscale("symlog", linthresh=1)  # few of one kind beside many of another
+        axes.set_ylim(-0.1, 2 * max(last))
     else:
         top = max(1.0, 1.1 * max(last))
-        low, upward = -top / 50, ticks(round_values(0, top, 6, whole=True))  # zeros are seen whole
-    span = max(seconds[-1], 1e-6)
-    drawing = Drawing(*SMALL_INCHES)
-    frame = framed(drawing, _words(upward), legend=True)
-    axes = Axes(drawing, frame, (-span / 50, 1.02 * span), (low, top), scale)
-    axes.x_axis(ticks(round_values(0, span, 5), "s"), "time since the session began")
-    axes.y_axis(upward, "count so far")
-    lines = [
-        (name, colour, ()) for name, colour in zip(counts, (BAD, METADATA, QUANTUM), strict=False)
-    ]
-    for (_name, colour, _), values in zip(lines, counts.values(), strict=True):
-        axes.steps(seconds, values, colour)
-        if len(seconds) < MOST_DOTS:
-            for second, value in zip(seconds, values, strict=True):
-                drawing.dot(axes.at(second, value), 0.028, colour)
-    legend(drawing, lines)
-    return drawing.svg("errors over time")
+        axes.set_ylim(-top / 50, top)  # a line of zeros is to be seen whole
+        axes.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=6))
+    axes.yaxis.set_major_formatter(EngFormatter())
+    axes.set_xlabel("time since the session began")
+    _seconds(axes)
+    axes.set_ylabel("count so far")
+    made.legend(loc="outside upper center", ncols=len(counts), columnspacing=1)
+    return drawing.svg(made, "errors over time")
 
 
-def _symmetric(value: float) -> float:
-    """Return the power of ten of a value, plus one; from -1 to 1, the value."""
-    return value if abs(value) <= 1 else 1 + log10(value)
+def _seconds(axes: Axes) -> None:
+    axes.xaxis.set_major_locator(MaxNLocator(nbins=6))
+    axes.xaxis.set_major_formatter(EngFormatter(unit="s"))
 
 
-def _words(upward: Sequence[Tick]) -> list[str]:
-    return [text for _value, text in upward]
-
-
+@drawing.styled
 def confusion(counts: NDArray[np.int64], states: int) -> str:
     """Draw how often each symbol that was sent was received as which."""
     shown = counts[:states, :states]
     rows = shown.sum(axis=1, keepdims=True)
     shares = shown / np.maximum(rows, 1)
-    drawing = Drawing(*SMALL_INCHES)
-    axes = Axes(drawing, framed(drawing, SYMBOLS[states]), (0, states), (states, 0))
-    width, height = (abs(a - b) for a, b in zip(axes.at(0, 0), axes.at(1, 1), strict=True))
+    made, axes = drawing.figure(*SMALL_INCHES)
+    axes.grid(visible=False)
     for sent, received in np.ndindex(shown.shape):
         share, count = float(shares[sent, received]), int(shown[sent, received])
         colour = QUANTUM if sent == received else BAD
-        left, top = axes.at(received, sent)
+        corner = (received - 0.46, sent - 0.44)
         # A few errors are to be seen beside very many right ones.
         alpha = 0.08 + 0.55 * share ** (1 if sent == received else 0.5) if count else 0.04
-        size = width - 2 * CELL_INCHES, height - 2 * CELL_INCHES
-        drawing.box((left + CELL_INCHES, top + CELL_INCHES), size, colour, alpha)
+        axes.add_patch(_cell(corner, colour, alpha))
         text = f"{count:,}\n{100 * share:.3g} %"
-        drawing.text(axes.at(received + 0.5, sent + 0.5), text, size=9)
-    names = [(number + 0.5, name) for number, name in enumerate(SYMBOLS[states])]
-    axes.x_axis(names, "symbol received", line=False)
-    axes.y_axis(names, "symbol sent", line=False)
-    return drawing.svg("symbols sent and received")
+        axes.text(received, sent, text, ha="center", va="center", color=INK, fontsize=9)
+    axes.set_xlim(-0.5, states - 0.5)
+    axes.set_ylim(states - 0.5, -0.5)
+    axes.set_xticks(range(states), list(SYMBOLS[states]))
+    axes.set_yticks(range(states), list(SYMBOLS[states]))
+    axes.set_xlabel("symbol received")
+    axes.set_ylabel("symbol sent")
+    axes.tick_params(length=0)
+    axes.spines[:].set_visible(False)
+    return drawing.svg(made, "symbols sent and received")
 
 
+def _cell(corner: tuple[float, float], colour: str, alpha: float) -> Rectangle:
+    return Rectangle(corner, 0.92, 0.88, facecolor=colour, alpha=alpha, edgecolor="none")
+
+
+@drawing.styled
 def loss_budget(paths: Sequence[LightPath], budget_db: float) -> str:
     """Draw what each hop of each path loses, one bar for a hop, and the budget of a path."""
-    rows = sum(HOP_INCHES * len(path.hops) + PATH_INCHES for path in paths)
-    height = max(SMALL_INCHES[1], 0.75 + rows)
-    drawing = Drawing(SMALL_INCHES[0], height)
-    most = max(2.2 * max((path.loss_db for path in paths), default=0.0), 1.0)
-    # Inches of the drawing are values of y.
-    whole = framed(drawing, (), label=False)
-    frame = Frame(whole.left, whole.top, whole.right, whole.bottom)
-    axes = Axes(drawing, frame, (0, most), (frame.bottom, frame.top))
-    text = f"loss (dB); a path may lose {budget_db:g} dB"
-    axes.x_axis([(each, f"{each:g}") for each in round_values(0, most, 6)], text)
-    y = frame.top + HOP_INCHES / 2
+    bars = [(path, hop) for path in paths for hop in path.hops]
+    heights = len(bars) + 1.3 * len(paths)
+    made, axes = drawing.figure(SMALL_INCHES[0], max(SMALL_INCHES[1], 0.75 + 0.23 * heights))
+    y = 0.0
     for path in paths:
-        title = f"{path.begin} → {path.end}"
-        drawing.text((frame.left, y), title, size=9, align="left", bold=True)
-        drawing.text((frame.right, y), f"{path.loss_db:.3g} dB", size=9, align="right")
+        axes.text(0, y, f"{path.begin} → {path.end}", fontsize=9, weight="bold", va="center")
+        axes.text(1, y, f"{path.loss_db:.3g} dB", ha="right", va="center", fontsize=9,
+                  transform=axes.get_yaxis_transform())  # fmt: skip
         before = 0.0
         for hop in path.hops:
-            y += HOP_INCHES
+            y += 1
             colour = QUANTUM if hop.ends != ("", "") else METADATA
-            up, down = y - 0.35 * HOP_INCHES, y + 0.35 * HOP_INCHES
-            axes.span((before, before + hop.loss_db), (up, down), colour, 1.0)
-            axes.line((before, before), (up, down), colour, 1.5)
-            beside = axes.at(before + hop.loss_db, y)[0] + 0.05
+            axes.barh(y, hop.loss_db, left=before, height=0.7, color=colour)
+            axes.plot([before, before], [y - 0.35, y + 0.35], color=colour, linewidth=1.5)
             text = f"{hop.name}: {hop.loss_db:.3g} dB"
-            drawing.text((beside, y), text, size=9, align="left")
+            axes.annotate(
+                text,
+                (before + hop.loss_db, y),
+                (3, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=9,
+            )
             before += hop.loss_db
-        y += PATH_INCHES
-    if budget_db <= most:
-        axes.across(budget_db, BAD, dashes=DOTTED)
-    return drawing.svg("loss of each hop")
+        y += 1.3
+    most = max((path.loss_db for path in paths), default=0.0)
+    axes.set_xlim(0, max(2.2 * most, 1.0))
+    if budget_db <= max(2.2 * most, 1.0):
+        axes.axvline(budget_db, color=BAD, linestyle=":", linewidth=1.5)
+    axes.set_ylim(y, -1)
+    axes.set_yticks([])
+    axes.grid(visible=False, axis="y")
+    axes.spines["left"].set_visible(False)
+    axes.set_xlabel(f"loss (dB); a path may lose {budget_db:g} dB")
+    return drawing.svg(made, "loss of each hop")
 
 
+@drawing.styled
 def setup_times(times_ms: Sequence[float]) -> str:
     """Draw how often the set-up of a path took how long, with median and 99th percentile."""
+    made, axes = drawing.figure(*SMALL_INCHES)
     bins = min(40, max(5, ceil(2 * len(times_ms) ** 0.5)))
-    found, edges = np.histogram(times_ms, bins)
-    low, high = float(edges[0]), float(edges[-1])
-    top, margin = 1.05 * int(found.max()), (high - low) / 20
-    drawing = Drawing(*SMALL_INCHES)
-    upward = ticks(round_values(0, top, 6, whole=True))
-    x = low - margin, high + margin
-    axes = Axes(drawing, framed(drawing, _words(upward), legend=True), x, (0, top))
-    across = [(each, f"{each:.6g}") for each in round_values(*x, 6)]
-    axes.x_axis(across, "metadata to light path (ms)")
-    axes.y_axis(upward, "light paths")
-    for count, begin, end in zip(found.tolist(), edges[:-1], edges[1:], strict=True):
-        if count:
-            axes.span((float(begin), float(end)), (0, count), METADATA, 0.75)
-    lines = []
-    for share, dashes in ((50, ()), (99, DOTTED)):
+    axes.hist(times_ms, bins=bins, color=METADATA, alpha=0.75)
+    for share, style in ((50, "-"), (99, ":")):
         value = float(np.percentile(times_ms, share))
-        axes.across(value, INK, dashes=dashes)
-        lines.append((f"p{share} {value:.2f} ms", MUTED, dashes))
-    legend(drawing, lines)
-    return drawing.svg("how long the set-up of light paths took")
+        axes.axvline(
+            value, color=INK, linestyle=style, linewidth=1.5, label=f"p{share} {value:.2f} ms"
+        )
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=6))
+    axes.set_xlabel("metadata to light path (ms)")
+    axes.set_ylabel("light paths")
+    made.legend(loc="outside upper center", ncols=2, labelcolor=MUTED)
+    return drawing.svg(made, "how long the set-up of light paths took")

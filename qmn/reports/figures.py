@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from qmn.reports import charts, error_counts
+from qmn.reports.drawing import variable
 from qmn.reports.handshake_diagram import handshake_diagram
 from qmn.reports.key_timeline import key_timeline
 from qmn.reports.light_paths import LightPath, without_outcome
@@ -41,7 +42,7 @@ def _legend(run: RunFacts, paths: Sequence[LightPath]) -> str:
     if len(paths) > MOST_NAMED:
         return f"{len(paths)} different light paths stood."
     named = (
-        f'<b style="color: {path_colour(number)}">{path.begin} → {path.end}</b>'
+        f'<b style="color: {variable(path_colour(number))}">{path.begin} → {path.end}</b>'
         for number, path in enumerate(paths)
     )
     return f"Light paths: {', '.join(named)}."

@@ -3,41 +3,33 @@
 from collections.abc import Sequence
 from typing import Any
 
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
 from hosts.middleware.services.key_distribution.options import KeyOptions
-from qmn.reports.axes import Axes, Frame, legend, round_values
-from qmn.reports.drawing import BAD, INK, METADATA, MUTED, QUANTUM, Drawing
+from qmn.reports import drawing
+from qmn.reports.drawing import BAD, INK, METADATA, MUTED, QUANTUM
 
 Moment = dict[str, Any]
-WIDE_INCHES, ROW_INCHES, REST_INCHES = 9.0, 1.5, 0.9
-SPACE_INCHES = 0.15  # between rows
-LEFT_INCHES = 0.9  # for labels and numbers of all rows
-DASHED = 3.0, 2.0
+WIDE_INCHES = (9.0, 1.6)  # of each row
 
 
+@drawing.styled
 def key_timeline(moments: Sequence[Moment]) -> str:
     """Draw what happened to keys, and to a tunnel if there was one."""
     tunnel = any(each["event"].startswith("tunnel") for each in moments)
     rows = [_sessions, _tunnel, _file] if tunnel else [_sessions]
-    drawing = Drawing(WIDE_INCHES, ROW_INCHES * len(rows) + REST_INCHES)
+    width, height = WIDE_INCHES
+    made = Figure(figsize=(width, height * len(rows) + 0.6), layout="constrained")
     end = max(each["at"] for each in moments)
-    begin = min(0.0, *(each["at"] for each in moments))
-    x = begin, max(end, begin + 1e-3)
-    top = 0.35
-    for draw in rows:
-        frame = Frame(LEFT_INCHES, top, WIDE_INCHES - 0.2, top + ROW_INCHES - SPACE_INCHES)
-        axes = draw(drawing, frame, x, moments)
-        low, high = axes.y_ends
-        for since, until in spans(moments, "eve_comes", "eve_leaves", end):
-            axes.span((since, until), (low, high), BAD, 0.12)
-        seconds = [(each, f"{each:g}") for each in round_values(*x, 8)]
-        is_last = draw is rows[-1]
-        axes.x_axis(
-            [(each, text if is_last else "") for each, text in seconds],
-            "time (s)" if is_last else "",
-        )
-        top += ROW_INCHES
-    legend(drawing, [("key", QUANTUM, ()), ("no key", BAD, ())])
-    return drawing.svg("Keys over time")
+    every = made.subplots(len(rows), sharex=True, squeeze=False)[:, 0]
+    for axes, draw in zip(every, rows, strict=True):
+        for begin, over in spans(moments, "eve_comes", "eve_leaves", end):
+            axes.axvspan(begin, over, color=BAD, alpha=0.12, linewidth=0)
+        draw(axes, moments, end)
+    axes.set_xlabel("time (s)")
+    axes.set_xlim(min(0.0, *(each["at"] for each in moments)), end)
+    return drawing.svg(made, "Keys over time")
 
 
 def spans(
@@ -54,41 +46,35 @@ def spans(
     return found if since is None else [*found, (since, end)]
 
 
-def _sessions(
-    drawing: Drawing, frame: Frame, x: tuple[float, float], moments: Sequence[Moment]
-) -> Axes:
+def _sessions(axes: Axes, moments: Sequence[Moment], _end: float) -> None:
     held = [each for each in moments if each.get("opened") and each["qber"] is not None]
-    most = max([KeyOptions.max_qber, *(each["qber"] for each in held)])
-    axes = Axes(drawing, frame, x, (-0.01, 1.1 * most))
-    axes.y_axis([(each, f"{each:g}") for each in round_values(0, 1.1 * most, 5)], "QBER")
-    axes.along(KeyOptions.max_qber, MUTED, 0.9, DASHED)
-    for each in held:
-        drawing.dot(axes.at(each["at"], each["qber"]), 0.035, QUANTUM if each["keys"] > 0 else BAD)
-    return axes
+    for with_key, colour, label in ((True, QUANTUM, "key"), (False, BAD, "no key")):
+        some = [each for each in held if (each["keys"] > 0) == with_key]
+        points = [each["at"] for each in some], [each["qber"] for each in some]
+        axes.plot(*points, "o", color=colour, markersize=5, label=label)
+    axes.axhline(KeyOptions.max_qber, color=MUTED, linewidth=0.9, linestyle="--")
+    axes.set_ylabel("QBER")
+    axes.set_ylim(bottom=-0.01)
+    axes.legend(loc="center left", ncols=2)
 
 
-def _tunnel(
-    drawing: Drawing, frame: Frame, x: tuple[float, float], moments: Sequence[Moment]
-) -> Axes:
+def _tunnel(axes: Axes, moments: Sequence[Moment], end: float) -> None:
     hosts = sorted({each["host"] for each in moments if each["event"].startswith("tunnel")})
-    axes = Axes(drawing, frame, x, (len(hosts) - 0.4, -0.6))
-    for row, host in enumerate(hosts):
+    for row, host in enumerate(reversed(hosts)):
         own = [each for each in moments if each.get("host") == host]
-        for since, until in spans(own, "tunnel_opened", "tunnel_closed", x[1]):
-            axes.span((since, until), (row - 0.3, row + 0.3), METADATA, 0.35)
-        for key in (each["at"] for each in own if each["event"] == "key"):
-            axes.line((key, key), (row - 0.2, row + 0.2), INK, 1.0)
-    axes.y_axis([*enumerate(hosts)], "tunnel, keys")
-    return axes
+        open_spans = spans(own, "tunnel_opened", "tunnel_closed", end)
+        bars = [(begin, over - begin) for begin, over in open_spans]
+        axes.broken_barh(bars, (row - 0.3, 0.6), color=METADATA, alpha=0.35)
+        keys = [each["at"] for each in own if each["event"] == "key"]
+        axes.plot(keys, [row] * len(keys), "|", color=INK, markersize=12)
+    axes.set_yticks(range(len(hosts)), reversed(hosts))
+    axes.set_ylim(-0.6, len(hosts) - 0.4)
+    axes.set_ylabel("tunnel, keys")
 
 
-def _file(
-    drawing: Drawing, frame: Frame, x: tuple[float, float], moments: Sequence[Moment]
-) -> Axes:
+def _file(axes: Axes, moments: Sequence[Moment], _end: float) -> None:
     told = [each for each in moments if each["event"] in ("received", "downloaded")]
-    megabytes = [each["bytes"] / 1e6 for each in told]
-    top = 1.1 * max([*megabytes, 1e-3])
-    axes = Axes(drawing, frame, x, (0, top))
-    axes.y_axis([(each, f"{each:g}") for each in round_values(0, top, 5)], "file (MB)")
-    axes.line([each["at"] for each in told], megabytes, METADATA)
-    return axes
+    points = [each["at"] for each in told], [each["bytes"] / 1e6 for each in told]
+    axes.plot(*points, color=METADATA, linewidth=1.8)
+    axes.set_ylabel("file (MB)")
+    axes.set_ylim(bottom=0)

@@ -2,15 +2,17 @@
 
 from collections.abc import Iterable, Sequence
 from math import atan2, ceil, degrees, dist
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 
-from qmn.reports.drawing import Drawing
+from qmn.reports.drawing import PAPER
 from qmn.reports.places import NODE_INCHES, Place
 
 BUNDLE_INCHES = 0.3  # of lines beside each other, at most
 LETTER_INCHES, LINE_INCHES = 0.058, 0.15
-LABEL_SIZE = 8
+LABEL: dict[str, Any] = {"fontsize": 8, "va": "center", "zorder": 3}
 LABEL_SHARES = sorted(np.linspace(0.28, 0.74, 24).tolist(), key=lambda share: abs(share - 0.42))
 CLEAR_INCHES = 0.12  # between labels
 
@@ -18,8 +20,8 @@ CLEAR_INCHES = 0.12  # between labels
 class Labels:
     """The words on a drawing, collected and then written where there is room."""
 
-    def __init__(self, drawing: Drawing, nodes: Iterable[Place]) -> None:
-        self._drawing = drawing
+    def __init__(self, axes: Axes, nodes: Iterable[Place]) -> None:
+        self._axes = axes
         self._asked: list[tuple[tuple[Place, Place], str, bool]] = []
         across, down = (np.linspace(-size / 2, size / 2, 7) for size in NODE_INCHES)
         self._taken = [(x + dx, y + dy) for x, y in nodes for dx in across for dy in down[1::4]]
@@ -40,7 +42,7 @@ class Labels:
     def _write_beside(self, ends: tuple[Place, Place], text: str) -> None:
         (x1, y1), (_x2, y2) = ends
         x, y = x1 + BUNDLE_INCHES / 2 + 0.08, (y1 + y2) / 2
-        self._drawing.text((x, y), text, size=LABEL_SIZE, align="left")
+        self._axes.text(x, y, text, ha="left", **LABEL)
         length = LETTER_INCHES * max(map(len, text.split("\n")))
         self._taken += _extent(((x, y), (x + length, y)), 0.5, text)
 
@@ -51,9 +53,15 @@ class Labels:
         if not needed and self._clear(extent) < CLEAR_INCHES:
             return
         self._taken += extent
-        place = x1 + share * (x2 - x1), y1 + share * (y2 - y1)
-        turned = degrees(atan2(y1 - y2, x2 - x1))
-        self._drawing.text(place, text, size=LABEL_SIZE, turned=turned, clear=True)
+        self._axes.text(
+            x1 + share * (x2 - x1),
+            y1 + share * (y2 - y1),
+            text,
+            ha="center",
+            rotation=degrees(atan2(y1 - y2, x2 - x1)),
+            bbox={"facecolor": PAPER, "edgecolor": "none", "pad": 0.4},
+            **LABEL,
+        )
 
     def _clear(self, extent: Sequence[Place]) -> float:
         """Return how far a label is from the others; far enough is as good as any farther."""

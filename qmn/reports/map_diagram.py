@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from qmn.reports.drawing import Drawing
+from qmn.reports import drawing
 from qmn.reports.labels import Labels
 from qmn.reports.light_paths import LightPath
 from qmn.reports.network_diagram import bundle, described, lit, node, used
@@ -13,30 +13,31 @@ from wire.parameters.fiber import Fiber
 LINE_LETTERS = 20  # of a box
 
 
+@drawing.styled
 def map_diagram(facts: NetworkFacts, paths: Sequence[LightPath]) -> str:
     """Draw places where they are, or a little beside; between them fibres, light in colour."""
     nodes = of_nodes(facts)
     boxes = sorted(set(nodes.values()))
     places = dict(zip(boxes, on_paper(boxes), strict=True))
     height = max(y for _x, y in places.values()) + MARGIN_INCHES
-    drawing = Drawing(WIDTH_INCHES, height)
+    made, axes = drawing.diagram(WIDTH_INCHES, height)
     bundles: dict[tuple[Place, Place], list[Fiber]] = {}
     for fiber in facts.fibers:
         one, two = sorted(places[nodes[end.node]] for end in (fiber.a, fiber.b))
         if one != two:
             bundles.setdefault((one, two), []).append(fiber)
     names = lit(paths)
-    labels = Labels(drawing, places.values())
+    labels = Labels(axes, places.values())
     for ends, fibers in bundles.items():
-        bundle(drawing, ends, fibers, paths, 1.0)
+        bundle(axes, ends, fibers, paths, 1.0)
         labels.add(ends, described(fibers), needed=used(fibers, names))
     labels.write()
     for at, place in places.items():
         here = [name for name, own in nodes.items() if own == at]
         hosts = [name for name in here if name in facts.addresses]
         first, *others = [*hosts, *(name for name in here if name not in hosts)]
-        node(drawing, place, first, in_a_line(others), not hosts)
-    return drawing.svg("the network on its map: places, and fibres with length and loss")
+        node(axes, place, first, in_a_line(others), not hosts)
+    return drawing.svg(made, "the network on its map: places, and fibres with length and loss")
 
 
 def in_a_line(names: Sequence[str]) -> str:

@@ -4,7 +4,11 @@ from collections import Counter
 from collections.abc import Collection, Sequence
 from math import dist
 
-from qmn.reports.drawing import GRID, INK, MUTED, PAPER, PATHS, QUANTUM, Drawing
+from matplotlib.axes import Axes
+from matplotlib.patches import FancyBboxPatch
+
+from qmn.reports import drawing
+from qmn.reports.drawing import GRID, INK, MUTED, PAPER, PATHS, QUANTUM
 from qmn.reports.labels import BUNDLE_INCHES, Labels
 from qmn.reports.light_paths import LightPath, fiber_name
 from qmn.reports.places import LEAST_HEIGHT_INCHES, NODE_INCHES, WIDTH_INCHES, Place, columns
@@ -13,7 +17,6 @@ from wire.parameters.fiber import Fiber
 
 NODE_ROW_INCHES = 0.72
 BESIDE_INCHES, STROKE_INCHES = 0.22, 0.045  # between fibres; between paths in one
-DASHED = 3.0, 3.0
 AT_SWITCH = 0.5  # of their distance at a host: many meet there
 
 
@@ -22,31 +25,32 @@ def path_colour(number: int) -> str:
     return PATHS[number % len(PATHS)]
 
 
+@drawing.styled
 def network_diagram(facts: NetworkFacts, paths: Sequence[LightPath]) -> str:
     """Draw hosts, switches, copper and fibres with length and loss; each light path in colour."""
     filled = columns(facts)
     height = max(LEAST_HEIGHT_INCHES, NODE_ROW_INCHES * max(map(len, filled)))
     places = _places(filled, height)
-    drawing = Drawing(WIDTH_INCHES, height)
+    made, axes = drawing.diagram(WIDTH_INCHES, height)
     quantum = {switch.name for switch in facts.switches}
     for node1, _interface1, node2, _interface2 in facts.copper:
         if node1 in places and node2 in places:
             colour = GRID if {node1, node2} & quantum else MUTED  # those pass behind hosts
-            drawing.line((places[node1], places[node2]), colour, dashes=DASHED)
+            _line(axes, (places[node1], places[node2]), colour, dashed=True)
     bundles: dict[tuple[str, str], list[Fiber]] = {}
     for fiber in facts.fibers:
         one, two = sorted((fiber.a.node, fiber.b.node), key=lambda node: places[node])
         bundles.setdefault((one, two), []).append(fiber)
     names = lit(paths)
-    labels = Labels(drawing, places.values())
+    labels = Labels(axes, places.values())
     for (one, two), fibers in bundles.items():
         narrowing = AT_SWITCH if one in facts.addresses else 1.0
-        bundle(drawing, (places[one], places[two]), fibers, paths, narrowing)
+        bundle(axes, (places[one], places[two]), fibers, paths, narrowing)
         labels.add((places[one], places[two]), described(fibers), needed=used(fibers, names))
     labels.write()
     for name, place in places.items():
-        node(drawing, place, name, facts.addresses.get(name, ""), name in quantum)
-    return drawing.svg("the network: hosts, switches, fibres with length and loss")
+        node(axes, place, name, facts.addresses.get(name, ""), name in quantum)
+    return drawing.svg(made, "the network: hosts, switches, fibres with length and loss")
 
 
 def _places(filled: Sequence[Sequence[str]], height: float) -> dict[str, Place]:
@@ -77,7 +81,7 @@ def described(fibers: Sequence[Fiber]) -> str:
 
 
 def bundle(
-    drawing: Drawing,
+    axes: Axes,
     ends: tuple[Place, Place],
     fibers: Sequence[Fiber],
     paths: Sequence[LightPath],
@@ -96,11 +100,11 @@ def bundle(
         ]
         colours = list(dict.fromkeys(colours))
         if not colours:
-            drawing.line(_moved(ends, middle, narrowing), MUTED)
+            _line(axes, _moved(ends, middle, narrowing), MUTED)
         for stroke, colour in enumerate(colours):
             offset = (stroke - (len(colours) - 1) / 2) * STROKE_INCHES
             place = _moved(_moved(ends, middle, narrowing), offset)
-            drawing.line(place, colour, 2.4)
+            _line(axes, place, colour, width=2.4)
 
 
 def _moved(ends: tuple[Place, Place], offset: float, narrowing: float = 1.0) -> tuple[Place, Place]:
@@ -111,11 +115,27 @@ def _moved(ends: tuple[Place, Place], offset: float, narrowing: float = 1.0) -> 
     return (x1 + right, y1 + down), (x2 + narrowing * right, y2 + narrowing * down)
 
 
-def node(drawing: Drawing, place: Place, name: str, below: str, quantum: bool) -> None:
+def _line(
+    axes: Axes, ends: tuple[Place, Place], colour: str, width: float = 1.0, dashed: bool = False
+) -> None:
+    style = (0, (3, 3)) if dashed else "-"
+    axes.plot(*zip(*ends, strict=True), color=colour, linewidth=width, linestyle=style, zorder=2)
+
+
+def node(axes: Axes, place: Place, name: str, below: str, quantum: bool) -> None:
     """Draw a box with a name, and a smaller line below it."""
     (x, y), (width, height) = place, NODE_INCHES
-    corner, edge = (x - width / 2, y - height / 2), QUANTUM if quantum else INK
-    drawing.box(corner, (width, height), PAPER, edge=edge, radius=0.08)
-    drawing.text((x, y - (0.06 if below else 0)), name)
+    box = FancyBboxPatch(
+        (x - width / 2, y - height / 2),
+        width,
+        height,
+        boxstyle="round,pad=0.02,rounding_size=0.08",
+        facecolor=PAPER,
+        edgecolor=QUANTUM if quantum else INK,
+        linewidth=1.4,
+        zorder=4,
+    )
+    axes.add_patch(box)
+    axes.text(x, y - (0.06 if below else 0), name, ha="center", va="center", color=INK, zorder=5)
     if below:
-        drawing.text((x, y + 0.1), below, MUTED, size=7)
+        axes.text(x, y + 0.1, below, ha="center", va="center", color=MUTED, fontsize=7, zorder=5)

@@ -17,7 +17,7 @@ class NoReport(Exception):
 
 def made_report(run: Path) -> Path:
     """Write the report of a run and return the file; raise NoReport if it cannot be."""
-    # Runs without a report do not load what draws it.
+    # matplotlib takes half a second to load: other verbs do not wait for it.
     from qmn.reports.page import write_report
     from qmn.reports.run_facts import BadRun
 

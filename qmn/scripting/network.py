@@ -119,7 +119,7 @@ class QuantumNetwork(Network):
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the network as a report draws it."""
-        from qmn.reports.network_diagram import network_diagram
+        from qmn.reports.network_diagram import network_diagram  # matplotlib
         from qmn.reports.page import STYLE
 
         return drawn(network_diagram(network_facts(self), []), STYLE.read_text())

@@ -40,7 +40,7 @@ def wait_until(condition: Callable[[], object], what: str, timeout_s: float = 10
 
 
 def qmn(*arguments: str, runs: Path, report: bool = False) -> subprocess.CompletedProcess[str]:
-    """Run the command to its end; a report takes a little longer."""
+    """Run the command to its end; a report takes a second more."""
     return run_qmn(*qmn_words(runs, report), *arguments)
 
 

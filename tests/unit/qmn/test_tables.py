@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from pyarrow import parquet
 
-from qmn.reports import drawing
+from qmn.reports.drawing import VARIABLES
 from qmn.reports.page import STYLE
 from qmn.scripting.exchange import Exchange
 from qmn.scripting.light import Hop, LightPath
@@ -57,9 +57,8 @@ def test_a_notebook_shows_a_table_and_no_html_of_others() -> None:
 
 def test_a_figure_has_its_colours_with_it() -> None:
     shown = drawn("<svg/>", STYLE.read_text())
-    named = (drawing.INK, drawing.MUTED, drawing.GRID, drawing.PAPER, drawing.METADATA)
-    for colour in (*named, *drawing.PATHS, drawing.OPENFLOW, drawing.BAD):
-        assert f"{colour.removeprefix('var(').removesuffix(')')}: #" in shown, colour
+    for name in VARIABLES.values():
+        assert f"--{name}: #" in shown, name
 
 
 def test_a_data_frame_has_the_rows() -> None:
