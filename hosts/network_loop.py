@@ -5,6 +5,7 @@ watches the network, before and beside its sessions, goes by the wall: `wall_sle
 """
 
 import asyncio
+import math
 import time
 from collections.abc import Callable, Coroutine
 from contextvars import Context
@@ -48,9 +49,9 @@ def now_s() -> float:
     return asyncio.get_running_loop().time()
 
 
-async def wall_sleep(seconds: float) -> None:
-    """Pause for seconds of the wall clock."""
-    await asyncio.sleep(_network_s(seconds))
+async def wall_sleep(seconds: float, most_s: float = math.inf) -> None:
+    """Pause for seconds of the wall clock, but for no more than so many of the network."""
+    await asyncio.sleep(min(_network_s(seconds), most_s))
 
 
 def wall_timeout(seconds: float) -> asyncio.Timeout:

@@ -206,6 +206,7 @@ class Stack:
                 known = self._resources.distinguishable_states
                 await end.perform(make_pairs(end.side, self.device.made, known))
             finally:
+                self._light.let_go()
                 await release(qnic, setup.session)
 
     @contextmanager
@@ -240,8 +241,10 @@ class Stack:
             if session.answer is not None:
                 await incoming.ready(session.summary, session.answer)
             await session.ended()
+            self._light.let_go()  # before the application asks for some itself
             await incoming.finish(session.summary)
         except BaseException as error:  # whatever it is, the application must hear of it
+            self._light.let_go()
             await incoming.fail(error)
             raise
         session.confirm()

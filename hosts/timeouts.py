@@ -33,7 +33,8 @@ FREE_TIMEOUT_S = 60.0  # until others have let go of the light that these pairs 
 # Light paths and chains of repeaters
 DISCOVERY_TIMEOUT_S = 3.0  # until the controller has seen all fibres
 FREEING_TIMEOUT_S = 1.0  # until the controller has heard that a session is over
-RETRY_PAUSE_S = 0.1  # by the wall: between two requests for a light path
+RETRY_PAUSE_S = 0.1  # by the wall: between the first two requests for a light path, at most
+LONGEST_RETRY_PAUSE_S = 0.8  # by the wall: between two later ones
 ORDER_TIMEOUT_S = 5.0  # until the controller's order for a chain is here
 LINK_TIMEOUT_S = 60.0  # until all links of a chain are open, each of which waits for the next one
 BITS_TIMEOUT_S = 30.0  # until swaps are told: they may pass many nodes over a slow network
@@ -68,7 +69,7 @@ TEXT_PAUSE_S = 0.05  # between two attempts to connect
 DOWNLOAD_TIMEOUT_S = 120.0  # without a byte of a download
 DOWNLOAD_TELL_S = 0.5  # between two words of how far it is
 NEXT_KEY_PAUSE_S = 0.25  # of a tunnel, when no key could be had
-TUNNEL_HANDSHAKE_S = 15.0  # until both ends of a tunnel use a new key
+TUNNEL_HANDSHAKE_S = 15.0  # by the wall, as who holds it counts: until both ends use a new key
 INITIATE_TIMEOUT_S = 2  # of strongSwan, for one attempt; a whole number
 KEEPALIVE_S = 1  # of WireGuard: the end that knows the other's address begins the handshake at once
 

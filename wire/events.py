@@ -23,6 +23,7 @@ UNWRITTEN = "unwritten"  # the last of what a node has caused that is in log and
 _SHOWN = frozenset(
     {"time_ns", "node", "kind", "block", "port", "photons", "lost", "detail", "photon"}
 )
+_LATER = frozenset(Event.DESCRIPTOR.fields_by_name) - _SHOWN
 
 
 def format_line(event: Event) -> str:
@@ -94,9 +95,11 @@ def decode_record(data: bytes) -> Event:
 
 def _further(event: Event) -> dict[str, Any]:
     """Return the fields that this module does not know by name."""
-    further = {field.name: value for field, value in event.ListFields() if field.name not in _SHOWN}
+    if not _LATER:
+        return {}
+    further = [field.name for field, _value in event.ListFields() if field.name in _LATER]
     if not further:
-        return further
+        return {}
     everything = MessageToDict(event, preserving_proto_field_name=True)
     return {name: everything[name] for name in further}
 

@@ -10,11 +10,12 @@ import socket
 import sys
 import warnings
 from collections.abc import Callable, Iterable
-from functools import cache, wraps
+from functools import cache, partial, wraps
 from importlib import import_module
 from types import ModuleType
 from typing import Any, TypeVar, cast
 
+from controller_apps.openflow.connection import Connection
 from controller_apps.openflow.speakers import Speakers, owner
 
 VARIABLE = "QMN_CONTROLLER_FRAMEWORK"
@@ -59,6 +60,32 @@ ProtocolDesc: Any = _protocol.ProtocolDesc
 CONFIG: str = _handler.CONFIG_DISPATCHER
 MAIN: str = _handler.MAIN_DISPATCHER
 DEAD: str = _handler.DEAD_DISPATCHER
+
+
+if NAME == "ryu":
+    _serve_switch: Any = _controller.datapath_connection_factory
+    _send_in_turn: Any = _controller.Datapath.send
+
+    def _serve(green_socket: Any, address: Any) -> None:
+        """Serve a switch that has connected, in a green thread of its own."""
+        _serve_switch(Connection(green_socket, partial(hub.sleep, 0)), address)
+
+    def _send(datapath: Any, data: bytes | bytearray, close_socket: bool = False) -> bool:
+        """Send to a switch, at once if nothing waits to be sent; tell whether it could be."""
+        queue = datapath.send_q
+        if queue and queue.empty() and queue.getting() and not close_socket:
+            data = data[datapath.socket.send_now(data) :]
+            if not data:
+                return True
+        return bool(_send_in_turn(datapath, data, close_socket))
+
+    vars(_controller).update(datapath_connection_factory=_serve)
+    _controller.Datapath.send = _send
+
+
+def datapath_class() -> Any:
+    """Return the class of the framework's that has a connected switch."""
+    return _controller.Datapath
 
 
 class App(_App):

@@ -230,26 +230,26 @@ class Arbiter:
         return actions
 
     def _may_wait(self, setup: Setup, connection: FiveTuple) -> bool:
-        """Tell whether a request waits for light that others have: as configured, and for seals.
+        """Tell whether a request waits for light that others have: as configured, or not for long.
 
         Who watches a fibre gives its light back soon, and never waits for it: others come first.
+        A session that is said to be over is, if the switch has counted as many bytes.
         """
         if setup.service == Service.SEAL:
             return False
-        return self.queues or self._seals_alone_are_in_the_way(setup, connection)
+        return self.queues or self._soon_free(setup, connection)
 
-    def _seals_alone_are_in_the_way(self, setup: Setup, connection: FiveTuple) -> bool:
+    def _soon_free(self, setup: Setup, connection: FiveTuple) -> bool:
         sessions = self.sessions
-        watching = {
+        ending = {
             number
-            for number, session in sessions.by_number.items()
-            if session.setup.service == Service.SEAL
+            for session in sessions.by_number.values()
+            if session.setup.service == Service.SEAL or session.doubted
+            for number in (session.number, *(link.number for link in links_of(session, sessions)))
         }
-        if not watching:
+        if not ending:
             return False
-        others = {
-            way: holder for way, holder in sessions.occupied.items() if holder not in watching
-        }
+        others = {way: holder for way, holder in sessions.occupied.items() if holder not in ending}
         without = replace(sessions, occupied=others, obstacles=set())
         words = self.network, self.budget_mdb, self.taps
         return bool(find_light(setup, connection, without, *words).paths)

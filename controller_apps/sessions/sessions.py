@@ -206,6 +206,12 @@ class Session:
         """Whether a switch would tell if the session fell silent."""
         return any(request.bypassed for request in self.requests.values())
 
+    @property
+    def doubted(self) -> bool:
+        """Whether it may be over: a switch has yet to count what its connection has carried."""
+        owners = (self.requests.get(each) for each in (self.owner, self.light_owner) if each)
+        return any(request is not None and request.doubted is not None for request in owners)
+
 
 @dataclass
 class Sessions:

@@ -6,8 +6,7 @@ them, decide all that happens; a journal is told of each. This one does not list
 """
 
 import asyncio
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from contextvars import ContextVar
 from typing import Any, NamedTuple
 
@@ -45,14 +44,17 @@ class Origin(NamedTuple):
     request: Any
 
 
-@contextmanager
-def caused_by(node: str, kind: str, request: Any) -> Iterator[None]:
+class CausedBy:
     """Let what is done meanwhile, and by tasks that are begun, have this origin."""
-    token = _origin.set(Origin(node, kind, request))
-    try:
-        yield
-    finally:
-        _origin.reset(token)
+
+    def __init__(self, node: str, kind: str, request: Any) -> None:
+        self._origin = Origin(node, kind, request)
+
+    def __enter__(self) -> None:
+        self._token = _origin.set(self._origin)
+
+    def __exit__(self, *_error: object) -> None:
+        _origin.reset(self._token)
 
 
 def origin() -> str:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dispatcher.clock import Clock
 from dispatcher.devices.overlap import angular_width
+from dispatcher.fiber.classical_light import ClassicalLight
 from dispatcher.fiber.fluctuations import PhaseDrift, PolarizationDrift
 from dispatcher.fiber.noise import MEMORYLESS, Effect, NoiseModel, Passage, Pattern, Schedule
 from dispatcher.fiber.polarization_modes import (
@@ -121,7 +122,7 @@ class Flight:
             time_ns, _number, line, beam = heapq.heappop(self._queue)
             await clock.wait_until(time_ns)
             self._pass(beam, line)
-            if not (beam.members & further.lit(self._block)).any():
+            if not np.count_nonzero(beam.members & further.lit(self._block)):
                 continue
             switch = self._layer.network.switches.get(line.far.node)
             if switch is None:
@@ -268,13 +269,15 @@ class Flight:
         further.darken(self._layer.sabot, self._block, members)
 
     def _lose(self, photons: Mask, told: str) -> None:
-        if photons.any():
+        if np.count_nonzero(photons):
             self._layer.sabot.explain(self._block.register, told, photons)
             self.lost += self._layer.sabot.lose(self._block.register, photons)
 
 
 def meets(encoding: str, model: NoiseModel) -> bool:
-    """Return whether a noise model changes qubits of an encoding."""
+    """Return whether a noise model changes qubits of an encoding just now."""
+    if isinstance(model, ClassicalLight):
+        return not model.dark
     if isinstance(model, POLARIZED):
         return encoding == "polarization"
     return encoding == "time-bin" or not isinstance(model, PhaseDrift)

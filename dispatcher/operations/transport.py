@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Callable, Sequence
 
 import grpc
+import numpy as np
 
 from dispatcher.devices import hardware
 from dispatcher.fiber.noise import Pattern
@@ -18,7 +19,7 @@ from wire.dispatcher_pb2 import Feedback
 from wire.features import EMIT
 from wire.optical import DEFAULT_FREQUENCY_MHZ
 
-TURNS_OF_SENDER = 6  # of the event loop, from the end of a flight to the sender's answer
+TURNS_OF_SENDER = 3  # of the event loop, from the end of a flight to the sender's answer
 
 
 class Transport:
@@ -57,7 +58,9 @@ class Transport:
         # Halves of a block share a pattern, whose times are computed once.
         patterns = {size: Pattern(1e9 / rate_hz, size) for size in set(sizes)}
         departures = [Departure(start_ns, patterns[size], frequency_mhz) for size in sizes]
-        flights = [self._launch(*way) for way in zip(blocks, ends, departures, strict=True)]
+        # Word of pairs is of no use to those who take their halves.
+        turns = TURNS_OF_SENDER if len(blocks) == 1 else 0
+        flights = [self._launch(*way, turns) for way in zip(blocks, ends, departures, strict=True)]
         # A caller that goes away cancels this wait; its photons fly on.
         await asyncio.wait(flights)
         await layer.journal.resumed()
@@ -74,18 +77,22 @@ class Transport:
         layer = self._layer
         layer.network.require_port(node, port)
         limit_s = limits.timeout(timeout_s)
-        try:
-            async with layer.journal.timeout(limit_s):
-                block = await self._arrived(name, node, port)
-        except TimeoutError:
-            message = f"{name} did not arrive at {port} of {node} within {limit_s:g} s"
-            raise Refusal(grpc.StatusCode.DEADLINE_EXCEEDED, message) from None
+        block = self._whole(name, node, port)
+        if block is None:
+            try:
+                async with layer.journal.timeout(limit_s):
+                    block = await self._arrived(name, node, port)
+            except TimeoutError:
+                message = f"{name} did not arrive at {port} of {node} within {limit_s:g} s"
+                raise Refusal(grpc.StatusCode.DEADLINE_EXCEEDED, message) from None
         feedback = layer.feedback(block)
         self._bring(block, node, "")
         layer.record(node, "receive", block, port=port)
         return feedback
 
-    def _launch(self, block: Block, end: FiberEnd, departure: Departure) -> asyncio.Task[None]:
+    def _launch(
+        self, block: Block, end: FiberEnd, departure: Departure, turns: int
+    ) -> asyncio.Task[None]:
         layer = self._layer
         layer.record(end.node, "send", block, port=end.port, time_ns=departure.start_ns)
         self._keep_time(block, departure)
@@ -96,7 +103,7 @@ class Transport:
         block.kept = False
         flight = Flight(block, departure, layer)
         flight.announce(end)
-        task = asyncio.create_task(self._fly(block, end, flight))
+        task = asyncio.create_task(self._fly(block, end, flight, turns))
         self._flights.add(task)
         task.add_done_callback(self._landed)
         return task
@@ -118,15 +125,15 @@ class Transport:
         if not task.cancelled() and (error := task.exception()) is not None:
             self._failed(error)
 
-    async def _fly(self, block: Block, end: FiberEnd, flight: Flight) -> None:
+    async def _fly(self, block: Block, end: FiberEnd, flight: Flight, turns: int) -> None:
         """Bring a block to all the ports that its light comes to."""
         layer = self._layer
         flight.launch(end)
         left, landed = True, False
         while left and (arrival := await flight.next_arrival(layer.clock)):
-            left = bool((further.lit(block) & ~arrival.members).any())
+            left = bool(np.count_nonzero(further.lit(block) & ~arrival.members))
             landed_block = self._part(block, arrival) if left else block
-            self._land(landed_block, arrival)
+            self._land(landed_block, arrival, turns)
             layer.software.light(end.node, flight.start_ns, arrival.end.node, landed_block.last_ns)
             landed = True
         layer.photons_lost += flight.lost
@@ -134,7 +141,7 @@ class Transport:
             layer.record(end.node, "dark", block, end.port, "no light came out")
         if left:
             layer.drop(block)
-            self._wake(block.name)
+            self._wake(block.name, turns)
 
     def _part(self, block: Block, arrival: Arrival) -> Block:
         layer = self._layer
@@ -149,7 +156,7 @@ class Transport:
         layer.ownership.add(part)
         return part
 
-    def _land(self, block: Block, arrival: Arrival) -> None:
+    def _land(self, block: Block, arrival: Arrival, turns: int) -> None:
         """Put what has arrived at the port, and tell those who wait for it."""
         layer = self._layer
         block.fibers_passed = arrival.fibers_passed
@@ -172,7 +179,7 @@ class Transport:
             layer.drop(block)
         else:
             self._bring(block, end.node, end.port)
-        self._wake(block.name)
+        self._wake(block.name, turns)
 
     def _bring(self, block: Block, node: str, port: str) -> None:
         """Bring a block to a place, where it joins a part of the same block."""
@@ -198,15 +205,25 @@ class Transport:
         there.gates = max(there.gates, block.gates)
         layer.ownership.remove(block)
 
-    def _wake(self, name: BlockName) -> None:
-        """Let those look again who wait for a block of this name."""
+    def _wake(self, name: BlockName, turns: int) -> None:
+        """Let those look again who wait for a block of this name, after turns of the event loop.
+
+        Meanwhile who has sent it is answered: others wait for word of it from there.
+        """
+        if turns and name in self._waiting:
+            asyncio.get_running_loop().call_soon(self._wake, name, turns - 1)
+            return
         for waiter in self._waiting.get(name, ()):
             if not waiter.done():
                 waiter.set_result(None)
 
+    def _whole(self, name: BlockName, node: str, port: str) -> Block | None:
+        """Return what has come of a block to a port, None if there is nothing or more will come."""
+        block = self._layer.ownership.at(name, node, port)
+        return None if block is None or self._layer.ownership.rest_flies(block) else block
+
     async def _arrived(self, name: BlockName, node: str, port: str) -> Block:
-        ownership = self._layer.ownership
-        while (block := ownership.at(name, node, port)) is None or ownership.rest_flies(block):
+        while (block := self._whole(name, node, port)) is None:
             waiter = asyncio.get_running_loop().create_future()
             waiters = self._waiting.setdefault(name, [])
             waiters.append(waiter)
@@ -216,8 +233,5 @@ class Transport:
                 waiters.remove(waiter)
                 if not waiters:
                     del self._waiting[name]
-            # Who has sent it is answered first: others wait for word of it from there.
-            for _ in range(TURNS_OF_SENDER):
-                await asyncio.sleep(0)
             await self._layer.journal.resumed()
         return block

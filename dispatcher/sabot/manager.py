@@ -23,6 +23,7 @@ from dispatcher.sabot.registers import (
 )
 from wire.outcomes import NO_CLICK, PAULI_BASES
 
+PAIR = 2
 TURNS_RAD = -np.pi / 4, np.pi / 4  # about Y, that bring Z+X and Z-X to Z
 
 
@@ -45,8 +46,7 @@ class Sabot:
 
     def simulated_by(self, *registers: Register) -> str:
         """Return the backends that hold registers, joined by + if there are several."""
-        components = {component for register in registers for component in register.components}
-        names = {component.state.NAME for component in components}
+        names = {share.component.state.NAME for each in registers for share in each.shares}
         return "+".join(sorted(names)) or self.backend
 
     @property
@@ -173,12 +173,15 @@ class Sabot:
         """
         self._require_pair(first, second)
         self.require_capacity(first, [GateStep("CX", second)])
+        outcomes = np.zeros(first.size, dtype=np.uint8)
         for share, other in join(self._store, first, second):
             share.component.state.gate("CX", share.qubit, other.qubit)
             share.component.state.gate("H", share.qubit)
-        flips = self._read_out(second, draws[1])
-        phases = self._read_out(first, draws[0])
-        return _hide(flips | (phases << np.uint8(1)), first.present & second.present)
+            if len(share.component.shares) == PAIR:
+                outcomes[share.positions] = self._read_out_pairs(share, other, draws)
+        outcomes |= self._read_out(second, draws[1])
+        outcomes |= self._read_out(first, draws[0]) << np.uint8(1)
+        return _hide(outcomes, first.present & second.present)
 
     def reset(self, register: Register, mask: Mask, draws: PhotonDraws) -> None:
         """Put the qubits of mask, shape (k,), into |0>: measure them unseen, flip what is 1.
@@ -279,6 +282,19 @@ class Sabot:
                 self._link_parts(component)
         self._store.forget(register)
         return bits
+
+    def _read_out_pairs(
+        self, share: Share, other: Share, draws: tuple[PhotonDraws, PhotonDraws]
+    ) -> Bytes:
+        """Measure Z of both qubits of pairs that nothing else is entangled with, and discard them.
+
+        Return the bit of the other one, and that of the first above it.
+        """
+        state, at = share.component.state, share.positions
+        self._store.unlink(share.component)
+        bits, _determined = state.measure(other.qubit, draws[1].at(at))
+        high_bits, _determined = state.measure(share.qubit, draws[0].at(at))
+        return bits | (high_bits << np.uint8(1))
 
     def _link_parts(self, component: Component) -> None:
         """Link what a measurement has left, each independent part for itself."""

@@ -24,16 +24,14 @@ class Orders:
         self._act = act
         self._write = write
         self._running: dict[int, asyncio.Task[None]] = {}
-        self._outcomes: asyncio.Queue[Outcome | None] = asyncio.Queue(limits.MAX_ORDERS)
+        self._unanswered = 0
+        self._writing = asyncio.Lock()
 
     async def run(self, orders: AsyncIterator[Order]) -> None:
         """Take orders until there are no more, and end when all are answered."""
-        async with asyncio.TaskGroup() as answering:
-            answering.create_task(self._answer())
-            async with asyncio.TaskGroup() as group:
-                async for order in orders:
-                    await self._take(order, group)
-            await self._outcomes.put(None)
+        async with asyncio.TaskGroup() as group:
+            async for order in orders:
+                await self._take(order, group)
 
     async def _take(self, order: Order, group: asyncio.TaskGroup) -> None:
         running = self._running.get(order.number)
@@ -42,28 +40,32 @@ class Orders:
                 running.cancel()
         elif running is not None:
             problem = f"order {order.number} is still running; number them apart"
-            await self._outcomes.put(_refused(order, invalid(problem)))
-        elif len(self._running) >= limits.MAX_ORDERS:
+            await self._answer(_refused(order, invalid(problem)))
+        elif self._unanswered >= limits.MAX_ORDERS:
             problem = f"{limits.MAX_ORDERS} orders are running; wait for an outcome"
-            await self._outcomes.put(_refused(order, exhausted(problem)))
+            await self._answer(_refused(order, exhausted(problem)))
         else:
             task = group.create_task(self._perform(order))
             self._running[order.number] = task
+            self._unanswered += 1
             task.add_done_callback(partial(self._ended, order.number))
 
-    def _ended(self, number: int, _task: asyncio.Task[None]) -> None:
-        del self._running[number]
+    def _ended(self, number: int, task: asyncio.Task[None]) -> None:
+        self._unanswered -= 1
+        if self._running.get(number) is task:  # it was cancelled
+            del self._running[number]
 
     async def _perform(self, order: Order) -> None:
         try:
             outcome = Outcome(number=order.number, feedbacks=await self._steps(order))
         except Refusal as refusal:
             outcome = _refused(order, refusal)
-        await self._outcomes.put(outcome)
+        del self._running[order.number]  # a message is written whole: there is no cancelling it
+        await self._answer(outcome)
 
-    async def _answer(self) -> None:
+    async def _answer(self, outcome: Outcome) -> None:
         """Write outcomes one after the other; a host that has gone away needs none."""
-        while (outcome := await self._outcomes.get()) is not None:
+        async with self._writing:
             with suppress(grpc.aio.InternalError):
                 await self._write(outcome)
 

@@ -10,7 +10,7 @@ from typing import Any, TypeVar, cast
 
 import grpc
 
-from dispatcher.layer.journal import caused_by
+from dispatcher.layer.journal import CausedBy
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.operations.blocks import Operations
 from dispatcher.operations.gathering import Gathering
@@ -203,7 +203,7 @@ class Service(DispatcherServicer):
         try:
             with (
                 self.layer.journal.request(node, kind, request),
-                caused_by(node, kind, request),
+                CausedBy(node, kind, request),
             ):
                 return await change(node, request)
         except TooLarge as error:

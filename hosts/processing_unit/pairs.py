@@ -24,13 +24,13 @@ from hosts.middleware.session.ends import Answerer
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.session import OpeningSession
 from hosts.network_loop import now_s, wall_sleep
+from hosts.pauses import growing_pauses
 from hosts.processing_unit.qubits import Qubits
 from hosts.timeouts import (
     ANSWER_TIMEOUT_S,
     CONNECT_TIMEOUT_S,
     FREE_TIMEOUT_S,
     MAX_BLOCK_S,
-    RETRY_PAUSE_S,
     WANTED_TIMEOUT_S,
 )
 from wire.config import HostConfig
@@ -153,13 +153,15 @@ class PairMaking:
         """
         async with Agreement(request, remote, self._nodes[remote]) as port:
             deadline_s = now_s() + FREE_TIMEOUT_S
+            pauses = growing_pauses(f"{self.node} {remote} {port}")
             while True:
                 try:
                     return await self._distribute(request, remote, port, qubits)
                 except SessionError as error:
-                    if error.reason != Reason.BUSY or now_s() > deadline_s:
+                    left_s = deadline_s - now_s()
+                    if error.reason != Reason.BUSY or left_s <= 0:
                         raise
-                await wall_sleep(RETRY_PAUSE_S)
+                await wall_sleep(next(pauses), left_s)
 
     async def receive(
         self, key: Key, pairs: int, can_keep: bool, qubits: Qubits

@@ -20,13 +20,18 @@ Coming = asyncio.Task[tuple[Call, bytes]]  # the application's next call
 async def serve_session(
     session: OpeningSession, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
 ) -> None:
-    """Do what a service does, and let the application use what it leaves."""
+    """Do what a service does, and let the application use what it leaves.
+
+    It hears of the end when the connection is closed, so that the controller does before whatever
+    the application asks for next.
+    """
 
     async def tell(**result: Any) -> None:
         writer.write(encode_fields(Call.RESULT, **result))
         await writer.drain()
 
     coming = asyncio.create_task(read_call(reader))
+    over = b""
     try:
         await unless_gone(session.run(tell), coming)
         if session.carrier is not None:
@@ -36,15 +41,16 @@ async def serve_session(
             if session.answer is not None:
                 await _answer_until_closed(session, coming, reader, writer)
             await session.finish()
-        writer.write(encode_fields(Call.CLOSE, **session.summary))
+        over = encode_fields(Call.CLOSE, **session.summary)
     except (SessionError, HardwareError) as error:
         log.warning("%s", error)
         await session.give_up(error)
-        if not writer.is_closing():  # the application may have gone meanwhile
-            writer.write(failed(error, **session.summary))
+        over = failed(error, **session.summary)
     finally:
         await stopped(coming)
         await session.close()
+    if not writer.is_closing():  # the application may have gone meanwhile
+        writer.write(over)
 
 
 async def _carry(

@@ -2,6 +2,7 @@
 
 import json
 import subprocess
+from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 from math import exp, sqrt
 from pathlib import Path
@@ -9,11 +10,14 @@ from typing import Any
 
 import pytest
 from conftest import TSHARK, typed
+from fabric_scene import facts, running
 from loaded import run_qmn
 from scapy.utils import rdpcap
 
 import wire.dissection.scapy_layers  # noqa: F401 (binds the layers)
+from hosts.service_socket import ServiceSocket
 from qmn.sweeps.relay_theory import diagonal, rectilinear
+from topologies.sdc import SdcTopo
 from wire.dissection.scapy_keys import QKey, key_messages
 from wire.qkd import Confirm, Proposal
 
@@ -229,3 +233,31 @@ def test_decoys_find_who_splits_photon_numbers(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
     assert abs(result["asking"]["single_photon_fraction"] - 0.533) < 0.05
     assert result["asking"]["qber"] == 0
+
+
+def taken_part(listener: ServiceSocket) -> None:
+    """Take part in one session until it is over."""
+    connection, _peer = listener.accept()
+    with connection:
+        while not connection.over:
+            list(connection.results())
+
+
+def test_a_session_gets_the_light_of_one_that_has_just_ended(tmp_path: Path) -> None:
+    """So much is said in each that its close has to be held against what the switch counts."""
+    bits = 3_000_000
+    with running(SdcTopo, tmp_path) as network:
+        for opener, acceptor in (("alice", "bob"), ("bob", "alice"), ("bob", "alice")):
+            with (
+                ThreadPoolExecutor(1) as pool,
+                ServiceSocket(network.runtime.socket(opener)) as asking,
+                ServiceSocket(network.runtime.socket(acceptor)) as listener,
+            ):
+                listener.listen(9, "bb84")
+                accepting = pool.submit(taken_part, listener)
+                list(asking.request("bb84", (acceptor, 9), count=bits))
+                asking.shutdown()
+                accepting.result(10.0)
+                assert asking.summary["sifted_bits"] >= bits
+        over = [fact["detail"] for fact in facts(network, "torn_down")]
+        assert over[:2] == ["close", "close"]

@@ -10,12 +10,12 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.offers import at_wavelength
 from hosts.middleware.session.values import announced, heralds_of
 from hosts.network_loop import now_s, wall_sleep
+from hosts.pauses import growing_pauses
 from hosts.timeouts import (
     ANSWER_TIMEOUT_S,
     DISCOVERY_TIMEOUT_S,
     FREEING_TIMEOUT_S,
     HERALD_TIMEOUT_S,
-    RETRY_PAUSE_S,
 )
 from wire.metadata import Answer, Emit, MemoryState, Reason, Service, Setup, Values
 
@@ -25,6 +25,10 @@ class Light:
     """The light of a host, which its sessions have one after the other."""
 
     freed_s: float = -math.inf  # when a session last let go of it, of the network's clock
+
+    def let_go(self) -> None:
+        """Note that a session which this host took part in is over."""
+        self.freed_s = now_s()
 
 
 class Arrangement:
@@ -55,13 +59,14 @@ class Arrangement:
     async def open(self, timeout_s: float = ANSWER_TIMEOUT_S) -> Answer:
         """Arrange light paths; return what the peer accepts in time, or raise SessionError.
 
-        Fibres that the controller is still discovering are waited for, and so is light that this
-        host has only just let go: the controller may hear of that after the next request.
+        Fibres that the controller is still discovering are waited for, and so is light of a session
+        that this host was in until now: the controller may hear of its end after the next request.
         """
         began_s = now_s()
         deadlines_s = {Reason.UNKNOWN_HOST: began_s + DISCOVERY_TIMEOUT_S}
         if began_s - self._light.freed_s < FREEING_TIMEOUT_S:
             deadlines_s[Reason.BUSY] = began_s + FREEING_TIMEOUT_S
+        pauses = growing_pauses(f"{self._setup.session}")
         while True:
             channel = await MetadataChannel.connect(*self._peer)
             try:
@@ -71,9 +76,10 @@ class Arrangement:
                 channel.close()
                 if not isinstance(error, SessionError):
                     raise
-                if now_s() > deadlines_s.get(error.reason, -math.inf):
+                left_s = deadlines_s.get(error.reason, -math.inf) - now_s()
+                if left_s <= 0:
                     raise
-                await wall_sleep(RETRY_PAUSE_S)
+                await wall_sleep(next(pauses), left_s)
             else:
                 self.channel = channel
                 return answer
@@ -126,4 +132,4 @@ class Arrangement:
             self._pairs.close()
         if hasattr(self, "channel"):
             self.channel.close()
-            self._light.freed_s = now_s()
+            self._light.let_go()

@@ -1,5 +1,7 @@
 """Set-ups and closes in the name of others, by guesses at what a connection is about."""
 
+from dataclasses import replace
+
 import pytest
 from metadata_scene import (
     ALICE,
@@ -26,7 +28,7 @@ from controller_apps.sessions.actions import (
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.handshakes import WINDOW
 from controller_apps.timeouts import COUNTING_S, HELD_UP_S
-from wire.metadata import METADATA_PORT, SETUP_LENGTH
+from wire.metadata import METADATA_PORT, SETUP_LENGTH, Reason
 
 # Sequence numbers of the first byte of alice and bob, near the end of their space.
 A, B = 0xFFFFFFF0, 0xFFFFFF00
@@ -184,3 +186,38 @@ def test_a_close_far_on_is_held_against_what_the_switch_has_counted(
     assert torn_down(state.bypass_counted(CONNECTION, counted, 3.0)) == ends
     assert state.is_live(FRAMED.session) != ends
     assert state.bypass_counted(CONNECTION, 1 << 40, 4.0) == []
+
+
+NEXT = replace(FRAMED, session=FRAMED.session + 1)
+
+
+def ask_next(state: Arbiter, now: float) -> list[Action]:
+    """Ask for the light of the first session, over another connection."""
+    accept(state, dport=40001)
+    return arrive(state, frame(NEXT.encode(), sport=40001, seq=A, ack=B), now=now)
+
+
+def said(actions: list[Action]) -> list[tuple[str, str]]:
+    return [(action.event, action.detail) for action in actions if isinstance(action, Note)]
+
+
+@pytest.mark.parametrize(("counted", "ends"), [(3 * WINDOW, True), (WINDOW, False)])
+def test_light_of_a_session_whose_close_is_being_counted_is_waited_for(
+    counted: int, ends: bool
+) -> None:
+    state = opened(state_of())
+    arrive(state, frame(b"later", seq=BEHIND, ack=B))
+    arrive(state, frame(flags="FA", seq=(BEHIND + 2 * WINDOW) & 0xFFFFFFFF, ack=B), now=1.0)
+    assert said(ask_next(state, 1.0)) == [("queued", "")]
+    state.tick(1.0 + COUNTING_S)
+    counted_now = state.bypass_counted(CONNECTION, counted, 3.0)
+    assert any(isinstance(action, OpenPaths) for action in counted_now) == ends
+    if not ends:  # somebody else has guessed at the close
+        late = state.tick(1.0 + state.hold_timeout_s)
+        assert said(late) == [("refused", Reason.BUSY.name)]
+
+
+def test_light_of_a_session_that_goes_on_is_not_waited_for() -> None:
+    state = opened(state_of())
+    arrive(state, frame(b"later", seq=BEHIND, ack=B))
+    assert said(ask_next(state, 1.0)) == [("refused", Reason.BUSY.name)]

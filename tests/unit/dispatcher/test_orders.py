@@ -1,7 +1,7 @@
 """Perform: many orders in one call, each a sequence of steps."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +19,14 @@ from dispatcher_network import (
     running,
 )
 
+from dispatcher.operations.limits import MAX_ORDERS
+from dispatcher.server.orders import Orders
 from wire.dispatcher_pb2 import (
     ApplyRequest,
     BellMeasureRequest,
     CreateRequest,
     DiscardRequest,
+    Feedback,
     Gate,
     GatherRequest,
     Launch,
@@ -228,3 +231,69 @@ def test_a_host_that_goes_away_in_mid_order_does_no_harm(tmp_path: Path) -> None
         assert (await bench.runner.status()).live_qubits > 0
 
     on(tmp_path, act, clock)
+
+
+class SlowHost:
+    """A host that reads no outcome before it is let; what it orders is done at once."""
+
+    def __init__(self) -> None:
+        self.done = 0
+        self.outcomes: list[Outcome] = []
+        self.reads, self.is_written_to = asyncio.Event(), asyncio.Event()
+        self.orders: asyncio.Queue[Order | None] = asyncio.Queue()
+
+    async def act(self, _kind: str, _request: object) -> Feedback:
+        self.done += 1
+        return Feedback()
+
+    async def write(self, outcome: Outcome) -> None:
+        self.is_written_to.set()
+        await self.reads.wait()
+        self.outcomes.append(outcome)
+
+    async def each(self) -> AsyncIterator[Order]:
+        while (order := await self.orders.get()) is not None:
+            yield order
+
+
+def test_a_host_that_reads_no_outcomes_has_so_many_orders_and_no_more() -> None:
+    async def run() -> None:
+        host = SlowHost()
+        for number in range(1, MAX_ORDERS + 1):
+            host.orders.put_nowait(Order(number=number, steps=[create(1)]))
+        async with asyncio.timeout(DEADLINE_S):
+            running = asyncio.create_task(Orders(host.act, host.write).run(host.each()))
+            while host.done < MAX_ORDERS:
+                await asyncio.sleep(0)
+            host.orders.put_nowait(Order(number=MAX_ORDERS + 1, steps=[create(1)]))
+            while not host.orders.empty():
+                await asyncio.sleep(0)
+            host.orders.put_nowait(None)
+            host.reads.set()
+            await running
+        codes = {outcome.number: outcome.code for outcome in host.outcomes}
+        assert host.done == MAX_ORDERS
+        exhausted = grpc.StatusCode.RESOURCE_EXHAUSTED.value[0]
+        assert [number for number, code in codes.items() if code == exhausted] == [MAX_ORDERS + 1]
+        assert len(codes) == MAX_ORDERS + 1
+
+    asyncio.run(run())
+
+
+def test_an_outcome_is_written_whole_though_its_order_is_cancelled_meanwhile() -> None:
+    async def run() -> None:
+        host = SlowHost()
+        async with asyncio.timeout(DEADLINE_S):
+            running = asyncio.create_task(Orders(host.act, host.write).run(host.each()))
+            host.orders.put_nowait(Order(number=1, steps=[create(1)]))
+            await host.is_written_to.wait()
+            host.orders.put_nowait(Order(number=1, cancel=True))
+            host.orders.put_nowait(Order(number=2, steps=[create(1)]))
+            host.orders.put_nowait(None)
+            while host.done < 2:
+                await asyncio.sleep(0)
+            host.reads.set()
+            await running
+        assert [outcome.number for outcome in host.outcomes] == [1, 2]
+
+    asyncio.run(run())

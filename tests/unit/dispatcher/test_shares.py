@@ -11,7 +11,7 @@ from dispatcher_network import Bench, JumpingClock, block, configuration, runnin
 
 from dispatcher.build import LEAST_BLOCKS, LEAST_SHARE, equal_share
 from dispatcher.layer.history import History
-from dispatcher.layer.journal import caused_by
+from dispatcher.layer.journal import CausedBy
 from dispatcher.layer.ownership import MAX_BLOCKS
 from wire.config import QuantumSwitch
 from wire.dispatcher_pb2 import DiscardRequest, Event, MeasureRequest, SendRequest
@@ -96,10 +96,10 @@ def test_who_has_many_small_blocks_leaves_some_for_others(tmp_path: Path) -> Non
 def test_who_causes_many_events_fills_no_more_than_a_share_of_the_log() -> None:
     log = io.StringIO()
     history = History(10, log, share=3)
-    with caused_by("charlie", "send", SendRequest()):
+    with CausedBy("charlie", "send", SendRequest()):
         for number in range(4):  # what charlie causes at bob counts as charlie's
             history.record(Event(time_ns=number, node="bob", kind="arrive"), Event(node="bob"))
-    with caused_by("bob", "measure", MeasureRequest()):
+    with CausedBy("bob", "measure", MeasureRequest()):
         history.record(Event(time_ns=9, node="bob", kind="measure"))
     kinds = [line.split()[1:3] for line in log.getvalue().splitlines()]
     assert [words[0] for words in kinds] == ["bob", "bob", "bob", "dispatcher", "bob"]

@@ -89,6 +89,7 @@ def same_number(opener: str, count: int) -> int:
 pytest.MonkeyPatch().setattr(hosts.stack, "session_number", same_number)  # as long as tests run
 
 Judge = Callable[[Setup], Setup]
+Ends = tuple[asyncio.StreamReader, asyncio.StreamWriter]
 # What becomes of a message that goes "forth" or "back"; None: cut the connection.
 Changed = Message | None
 Change = Callable[[str, Message], Changed | Awaitable[Changed]]
@@ -226,6 +227,13 @@ def relay(
             return
         assert isinstance(setup, Setup)
         there = await asyncio.open_connection(OWN_ADDRESS[name], METADATA_PORT)
+        try:
+            await pass_on(setup, (reader, writer), there)
+        finally:  # also where the network ends before its connections
+            for either in (writer, there[1]):
+                either.close()
+
+    async def pass_on(setup: Setup, here: Ends, there: Ends) -> None:
         own, peer = map(there[1].get_extra_info, ("sockname", "peername"))
         judged = judge(setup)
         if judged.wavelength_pm == ANY_WAVELENGTH:  # it is left to the controller
@@ -233,14 +241,12 @@ def relay(
         if judged.verdict != Verdict.PENDING:
             judged = sealed(judged, name, (*own, *peer))
         there[1].write(judged.encode())
-        cut.watch(writer, there[1])
-        forth, back = (reader, there[1]), (there[0], writer)
+        cut.watch(here[1], there[1])
+        forth, back = (here[0], there[1]), (there[0], here[1])
         if change is None:
             await asyncio.gather(pump(*forth), pump(*back))
         else:
             await asyncio.gather(alter(*forth, "forth", change), alter(*back, "back", change))
-        for either in (writer, there[1]):
-            either.close()
 
     return serve
 

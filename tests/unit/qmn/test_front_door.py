@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -39,6 +40,15 @@ def test_it_runs_from_anywhere_and_loads_nothing_that_lies_there(tmp_path: Path)
 def test_a_link_to_it_is_it(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(QMN)
     assert said(tmp_path / "link", "sabot", "--help").stdout.startswith("usage: qmn sabot ")
+
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+
+
+def test_it_tells_its_name_and_version(tmp_path: Path) -> None:
+    done = said(QMN, "--version", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == f"qmn {PROJECT['version']}\n"
 
 
 def test_a_checkout_without_its_set_up_says_what_to_type(tmp_path: Path) -> None:
@@ -117,7 +127,9 @@ def completions(prefix: Path, *words: str) -> set[str]:
 
 
 def test_installed_it_runs_and_is_completed(prefix: Path) -> None:
-    assert said(prefix / "bin" / "qmn", "--help").stdout.startswith("usage: qmn [-h] VERB")
+    usage = said(prefix / "bin" / "qmn", "--help").stdout
+    assert usage.startswith("usage: qmn [-h] [--version] VERB")
+    assert completions(prefix, "--ver") == {"--version"}
     assert completions(prefix, "cal") == {"calibrate"}
     assert completions(prefix, "run", "tele") == {"teleport"}
     assert completions(prefix, "run", "sdc", "--controller", "") == {"ryu", "os-ken"}
@@ -125,6 +137,8 @@ def test_installed_it_runs_and_is_completed(prefix: Path) -> None:
     page = (prefix / "share/man/man1/qmn.1").read_text()
     assert "qmn \\- the Mininet for programmable quantum networks" in page
     assert "qmn run teleport" in page
+    assert page.splitlines()[0].split(" ", 4)[-1] == f'"qmn {PROJECT["version"]}" "User Commands"'
+    assert "\n\\fB\\-\\-version\\fR\n" in page
     assert (prefix / "share/zsh/site-functions/_qmn").read_text().startswith("#compdef qmn\n")
 
 
@@ -160,6 +174,7 @@ def test_the_citation_has_the_fields_that_the_format_knows() -> None:
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     assert {"authors", "cff-version", "message", "title"} <= citation.keys() <= set(CITED.split())
     assert citation["cff-version"] == "1.2.0"
+    assert citation["version"] == PROJECT["version"]
     assert citation["type"] in ("software", "dataset")
     (paper,) = citation["references"]
     assert {"authors", "title", "type"} <= paper.keys()

@@ -191,7 +191,7 @@ def test_ctrl_c_ends_it_cleanly(scene: Scene, attached: bool) -> None:
 
 
 def test_a_closed_pipe_ends_it_without_a_word(scene: Scene) -> None:
-    scene.act(session=1, count=50)
+    scene.tell("alice", "x" * 1000, count=200)  # more than a pipe holds: it cannot end before
     with scene.spy(str(scene.folder)) as process:
         assert process.stdout
         assert process.stderr
