@@ -114,8 +114,8 @@ live-speed: setup browser ## Measure the live view: how far it is behind, its me
 curves: setup ## Check the physics against theory and draw it (curves/)
 	bin/qmn curves
 
-labs: setup ## Hold published results beside runs of the network (runs/labs/)
-	bin/qmn lab --all
+labs: setup ## Hold published results beside runs of the network (runs/labs/; ARGS=--resume goes on)
+	bin/qmn lab --all $(value ARGS)
 
 picture: setup ## Make the README's picture of a report anew
 	@setup/picture

@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import gc
 import logging
 import os
 import signal
@@ -29,6 +30,7 @@ class Fatal(Exception):
 
 def main() -> int:
     """Run until told to end; return the exit status."""
+    gc.disable()  # until all is loaded, which stays
     options = argparse.ArgumentParser(prog="controller_apps", description=__doc__)
     options.add_argument("--config", type=Path, required=True, help="a ControllerConfig in JSON")
     text = "load it before the configuration is read, which says the same"
@@ -62,6 +64,8 @@ def run(config: ControllerConfig) -> None:
     app = start_apps(framework, config)
     wait_until_listening(framework, host, port)
     stop = stop_socket()
+    gc.freeze()
+    gc.enable()
     print("ready", flush=True)
     stop.recv(1)
     app.close()

@@ -20,6 +20,7 @@ def main() -> int:
         signal.signal(number, lambda *_: forwarder.stop())
     print("ready", flush=True)
     forwarder.run()
+    forwarder.close()
     print(f"stopped: {forwarder.held:,} packets held, {forwarder.lost:,} lost")
     return 0
 

@@ -1,15 +1,15 @@
 """qmn: the Mininet for programmable quantum networks."""
 
 import argparse
+import gc
 import os
 import signal
 import sys
 from collections.abc import Sequence
-from difflib import get_close_matches
 from importlib import import_module
-from typing import Any, NoReturn
 
 from qmn.as_root import NoRoot, become_root
+from qmn.parser import Parser
 from qmn.version import ShowVersion
 
 # Until a verb runs there is nothing to clean up: Ctrl-C just ends the program.
@@ -52,32 +52,6 @@ VERBS = (  # each a module of qmn.verbs
 )
 
 
-class Parser(argparse.ArgumentParser):
-    """Takes options by their whole names alone: an abbreviation means another when options come.
-
-    What is wrong is one line, by the parser of the verb that it is said to.
-    """
-
-    def __init__(self, **given: Any) -> None:
-        """Be argparse's own, but for that; so are the parsers of verbs."""
-        super().__init__(**{"allow_abbrev": False} | given)
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse; what is unknown to this verb is unknown to all."""
-        found, unknown = super().parse_known_args(args, namespace)
-        if unknown:
-            option = unknown[0].partition("=")[0]
-            known = [name for name in self._option_string_actions if name.startswith("--")]
-            near = get_close_matches(option, known, 1) if option.startswith("--") else []
-            remedy = f": did you mean {near[0]}?" if near else ""
-            self.error(f"unrecognized arguments: {' '.join(unknown)}{remedy}")
-        return found, unknown
-
-    def error(self, message: str) -> NoReturn:
-        """End with what is wrong and where the usage is: that of a run is longer than a screen."""
-        self.exit(2, f"{self.prog}: error: {message} (`{self.prog} --help` lists all)\n")
-
-
 def described(words: Sequence[str] = ()) -> argparse.ArgumentParser:
     """Return a parser of the verb that is asked for, or of all, which takes longer to load."""
     parser = Parser(prog="qmn", description=__doc__)
@@ -97,7 +71,10 @@ def needs_root(arguments: argparse.Namespace) -> bool:
 
 def main() -> int:
     """Find the verb, run it, and return its exit status."""
+    gc.disable()  # what is loaded stays: to look through it takes a tenth of the time
     arguments = described(sys.argv[1:]).parse_args()
+    gc.freeze()
+    gc.enable()
     if needs_root(arguments):
         try:
             become_root(sys.argv[1:])

@@ -10,6 +10,7 @@ from pathlib import Path
 import shtab
 
 from qmn.__main__ import described
+from qmn.parser import Parser
 
 
 def completed() -> argparse.ArgumentParser:
@@ -23,6 +24,8 @@ def completed() -> argparse.ArgumentParser:
 
 def actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
     """Yield every option and argument of a parser and of the verbs below it."""
+    if isinstance(parser, Parser):
+        parser.complete()
     for action in parser._actions:
         yield action
         if isinstance(action, argparse._SubParsersAction):

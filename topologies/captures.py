@@ -5,14 +5,22 @@ import time
 from io import BytesIO
 from pathlib import Path
 
+from topologies import openvswitch
 from topologies.machines.machine import Machine
+from topologies.openvswitch import INTERFACES
 from topologies.programs import Program, stop_all
 from topologies.runtime import Runtime
 from topologies.timeouts import POLL_S, READY_TIMEOUT_S, SETTLE_S
 from wire.pcapng import with_clock
 
-BUFFER_KIB = 16_384  # in the kernel, for each capture
-MAX_PACKET_BYTES = 65_600  # TCP hands over up to 64 KiB at once, and its headers
+# In the kernel, for each capture: it has slots in powers of two of pages, for the largest packet
+# and its head. In 16 MiB there are 255 for what TCP hands over, in 2 MiB 1,300 for an Ethernet's.
+BUFFER_KIB, ETHERNET_BUFFER_KIB = 16_384, 2_048
+# Linux lets TCP hand over up to 65,215 bytes at once (GSO_LEGACY_MAX_SIZE - MAX_TCP_HEADER - 1, in
+# net/core/sock.c), after at most 94 of headers; a larger limit would need slots of twice the size.
+MAX_PACKET_BYTES = 65_400
+ETHERNET_PACKET_BYTES = 2_000
+ETHERNET_HEAD_BYTES = 18  # with a tag of VLANs
 # Headers, and set-up messages of quantum metadata, which have at most 512 bytes, whole.
 HEADERS_BYTES = 640
 DROPPED = re.compile(r"^(\d+) packets? dropped by kernel", re.MULTILINE)
@@ -43,7 +51,8 @@ class Captures:
         program = Program(f"tcpdump-{name}", self._network.folder / f"tcpdump-{name}.log")
         self._files[program] = file
         self._starting.append(program)
-        program.start([*capture_command(interface, file, self.packet_bytes), *expression], inside)
+        most_bytes = self.packet_bytes if inside else min(self.packet_bytes, longest(interface))
+        program.start([*capture_command(interface, file, most_bytes), *expression], inside)
         return file
 
     def begin_elsewhere(self, machine: Machine, interface: str, pid: int) -> Path:
@@ -95,6 +104,16 @@ class Captures:
         return [file.stat().st_size for file in self._files.values() if file.exists()]
 
 
+def longest(interface: str) -> int:
+    """Return how many bytes a packet of a switch's interface has at most.
+
+    In the kernel TCP hands over many segments at once; Open vSwitch in user space drops such.
+    """
+    if openvswitch.datapath() == "kernel":
+        return MAX_PACKET_BYTES
+    return ETHERNET_HEAD_BYTES + int((INTERFACES / interface / "mtu").read_text())
+
+
 def capture_command(interface: str, file: Path, packet_bytes: int = MAX_PACKET_BYTES) -> list[str]:
     """Return the tcpdump command for one interface, nanosecond clock, packets up to a size.
 
@@ -102,7 +121,8 @@ def capture_command(interface: str, file: Path, packet_bytes: int = MAX_PACKET_B
     would leave it few slots, and bursts would be missed. As a batch process it does not interrupt
     the programs whose packets it takes, and takes several at a time when processors are busy.
     """
-    options = ["-n", "-U", "-s", str(packet_bytes), "-B", str(BUFFER_KIB)]
+    buffer_kib = ETHERNET_BUFFER_KIB if packet_bytes <= ETHERNET_PACKET_BYTES else BUFFER_KIB
+    options = ["-n", "-U", "-s", str(packet_bytes), "-B", str(buffer_kib)]
     options += ["--immediate-mode", "--time-stamp-precision=nano"]
     # Another user's process would not be told that the runner has died.
     options += ["-Z", "root"]

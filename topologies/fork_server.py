@@ -39,6 +39,7 @@ Main = Callable[[], int | None]
 
 def main() -> int:
     """Import what is to be forked, and fork until the runner ends."""
+    gc.disable()  # while it loads what stays
     descriptor, modules, _padding = sys.argv[1:]
     programs = {name: import_module(runnable(name)).main for name in modules.split(",")}
     if threads() != 1:
@@ -47,6 +48,7 @@ def main() -> int:
     hmac.digest(b"", b"", "sha256")  # OpenSSL loads what it needs for the first one
     gc.collect()
     gc.freeze()  # so that a collection in a child copies no memory that all share
+    gc.enable()
     channel = socket.socket(fileno=int(descriptor))
     print("ready", flush=True)
     while (request := receive(channel)) is not None:
@@ -158,9 +160,12 @@ def enter_namespaces(pid: int | None) -> None:
     if pid is None:
         return
     for kind in NAMESPACES:
-        with open(f"/proc/{pid}/ns/{kind}") as namespace:
-            if LIBC.setns(namespace.fileno(), 0):
-                raise OSError(ctypes.get_errno(), f"setns to the {kind} namespace of {pid}")
+        try:
+            with open(f"/proc/{pid}/ns/{kind}") as namespace:
+                if LIBC.setns(namespace.fileno(), 0):
+                    raise OSError(ctypes.get_errno(), f"setns to the {kind} namespace of {pid}")
+        except FileNotFoundError:
+            sys.exit(f"process {pid}, the shell of its node, was ended")
 
 
 def keep_files(files: Sequence[int], descriptors: Sequence[int]) -> None:

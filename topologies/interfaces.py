@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from ipaddress import IPv4Interface
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TextIO, TypeVar
 
 from mininet.link import Intf
 from mininet.node import Node
@@ -44,13 +44,23 @@ IPV6 = Path("/proc/sys/net/ipv6/conf")
 
 @contextmanager
 def network_of(node: Node) -> Iterator[None]:
-    """Be in the network namespace of a node meanwhile, this thread alone."""
-    with open("/proc/thread-self/ns/net") as home, open(f"/proc/{node.pid}/ns/net") as there:
+    """Be in the network namespace of a node meanwhile, this thread alone.
+
+    Raise NetworkError for a node whose shell somebody has ended.
+    """
+    with open("/proc/thread-self/ns/net") as home, _namespace_of(node) as there:
         _enter(there.fileno())
         try:
             yield
         finally:
             _enter(home.fileno())
+
+
+def _namespace_of(node: Node) -> TextIO:
+    try:
+        return open(f"/proc/{node.pid}/ns/net")
+    except FileNotFoundError as error:
+        raise NetworkError(f"{node.name} has died: its shell was ended") from error
 
 
 def _enter(namespace: int) -> None:

@@ -24,7 +24,7 @@ class VpnConfig(Config):
     key_file: str
     authority: str
     rotate_s: float  # a new key so often
-    lifetime_s: float  # no key is used for longer
+    lifetime_s: float  # no key is used for longer; both are of the network
     private_key: str = ""  # WireGuard: this end's, base64; strongSwan: the IKE secret of both, hex
     peer: str = ""  # WireGuard: public key of the other end; base64
     interface: str = ""  # WireGuard, TLS: its name

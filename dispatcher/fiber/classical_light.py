@@ -51,6 +51,11 @@ class ClassicalLight:
         scattered = optics.raman_per_km_nm * optics.filter_nm * scattering_km(optics)
         self.photons_per_mw = scattered * optics.pulse_window_s / photon_mj
 
+    @property
+    def dark(self) -> bool:
+        """Whether there has been none for as long as is remembered."""
+        return self.power_mw.largest == 0
+
     def effect(self, passage: Passage) -> Effect:
         """Draw how many noise photons come with each pulse."""
         schedule = passage.schedule

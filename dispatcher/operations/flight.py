@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dispatcher.clock import Clock
 from dispatcher.devices.overlap import angular_width
+from dispatcher.fiber.classical_light import ClassicalLight
 from dispatcher.fiber.fluctuations import PhaseDrift, PolarizationDrift
 from dispatcher.fiber.noise import MEMORYLESS, Effect, NoiseModel, Passage, Pattern, Schedule
 from dispatcher.fiber.polarization_modes import (
@@ -274,7 +275,9 @@ class Flight:
 
 
 def meets(encoding: str, model: NoiseModel) -> bool:
-    """Return whether a noise model changes qubits of an encoding."""
+    """Return whether a noise model changes qubits of an encoding just now."""
+    if isinstance(model, ClassicalLight):
+        return not model.dark
     if isinstance(model, POLARIZED):
         return encoding == "polarization"
     return encoding == "time-bin" or not isinstance(model, PhaseDrift)

@@ -21,6 +21,11 @@ class Steps:
         """The latest value."""
         return self._values[-1]
 
+    @property
+    def largest(self) -> float:
+        """The largest value of those that are remembered."""
+        return max(self._values)
+
     def set(self, value: float, now_ns: int) -> None:
         """Change the value from now on."""
         if value == self.now:

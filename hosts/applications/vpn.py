@@ -8,6 +8,9 @@
 
 No key older than its lifetime is used: the end whose key is closes the tunnel by itself, and it
 opens with the next key. Prints a line of JSON for whatever changes.
+
+Times are of the network, but for those of the program that makes the tunnel, which has a clock of
+its own.
 """
 
 import argparse
@@ -30,6 +33,7 @@ from hosts.timeouts import NEXT_KEY_PAUSE_S, TUNNEL_HANDSHAKE_S, TUNNEL_POLL_S, 
 from wire.config import BadConfig
 from wire.key_delivery import KeyRequest, decode_key_ids, encode_key_ids
 from wire.metadata import MalformedPacket
+from wire.network_time import NetworkTime
 from wire.vpn import AGREEMENT_PORT, STRONGSWAN, TLS, VpnConfig
 
 MAX_LINE = 256
@@ -46,21 +50,27 @@ class KeyInUse:
 
     tunnel: Tunnel
     lifetime_s: float
+    time: NetworkTime
     since_s: float | None = None  # None: it is closed
+
+    @property
+    def now_s(self) -> float:
+        """The time of the network."""
+        return self.time.network_s(time.monotonic())
 
     def change(self, key_id: UUID, key: bytes) -> None:
         """Use a key from now on."""
         self.tunnel.use(key_id, key)
-        opened, self.since_s = self.since_s is None, time.monotonic()
+        opened, self.since_s = self.since_s is None, self.now_s
         say("key", key_ID=str(key_id))
         if opened:
             say("tunnel_opened")
 
     def look(self) -> None:
         """Close the tunnel if its key is too old."""
-        if self.since_s is not None and time.monotonic() - self.since_s > self.lifetime_s:
+        if self.since_s is not None and self.now_s - self.since_s > self.lifetime_s:
             self.tunnel.close()
-            say("tunnel_closed", key_age_s=round(time.monotonic() - self.since_s, 3))
+            say("tunnel_closed", key_age_s=round(self.now_s - self.since_s, 3))
             self.since_s = None
 
 
@@ -70,39 +80,39 @@ class NoAgreement(Exception):
 
 def lead(config: VpnConfig, keys: KeyClient, in_use: KeyInUse) -> None:
     """Change the key as often as it should be, for ever."""
-    next_s, wanting = time.monotonic(), False
+    next_s, wanting = in_use.now_s, False
     while True:
         in_use.look()
-        if time.monotonic() >= next_s:
-            next_s = time.monotonic() + config.rotate_s
+        if in_use.now_s >= next_s:
+            next_s = in_use.now_s + config.rotate_s
             try:
                 change(config, keys, in_use)
                 wanting = False
             except (NoKey, NoAgreement) as error:
                 if not wanting:
                     say("no_key", text=str(error))
-                wanting, next_s = True, time.monotonic() + NEXT_KEY_PAUSE_S
+                wanting, next_s = True, in_use.now_s + NEXT_KEY_PAUSE_S
         time.sleep(TUNNEL_POLL_S)
 
 
 def change(config: VpnConfig, keys: KeyClient, in_use: KeyInUse) -> None:
     """Use a new key at both ends, and wait for the handshake that shows that it is the same."""
     (key,) = keys.get(config.other_sae, KeyRequest(size=256))
-    agree(config.other, key.key_id)
+    agree(config.other, key.key_id, in_use.time.wall_s(TUNNEL_TIMEOUT_S))
     in_use.change(key.key_id, key.key)
-    begun = time.monotonic()
+    begun, longest_s = in_use.now_s, in_use.time.network_s(TUNNEL_HANDSHAKE_S)
     while not in_use.tunnel.handshake_done():
-        if time.monotonic() - begun > min(TUNNEL_HANDSHAKE_S, in_use.lifetime_s):
+        if in_use.now_s - begun > min(longest_s, in_use.lifetime_s):
             raise NoAgreement("no handshake with the new key")
         time.sleep(TUNNEL_POLL_S)
-    say("handshake", key_ID=str(key.key_id), seconds=round(time.monotonic() - begun, 3))
+    say("handshake", key_ID=str(key.key_id), seconds=round(in_use.now_s - begun, 3))
 
 
-def agree(other: str, key_id: UUID) -> None:
+def agree(other: str, key_id: UUID, timeout_s: float) -> None:
     """Tell the other end an id; return when it uses the key, or raise NoAgreement."""
     line = encode_key_ids([key_id]) + b"\n"
     try:
-        with socket.create_connection((other, AGREEMENT_PORT), TUNNEL_TIMEOUT_S) as connection:
+        with socket.create_connection((other, AGREEMENT_PORT), timeout_s) as connection:
             connection.sendall(line)
             if read_line(connection) != line:
                 raise NoAgreement("the other end has not taken the key")
@@ -127,7 +137,7 @@ def follow(config: VpnConfig, keys: KeyClient, in_use: KeyInUse) -> None:
 
 def take(config: VpnConfig, keys: KeyClient, in_use: KeyInUse, connection: socket.socket) -> None:
     """Use the key of the id that a connection says; say the id again."""
-    connection.settimeout(TUNNEL_TIMEOUT_S)
+    connection.settimeout(in_use.time.wall_s(TUNNEL_TIMEOUT_S))
     try:
         line = read_line(connection)
         (key_id,) = decode_key_ids(line)
@@ -193,7 +203,7 @@ def main() -> int:
         keys = KeyClient(
             config.address, config.port, config.certificate, config.key_file, config.authority
         )
-        in_use = KeyInUse(tunnel, config.lifetime_s)
+        in_use = KeyInUse(tunnel, config.lifetime_s, config.time)
         (lead if config.leads else follow)(config, keys, in_use)
     except (BadConfig, TunnelError, TunError, OSError) as error:
         print(f"vpn: {error}", file=sys.stderr)

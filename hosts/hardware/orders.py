@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator
 from itertools import count
+from typing import NamedTuple
 
 import grpc
 
@@ -17,6 +18,13 @@ class NotHere(HardwareError):
     """A block is not at this host."""
 
 
+class Waiting(NamedTuple):
+    """An order without an answer."""
+
+    answer: asyncio.Future[Outcome]
+    until_s: float  # of the event loop's clock
+
+
 class Orders:
     """Sends orders and hands each outcome to whoever waits for it."""
 
@@ -24,23 +32,22 @@ class Orders:
         self._stub = stub
         self._token = token
         self._numbers = count(1)
-        self._waiting: dict[int, asyncio.Future[Outcome]] = {}
+        self._waiting: dict[int, Waiting] = {}  # the oldest first
+        self._watch: asyncio.TimerHandle | None = None  # of the oldest, or of one before it
         self._closed = False
         self._outgoing: asyncio.Queue[Order] = asyncio.Queue()
         self._stream: asyncio.Task[None] | None = None
 
     async def perform(self, *steps: Step) -> list[Feedback]:
         """Have steps done in order; raise HardwareError if one of them fails."""
-        number = next(self._numbers)
-        answer: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
-        self._waiting[number] = answer
+        number, loop = next(self._numbers), asyncio.get_running_loop()
+        answer: asyncio.Future[Outcome] = loop.create_future()
+        self._waiting[number] = Waiting(answer, loop.time() + DISPATCHER_TIMEOUT_S)
+        if self._watch is None:  # one timer for all costs each of them less
+            self._watch = loop.call_later(DISPATCHER_TIMEOUT_S, self._look)
         try:
-            async with asyncio.timeout(DISPATCHER_TIMEOUT_S):
-                self._write(Order(number=number, steps=steps))
-                outcome = await answer
-        except TimeoutError as error:
-            self._cancel(number)
-            raise HardwareError(f"dispatcher: no answer in {DISPATCHER_TIMEOUT_S:g} s") from error
+            self._write(Order(number=number, steps=steps))
+            outcome = await answer
         except asyncio.CancelledError:
             self._cancel(number)
             raise
@@ -53,9 +60,23 @@ class Orders:
     async def close(self) -> None:
         """End the stream; there is no other after it."""
         self._closed = True
+        if self._watch is not None:
+            self._watch.cancel()
         if self._stream is not None:
             self._stream.cancel()
             await asyncio.wait([self._stream])
+
+    def _look(self) -> None:
+        """Give up what has waited for too long, and look again when the next has."""
+        loop, self._watch = asyncio.get_running_loop(), None
+        for number, (answer, until_s) in self._waiting.items():
+            if until_s > loop.time():
+                self._watch = loop.call_at(until_s, self._look)
+                return
+            if not answer.done():
+                self._cancel(number)
+                text = f"dispatcher: no answer in {DISPATCHER_TIMEOUT_S:g} s"
+                answer.set_exception(HardwareError(text))
 
     @property
     def _open(self) -> bool:
@@ -81,15 +102,15 @@ class Orders:
             proof = await proved(self._stub, self._token, "Perform")
             call = self._stub.Perform(_each(outgoing), metadata=proof, wait_for_ready=True)
             async for outcome in call:
-                answer = self._waiting.get(outcome.number)
-                if answer is not None and not answer.done():
-                    answer.set_result(outcome)
+                waiting = self._waiting.get(outcome.number)
+                if waiting is not None and not waiting.answer.done():
+                    waiting.answer.set_result(outcome)
         except grpc.aio.AioRpcError as error:
             problem = f"{error.code().name}: {error.details()}"
         finally:
             if call is not None:
                 call.cancel()
-            for answer in self._waiting.values():
+            for answer, _until_s in self._waiting.values():
                 if not answer.done():
                     answer.set_exception(HardwareError(f"dispatcher: {problem}"))
 

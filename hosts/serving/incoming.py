@@ -62,6 +62,8 @@ class Incoming:
         self.ended.set()
 
     async def _writer(self) -> asyncio.StreamWriter:
+        if self._accepted.done():
+            return self._accepted.result()
         try:
             async with asyncio.timeout(ACCEPT_TIMEOUT_S):
                 return await asyncio.shield(self._accepted)

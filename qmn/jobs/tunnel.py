@@ -63,7 +63,10 @@ def start_tunnel(
     lifetime_s: float,
     program: str = WIREGUARD,
 ) -> RunningTunnel:
-    """Start both ends; the first leads. NetworkError if one cannot be."""
+    """Start both ends; the first leads. NetworkError if one cannot be.
+
+    Keys change, and grow old, in time of the network.
+    """
     carry, tell = MADE_BY[program]
     carriers = [carry(network, host) for host in hosts] if carry else []
     own = tell(network, hosts)
@@ -84,6 +87,8 @@ def start_tunnel(
             authority=str(managers.authority),
             rotate_s=rotate_s,
             lifetime_s=lifetime_s,
+            time_scale=network.runtime.time.scale,
+            time_since_ns=network.runtime.time.since_ns,
             **own[number],
         )
         file = network.runtime.folder / f"vpn-{host}.json"
@@ -162,7 +167,10 @@ MADE_BY: dict[str, tuple[Carry | None, Tell]] = {
 def serve_and_download(
     network: Network, tunnel: RunningTunnel, file: Path, folder: Path, mbit_s: float
 ) -> MovedFile:
-    """Let the host that follows serve a file inside the tunnel, and the other download it."""
+    """Let the host that follows serve a file inside the tunnel, and the other download it.
+
+    So many megabit pass in a second of the network.
+    """
     loading, serving = tunnel.hosts
     shared = network.runtime.folder / "shared"
     shared.mkdir()
@@ -172,6 +180,7 @@ def serve_and_download(
     server.wait_for("Serving HTTP", START_TIMEOUT_S, network.check)
     output = folder / RECEIVED
     url = f"http://{INSIDE[1]}:{HTTP_PORT}/file"
-    rate = ["--bytes-per-s", str(mbit_s * 1e6 / 8), "--output", str(output)]
+    rate = ["--bytes-per-s", str(mbit_s * 1e6 / 8), "--time-scale", str(network.runtime.time.scale)]
+    rate += ["--output", str(output)]
     command = [python(), "-m", "hosts.applications.download", *rate, url]
     return MovedFile(server, network.run_on(loading, f"download-{loading}", command), output)

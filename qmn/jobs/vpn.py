@@ -44,6 +44,12 @@ NEEDED = {  # programs, and the Debian packages that have them
     ),
     TLS: (("openssl", "setpriv"), "openssl util-linux"),
 }
+# Timers that are not ours, which `--time-scale` does not slow down.
+OWN_TIMERS = {
+    WIREGUARD: "WireGuard's (a handshake again after 5 s, other keys after 120 s) and TCP's",
+    STRONGSWAN: "IKE's (a message again after 4 s and more, other keys after an hour) and TCP's",
+    TLS: "TCP's",
+}
 ENOUGH = 4096  # keys that are never there: sessions follow one another, and notice who listens
 DEFAULT_S = 20.0  # that the default file takes at the rate that is asked for
 
@@ -96,8 +102,6 @@ def checked(request: VpnRequest) -> tuple[VpnRequest, NetworkDescription]:
     check_ranges(request.run)
     check_ranges(request)
     request.eve.check(ends, network)
-    if request.network.time_scale != REAL:
-        raise BadInput("--time-scale: a VPN's clock is the wall's; leave it out")
     if request.lifetime <= request.rotate:
         raise BadInput(
             f"--key-lifetime {request.lifetime:g}: choose more than --rotate {request.rotate:g}"
@@ -156,6 +160,10 @@ def use_network(
     context.console.print(
         f"{request.program} between {ends[0]} and {ends[1]}, a new key every {request.rotate:g} s"
     )
+    if network.runtime.time.scale != REAL:
+        context.console.print(
+            f"timers on the wall clock: {OWN_TIMERS[request.program]}", soft_wrap=True
+        )
     watched = {host: managers.programs[host] for host in ends}
     noted = Moments(watched, network.runtime.time, partial(show, context.console))
     facts["moments"] = noted.all

@@ -28,6 +28,7 @@ def carry_out(name: str, said: str, seed: int, folder: Path, check: Callable[[],
     Raise NetworkError if it fails; `check` may end it by raising.
     """
     runs = folder / name
+    before = folders(runs)  # of one that was interrupted
     command = [COMMAND, *words_of(said, seed, runs)]
     with (folder / f"{name}.log").open("w") as log:
         # Ctrl-C is ours to pass on: the run then cleans up.
@@ -44,8 +45,19 @@ def carry_out(name: str, said: str, seed: int, folder: Path, check: Callable[[],
             _end(process)
     if process.returncode:
         raise NetworkError(f"{name}: {_why(Path(log.name).read_text())}; see {log.name}")
-    (left,) = (path for path in runs.iterdir() if path.is_dir() and not path.is_symlink())
-    return Run(left, json.loads((left / RESULT).read_text()))
+    (left,) = folders(runs) - before
+    return left_in(left)
+
+
+def folders(runs: Path) -> set[Path]:
+    """Return the folders of runs that are there."""
+    found = runs.iterdir() if runs.exists() else ()
+    return {path for path in found if path.is_dir() and not path.is_symlink()}
+
+
+def left_in(folder: Path) -> Run:
+    """Return the run that has left a folder."""
+    return Run(folder, json.loads((folder / RESULT).read_text()))
 
 
 def _why(said: str) -> str:

@@ -59,17 +59,19 @@ def write(
     return good
 
 
-def show(console: Console, lab: Lab, findings: Sequence[Finding]) -> None:
-    """Print what is published beside ours, and the difference in standard errors."""
+def show(
+    console: Console, findings: Sequence[Finding], tolerance: float, theirs: str = "published"
+) -> None:
+    """Print what is published, or theory, beside ours, and the difference in standard errors."""
     table = Table(box=None, pad_edge=False)
-    for column in ("", "this model", "published", "std. errors", "where"):
-        table.add_column(column, no_wrap=column in ("this model", "published"), overflow="fold")
+    for column in ("", "this model", theirs, "std. errors", "where"):
+        table.add_column(column, no_wrap=column in ("this model", theirs), overflow="fold")
     for each in findings:
         if each.published is not None:
-            theirs = stated(each.published)
+            other = stated(each.published)
             ours = number(each.ours.value, each.error)
-            apart = difference(each, lab.tolerance)
-            table.add_row(each.what, ours, theirs, apart, each.published.source)
+            apart = difference(each, tolerance)
+            table.add_row(each.what, ours, other, apart, each.published.source)
     console.print(table)
 
 

@@ -1,9 +1,11 @@
 """qmn curves: measure the physical layer against theory and draw it.
 
-Fails, and names the point, if one is further from theory than 5 standard errors.
+Fails, and names the point, if one is further from theory than 5 standard errors. Prints of each
+figure the point that is furthest: ours, theory, and the difference in standard errors.
 """
 
 import argparse
+import math
 import os
 import sys
 from collections.abc import Sequence
@@ -14,12 +16,16 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.progress import Progress
 
+from qmn.labs.lab import Finding, Published
+from qmn.labs.outcome import show
 from qmn.options import add_options, read
 from qmn.results.run_folder import give_tree
+from qmn.sweeps.estimates import SIGMAS
 from qmn.sweeps.experiment import SweepError
-from qmn.sweeps.grid import Measurer
+from qmn.sweeps.grid import Measurer, Row
+from qmn.sweeps.lines import BadTable
 from qmn.sweeps.parameters import BadGrid
-from qmn.sweeps.table import BadTable, opened
+from qmn.sweeps.table import opened
 from qmn.verbs.sweep import MAX_WORKERS, progress_columns
 from topologies.network import Interrupted, Signals
 from wire.parameters.option import option
@@ -91,7 +97,7 @@ def measure(
     from qmn.sweeps import running
     from qmn.sweeps.figure import draw
 
-    far, points = [], 0
+    far, points, findings = [], 0, list[Finding]()
     with Progress(*progress_columns(), console=console) as bar:
         task = bar.add_task("points", total=sum(sheet.grid.size for sheet in sheets))
         for sheet in sheets:
@@ -104,8 +110,24 @@ def measure(
                 rows = running.rows(grid, seed, table)
             far += running.disagreements(grid.experiment, rows) + sheet.unmeasured(rows)
             points += len(rows)
+            findings += furthest(sheet, rows)
             for curve in sheet.curves:
                 draw(sheet.picture(curve, rows), out / f"{curve.file}.png")
     give_tree(out)
+    show(console, findings, SIGMAS, "theory")
     console.print(f"{points} points in {out}/, {len(far)} too far from theory", soft_wrap=True)
     return far
+
+
+def furthest(sheet: "Sheet", rows: Sequence[Row]) -> list[Finding]:
+    """Return of each figure the point that is furthest from theory, of those that were counted."""
+    experiment, found = sheet.grid.experiment, list[Finding]()
+    for curve in sheet.curves:
+        measure, compared = experiment.measure(curve.measure), list[Finding]()
+        for values, outcome in rows:
+            theory, ours = measure.expected(values, outcome), outcome[measure.name]
+            if theory is not None and ours.error > 0 and not math.isnan(ours.value):
+                there = Published(theory, 0.0, experiment.place(values))
+                compared.append(Finding("", curve.title, ours, there))
+        found += [max(compared, key=lambda each: abs(each.difference or 0.0))] if compared else []
+    return found

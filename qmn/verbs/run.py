@@ -23,6 +23,7 @@ from qmn.network.key_options import KeyServiceOptions
 from qmn.network.options import KEYS, NetworkOptions
 from qmn.network.topologies import TOPOLOGIES, topology_name
 from qmn.options import add_options, read
+from qmn.parser import Parser
 
 
 def add_parser(verbs: Any) -> None:
@@ -44,6 +45,10 @@ def _add_load(jobs: Any) -> None:
     """Describe heavy traffic."""
     text = "heavy traffic: many sessions of many hosts"
     parser = jobs.add_parser("load", help=text, description=text)
+    parser.put_off(partial(_describe_load, parser))
+
+
+def _describe_load(parser: Parser) -> None:
     add_options(parser, LoadRequest)
     names = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
     text = f"over this network ({names}; default: ring)"
@@ -67,6 +72,10 @@ def _add_superdense(jobs: Any, name: str, what: str) -> None:
     """Describe superdense coding, which is called as the topology that it runs on."""
     text = f"superdense coding over {what}"
     parser = jobs.add_parser(name, help=text, description=text)
+    parser.put_off(partial(_describe_superdense, parser, name))
+
+
+def _describe_superdense(parser: Parser, name: str) -> None:
     add_options(parser, SuperdenseRequest)
     add_options(parser, SuperdenseOptions, words=superdense.SESSION)
     add_options(parser, NetworkOptions, leave_out=KEYS)
@@ -95,6 +104,10 @@ def superdense_request(arguments: argparse.Namespace) -> SuperdenseRequest:
 def _add_service(jobs: Any, name: str, verb: Verb) -> None:
     """Describe a service."""
     parser = jobs.add_parser(name, help=verb.help, description=verb.help)
+    parser.put_off(partial(_describe_service, parser, name, verb))
+
+
+def _describe_service(parser: Parser, name: str, verb: Verb) -> None:
     parser.set_defaults(call=_call_service, service=name)
     if verb.protocols:
         name, *_ = verb.protocols
@@ -171,6 +184,10 @@ def _add_keys(jobs: Any) -> None:
     """Describe the keeping of keys."""
     text = "keep keys of hosts, and deliver them to programs (ETSI GS QKD 014)"
     parser = jobs.add_parser(keys.NAME, help=text, description=text)
+    parser.put_off(partial(_describe_keys, parser))
+
+
+def _describe_keys(parser: Parser) -> None:
     parser.set_defaults(call=_call_keys)
     _add_topology(parser)
     for kind in (KeysRequest, KeyServiceOptions, PassingEve, NetworkOptions):
@@ -198,6 +215,10 @@ def _add_vpn(jobs: Any) -> None:
     """Describe the VPN."""
     text = "a VPN whose keys are of light, with a file moving through it"
     parser = jobs.add_parser(vpn.NAME, help=text, description=text)
+    parser.put_off(partial(_describe_vpn, parser))
+
+
+def _describe_vpn(parser: Parser) -> None:
     parser.set_defaults(call=_call_vpn)
     _add_topology(parser)
     for kind in (VpnRequest, PassingEve, NetworkOptions):

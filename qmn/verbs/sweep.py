@@ -30,8 +30,9 @@ from qmn.sweeps import grid as grids
 from qmn.sweeps.catalogue import EXPERIMENTS
 from qmn.sweeps.experiment import Experiment, SweepError
 from qmn.sweeps.grid import Grid, Measurer
+from qmn.sweeps.lines import BadTable
 from qmn.sweeps.parameters import BadGrid
-from qmn.sweeps.table import BadTable, Table, opened
+from qmn.sweeps.table import Table, opened
 from topologies.network import Interrupted, Signals, require_root
 from topologies.programs import NetworkError
 from wire.parameters.option import option

@@ -1,11 +1,14 @@
 """Labs in networks: one that agrees, and one that says another number than what comes out."""
 
 import json
+import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
-from conftest import ROOT
+import pytest
+from conftest import ROOT, wait_until
 
 from qmn.labs import catalogue
 
@@ -19,6 +22,99 @@ LAB = Lab(
     lambda runs: [exactly("Bell pairs", runs["short"].result["bell_pairs"], 5, "nowhere")],
 )
 """
+
+
+# A run that writes down that it was done, and fails, or goes on, until there is a file `go`.
+SCRIPT = """
+import sys, time
+from pathlib import Path
+_seed, seed, _runs, runs = sys.argv[1:]
+name = Path(runs).name
+here = Path({here!r})
+with (here / "done").open("a") as done:
+    done.write(f"{{name}} ")
+while name == "slow" and not (here / "go").exists():
+    time.sleep(0.05)
+if name == "bad" and not (here / "go").exists():
+    sys.exit("qmn: there is no go")
+folder = Path(runs) / "20260101T000000"
+folder.mkdir(parents=True, exist_ok=True)
+(folder / "result.json").write_text('{{"value": ' + seed + "}}")
+"""
+MADE = """
+from qmn.labs.lab import Lab, exactly
+
+LAB = Lab(
+    "a lab of scripts",
+    "nobody's",
+    {{name: "script {script}" for name in {runs!r}}},
+    lambda runs: [exactly("value", sum(run.result["value"] for run in runs.values()), {sum}, "")],
+)
+"""
+
+
+def labs_of_scripts(folder: Path, runs: dict[str, list[str]], wrong: str = "") -> list[str]:
+    """Make labs of these runs; what one of them expects is wrong. Return their paths."""
+    script = folder / "script.py"
+    script.write_text(SCRIPT.format(here=str(folder)))
+    for name, own in runs.items():
+        (folder / name).mkdir()
+        text = MADE.format(script=script, runs=own, sum=len(own) + (name == wrong))
+        (folder / name / f"{name}.py").write_text(text)
+    return [str(folder / name) for name in runs]
+
+
+def labs(names: list[str], out: Path, *words: str) -> "subprocess.Popen[str]":
+    """Begin to do labs."""
+    command = [sys.executable, "-m", "qmn", "lab", *names, "--out", str(out), *words]
+    return subprocess.Popen(
+        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+def test_labs_go_on_behind_one_that_fails_and_resume_does_what_is_left(tmp_path: Path) -> None:
+    runs = {"one": ["a", "bad", "b"], "two": ["c"], "three": ["d"]}
+    names, out = labs_of_scripts(tmp_path, runs, wrong="three"), tmp_path / "out"
+    said, why = (done := labs(names, out)).communicate(timeout=100)
+    assert done.returncode == 1
+    assert "lab 2 of 3, 2 of 5 runs left" in said
+    assert f"{names[0]} failed: bad: there is no go" in why
+    assert f"beyond its tolerance: {names[2]}" in why
+    assert why.endswith("qmn: the same command with --resume goes on where this one ended\n")
+    assert (tmp_path / "done").read_text() == "a bad c d "
+    (tmp_path / "go").touch()
+    said, why = (done := labs(names[:2], out, "--resume")).communicate(timeout=100)
+    assert (done.returncode, why) == (0, "")
+    assert "lab 1 of 2, 2 of 4 runs left" in said
+    assert (tmp_path / "done").read_text() == "a bad c d bad b "
+    assert len(list(out.iterdir())) == 3  # in the same folders
+    facts = facts_of(out, "one")
+    assert (facts["agrees"], list(facts["runs"])) == (True, ["a", "bad", "b"])
+    # Another seed begins anew, and so does whoever does not ask for the old.
+    for words in (["--resume", "--seed", "2"], []):
+        labs(names[1:2], out, *words).communicate(timeout=100)
+    assert (tmp_path / "done").read_text() == "a bad c d bad b c c "
+
+
+def facts_of(out: Path, name: str) -> dict[str, Any]:
+    """Return what the newest folder of a lab says of it."""
+    facts: dict[str, Any] = json.loads((max(out.glob(f"*-{name}")) / "lab.json").read_text())
+    return facts
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_labs_that_were_interrupted_go_on(tmp_path: Path, number: int) -> None:
+    names, out = labs_of_scripts(tmp_path, {"one": ["a", "slow", "b"]}), tmp_path / "out"
+    done, doing = tmp_path / "done", labs(names, out)
+    wait_until(lambda: done.exists() and done.read_text() == "a slow ", "the second run", 60.0)
+    doing.send_signal(number)
+    _said, why = doing.communicate(timeout=60)
+    assert doing.returncode == 128 + number
+    assert why.endswith("the same command with --resume goes on where this one ended\n")
+    (tmp_path / "go").touch()
+    _said, why = (doing := labs(names, out, "--resume")).communicate(timeout=100)
+    assert (doing.returncode, why) == (0, "")
+    assert done.read_text() == "a slow slow b "
 
 
 def lab(name: str, out: Path) -> subprocess.CompletedProcess[str]:

@@ -123,6 +123,11 @@ def test_a_binary_file_of_many_blocks_arrives(tmp_path: Path) -> None:
     assert [int(number) for number, _photons in measured] == [1, 2, 3, 4, 5]
     assert sum(int(photons) for _number, photons in measured) == 4 * 76_800
     assert " photon=" not in log
+    lengths = [
+        (packet.wirelen or 0, len(packet)) for file in result["captures"] for packet in rdpcap(file)
+    ]
+    assert max(lengths)[0] > 1_500
+    assert [whole for whole, captured in lengths if captured < whole] == []
 
 
 def test_an_empty_file_arrives(tmp_path: Path) -> None:

@@ -103,7 +103,7 @@ class Agent:
 
     async def do_within(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
         """Set up an interface in the network namespace of a process."""
-        with interfaces.network_of(SimpleNamespace(pid=header["pid"])):
+        with interfaces.network_of(SimpleNamespace(name="a node", pid=header["pid"])):
             return WITHIN[header["function"]](*header["arguments"]), b""
 
     async def do_tunnel(self, header: Header, _body: bytes) -> tuple[Any, bytes]:

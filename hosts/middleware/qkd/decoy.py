@@ -5,10 +5,14 @@ distribution", Phys. Rev. A 89, 022307 (2014), arXiv:1311.7129. Key comes of the
 an eavesdropper knows of it is bounded by the errors of the basis Z. Who divides photon numbers
 cannot know of a pulse which intensity it was made with, and so changes how often those of each are
 seen (Hwang 2003; Lo, Ma, Chen 2005).
+
+But for their equation 5, of the phase error: its term for random sampling is that of a normal
+distribution, which few errors are far from, and is the chance of one number of errors, not of all
+below. The tail of the hypergeometric distribution itself takes its place.
 """
 
 from dataclasses import dataclass
-from math import exp, factorial, floor, log, log2, sqrt
+from math import ceil, exp, factorial, floor, lgamma, log, log1p, log2, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,10 +93,9 @@ def bounds(decoys: Decoys, sifted: Sifted, eps_sec: float | None) -> Bounds:
     wrong = max(0.0, decoys.photons(1) * (high[1] - low[2]) / (m2 - m3))
     if single <= 0 or tested <= 0:
         return Bounds(vacuum, 0.0, 0.5)
-    rate = min(0.5, wrong / tested)
-    if eps_sec is not None:
-        rate += deviation(eps_sec, rate, tested, single, TERMS)
-    return Bounds(vacuum, single, min(0.5, rate))
+    if eps_sec is None:
+        return Bounds(vacuum, single, min(0.5, wrong / tested))
+    return Bounds(vacuum, single, phase_error(single, tested, wrong, eps_sec / TERMS))
 
 
 def key_length(
@@ -121,13 +124,36 @@ def _numbers(decoys: Decoys, counts: Counts, eps_sec: float | None) -> tuple[flo
     return float(none), max(0.0, float(one))
 
 
-def deviation(eps: float, rate: float, tested: float, single: float, terms: int) -> float:
-    """Return by how much the phase errors of the key may exceed the errors of the test (gamma).
+def phase_error(single: float, tested: float, wrong: float, eps: float) -> float:
+    """Return the share of phase errors in so many bits of a key, given errors of a test, at most.
 
-    That is but for eps / terms.
+    It is more with probability eps^2, as smooth entropies need (arXiv:1103.4130).
     """
-    if not 0 < rate < 1:
-        rate = min(max(rate, 1 / tested), 0.5)
-    spread = (tested + single) * (1 - rate) * rate / (tested * single * log(2))
-    odds = (tested + single) / (tested * single * (1 - rate) * rate) * terms**2 / eps**2
-    return sqrt(max(0.0, spread * log2(odds)))
+    key, test, errors = floor(single), floor(tested), ceil(wrong)
+    if key < 1 or 2 * errors >= test:
+        return 0.5
+    least, most = 0, key
+    while most - least > 1:
+        middle = (least + most) // 2
+        if _log_chance(key, middle, test, errors) > 2 * log(eps):
+            least = middle
+        else:
+            most = middle
+    return min(0.5, most / key)
+
+
+def _log_chance(key: int, in_key: int, test: int, in_test: int) -> float:
+    """Return how likely a test has so few of all errors at most, if chance draws it; a logarithm.
+
+    It is the last term of the hypergeometric distribution's tail over 1 - r, at most: each term
+    before is r of the next one, or less.
+    """
+    ratio = in_test * (key - in_key) / ((in_key + 1) * (test - in_test + 1))
+    if ratio >= 1:
+        return 0.0
+    ways = _ways(key, in_key) + _ways(test, in_test) - _ways(key + test, in_key + in_test)
+    return ways - log1p(-ratio)
+
+
+def _ways(bits: int, errors: int) -> float:
+    return lgamma(bits + 1) - lgamma(errors + 1) - lgamma(bits - errors + 1)

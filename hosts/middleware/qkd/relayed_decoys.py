@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hosts.middleware.qkd.bits import Bits, Mask
-from hosts.middleware.qkd.decoy import LEVELS, Bounds, Counts, Decoys, Floats, deviation
+from hosts.middleware.qkd.decoy import LEVELS, Bounds, Counts, Decoys, Floats, phase_error
 
 TEST_BASIS = 1  # X
 # Of which eps_sec is the sum: 18 counts that are bounded (7 of Z, 7 of X, 4 of errors), a sample,
@@ -64,10 +64,9 @@ def bounds(ends: Ends, sifted: PairSifted, eps_sec: float | None) -> Bounds:
         return Bounds(0.0, 0.0, 0.5)
     low, high = _scaled(ends, sifted.errors, eps_sec)
     wrong = max(0.0, _difference(high, low, WEAK)) * _ones(ends) / _gaps(ends, WEAK)
-    rate = min(0.5, wrong / tested)
-    if eps_sec is not None:
-        rate += deviation(eps_sec, rate, tested, single, TERMS)
-    return Bounds(0.0, single, min(0.5, rate))
+    if eps_sec is None:
+        return Bounds(0.0, single, min(0.5, wrong / tested))
+    return Bounds(0.0, single, phase_error(single, tested, wrong, eps_sec / TERMS))
 
 
 def key_length(
@@ -77,7 +76,7 @@ def key_length(
 
     A relay that does what it should makes of both pulses what a pair would be, of which each end
     has measured a half, and whoever has the relay has made the pair: so the argument is the same
-    (Curty and others, Nat. Commun. 5, 3732 (2014), whose bound of the counts is a tighter one).
+    (Curty and others, Nat. Commun. 5, 3732 (2014), for the argument; docs/qkd.md compares both).
     """
     secret = bounds(ends, sifted, eps_sec).secret
     cost = 6 * log2(TERMS / eps_sec) + log2(2 / eps_cor)

@@ -6,6 +6,8 @@ Phi-, Psi-, numbered like the operators. A known rotation of the light paths is 
 operator too: number of the state that arrives = operator ^ rotation.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,7 +38,7 @@ def agreed_encoding(proposed: int, symbols: int, rotation: int) -> int:
 
 def to_paulis(symbols: Symbols, encoding: int) -> Symbols:
     """Return the operator that sends each symbol."""
-    return _translated(symbols, _operators(encoding))
+    return _translated(symbols, _sending(encoding))
 
 
 def from_bell_states(outcomes: Symbols, encoding: int, rotation: int, symbols: int = 4) -> Symbols:
@@ -44,16 +46,27 @@ def from_bell_states(outcomes: Symbols, encoding: int, rotation: int, symbols: i
 
     The known rotation of the light paths is undone here.
     """
+    return _translated(outcomes, _reading(encoding, rotation, symbols))
+
+
+def _translated(values: Symbols, table: bytes) -> Symbols:
+    """Look bytes up in a table of 256: numpy's indexing takes twice as long."""
+    return np.frombuffer(values.tobytes().translate(table), dtype=np.uint8)
+
+
+@lru_cache(maxsize=64)
+def _sending(encoding: int) -> bytes:
+    """Return the operator of each symbol, as a table."""
+    return _operators(encoding).tobytes().ljust(256, b"\0")
+
+
+@lru_cache(maxsize=64)
+def _reading(encoding: int, rotation: int, symbols: int) -> bytes:
+    """Return the symbol of each Bell state behind a rotation, as a table."""
     symbol_of = np.full(256, NO_COINCIDENCE, dtype=np.uint8)
     states = _operators(encoding)[:symbols] ^ rotation
     symbol_of[states] = np.arange(symbols, dtype=np.uint8)
-    return _translated(outcomes, symbol_of)
-
-
-def _translated(values: Symbols, table: Symbols) -> Symbols:
-    """Look bytes up in a table of up to 256: numpy's indexing takes twice as long."""
-    translation = table.tobytes().ljust(256, b"\0")
-    return np.frombuffer(values.tobytes().translate(translation), dtype=np.uint8)
+    return symbol_of.tobytes()
 
 
 def _operators(encoding: int) -> NDArray[np.uint8]:

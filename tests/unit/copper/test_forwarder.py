@@ -35,7 +35,7 @@ def cables(
     kind = socket.AF_UNIX, socket.SOCK_SEQPACKET
     pairs = [(socket.socketpair(*kind), socket.socketpair(*kind)) for _ in delays_s]
     laid = [
-        Cable("a", "b", one[0].fileno(), other[0].fileno(), delay_s, loss, mbps)
+        Cable("a", "b", one[0].detach(), other[0].detach(), delay_s, loss, mbps)
         for (one, other), delay_s in zip(pairs, delays_s, strict=True)
     ]
     forwarder = Forwarder(CopperConfig(laid, "10.0.0.4", time_scale=scale))
@@ -47,8 +47,12 @@ def cables(
         forwarder.stop()
         thread.join(DEADLINE_S)
         assert not thread.is_alive()
-        for end in (end for one, other in pairs for end in (*one, *other)):
-            end.close()
+        forwarder.close()
+        for far in (end[1] for pair in pairs for end in pair):
+            far.settimeout(DEADLINE_S)
+            while far.recv(1 << 16):  # what was on its way; then the end of all
+                pass
+            far.close()
 
 
 def comes(end: socket.socket) -> bytes:

@@ -37,7 +37,7 @@ def lab_of(*findings: Finding, tolerance: float = 5) -> Lab:
 def status_of(lab: Lab, out: Path) -> bool:
     options, console = LabOptions(out=out), Console(quiet=True)
     with Signals() as signals:
-        return lab_done("trial", lab, options, signals, console, (print, print))
+        return lab_done("trial", lab, None, options, signals, console, (print, print))
 
 
 def test_the_list_names_every_folder_with_its_title(capsys: pytest.CaptureFixture[str]) -> None:

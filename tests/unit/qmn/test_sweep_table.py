@@ -9,8 +9,9 @@ from qmn.emulated.catalogue import EMULATED
 from qmn.sweeps.catalogue import EXPERIMENTS
 from qmn.sweeps.estimates import Estimate
 from qmn.sweeps.experiment import Outcome
+from qmn.sweeps.lines import BadTable
 from qmn.sweeps.parameters import Values
-from qmn.sweeps.table import BadTable, opened
+from qmn.sweeps.table import opened
 
 TELEPORT = EXPERIMENTS["teleport"]
 SEED = 1
@@ -93,7 +94,7 @@ def test_a_line_that_is_none_of_ours_is_named(file: Path, spoil: object, text: s
 def test_two_sweeps_do_not_write_to_one_table(file: Path) -> None:
     with (
         opened(file, TELEPORT),
-        pytest.raises(BadTable, match="another sweep writes"),
+        pytest.raises(BadTable, match="another qmn writes"),
         opened(file, TELEPORT),
     ):
         pass

@@ -12,6 +12,7 @@ from mininet.node import Node
 from mininet.topo import Topo
 
 from topologies import shells
+from topologies.interfaces import set_up, within
 from topologies.network import Network, Signals
 from topologies.owners import marked, this_process
 from topologies.programs import NetworkError
@@ -111,6 +112,14 @@ def test_a_shell_that_dies_while_the_network_starts_is_named() -> None:
         node.cmd("kill -KILL $$")
     with pytest.raises(NetworkError, match="watched died at its start: its shell was ended"):
         node.cmd("ip link add what-cannot-be")
+    node.terminate()
+
+
+def test_a_shell_that_dies_is_named_where_its_network_is_entered() -> None:
+    node = Watched("alice", inNamespace=False)
+    node._kill_shell()
+    with pytest.raises(NetworkError, match=r"^alice has died: its shell was ended$"):
+        within(node, set_up, "lo")
     node.terminate()
 
 

@@ -18,7 +18,7 @@ import asyncio
 from collections import deque
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
-from dataclasses import asdict
+from typing import Any
 
 from hosts.hardware.qnic import BlockName, NoLight, Symbols
 from hosts.middleware.services.superdense.options import SEQUENTIAL, SuperdenseOptions, sent_half
@@ -46,7 +46,7 @@ class Opener:
         self._end, self._qnic, self._setup, self._channel = end, end.qnic, end.setup, end.channel
         self._sender = Sender(end.setup, end.answer, end.arrangement.peer, now_s())
         self._per_pair = PerPair(self._shake_hands, self._pair, sequential)
-        end.counts, end.summary = self._counts, asdict(self._sender.statistics)
+        end.counts, end.summary = self._counts, self._summary()
         end.sent = self._sender.sent
 
     async def send(self, data: bytes) -> None:
@@ -67,8 +67,11 @@ class Opener:
                     break
         finally:
             await cancelled(under_way)
-            self._end.summary = asdict(self._sender.statistics)
+            self._end.summary = self._summary()
         self._end.sent = self._sender.sent
+
+    def _summary(self) -> dict[str, Any]:
+        return dict(vars(self._sender.statistics))
 
     def _counts(self) -> Mapping[str, int]:
         """Return what was used so far, as the device reports it."""

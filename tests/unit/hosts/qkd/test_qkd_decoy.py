@@ -1,7 +1,7 @@
 """Decoy states: against an independent program, the paper's figures, and photons; seed 1."""
 
 from dataclasses import replace
-from math import exp, log2
+from math import ceil, exp, floor, log, log2, sqrt
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from qkd_ends import SHORT, make_ends, measured, random_bits
 
 from hosts.middleware.qkd.bits import pack_levels, unpack_levels
-from hosts.middleware.qkd.decoy import Bounds, Decoys, Sifted, bounds, key_length
+from hosts.middleware.qkd.decoy import Bounds, Decoys, Sifted, bounds, key_length, phase_error
 from hosts.middleware.qkd.end import State
 from hosts.middleware.qkd.key_length import binary_entropy
 from hosts.middleware.qkd.sifting import Record
@@ -43,13 +43,96 @@ ELSEWHERE = [
 ]
 
 
+def gamma(eps: float, rate: float, tested: float, single: float) -> float:
+    """Return the paper's gamma, for random sampling, of equation 5."""
+    c, d = tested, single
+    odds = (c + d) / (c * d * (1 - rate) * rate) * 21**2 / eps**2
+    return sqrt((c + d) * (1 - rate) * rate / (c * d * log(2)) * log2(odds))
+
+
+def published(
+    decoys: Decoys, counts: tuple[list[int], ...], eps_sec: float, eps_cor: float
+) -> tuple[float, float, float, float]:
+    """Return s_0, s_1, phi and the length of a key by equations 1 to 5, number for number."""
+    mu1, mu2, mu3 = decoys.means
+    tau0, tau1 = (
+        sum(p * exp(-mu) * mu**n for p, mu in zip(decoys.shares, decoys.means, strict=True))
+        for n in (0, 1)
+    )
+
+    def corrected(numbers: list[int]) -> list[tuple[float, float]]:
+        spread = sqrt(sum(numbers) / 2 * log(21 / eps_sec))
+        weights = [exp(mu) / p for p, mu in zip(decoys.shares, decoys.means, strict=True)]
+        pairs = zip(weights, numbers, strict=True)
+        return [(w * max(0.0, n - spread), w * (n + spread)) for w, n in pairs]
+
+    def of_no_and_one_photon(numbers: list[int]) -> tuple[float, float]:
+        (_least, n1), (least2, n2), (least3, n3) = corrected(numbers)
+        s0 = max(0.0, tau0 * (mu2 * least3 - mu3 * n2) / (mu2 - mu3))
+        s1 = least2 - n3 - (mu2**2 - mu3**2) / mu1**2 * (n1 - s0 / tau0)
+        return s0, tau1 * mu1 * s1 / (mu1 * (mu2 - mu3) - mu2**2 + mu3**2)
+
+    (s0, s1), (_z0, z1) = (of_no_and_one_photon(numbers) for numbers in counts[:2])
+    errors = corrected(counts[2])
+    v1 = tau1 * (errors[1][1] - errors[2][0]) / (mu2 - mu3)
+    phi = v1 / z1 + gamma(eps_sec, v1 / z1, z1, s1)
+    entropy = -phi * log2(phi) - (1 - phi) * log2(1 - phi)
+    cost = 6 * log2(21 / eps_sec) + log2(2 / eps_cor)
+    return s0, s1, phi, s0 + s1 * (1 - entropy) - cost
+
+
 @pytest.mark.parametrize(("decoys", "counts", "eps", "expected"), ELSEWHERE)
-def test_keys_are_as_long_as_an_independent_program_says(
+def test_keys_are_those_of_the_paper_but_for_the_sampling_of_errors(
     decoys: Decoys, counts: tuple[list[int], ...], eps: tuple[float, float], expected: int
 ) -> None:
+    """An independent program and its equations agree; the exact tail costs 1 % at most."""
+    s0, s1, phi, length = published(decoys, counts, *eps)
+    assert floor(length) == expected
     sifted = Sifted(*(np.array(each) for each in counts))
-    assert key_length(decoys, sifted, 0, *eps) == expected
-    assert key_length(decoys, sifted, 1000, *eps) == expected - 1000
+    found = bounds(decoys, sifted, eps[0])
+    assert (found.vacuum, found.single) == pytest.approx((s0, s1), rel=1e-12)
+    assert phi < found.phase_error < 1.05 * phi
+    mine = key_length(decoys, sifted, 0, *eps)
+    assert 0.99 * expected < mine < expected
+    assert mine == floor(found.secret - 6 * log2(21 / eps[0]) - log2(2 / eps[1]))
+    assert key_length(decoys, sifted, 1000, *eps) == mine - 1000
+
+
+@pytest.mark.parametrize(
+    ("single", "tested", "wrong"),
+    [
+        (100_000, 100_000, 0),
+        (100_000, 100_000, 1),
+        (1_000_000, 100_000, 20),
+        (20_000, 300_000, 3000),
+        (1_000_000, 1_000_000, 30_000),
+    ],
+)
+def test_phase_errors_are_bounded_by_the_tail_that_scipy_sums(
+    single: int, tested: int, wrong: int
+) -> None:
+    """No more likely than eps^2, and not by much: one error in a hundred fewer would be."""
+    from scipy.stats import hypergeom  # takes a second, which few tests need
+
+    eps = 1e-10 / 21
+
+    def tail(in_key: int) -> float:
+        return float(hypergeom.logcdf(wrong, single + tested, wrong + in_key, tested))
+
+    bound = round(phase_error(single, tested, wrong, eps) * single)
+    assert tail(bound) <= 2 * log(eps) < tail(int(0.99 * bound) - 1)
+
+
+def test_the_papers_equation_is_not_for_few_errors() -> None:
+    """Of 10 errors in half of all bits it bounds the others' but for 3e-9, not 1e-10 / 21."""
+    from scipy.stats import hypergeom  # takes a second, which few tests need
+
+    bits, wrong = 100_000, 10
+    rate = wrong / bits
+    in_key = ceil((rate + gamma(1e-10, rate, bits, bits)) * bits)
+    fails = hypergeom.cdf(wrong, 2 * bits, wrong + in_key, bits)
+    assert fails == pytest.approx(3e-9, rel=0.2)
+    assert phase_error(bits, bits, wrong, 1e-10 / 21) * bits > 1.5 * in_key
 
 
 # Where the best shares of X, signal and weak pulses and the best means are looked for.
