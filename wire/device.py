@@ -66,6 +66,7 @@ UNSET = 0xFFFFFFFF
 PORT = struct.Struct("!15s?")
 MAX_REPEATERS = 64  # in one chain
 MAX_LEVEL_ROUNDS = 8  # of purification, of each span
+MAX_UNDER_WAY = 4  # blocks of one chain, at once
 NOBODY = str(IPv4Address(0))  # no host's address
 
 
@@ -248,7 +249,7 @@ class SwapOrder(Message):
     """
 
     KIND = 36
-    FIELDS = struct.Struct("!QB4sBBBBBB4sBBBBBB")
+    FIELDS = struct.Struct("!QB4sBBBBBB4sBBBBBBB")
 
     chain: int  # the session that the opener has asked for
     place: int  # in the chain: the opener's is 0, the first repeater's 1
@@ -272,6 +273,7 @@ class SwapOrder(Message):
     # swaps it hears of in the end.
     to_right: int = 0
     to_left: int = 0
+    blocks: int = 1  # that may be under way at once: they fit into every memory of the chain
 
     @property
     def last(self) -> bool:
@@ -319,6 +321,8 @@ class SwapOrder(Message):
         if order.station != NOBODY and (order.last or order.station == order.right):
             text = f"station {order.station} of a link from place {order.place} to {order.right}"
             raise MalformedPacket(f"SwapOrder: {text}")
+        if not 0 < order.blocks <= MAX_UNDER_WAY:
+            raise MalformedPacket(f"SwapOrder: {order.blocks} blocks at once")
         order._check_schedule()
         return order
 

@@ -96,6 +96,7 @@ class SwapsOrdered:
     chain: Chain
     schedule: str = "parallel"  # who swaps when: one of schedules.SCHEDULES
     purification: Purification = UNPURIFIED  # of pairs before they are swapped
+    blocks: int = 1  # that may be under way at once
 
 
 @dataclass(frozen=True)

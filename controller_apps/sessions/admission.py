@@ -23,6 +23,7 @@ from controller_apps.sessions.chains import (
 from controller_apps.sessions.node_features import (
     Want,
     block_pairs,
+    blocks_under_way,
     first_want,
     is_station,
     want_of_repeater,
@@ -51,6 +52,7 @@ class Admission:
     waits_for_light: bool = False  # refused only because others have the light
     chain: Chain = ()  # of repeaters, where it is wanted
     block_pairs: int = 0  # in a block at most, where memories take less than was asked for
+    blocks: int = 1  # of a chain, under way at once
     wavelength_pm: int = 0  # of the channel that was chosen
     node: str = ""  # address of the one that the reason is about, if it is about one
     detail: str = ""  # why not, for who runs the network, if the reason does not say it all
@@ -263,8 +265,10 @@ def _find_repeaters(
     stations = partial(is_station, network) if heralded else None
     chain = find_chain(network, *ends, limits, unable, stations)
     if chain is not None:
-        pairs = block_pairs(setup, hosts, repeaters_of(chain), network)
-        return Admission(chain=chain, block_pairs=pairs)
+        nodes = setup, hosts, repeaters_of(chain), network
+        return Admission(
+            chain=chain, block_pairs=block_pairs(*nodes), blocks=blocks_under_way(*nodes)
+        )
     chain = find_chain(network, *ends, limits, stations=stations)
     wants = filter(None, map(unable, repeaters_of(chain or ())))
     for want in wants:

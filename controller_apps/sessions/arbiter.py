@@ -186,7 +186,7 @@ class Arbiter:
             self.sessions.queue[request.five_tuple] = request
             return [Note("queued", session.number), *self._want_back(request, now)]
         if admission.chain:
-            plan = self.schedule, self.purification
+            plan = self.schedule, self.purification, admission.blocks
             return self.ordering.order(request, session, admission.chain, *plan)
         if not admission.paths:
             return self.verdicts.grant(request)

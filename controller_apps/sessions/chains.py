@@ -145,6 +145,7 @@ def orders(ordered: SwapsOrdered, number: int) -> dict[str, SwapOrder]:
             stop.left,
             stop.right,
             station=stop.station or NOBODY,
+            blocks=ordered.blocks,
         )
         for place, (stop, right) in enumerate(
             zip(chain, [*(stop.address for stop in chain[1:]), NOBODY], strict=True)

@@ -8,8 +8,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from controller_apps.light.paths import Network
+from wire.device import MAX_UNDER_WAY
 from wire.features import EMIT, INTERFERE, STORE, Feature, names
-from wire.metadata import Reason, Service, Setup
+from wire.metadata import MemoryState, Reason, Service, Setup
 from wire.services import WANT_OF, Making, Role, making, needs
 
 HALVES = 2  # that a repeater keeps of each pair it makes, and that its memory has to take
@@ -63,14 +64,33 @@ def block_pairs(
     setup: Setup, hosts: Mapping[Role, str], repeaters: Iterable[str], network: Network
 ) -> int:
     """Return how many pairs a block may have: what is asked for, or what all memories take."""
+    return min([setup.pairs, *_pairs_in_memories(setup, hosts, repeaters, network)])
+
+
+def blocks_under_way(
+    setup: Setup, hosts: Mapping[Role, str], repeaters: Iterable[str], network: Network
+) -> int:
+    """Return how many blocks of a chain may be under way at once.
+
+    As many as fit into the smallest memory, and one at least. One alone where links are heralded,
+    whose qubits attempt for one block at a time.
+    """
+    if setup.memory == MemoryState.HERALDED:
+        return 1
+    pairs = block_pairs(setup, hosts, repeaters, network)
+    room = _pairs_in_memories(setup, hosts, repeaters, network)
+    return max(min([MAX_UNDER_WAY, *(most // pairs for most in room)]), 1)
+
+
+def _pairs_in_memories(
+    setup: Setup, hosts: Mapping[Role, str], repeaters: Iterable[str], network: Network
+) -> list[int]:
+    """Return how many pairs each memory takes that is known."""
     service = Service(setup.service)
     keeping = [hosts[role] for role in ENDS if STORE in needs(service, role)]
     taken = [(address, 1) for address in keeping] + [(address, HALVES) for address in repeaters]
     known = [(network.node_features_of(address), qubits) for address, qubits in taken]
-    limits = (
-        node_features.memory_qubits // qubits for node_features, qubits in known if node_features
-    )
-    return min([setup.pairs, *limits])
+    return [features.memory_qubits // qubits for features, qubits in known if features]
 
 
 def _want(network: Network, address: str, role: Role, needed: Feature) -> Want | None:

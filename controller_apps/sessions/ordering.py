@@ -30,12 +30,13 @@ class Ordering:
         chain: Chain,
         schedule: str,
         purification: Purification,
+        blocks: int,
     ) -> list[Action]:
         """Tell the nodes of a chain what they do, and when; the request waits for them."""
         session.chain = chain
         request.unanswered = {stop.address for stop in chain}
         self.light.hold(request)
-        return [SwapsOrdered(session.number, chain, schedule, purification)]
+        return [SwapsOrdered(session.number, chain, schedule, purification, blocks)]
 
     def node_answered(self, number: int, node: str, reason: Reason, now: float) -> list[Action]:
         """Note what a node (its address) says; let the request on after the last."""

@@ -50,6 +50,14 @@ class Coincidences:
 
 
 @dataclass(frozen=True)
+class Outcomes:
+    """What detectors tell of a block: 0 or 1 for each photon, 255 where none clicked."""
+
+    outcomes: Symbols  # shape (k,)
+    time_ns: int
+
+
+@dataclass(frozen=True)
 class Stored:
     """What a memory has taken."""
 
@@ -234,6 +242,9 @@ class Qnic(Protocol):
 
         Return 0 or 1 for each, 255 where no detector clicked; the photons are used up.
         """
+
+    async def outcomes(self, block: BlockName, bases: Symbols) -> Outcomes:
+        """Measure photons as `measure` does; also say when."""
 
     async def measure_along(self, block: BlockName, directions: Directions) -> Symbols:
         """Turn photons at this host so that their directions become |0>, and measure them.

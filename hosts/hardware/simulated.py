@@ -21,6 +21,7 @@ from hosts.hardware.qnic import (
     Heralds,
     LocalGate,
     NoLight,
+    Outcomes,
     Positions,
     Received,
     Stored,
@@ -302,8 +303,12 @@ class SimulatedQnic:
 
     async def measure(self, block: BlockName, bases: Symbols) -> Symbols:
         """Measure photons at this host, each in a basis."""
+        return (await self.outcomes(block, bases)).outcomes
+
+    async def outcomes(self, block: BlockName, bases: Symbols) -> Outcomes:
+        """Measure photons at this host, each in a basis; also say when."""
         (feedback,) = await self._orders.perform(Step(measure=_measure(_named(block), bases)))
-        return _outcomes(feedback)
+        return Outcomes(_outcomes(feedback), feedback.time_ns)
 
     async def measure_along(self, block: BlockName, directions: Directions) -> Symbols:
         """Measure photons at this host, each along a direction."""

@@ -129,7 +129,7 @@ PROTOCOLS = [
     *(ROOT / "hosts" / "middleware" / "qkd").glob("[a-z]*.py"),
     *(
         ROOT / "hosts" / "middleware" / "session" / f"{name}.py"
-        for name in ("node_features", "blocks", "errors", "protocol", "values")
+        for name in ("node_features", "blocks", "errors", "mailbox", "protocol", "values")
     ),
     SERVICES / "source.py",
     *(

@@ -101,6 +101,7 @@ def tables() -> dict[str, Any]:
             "max_repeaters": device.MAX_REPEATERS,
             "most_figure": session_figures.MOST,
             "max_level_rounds": device.MAX_LEVEL_ROUNDS,
+            "max_under_way": device.MAX_UNDER_WAY,
             "trailer": device.TRAILER.size,
             "tag": device.TAG_BYTES,
             "unset": device.UNSET,

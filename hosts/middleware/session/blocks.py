@@ -20,11 +20,12 @@ MAX_STATE = 3
 RESERVED = 0xFFFF_FF00
 TARGETS, SAMPLE, PAIRS, ASKED = range(RESERVED, RESERVED + 4)
 THIRDS = tuple(range(RESERVED + 4, RESERVED + 7))
+ROW, ROWS = 16, 16  # numbers for what is beside one block; blocks that are under way at once
 
 
 def reserved(name: BlockName, number: int) -> BlockName:
-    """Return the block of this number beside another."""
-    return replace(name, number=number)
+    """Return the block of this number beside another: two blocks that follow have two."""
+    return replace(name, number=number + ROW * (name.number % ROWS))
 
 
 def keep(name: BlockName, chosen: Mask) -> Steps[int]:
@@ -56,10 +57,17 @@ def measure_some(
 
     Their places in the block stay, empty.
     """
+    return (yield from measure_some_at(name, number, positions, bases))[0]
+
+
+def measure_some_at(
+    name: BlockName, number: int, positions: Positions, bases: Symbols
+) -> Steps[tuple[Symbols, int]]:
+    """Do what `measure_some` does; also return when (ns) that was."""
     part = reserved(name, number)
     yield from do(Qnic.gather, part, {name: positions}, keep_rest=True)
-    outcomes = yield from do(Qnic.measure, part, bases)
-    return np.where(outcomes <= 1, outcomes, LOST).astype(np.uint8)
+    found = yield from do(Qnic.outcomes, part, bases)
+    return np.where(found.outcomes <= 1, found.outcomes, LOST).astype(np.uint8), found.time_ns
 
 
 def store(name: BlockName) -> Steps[Mask]:

@@ -6,6 +6,7 @@ from contextlib import suppress
 from typing import TypeVar
 
 from hosts.middleware.session.errors import SAME_VERSION, SessionError, SilentPeer, unexpected
+from hosts.middleware.session.mailbox import Mailbox
 from hosts.timeouts import ANSWER_TIMEOUT_S, CONNECT_TIMEOUT_S, IDLE_TIMEOUT_S, LINGER_S
 from wire.metadata import (
     HEADER,
@@ -36,6 +37,8 @@ class MetadataChannel:
         self.connection: Connection = (*peer[:2], *own[:2])
         self._given_up = False
         self._session: int | None = None  # as its set-up message says, whoever has sent that
+        self._mailbox: Mailbox | None = None  # where several hear at a time
+        self._reading: asyncio.Event | None = None  # by one of these, for all: set when it has
         # The answer to a short message carries its acknowledgement.
         writer.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 0)
 
@@ -65,6 +68,8 @@ class MetadataChannel:
         for message in messages:
             if isinstance(message, Setup):
                 self._session = message.session
+            if self._mailbox is not None:
+                self._mailbox.said(message)
         self._writer.write(b"".join(message.encode() for message in messages))
 
     async def request(self, message: Message, timeout_s: float = ANSWER_TIMEOUT_S) -> Answer:
@@ -75,10 +80,20 @@ class MetadataChannel:
             raise SessionError(Reason(answer.reason), answer.text)
         return answer
 
-    async def receive(self, kind: type[M], timeout_s: float, asked: str = "is it") -> M:
-        """Wait for the next message, which must be of this kind (or a refusal)."""
+    def sort(self) -> None:
+        """Let several hear at a time from now on, each what is about its block."""
+        if self._mailbox is None:
+            self._mailbox = Mailbox()
+
+    async def receive(
+        self, kind: type[M], timeout_s: float, asked: str = "is it", block: int | None = None
+    ) -> M:
+        """Wait for the next message, which must be of this kind (or a refusal).
+
+        Where several hear at a time: the next about this block.
+        """
         try:
-            message = await self.next(timeout_s)
+            message = await self.next(timeout_s, block)
         except SilentPeer as error:
             text = f"no {_named(kind)} from {self.peer} in {timeout_s:g} s: {asked} still up?"
             raise SessionError(Reason.PROTOCOL, text) from error
@@ -92,14 +107,35 @@ class MetadataChannel:
             raise SessionError(Reason.PROTOCOL, text)
         return message
 
-    async def next(self, timeout_s: float = IDLE_TIMEOUT_S) -> Message | None:
-        """Return the next message, None at the end of the connection."""
+    async def next(
+        self, timeout_s: float = IDLE_TIMEOUT_S, block: int | None = None, begins: bool = False
+    ) -> Message | None:
+        """Return the next message, None at the end of the connection.
+
+        Where several hear at a time: the next about this block, or that begins one or is about
+        none.
+        """
         try:
             async with asyncio.timeout(timeout_s):
-                return self._checked(await self._read())
+                if self._mailbox is None:
+                    return self._checked(await self._read())
+                return await self._taken(self._mailbox, block, begins)
         except TimeoutError as error:
             text = f"{self.peer} has been silent for {timeout_s:g} s"
             raise SilentPeer(Reason.PROTOCOL, text) from error
+
+    async def _taken(self, mailbox: Mailbox, block: int | None, begins: bool) -> Message | None:
+        while not mailbox.has(block, begins):
+            if self._reading is not None:
+                await self._reading.wait()  # all look then: who waits in line may have its message
+                continue
+            self._reading = asyncio.Event()
+            try:
+                mailbox.put(self._checked(await self._read()))
+            finally:
+                self._reading.set()
+                self._reading = None
+        return mailbox.take(block, begins)
 
     def _checked(self, message: Message | None) -> Message | None:
         """Return a message of this session; raise SessionError for one of another."""

@@ -78,10 +78,10 @@ class ConnectionEnd(Performer):
         match order:
             case protocol.Say(messages):
                 return self.channel.send(*messages)
-            case protocol.Hear(kind, timeout_s):
-                return await self.channel.receive(kind, timeout_s)
-            case protocol.HearNext():
-                return await self.channel.next()
+            case protocol.Hear(kind, timeout_s, block):
+                return await self.channel.receive(kind, timeout_s, block=block)
+            case protocol.HearNext(begins):
+                return await self.channel.next(begins=begins)
             case protocol.Emit(block, pairs) if self.arrangement is not None:
                 return await self.arrangement.emit(block, pairs)
             case protocol.Herald(block, pairs) if self.arrangement is not None:

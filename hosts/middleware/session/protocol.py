@@ -1,7 +1,8 @@
 """Protocols of services: generators of orders, resumed with what has come of each.
 
     Say(messages)               to the other end; nothing comes of it
-    Hear(kind, timeout_s)       the other end's next message, of this kind
+    Hear(kind, timeout_s)       the other end's next message, of this kind; where several hear at a
+                                time (MetadataChannel.sort), the next about its block
     HearNext()                  the opener's next message; None at the end of the session
     Do(operation, ...)          what an operation of this host's QNIC returns
     Begin(operation, ...)       a Light, under way; Collect tells what has come of it
@@ -50,11 +51,14 @@ class Hear:
 
     kind: type[Message]
     timeout_s: float = ANSWER_TIMEOUT_S
+    block: int | None = None  # that it is about
 
 
 @dataclass(frozen=True)
 class HearNext:
     """Wait for what the opener does next, which may be nothing for long; None: it has gone."""
+
+    begins: bool = False  # a block, or is about none; others hear what else there is
 
 
 @dataclass(frozen=True)
@@ -211,9 +215,19 @@ class Side:
         """Say that a block comes; the other end is ready for it then."""
         return request(self.words(Topic.COMING, number, [size], 32))
 
-    def next_values(self) -> Steps[Values | None]:
+    def ready(self, number: int, size: int) -> Say:
+        """Answer that the other end may begin with a block, whatever else is under way."""
+        return self.say(Topic.COMING, number, [size], 32)
+
+    def call(self, number: int, size: int) -> Steps[None]:
+        """Say that a block comes, beside others; the other end is ready for it then."""
+        yield self.ready(number, size)
+        (told,) = (yield from hear(Topic.COMING, number, 1, size)).tolist()
+        require_size(told, size)
+
+    def next_values(self, begins: bool = False) -> Steps[Values | None]:
         """Return what the opener tells next; None at the end of the session."""
-        message = yield HearNext()
+        message = yield HearNext(begins)
         if isinstance(message, Finish):
             return None
         if not isinstance(message, Values):
@@ -222,7 +236,7 @@ class Side:
 
     def announced(self, most: int) -> Steps[tuple[int, int] | None]:
         """Return number and size of the block that comes next; None at the end of the session."""
-        message = yield from self.next_values()
+        message = yield from self.next_values(begins=True)
         return None if message is None else coming(message, most)
 
     def expect_light(self, name: BlockName, port: str = "") -> Steps[Light]:
@@ -314,7 +328,7 @@ def hear(
     topic: int, block: int, count: int | None, most: int, timeout_s: float = ANSWER_TIMEOUT_S
 ) -> Steps[Numbers]:
     """Return the numbers that the other end tells next; SessionError if it tells others."""
-    return expect((yield Hear(Values, timeout_s)), topic, block, count, most)
+    return expect((yield Hear(Values, timeout_s, block)), topic, block, count, most)
 
 
 def request(message: Message, timeout_s: float = ANSWER_TIMEOUT_S) -> Steps[None]:

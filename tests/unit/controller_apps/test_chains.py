@@ -124,7 +124,7 @@ def asked(setup: Setup, source: str = ALICE) -> list[object]:
 
 
 def test_a_swap_waits_for_the_nodes_that_are_told() -> None:
-    assert asked(SWAP) == [SwapsOrdered(7, stops(ALICE, CHARLIE, BOB), "parallel")]
+    assert asked(SWAP) == [SwapsOrdered(7, stops(ALICE, CHARLIE, BOB), "parallel", blocks=4)]
 
 
 def test_a_swap_that_no_repeater_can_make_is_refused() -> None:

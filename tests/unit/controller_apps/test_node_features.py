@@ -15,10 +15,10 @@ from controller_apps.packets.segments import FiveTuple
 from controller_apps.sessions.actions import Forward, Note, OpenPaths, SwapsOrdered
 from controller_apps.sessions.admission import Admission, find_light
 from controller_apps.sessions.chains import find_chain, repeaters_of
-from controller_apps.sessions.node_features import want_of_repeater
+from controller_apps.sessions.node_features import blocks_under_way, want_of_repeater
 from controller_apps.sessions.sessions import Sessions
 from wire.features import EMIT, EVERYTHING, GATE, MEASURE, STORE, Feature, NodeFeatures
-from wire.metadata import METADATA_PORT, Reason, Service, Setup, Verdict, decode
+from wire.metadata import METADATA_PORT, MemoryState, Reason, Service, Setup, Verdict, decode
 from wire.services import NEEDS, WANT_OF, Role
 
 ADDRESSES = {Role.OPENER: ALICE, Role.ACCEPTOR: BOB, Role.SOURCE: CHARLIE}
@@ -245,3 +245,21 @@ def test_devices_are_shown_with_what_they_can_do() -> None:
     features = ["emit", "store", "gate", "measure", "herald", "interfere"]
     assert view["alice"]["features"] == features
     assert "charlie" not in view
+
+
+@pytest.mark.parametrize(
+    ("qubits", "pairs", "blocks"),
+    [(64, 8, 4), (48, 8, 3), (33, 8, 2), (31, 8, 1), (16, 8, 1), (2, 8, 1), (0, 0, 4)],
+)
+def test_as_many_blocks_are_under_way_as_fit_into_the_smallest_memory(
+    qubits: int, pairs: int, blocks: int
+) -> None:
+    """A repeater keeps two halves of each pair; one block at least, and four at most."""
+    network, (alice, r1, bob, *_others) = two_ways(
+        NodeFeatures(EVERYTHING, qubits) if qubits else None
+    )
+    setup = replace(of(Service.SWAP, source=alice), pairs=pairs or 8)
+    hosts = {Role.OPENER: alice, Role.ACCEPTOR: bob}
+    assert blocks_under_way(setup, hosts, [r1], network) == blocks
+    heralded = replace(setup, memory=MemoryState.HERALDED)
+    assert blocks_under_way(heralded, hosts, [r1], network) == 1

@@ -21,6 +21,7 @@ from controller_apps.sessions.chains import orders
 from controller_apps.sessions.sessions import Stop
 from hosts import network_loop
 from hosts.stack import Stack
+from wire.device import MAX_UNDER_WAY
 from wire.metadata import Service, Setup
 
 Stacks = dict[str, Stack]
@@ -36,12 +37,13 @@ def order_swaps(
     session: int,
     schedule: str = PARALLEL,
     purification: Purification = UNPURIFIED,
+    blocks: int = MAX_UNDER_WAY,
 ) -> None:
     """Tell the nodes of a chain what to do in a session, as a controller does."""
     addresses = [RELAYED[name] for name in stacks]
     right = [0, *[1] * (len(addresses) - 2), 0]
     stops = tuple(Stop(address, 0, out) for address, out in zip(addresses, right, strict=True))
-    ordered = SwapsOrdered(session, stops, schedule, purification)
+    ordered = SwapsOrdered(session, stops, schedule, purification, blocks)
     for stack, order in zip(stacks.values(), orders(ordered, 1).values(), strict=True):
         stack.swaps.take(order)
 

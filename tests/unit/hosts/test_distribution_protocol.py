@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hosts.hardware.qnic import BlockName, Stored
+from hosts.hardware.qnic import BlockName, Outcomes, Stored
 from hosts.middleware.services.distribution.options import DistributeOptions
 from hosts.middleware.services.distribution.pairs import Pairs
 from hosts.middleware.services.distribution.protocol import Opening, follow
@@ -108,13 +108,13 @@ class Host:
         """Let go of a block."""
         self.memory = {name: kept for name, kept in self.memory.items() if name.number != number}
 
-    def measure(self, name: BlockName, bases: Any) -> Any:
+    def outcomes(self, name: BlockName, bases: Any) -> Outcomes:
         """Return the bits of a block's photons, those of half 1 the other way round in Y."""
         found = [
             255 if pair is None else self.world.bits[pair] ^ (self.half and int(basis == Y))
             for pair, basis in zip(self.memory.pop(name), bases, strict=True)
         ]
-        return np.array(found, dtype=np.uint8)
+        return Outcomes(np.array(found, dtype=np.uint8), 0)
 
 
 def ends(world: World, **options: Any) -> tuple[Host, Host]:

@@ -128,6 +128,9 @@ local function check_order(values, range, right, station)
     local least, most = 0, format.max_repeaters
     if last then least, most = 1, most + 1 end
     if values.place < least or values.place > most then return "place " .. values.place end
+    if values.blocks < 1 or values.blocks > format.max_under_way then
+        return values.blocks .. " blocks at once"
+    end
     local unpurified = check_purification(values, last)
     if unpurified then return unpurified end
     local waits, notices = math.max(values.after_left, values.tell_left), values.notices

@@ -30,9 +30,15 @@ async def distribute(end: OpenerEnd, options: DistributeOptions) -> Answerer:
     return await make_pairs(end, options, partial(make, end.side))
 
 
-async def make_pairs(end: OpenerEnd, options: DistributeOptions, made: Make) -> Answerer:
-    """Deliver pairs whose blocks are made in this way; return what answers the application."""
-    pairs = await end.perform(Opening(end.side, options, made, now_s()).run())
+async def make_pairs(
+    end: OpenerEnd, options: DistributeOptions, made: Make, blocks: int = 1
+) -> Answerer:
+    """Deliver pairs whose blocks are made in this way, so many at a time.
+
+    Return what answers the application.
+    """
+    opening = Opening(end.side, options, made, now_s(), blocks)
+    pairs = await end.perform_together(opening.run())
     return answerer(end, pairs)
 
 
@@ -43,7 +49,7 @@ async def receive(end: AcceptorEnd) -> Answerer:
 
 async def share_pairs(end: AcceptorEnd, shared: Share) -> Answerer:
     """Follow the opener; new blocks are shared in this way."""
-    pairs = await end.perform(follow(end.side, shared, now_s()))
+    pairs = await end.perform_together(follow(end.side, shared, now_s()))
     end.summary = pairs.summary(now_s())
     return answerer(end, pairs)
 

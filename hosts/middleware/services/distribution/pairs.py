@@ -21,6 +21,7 @@ from hosts.middleware.session.blocks import (
     keep,
     keep_of_all,
     measure_some,
+    measure_some_at,
     store,
     take,
 )
@@ -42,11 +43,12 @@ class Portion:
 
     size: int
     rounds: int = 0  # of purification so far
+    since_ns: int = 0  # the mean time from which halves wait at this end; 0: nobody has told
 
 
 @dataclass
 class Moments:
-    """When pairs were measured."""
+    """When pairs were measured, or how long they had waited then."""
 
     pairs: int = 0
     mean_s: float = 0.0
@@ -69,6 +71,7 @@ class Pairs:
         self.facts: dict[str, Any] = {}  # beside those that there are of all pairs
         self.estimates: dict[int, Estimate] = {}  # by rounds of purification
         self._sampled: dict[int, Moments] = {}  # by rounds of purification
+        self._waited = Moments()  # of those sampled, until then
         self.rounds = self.emitted = self.shared = self.compared = self.survived = 0
         self.dropped = 0  # too old
 
@@ -103,10 +106,10 @@ class Pairs:
         kept = yield from keep(self._name(number), ours & theirs)
         self.add(number, ours.size, kept)
 
-    def add(self, number: int, emitted: int, size: int) -> None:
+    def add(self, number: int, emitted: int, size: int, since_ns: int = 0) -> None:
         """Count a new block, of which both ends have kept so many pairs, all of them shared."""
         self.emitted, self.shared = self.emitted + emitted, self.shared + size
-        self.blocks[number] = Portion(size)
+        self.blocks[number] = Portion(size, since_ns=since_ns)
         self._forget_empty(number)
 
     def held(self, number: int) -> Steps[Mask]:
@@ -147,7 +150,9 @@ class Pairs:
         """Sacrifice pairs of a block: measure them, each in its basis, at both ends."""
         portion, name = self.portion(number), self._name(number)
         positions = np.flatnonzero(chosen)
-        ours = yield from measure_some(name, SAMPLE, positions, bases)
+        ours, time_ns = yield from measure_some_at(name, SAMPLE, positions, bases)
+        if portion.since_ns:
+            self._note_wait(positions.size, time_ns - portion.since_ns)
         theirs = yield from self._exchange(number, ours)
         estimate = self.estimates.setdefault(portion.rounds, Estimate())
         estimate.add(bases, ours, theirs)
@@ -162,7 +167,7 @@ class Pairs:
             raise SessionError(Reason.PROTOCOL, f"{count} of {self.available} pairs to deliver")
         left = count
         picks: dict[BlockName, Positions] = {}
-        for number, portion in self.blocks.items():
+        for number, portion in sorted(self.blocks.items()):  # as they came differs at both ends
             picks[self._name(number)] = np.arange(min(left, portion.size))
             left -= min(left, portion.size)
         yield from take(self._name(PAIRS), picks)
@@ -229,6 +234,11 @@ class Pairs:
             which = f"pair {used[0]} is used up" if used.size else "a pair is named twice"
             raise SessionError(Reason.UNSUPPORTED, f"{which}: name each pair once")
         return chosen
+
+    def _note_wait(self, pairs: int, waited_ns: int) -> None:
+        """Count how long halves have waited at this end until they were sacrificed."""
+        self._waited.add(pairs, waited_ns / 1e9)
+        self.facts["sampled_waited_ms"] = self._waited.mean_s * 1e3
 
     def _exchange(self, number: int, outcomes: Symbols) -> Steps[Symbols]:
         """Tell the other end what has been measured here; return what has been there."""

@@ -1,7 +1,8 @@
 """The protocol of entanglement distribution at both ends: no socket, no clock.
 
 The opener decides, block by block, by what it has measured; the acceptor follows. How new blocks
-come to both ends is for others to say (sharing.py, and swapping, whose pairs come by repeaters).
+come to both ends is for others to say (sharing.py, and swapping, whose pairs come by repeaters and
+of which several blocks are under way).
 """
 
 from collections.abc import Callable
@@ -14,7 +15,17 @@ from hosts.middleware.services.distribution.pairs import Pairs
 from hosts.middleware.services.distribution.purification import PHOTONS, Protocol
 from hosts.middleware.session import node_features
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.protocol import HostSide, Now, OpenerSide, Steps, Tell, hear, request
+from hosts.middleware.session.protocol import (
+    Beside,
+    HostSide,
+    Now,
+    OpenerSide,
+    Steps,
+    Tell,
+    Until,
+    hear,
+    request,
+)
 from hosts.middleware.session.values import NUMBERS, Lifetimes, expect
 from hosts.timeouts import MAX_BLOCK_S
 from wire.features import GATE, MEASURE
@@ -38,9 +49,17 @@ class Opening:
     """What the opener does: it decides, and the acceptor follows."""
 
     def __init__(
-        self, side: OpenerSide, options: DistributeOptions, make: Make, started_s: float
+        self,
+        side: OpenerSide,
+        options: DistributeOptions,
+        make: Make,
+        started_s: float,
+        blocks: int = 1,
     ) -> None:
-        """Begin with no pairs."""
+        """Begin with no pairs; so many blocks may be under way at once."""
+        self._blocks = blocks
+        self._under_way: dict[int, int] = {}  # sizes of blocks by their numbers, in order
+        self._made: set[int] = set()  # of these, what has come to both ends
         self._side, self._options, self._make = side, options, make
         self._protocol = Protocol[options.purification.upper()]
         self._pairs = Pairs(side, half=0, started_s=started_s)
@@ -56,7 +75,7 @@ class Opening:
         pairs, count = self._pairs, self._options.count
         self._require_node_features()
         while not (yield from self._are_ready()):
-            if self._judged and self._too_noisy:
+            if self._needs_purification and not self._under_way:
                 yield from self._purify_once_more()
             else:
                 yield from self._acquire()
@@ -69,7 +88,7 @@ class Opening:
 
     def _are_ready(self) -> Steps[bool]:
         """Return whether there are as many as are wanted when those too old are dropped."""
-        if self._short or self._too_noisy:
+        if self._short or self._too_noisy or self._under_way:
             return False
         if self._cutoff_s < inf:
             yield from self._drop_old()
@@ -78,6 +97,10 @@ class Opening:
     @property
     def _short(self) -> bool:
         return self._pairs.available < self._options.count or not self._judged
+
+    @property
+    def _needs_purification(self) -> bool:
+        return self._judged and self._too_noisy
 
     @property
     def _cutoff_s(self) -> float:
@@ -139,20 +162,55 @@ class Opening:
         yield Tell(self._pairs.summary((yield Now())) | {"pairs": count})
 
     def _acquire(self) -> Steps[None]:
-        """Have another block of light made, and bring its pairs to where the others are."""
-        pairs = self._pairs
-        node_features.require_capacity(self._side, pairs.available, self._spare)
-        self._number, self._size = self._number + 1, self._next_size()
-        yield from self._make(pairs, self._number, self._size)
-        self._dark = 0 if self._number in pairs.blocks else self._dark + 1
+        """Have more light made, and bring the pairs of the oldest block to where others are."""
+        yield from self._begin_blocks()
+        oldest = next(iter(self._under_way))
+        if oldest not in self._made:
+            yield Until(lambda: oldest in self._made)
+        self._made.remove(oldest)
+        del self._under_way[oldest]
+        self._dark = 0 if oldest in self._pairs.blocks else self._dark + 1
         self._require_hope()
-        yield from self._bring_up(self._number)
+        if self._under_way:
+            yield from self._begin_blocks()  # while those are brought up
+        yield from self._bring_up(oldest)
+
+    def _begin_blocks(self) -> Steps[None]:
+        """Have light made for as many blocks as there is need of and room for."""
+        while len(self._under_way) < self._blocks and (size := self._next_size()):
+            node_features.require_capacity(self._side, self._pairs.available, self._spare)
+            self._number, self._size = self._number + 1, size
+            self._under_way[self._number] = size
+            if self._blocks == 1:
+                yield from self._make_block(self._number, size)
+            else:
+                yield Beside(self._make_block(self._number, size))
+
+    def _make_block(self, number: int, size: int) -> Steps[None]:
+        yield from self._make(self._pairs, number, size)
+        self._made.add(number)
 
     def _next_size(self) -> int:
-        """Return how much light is worth asking for, by what has come of it so far."""
-        pairs, share = self._pairs, self._options.sample
-        room = self._capacity - pairs.available
+        """Return how much light is worth asking for, by what has come so far; 0: none now."""
+        pairs, coming = self._pairs, sum(self._under_way.values())
+        if self._under_way and self._needs_purification:
+            return 0
+        room = self._capacity - pairs.available - coming
         most = min(self._side.setup.pairs, int(self._side.setup.rate_hz * MAX_BLOCK_S), room)
+        wanted = self._wanted
+        if wanted is None:
+            if self._under_way:
+                return 0
+            more = 4 if self._cutoff_s == inf else 1  # pairs of more light are older
+            return max(1, min(most, more * self._size))
+        if self._under_way:
+            return max(0, min(most, ceil(wanted) - coming))
+        return max(1, min(most, ceil(wanted)))
+
+    @property
+    def _wanted(self) -> float | None:
+        """How much light is expected to be needed, with a margin; None: nothing has come yet."""
+        pairs, share = self._pairs, self._options.sample
         missing = max(self._options.count - pairs.available, 0)
         unsampled = max(self._least_sample - pairs.estimate.total, 0)
         good = pairs.available + pairs.estimate.total
@@ -161,11 +219,10 @@ class Opening:
         elif good:
             kept = good / pairs.emitted
         else:
-            more = 4 if self._cutoff_s == inf else 1  # pairs of more light are older
-            return max(1, min(most, more * self._size))
+            return None
         # What is beyond the pairs that are wanted is sacrificed, and of each block its share.
         wanted = max(missing + unsampled, missing / (1 - share))
-        return max(1, min(most, ceil(MARGIN * wanted / kept) + 1))
+        return MARGIN * wanted / kept + 1
 
     def _bring_up(self, number: int) -> Steps[None]:
         """Purify a block as often as the others, and sacrifice a share of what is left."""

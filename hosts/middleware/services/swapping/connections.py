@@ -38,6 +38,7 @@ class OpenedLink(ConnectionEnd):
         arrangement = Arrangement(setup, (order.right, order.right), setup.source, Light())
         try:
             await arrangement.open(LINK_TIMEOUT_S)
+            arrangement.channel.sort()
             if setup.memory == MemoryState.HERALDED:
                 await arrangement.engage_source()
         except BaseException:
@@ -65,6 +66,7 @@ async def serve_link(resources: HostResources, channel: MetadataChannel, setup: 
     resources = resources.at(setup.wavelength_pm)
     require_fibers(setup, Role.ACCEPTOR, resources.qnic, making(setup, False))
     order = await resources.swaps.order_of_link(setup.session)
+    channel.sort()
     connection = ConnectionEnd(resources.qnic, setup, channel)
     incoming = IncomingLink(connection.side, order)
     try:

@@ -2,19 +2,23 @@
 
 left                                     right
   | Values(COMING) ----------------------> |  ready for the light
-  | <--------------------------- Answer(OK)|
+  | <---------------------- Values(COMING) |
   | -- light, half 1; half 0 stays --------> |  into memory
   | Values(ARRIVED) <--------------------> |  both keep what both have, in order
   |    or both attempt, and a station heralds (hosts/middleware/session/blocks.py)
   | Values(SWAPPED, ARRIVED, CORRECTIONS) > |  the bits of each swap to the left
   | <---------------------- Values(SWAPPED) |  notice of a swap to the right, if one waits for it
+
+Several blocks may be under way; each says and hears all this by itself, and light is made for one
+at a time.
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from hosts.hardware.qnic import BlockName
+from hosts.hardware.qnic import BlockName, Stored
 from hosts.middleware.services.swapping.bits import MAX_OPERATOR, Bits, Swapped
 from hosts.middleware.services.swapping.spans import (
     MAX_SEED,
@@ -36,12 +40,14 @@ from hosts.middleware.session.protocol import (
     Say,
     Side,
     Steps,
+    Until,
     hear,
     heralded,
     own_pairs,
     request,
+    require_size,
 )
-from hosts.timeouts import BITS_TIMEOUT_S
+from hosts.timeouts import BITS_TIMEOUT_S, IDLE_TIMEOUT_S
 from wire.device import MAX_REPEATERS, NOBODY, SwapOrder
 from wire.metadata import (
     SEAL_BYTES,
@@ -59,41 +65,60 @@ NO_DIGEST = bytes(32)
 MAX_WAITED_US = (1 << 32) - 1
 
 
+class Kept(NamedTuple):
+    """What one end of a link has of a block: halves of pairs that are at both ends, in order."""
+
+    size: int
+    since_ns: int  # the mean time from which they wait
+
+
 class OutgoingLink:
     """The left end: makes the pairs."""
 
     def __init__(self, side: Side, port: str) -> None:
         """Send light into this port."""
         self._side, self._port = side, port
-        self.since_ns = 0  # the mean time from which the last block waits
+        self._lit = False  # the source makes light for a block
 
     def block(self, number: int) -> BlockName:
         """Return the name of the halves that are kept here."""
         return self._side.block(number, half=0)
 
-    def make(self, number: int, size: int) -> Steps[int]:
-        """Make a block of pairs; return how many have reached both ends, in the same order."""
+    def make(self, number: int, size: int) -> Steps[Kept]:
+        """Make a block of pairs; return what has reached both ends."""
         side = self._side
-        yield from side.announce(number, size)
         if side.setup.memory == MemoryState.HERALDED:
+            yield from side.announce(number, size)
             return (yield from self._herald(number, size))
-        stored = yield from own_pairs(side, number, size, self._port)
-        self.since_ns = stored.since_ns
+        stored = yield from self._light(number, size)
         yield side.say(Topic.ARRIVED, number, stored.arrived, 1)
         theirs = yield from hear(Topic.ARRIVED, number, size, 1)
         both = stored.arrived & theirs.astype(bool)
-        return (yield from keep_of_all(self.block(number), both))
+        return Kept((yield from keep_of_all(self.block(number), both)), stored.since_ns)
 
-    def _herald(self, number: int, size: int) -> Steps[int]:
-        """Have a station herald pairs; return how many are at both ends, in the same order."""
+    def _light(self, number: int, size: int) -> Steps[Stored]:
+        """Make the light of a block when that of others is over; return what is kept of it.
+
+        The right end hears of the block only then: nobody expects light that has to wait.
+        """
+        yield Until(lambda: not self._lit)
+        self._lit = True
+        try:
+            yield from self._side.call(number, size)
+            return (yield from own_pairs(self._side, number, size, self._port))
+        finally:
+            self._lit = False
+
+    def _herald(self, number: int, size: int) -> Steps[Kept]:
+        """Have a station herald pairs; return what is at both ends."""
         side, name = self._side, self.block(number)
         heralds = yield from heralded(side, number, size, self._port)
         yield side.say(Topic.HERALDED, number, heralds.states, 2)
         kept = yield from hear(Topic.ARRIVED, number, heralds.states.size, 1)
         if not kept.size:
-            return 0
-        self.since_ns = yield from stored_since(name)
-        return (yield from keep_of_all(name, kept.astype(bool)))
+            return Kept(0, 0)
+        since_ns = yield from stored_since(name)
+        return Kept((yield from keep_of_all(name, kept.astype(bool))), since_ns)
 
     def purify(self, number: int, size: int, order: SwapOrder) -> Steps[int]:
         """Follow the right ends of all spans that begin here; return how many pairs are left."""
@@ -137,7 +162,6 @@ class IncomingLink:
     def __init__(self, side: Side, order: SwapOrder) -> None:
         """Do as was ordered with a link that has been accepted."""
         self._side, self._port = side, fiber_of(side.ports, order.left_fiber)
-        self.since_ns = 0  # the mean time from which the last block waits
 
     def block(self, number: int) -> BlockName:
         """Return the name of the halves that are kept here."""
@@ -147,20 +171,25 @@ class IncomingLink:
         """Return number and size of the block that comes next; None at the end of the link."""
         return self._side.announced(self._side.setup.pairs)
 
-    def take(self, number: int, size: int) -> Steps[int]:
-        """Store a block that was announced; return how many pairs have reached both ends."""
+    def begun(self, number: int, size: int) -> Steps[None]:
+        """Hear that a block of this number and size comes, or raise SessionError."""
+        told = yield from hear(Topic.COMING, number, 1, size, IDLE_TIMEOUT_S)
+        require_size(int(told[0]), size)
+
+    def take(self, number: int, size: int) -> Steps[Kept]:
+        """Store a block that was announced; return what has reached both ends."""
         side, name = self._side, self.block(number)
         if side.setup.memory == MemoryState.HERALDED:
-            kept, self.since_ns = yield from correct_heralded(side, name, size, self._port)
-            return int(np.count_nonzero(kept))
+            kept, since_ns = yield from correct_heralded(side, name, size, self._port)
+            return Kept(int(np.count_nonzero(kept)), since_ns)
         light = yield from side.expect_light(name, self._port)
-        yield side.agree()
+        yield side.ready(number, size)
         theirs = yield from hear(Topic.ARRIVED, number, size, 1)
         stored = yield from side.stored(light, size)
-        self.since_ns = stored.since_ns
         arrived = yield from correct_rotation(name, stored.arrived, side.setup.rotation)
         yield side.say(Topic.ARRIVED, number, arrived, 1)
-        return (yield from keep_of_all(name, arrived & theirs.astype(bool)))
+        both = arrived & theirs.astype(bool)
+        return Kept((yield from keep_of_all(name, both)), stored.since_ns)
 
     def purify(self, number: int, size: int, order: SwapOrder, seed: int) -> Steps[int]:
         """Purify all spans that end here, each behind the swap that has made it.

@@ -13,14 +13,22 @@ import numpy as np
 from hosts.hardware.qnic import BlockName, Qnic
 from hosts.middleware.services.distribution.pairs import Mask, Pairs
 from hosts.middleware.services.swapping.bits import Bits, Swapped
-from hosts.middleware.services.swapping.link import IncomingLink, OutgoingLink, to_the_left_of
-from hosts.middleware.session.blocks import keep_of_all, store, take
+from hosts.middleware.services.swapping.link import (
+    IncomingLink,
+    Kept,
+    OutgoingLink,
+    to_the_left_of,
+)
+from hosts.middleware.session.blocks import RESERVED, keep_of_all, store, take
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import (
+    Beside,
     Connection,
     HostSide,
+    Now,
     OpenerSide,
     Steps,
+    Tell,
     Through,
     Wait,
     coming,
@@ -28,11 +36,36 @@ from hosts.middleware.session.protocol import (
     hear,
 )
 from hosts.timeouts import BITS_TIMEOUT_S
-from wire.device import SwapOrder
+from wire.device import MAX_UNDER_WAY, SwapOrder
 from wire.metadata import MemoryState, Reason, Topic, Values
 
 # The last link of a chain, and the order of its right end; it comes when the chain is there.
 LastLink = Callable[[], Awaitable[tuple[Connection, IncomingLink, SwapOrder]]]
+
+
+class UnderWay:
+    """The blocks of a chain that are under way at a node: as many as were ordered at most.
+
+    Names follow from the numbers of blocks: none may come again.
+    """
+
+    def __init__(self, most: int) -> None:
+        """Begin with none."""
+        self._most, self._latest = most, 0
+        self._numbers: set[int] = set()
+
+    def begin(self, number: int) -> None:
+        """Note that a block begins; raise SessionError if it must not."""
+        if number <= self._latest or number >= RESERVED or len(self._numbers) >= self._most:
+            text = f"block {number} after {self._latest} and beside {sorted(self._numbers)}: "
+            text += f"numbers rise, and {self._most} may be under way"
+            raise SessionError(Reason.PROTOCOL, text)
+        self._latest = number
+        self._numbers.add(number)
+
+    def end(self, number: int) -> None:
+        """Note that nothing of a block takes room for its sake here any more."""
+        self._numbers.discard(number)
 
 
 class Opening:
@@ -48,10 +81,11 @@ class Opening:
     def make(self, pairs: Pairs, number: int, size: int) -> Steps[None]:
         """Have a block made; keep half 0 of each pair."""
         side, link = self._side, self._link
-        yield from side.announce(number, size)
-        sent = there = yield Through(self._connection, link.make(number, size))
+        yield from side.call(number, size)
+        sent: Kept = yield Through(self._connection, link.make(number, size))
+        there = sent.size
         if self._order.rounds:
-            there = yield Through(self._connection, link.purify(number, sent, self._order))
+            there = yield Through(self._connection, link.purify(number, there, self._order))
             pairs.facts["span_rounds"] = self._order.rounds
         theirs = yield from hear(Topic.ARRIVED, number, None, 1, BITS_TIMEOUT_S)
         if theirs.size > there:
@@ -61,8 +95,8 @@ class Opening:
         chosen = np.flatnonzero(theirs)
         if there:
             yield from take(side.block(number), {link.block(number): chosen})
-        made = sent if side.setup.memory == MemoryState.HERALDED else size
-        pairs.add(number, made, chosen.size)
+        made = sent.size if side.setup.memory == MemoryState.HERALDED else size
+        pairs.add(number, made, chosen.size, sent.since_ns)
 
 
 class Turn:
@@ -103,24 +137,20 @@ class Turn:
 
 def joined(
     names: tuple[BlockName, BlockName],
-    there: tuple[int, int],
-    since_ns: tuple[int, int],
+    kept: tuple[Kept, Kept],
     place: int,
     distinguishable_states: frozenset[int],
 ) -> Steps[Swapped]:
-    """Join the first pairs of the links to both sides, and let go of the rest of either.
-
-    Of each side: its halves here, how many there are, and from when they wait.
-    """
-    size = min(there)
-    for name, count in zip(names, there, strict=True):
-        if size < count:
+    """Join the first pairs of the links to both sides, and let go of the rest of either."""
+    size = min(side.size for side in kept)
+    for name, side in zip(names, kept, strict=True):
+        if size < side.size:
             yield from take(name, {name: np.arange(size)})
     if not size:
         nothing = np.zeros(0, dtype=np.uint8)
         return Swapped(place, 0, Bits.of_outcomes(nothing, distinguishable_states))
     found = yield from do(Qnic.coincidences, *names)
-    waited_ns = found.time_ns - sum(since_ns) // 2
+    waited_ns = found.time_ns - sum(side.since_ns for side in kept) // 2
     bits = Bits.of_outcomes(found.outcomes, distinguishable_states)
     return Swapped(place, max(waited_ns // 1000, 0), bits)
 
@@ -131,34 +161,43 @@ class Accepting:
     def __init__(self, side: HostSide, last_link: LastLink) -> None:
         """Wait for the link only when it is needed."""
         self._side, self._last_link = side, last_link
+        self._under_way = UnderWay(MAX_UNDER_WAY)
         # The waits of all pairs, added up: here, and in the repeaters by their places.
         self._corrected, self._waited_ms = 0, 0.0
         self._repeaters_ms: defaultdict[int, float] = defaultdict(float)
 
     def share(self, pairs: Pairs, message: Values) -> Steps[None]:
+        """Have a block taken in, beside others."""
+        number, size = coming(message, self._side.setup.pairs)
+        self._under_way.begin(number)
+        yield Beside(self._share(pairs, number, size))
+
+    def _share(self, pairs: Pairs, number: int, size: int) -> Steps[None]:
         """Take a block in, correct what all swaps have told of, and keep that."""
         side = self._side
-        number, size = coming(message, side.setup.pairs)
         pairs.admit(number)
-        yield side.agree()
+        yield side.ready(number, size)
         connection, link, order = yield Wait(self._last_link)
+        there: Kept
         there, swaps = yield Through(connection, _taken(link, number, size, order))
-        bits = reduce(Bits.joined, (swapped.bits for swapped in swaps), Bits.none(there))
+        bits = reduce(Bits.joined, (swapped.bits for swapped in swaps), Bits.none(there.size))
         name = side.block(number, half=1)
-        if there:
+        if there.size:
             yield from take(name, {link.block(number): np.flatnonzero(bits.seen)})
-        chosen = yield from self._correct(name, bits, link.since_ns)
+        chosen = yield from self._correct(name, bits, there.since_ns)
         for swapped in swaps:
             waited_ms = np.count_nonzero(bits.seen) * swapped.waited_us / 1e3
             self._repeaters_ms[swapped.place] += waited_ms
-        yield side.say(Topic.ARRIVED, number, chosen, 1)
-        pairs.add(number, size, int(np.count_nonzero(chosen)))
+        self._under_way.end(number)
+        pairs.add(number, size, int(np.count_nonzero(chosen)), there.since_ns)
         if self._corrected:
             pairs.facts["waited_ms"] = self._waited_ms / self._corrected  # for the bits
             pairs.facts["repeaters_waited_ms"] = [
                 waited_ms / self._corrected
                 for _place, waited_ms in sorted(self._repeaters_ms.items())
             ]
+        yield side.say(Topic.ARRIVED, number, chosen, 1)
+        yield Tell(pairs.summary((yield Now())))
 
     def _correct(self, name: BlockName, bits: Bits, since_ns: int) -> Steps[Mask]:
         """Return which of the pairs are in memory, corrected."""
@@ -181,15 +220,15 @@ class Accepting:
 
 def _taken(
     link: IncomingLink, number: int, size: int, order: SwapOrder
-) -> Steps[tuple[int, list[Swapped]]]:
-    """Return how many pairs of a block have come, and what all repeaters tell of their swaps."""
-    if (yield from link.announced()) != (number, size):
-        raise SessionError(Reason.PROTOCOL, f"the last link does not bring block {number}")
+) -> Steps[tuple[Kept, list[Swapped]]]:
+    """Return what pairs of a block have come, and what all repeaters tell of their swaps."""
+    yield from link.begun(number, size)
     there = yield from link.take(number, size)
     missing, swaps = to_the_left_of(order.place), list[Swapped]()
     due = len(missing)
     if order.rounds:
-        there = yield from link.purify(number, there, order, order.seed(number))
+        left = yield from link.purify(number, there.size, order, order.seed(number))
+        there = there._replace(size=left)
         due = order.to_right  # of the others we have heard
     while len(swaps) < due:
         swaps.append((yield from link.swapped(number, missing)))

@@ -1,11 +1,19 @@
-"""A repeater at work: it waits for both its sides at a time; protocol.py says what it does."""
+"""A repeater at work: it waits for both its sides at a time; protocol.py says what it does.
+
+Blocks follow each other before the first of them is done: each is a task, and hears by its number.
+"""
 
 import asyncio
 from collections.abc import Coroutine
 from typing import Any, TypeVar
 
-from hosts.middleware.services.swapping.link import IncomingLink, OutgoingLink, to_the_left_of
-from hosts.middleware.services.swapping.protocol import Turn, joined
+from hosts.middleware.services.swapping.link import (
+    IncomingLink,
+    Kept,
+    OutgoingLink,
+    to_the_left_of,
+)
+from hosts.middleware.services.swapping.protocol import Turn, UnderWay, joined
 from hosts.middleware.session.ends import ConnectionEnd
 from wire.device import SwapOrder
 
@@ -27,34 +35,45 @@ class Repeater:
         self._order, self._distinguishable_states = order, distinguishable_states
         self._left, self._right = connections
         self._incoming, self._outgoing = links
+        self._under_way = UnderWay(order.blocks)
 
     async def run(self) -> None:
-        """Swap block after block until the opener ends it; raise SessionError if it fails."""
-        while (coming := await self._left.perform(self._incoming.announced())) is not None:
-            await self._swap(*coming)
+        """Swap blocks, several beside each other, until the opener ends it.
+
+        Raise SessionError if it fails: the first failure ends all.
+        """
+        try:
+            async with asyncio.TaskGroup() as blocks:
+                coming = self._incoming.announced
+                while (block := await self._left.perform(coming())) is not None:
+                    self._under_way.begin(block[0])
+                    blocks.create_task(self._swap(*block))
+        except BaseExceptionGroup as failures:
+            raise failures.exceptions[0] from failures
         await self._right.perform(self._outgoing.finish())
         await self._left.carry_out(self._incoming.agree())
 
     async def _swap(self, number: int, size: int) -> None:
-        there = await together(
+        kept = await together(
             self._left.perform(self._incoming.take(number, size)),
             self._right.perform(self._outgoing.make(number, size)),
         )
         if self._order.rounds:
-            await self._purify_and_join(number, there)
+            await self._purify_and_join(number, kept)
             return
         turn, has_come = Turn(self._order), asyncio.Event()
         if turn.has_come:  # there may be none to wait for
             has_come.set()
-        await together(self._pass_on(number, turn, has_come), self._join(number, there, has_come))
+        await together(self._pass_on(number, turn, has_come), self._join(number, kept, has_come))
 
-    async def _purify_and_join(self, number: int, there: tuple[int, int]) -> None:
+    async def _purify_and_join(self, number: int, kept: tuple[Kept, Kept]) -> None:
         """Swap what is left when all that ends here is purified; then pass on what others tell."""
         order = self._order
-        left = self._incoming.purify(number, there[0], order, order.seed(number))
-        right = self._outgoing.purify(number, there[1], order)
-        kept = await together(self._left.perform(left), self._right.perform(right))
-        await self._tell_of_swap(number, kept)
+        left = self._incoming.purify(number, kept[0].size, order, order.seed(number))
+        right = self._outgoing.purify(number, kept[1].size, order)
+        sizes = await together(self._left.perform(left), self._right.perform(right))
+        purified = kept[0]._replace(size=sizes[0]), kept[1]._replace(size=sizes[1])
+        await self._tell_of_swap(number, purified)
         await together(self._relay_right(number), self._relay_left(number))
 
     async def _relay_right(self, number: int) -> None:
@@ -67,13 +86,12 @@ class Repeater:
             parts = await self._right.perform(self._outgoing.passing(number))
             await self._left.carry_out(self._incoming.tell(number, parts))
 
-    async def _tell_of_swap(self, number: int, there: tuple[int, int]) -> None:
+    async def _tell_of_swap(self, number: int, kept: tuple[Kept, Kept]) -> None:
         """Swap, and tell those to the right."""
-        links = self._incoming, self._outgoing
-        names = links[0].block(number), links[1].block(number)
-        since_ns = links[0].since_ns, links[1].since_ns
+        names = self._incoming.block(number), self._outgoing.block(number)
         place, states = self._order.place, self._distinguishable_states
-        swapped = await self._right.perform(joined(names, there, since_ns, place, states))
+        swapped = await self._right.perform(joined(names, kept, place, states))
+        self._under_way.end(number)
         await self._right.carry_out(self._outgoing.say(number, swapped))
 
     async def _pass_on(self, number: int, turn: Turn, has_come: asyncio.Event) -> None:
@@ -102,14 +120,14 @@ class Repeater:
             if turn.has_come:
                 has_come.set()
 
-    async def _join(self, number: int, there: tuple[int, int], has_come: asyncio.Event) -> None:
+    async def _join(self, number: int, kept: tuple[Kept, Kept], has_come: asyncio.Event) -> None:
         """Swap when it is this repeater's turn, and tell those who have to know.
 
         Whoever hears of the others has a deadline.
         """
         order = self._order
         await has_come.wait()
-        await self._tell_of_swap(number, there)
+        await self._tell_of_swap(number, kept)
         if order.tell_left:
             notice = self._incoming.notify(number, order.place, order.tell_left)
             await self._left.carry_out(notice)

@@ -96,7 +96,7 @@ _PASSING: dict[int, tuple[tuple[Topic, int], ...]] = {
 
 def passing(side: Side, number: int) -> Steps[Parts]:
     """Return what is told next of a block, part by part, to be passed on."""
-    message: Values = yield Hear(Values, BITS_TIMEOUT_S)
+    message: Values = yield Hear(Values, BITS_TIMEOUT_S, number)
     parts = _PASSING.get(message.topic)
     if parts is None:
         text = f"values of topic {message.topic} from {side.peer}, to be passed on"
@@ -104,7 +104,7 @@ def passing(side: Side, number: int) -> Steps[Parts]:
     found = []
     for place, (topic, width) in enumerate(parts):
         if place:
-            message = yield Hear(Values, BITS_TIMEOUT_S)
+            message = yield Hear(Values, BITS_TIMEOUT_S, number)
         numbers = expect(message, topic, number, None, (1 << width) - 1)
         found.append((topic, numbers, width))
     return found

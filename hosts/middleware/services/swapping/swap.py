@@ -6,6 +6,7 @@
       |                    | two bits --------> | both swaps' ----> |  real packets; their sum
       | <----------------------------------------- Values(ARRIVED) |  corrects half 1
 
+Further blocks are under way meanwhile, as many as the memories of all nodes take (controller).
 What is done with the pairs then is as in entanglement distribution (distribute). Who the
 repeaters are is told by the controller; waiting for their bits costs fidelity. What each node does
 is decided in protocol.py.
@@ -44,7 +45,8 @@ async def swap(end: OpenerEnd, options: DistributeOptions) -> Answerer:
         try:
             link = OutgoingLink(connection.side, connection.port)
             opening = Opening(end.side, connection, link, order)
-            answer = await make_pairs(end, options, opening.make)
+            end.channel.sort()
+            answer = await make_pairs(end, options, opening.make, order.blocks)
             await connection.perform(link.finish())
         except (SessionError, HardwareError) as error:
             await connection.give_up(error)
@@ -59,6 +61,7 @@ async def swap(end: OpenerEnd, options: DistributeOptions) -> Answerer:
 async def receive(end: AcceptorEnd) -> Answerer:
     """Follow the opener until it delivers; return what answers this end's application."""
     with end.resources.swaps.expecting(end.setup.session) as expected:
+        end.channel.sort()
         accepting = Accepting(end.side, partial(_last_link, end, expected))
         answer = await share_pairs(end, accepting.share)
         await end.perform(accepting.finish())

@@ -1,0 +1,71 @@
+"""Messages that have come over a connection on which several blocks are under way; no socket.
+
+    put     A1 B1 A2 C1 B2 …    as they come
+    take    of A: A1, A2; of B: B1, B2; …
+
+Those about one block keep their order. Whoever hears takes what is for it and leaves the rest, so
+that what is said of one block never passes for news of another.
+"""
+
+from collections import deque
+
+from hosts.middleware.session.errors import SAME_VERSION, SessionError
+from wire.metadata import Answer, Message, Reason, Topic, Values
+
+MAX_KEPT = 4096  # messages that nobody has asked for yet
+
+
+class Mailbox:
+    """Keeps messages until those whom they are for ask."""
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self._kept: deque[Message] = deque()
+        self._announced: set[int] = set()  # blocks, by either end
+        self._last: list[Message | None] = []  # behind which nothing comes
+
+    def said(self, message: Message) -> None:
+        """Note what this end says: the other end may speak of a block that it announces."""
+        if isinstance(message, Values) and message.topic == Topic.COMING:
+            self._announced.add(message.block)
+
+    def put(self, message: Message | None) -> None:
+        """Keep what has come; None: the end of the connection.
+
+        Raise SessionError for a block that nobody has announced, or if too much is kept.
+        """
+        if message is None or (isinstance(message, Answer) and message.reason != Reason.OK):
+            self._last = [message]
+            return
+        self.said(message)
+        if isinstance(message, Values) and message.block not in self._announced | {0}:
+            text = f"values of topic {message.topic} and block {message.block}, which nobody has "
+            raise SessionError(Reason.PROTOCOL, f"{text}announced; {SAME_VERSION}")
+        if len(self._kept) >= MAX_KEPT:
+            text = f"{MAX_KEPT} messages that nobody waits for; {SAME_VERSION}"
+            raise SessionError(Reason.PROTOCOL, text)
+        self._kept.append(message)
+
+    def has(self, block: int | None, begins: bool = False) -> bool:
+        """Tell whether there is something to take for who asks for this."""
+        return bool(self._last) or any(_is_for(each, block, begins) for each in self._kept)
+
+    def take(self, block: int | None, begins: bool = False) -> Message | None:
+        """Return the oldest message about a block; None and 0 of those: whatever it is about.
+
+        `begins`: the oldest that begins a block, or is about none. Where there is nothing, return
+        what the connection has ended with, of which everybody hears.
+        """
+        for place, message in enumerate(self._kept):
+            if _is_for(message, block, begins):
+                del self._kept[place]
+                return message
+        (last,) = self._last
+        return last
+
+
+def _is_for(message: Message, block: int | None, begins: bool) -> bool:
+    of_block = isinstance(message, Values) and message.block != 0
+    if block:
+        return of_block and message.block == block  # type: ignore[attr-defined]
+    return not begins or not of_block or message.topic == Topic.COMING  # type: ignore[attr-defined]

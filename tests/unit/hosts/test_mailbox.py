@@ -1,0 +1,92 @@
+"""Messages of several blocks over one connection: each is heard by whom it is for, in order."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.mailbox import MAX_KEPT, Mailbox
+from hosts.middleware.session.values import values
+from wire.metadata import Answer, Finish, Message, Reason, Topic, Values
+
+SESSION = 5
+
+
+def said(topic: int, block: int, *numbers: int) -> Values:
+    return values(SESSION, topic, block, numbers, 32)
+
+
+def of_block(block: int) -> list[Message]:
+    return [said(Topic.COMING, block, 8), said(Topic.SWAPPED, block, 1), said(Topic.PURIFY, block)]
+
+
+def interleavings(left: dict[int, int]) -> Iterator[list[int]]:
+    """Yield every order of blocks that have so many messages each."""
+    if not any(left.values()):
+        yield []
+    for block, count in left.items():
+        if count:
+            for rest in interleavings(left | {block: count - 1}):
+                yield [block, *rest]
+
+
+@pytest.mark.parametrize("asked", [(1, 2, 3), (3, 2, 1), (2, 1, 3)])
+def test_messages_of_three_blocks_come_to_them_in_order_however_they_are_mixed(
+    asked: tuple[int, ...],
+) -> None:
+    orders = list(interleavings({1: 3, 2: 3, 3: 3}))
+    assert len(orders) == 1680  # 9! / (3!)^3
+    for order in orders:
+        box, left = Mailbox(), {block: of_block(block) for block in asked}
+        for block in order:
+            box.put(left[block].pop(0))
+        for block in asked:
+            assert [box.take(block) for _ in range(3)] == of_block(block)
+            assert not box.has(block)
+        assert not box.has(None)
+
+
+def test_who_waits_for_a_block_that_begins_leaves_the_news_of_others() -> None:
+    box = Mailbox()
+    for message in (*of_block(1)[:2], said(Topic.COMING, 2, 8), Finish(SESSION, 0, bytes(32))):
+        box.put(message)
+    assert box.take(None, begins=True) == said(Topic.COMING, 1, 8)
+    assert box.take(None, begins=True) == said(Topic.COMING, 2, 8)
+    assert isinstance(box.take(None, begins=True), Finish)
+    assert not box.has(None, begins=True)
+    assert box.take(1) == said(Topic.SWAPPED, 1, 1)
+
+
+def test_who_follows_takes_what_comes_whatever_it_is_about() -> None:
+    box = Mailbox()
+    coming = [*of_block(1), *of_block(2)]
+    for message in coming:
+        box.put(message)
+    assert [box.take(None) for _ in coming] == coming
+
+
+def test_values_of_a_block_that_nobody_has_announced_are_refused() -> None:
+    box = Mailbox()
+    box.said(said(Topic.COMING, 1, 8))  # this end has
+    box.put(said(Topic.ARRIVED, 1))
+    with pytest.raises(SessionError, match="block 2, which nobody has announced"):
+        box.put(said(Topic.ARRIVED, 2))
+
+
+@pytest.mark.parametrize("last", [None, Answer(SESSION, Reason.HARDWARE, "gone")])
+def test_everybody_hears_of_the_end_behind_what_came_before(last: Answer | None) -> None:
+    box = Mailbox()
+    box.put(said(Topic.COMING, 1, 8))
+    box.put(last)
+    assert box.take(1) == said(Topic.COMING, 1, 8)
+    for block in (1, 2, None):
+        assert box.has(block)
+        assert box.take(block) == last
+
+
+def test_more_messages_than_are_kept_end_the_connection() -> None:
+    box = Mailbox()
+    for _message in range(MAX_KEPT):
+        box.put(said(Topic.COMING, 1, 8))
+    with pytest.raises(SessionError, match="that nobody waits for"):
+        box.put(said(Topic.COMING, 1, 8))
