@@ -311,7 +311,7 @@ def forget_certificate(is_ours: Callable[[str], bool]) -> None:
     """Take away the certificate that a run of ours has set, if it is still there."""
     owner = _certified_for()
     if owner and is_ours(owner):
-        vsctl("del-ssl")
+        vsctl(NO_WAIT, "del-ssl")  # the switch daemon may have ended with a run's bridges
 
 
 def _certified_for() -> str | None:

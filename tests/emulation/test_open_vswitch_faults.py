@@ -253,6 +253,13 @@ def test_no_change_waits_for_a_switch_daemon_that_ended_before(
     assert not openvswitch.daemons()
 
 
+@pytest.mark.usefixtures("no_open_vswitch")
+def test_a_run_with_certificates_ends_well_with_an_open_vswitch_of_its_own(tmp_path: Path) -> None:
+    """Its switch daemon ends with the bridges, and the certificate is taken away behind it."""
+    done = qmn("--tls", runs=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 def test_runs_of_bridges_are_told_by_one_command() -> None:
     add("s7", "s8")
     openvswitch.vsctl("set", "bridge", "s8", f"{openvswitch.OWNER}=1-2-abc")
