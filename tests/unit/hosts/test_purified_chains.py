@@ -86,3 +86,19 @@ def test_spans_grow_from_the_left_or_are_links_alone() -> None:
     links = [Span(place, place + 1) for place in range(4)]
     assert spans("left-to-right", 3)[0] == [*links, Span(0, 2), Span(0, 3)]
     assert spans("parallel", 3)[0] == links
+
+
+@pytest.mark.parametrize("schedule", ["nested", "left-to-right"])
+@pytest.mark.parametrize("protocol", ["bbpssw", "dejmps"])
+def test_blocks_that_follow_each_other_are_purified_each_by_itself(
+    tmp_path: Path, schedule: str, protocol: str
+) -> None:
+    """Four at a time, at the same nodes: what is set aside of one is never another's."""
+    scene = physics(schedule, protocol, 1, 2)
+    options = {"count": 150, "sample": 0.8, "purification": "none", "block_pairs": 150}
+    alice, bob = swapped(tmp_path, 2, physics=scene, **options)
+    link = purified(protocol, 1, werner(FIDELITY))
+    pair = purified(protocol, 1, convolved(link, link))
+    assert alice["pairs"] == bob["pairs"] == 150
+    assert alice["emitted"] >= 4 * 150
+    assert near(alice, convolved(pair, link))
