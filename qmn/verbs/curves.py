@@ -31,7 +31,7 @@ from topologies.network import Interrupted, Signals
 from wire.parameters.option import option
 
 if TYPE_CHECKING:
-    from qmn.sweeps.sheets import Sheet
+    from qmn.sweeps.sheet import Sheet
 
 
 @dataclass(frozen=True)

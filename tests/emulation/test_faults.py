@@ -17,6 +17,27 @@ from loaded import Running, running_qmn
 from topologies import openvswitch
 from topologies.runtime import RUNTIME_ROOT
 
+# Alice's shell is killed when her stack is to be started.
+STRUCK = """
+import os, signal
+from typing import Any
+from topologies.nodes import quantum_host
+from topologies.sdc import SdcTopo
+
+launch = quantum_host.launch
+
+def struck(network: Any, name: str, module: str, config: Any, host: Any) -> Any:
+    if name == "alice":
+        os.kill(host.shell.pid, signal.SIGKILL)
+        host.shell.wait()
+    return launch(network, name, module, config, host)
+
+quantum_host.launch = struck
+
+class Struck(SdcTopo):
+    pass
+"""
+
 
 @contextmanager
 def long_run(tmp_path: Path) -> Iterator[Running]:
@@ -89,6 +110,17 @@ def test_a_node_whose_shell_is_killed_is_named(tmp_path: Path, name: str) -> Non
         output = process.finish(20)
     assert process.returncode == 1
     assert f"qmn: {name} died in mid-run: its shell was ended" in output
+
+
+def test_a_node_whose_shell_is_killed_at_its_start_is_named_in_one_line(tmp_path: Path) -> None:
+    topology = tmp_path / "struck.py"
+    topology.write_text(STRUCK)
+    done = qmn("--topology", f"{topology}:Struck", "--message", "x", runs=tmp_path / "runs")
+    assert done.returncode == 1
+    (line,) = [each for each in done.stderr.splitlines() if each.startswith("qmn: ")]
+    words = r"qmn: alice (died in mid-run|ended at its start): process \d+, the shell of its node, "
+    assert re.fullmatch(f"{words}was ended", line), done.stderr
+    assert "Traceback" not in done.stderr
 
 
 def test_a_failure_tells_how_far_it_came(tmp_path: Path) -> None:

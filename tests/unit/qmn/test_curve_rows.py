@@ -10,7 +10,7 @@ from qmn.labs.outcome import show
 from qmn.sweeps.catalogue import EXPERIMENTS
 from qmn.sweeps.estimates import NOTHING, Estimate
 from qmn.sweeps.grid import Row
-from qmn.sweeps.sheets import Curve, Sheet
+from qmn.sweeps.sheet import Curve, Sheet
 from qmn.verbs.curves import furthest
 
 AXES: dict[str, object] = {"fidelity": "0.7:0.9:2"}

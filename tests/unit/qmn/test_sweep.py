@@ -11,7 +11,7 @@ from distributed import LocalCluster
 
 from qmn.sweeps import cluster, sheets, theory
 from qmn.sweeps.parameters import BadGrid
-from qmn.sweeps.sheets import Curve, Sheet
+from qmn.sweeps.sheet import Curve, Sheet
 from qmn.verbs import curves, sweep
 
 POINTS = ("--fidelity", "0.5,0.75,1", "--pairs", "6000")
