@@ -111,6 +111,7 @@ def prepare(framework: Any, config: ControllerConfig, host: str, port: int) -> N
     try:
         framework.load_stock_apps(config.apps)
         framework.serve_on(host, port, rest, config.rest_fd)
+        framework.serve_quickly()
     except ValueError as error:
         raise Fatal(str(error)) from error
 

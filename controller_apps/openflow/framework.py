@@ -62,25 +62,30 @@ MAIN: str = _handler.MAIN_DISPATCHER
 DEAD: str = _handler.DEAD_DISPATCHER
 
 
-if NAME == "ryu":
-    _serve_switch: Any = _controller.datapath_connection_factory
-    _send_in_turn: Any = _controller.Datapath.send
+_serve_in_turn: Any = _controller.datapath_connection_factory
+_send_in_turn: Any = _controller.Datapath.send
 
-    def _serve(green_socket: Any, address: Any) -> None:
-        """Serve a switch that has connected, in a green thread of its own."""
-        _serve_switch(Connection(green_socket, partial(hub.sleep, 0)), address)
 
-    def _send(datapath: Any, data: bytes | bytearray, close_socket: bool = False) -> bool:
-        """Send to a switch, at once if nothing waits to be sent; tell whether it could be."""
-        queue = datapath.send_q
-        if queue and queue.empty() and queue.getting() and not close_socket:
-            data = data[datapath.socket.send_now(data) :]
-            if not data:
-                return True
-        return bool(_send_in_turn(datapath, data, close_socket))
+def serve_quickly() -> None:
+    """Have Ryu serve switches over connections that take less of a processor, from now on."""
+    if NAME == "ryu":
+        vars(_controller).update(datapath_connection_factory=_serve)
+        _controller.Datapath.send = _send
 
-    vars(_controller).update(datapath_connection_factory=_serve)
-    _controller.Datapath.send = _send
+
+def _serve(green_socket: Any, address: Any) -> None:
+    """Serve a switch that has connected, in a green thread of its own."""
+    _serve_in_turn(Connection(green_socket, partial(hub.sleep, 0)), address)
+
+
+def _send(datapath: Any, data: bytes | bytearray, close_socket: bool = False) -> bool:
+    """Send to a switch, at once if nothing waits to be sent; tell whether it could be."""
+    queue = datapath.send_q
+    if queue and queue.empty() and queue.getting() and not close_socket:
+        data = data[datapath.socket.send_now(data) :]
+        if not data:
+            return True
+    return bool(_send_in_turn(datapath, data, close_socket))
 
 
 def datapath_class() -> Any:

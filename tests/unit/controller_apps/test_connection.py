@@ -90,6 +90,7 @@ def test_the_rest_is_the_sockets_own(ends: Ends) -> None:
 def test_messages_leave_in_the_order_in_which_they_are_sent() -> None:
     """Some go at once, some wait until a switch that reads slowly has taken those before."""
     hub: Any = framework.hub
+    framework.serve_quickly()
     datapaths: Any = framework.datapath_class()
     one, other = socket.socketpair()
     green, switch = (hub.eventlet.greenio.GreenSocket(its) for its in (one, other))
