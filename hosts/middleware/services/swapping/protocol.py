@@ -46,21 +46,23 @@ LastLink = Callable[[], Awaitable[tuple[Connection, IncomingLink, SwapOrder]]]
 class UnderWay:
     """The blocks of a chain that are under way at a node: as many as were ordered at most.
 
-    Names follow from the numbers of blocks: none may come again.
+    Names follow from the numbers of blocks: none may come again. They may come in any order, as
+    what is said of several blocks does.
     """
 
     def __init__(self, most: int) -> None:
         """Begin with none."""
-        self._most, self._latest = most, 0
-        self._numbers: set[int] = set()
+        self._most = most
+        self._begun: set[int] = set()
+        self._numbers: set[int] = set()  # of these, those under way
 
     def begin(self, number: int) -> None:
         """Note that a block begins; raise SessionError if it must not."""
-        if number <= self._latest or number >= RESERVED or len(self._numbers) >= self._most:
-            text = f"block {number} after {self._latest} and beside {sorted(self._numbers)}: "
-            text += f"numbers rise, and {self._most} may be under way"
-            raise SessionError(Reason.PROTOCOL, text)
-        self._latest = number
+        fits = 0 < number < RESERVED and number not in self._begun
+        if not fits or len(self._numbers) >= self._most:
+            text = f"block {number} beside {sorted(self._numbers)}: each number comes once, and "
+            raise SessionError(Reason.PROTOCOL, f"{text}{self._most} may be under way")
+        self._begun.add(number)
         self._numbers.add(number)
 
     def end(self, number: int) -> None:
