@@ -2,6 +2,7 @@
 
 import asyncio
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from math import exp, sqrt
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from chain_scene import chain
+from chain_scene import chain, order_swaps
 from stacks_scene import OWN_ADDRESS, RELAYED, ask, grant, hosts_file, network, refusal, requested
 from test_distribution_sessions import failed, inside
 
@@ -121,10 +122,11 @@ def test_ion_traps_purify_by_their_noisy_gates(tmp_path: Path) -> None:
 
 
 def swapped(folder: Path, devices: dict[str, Device], **options: Any) -> dict[str, Any]:
-    """Return alice's summary of a swap over one repeater."""
+    """Return alice's summary of a swap over one repeater, whose memory one block fills."""
+    order = partial(order_swaps, blocks=1)
 
     async def run() -> dict[str, Any]:
-        async with chain(folder, 1, devices=devices, analyser="gates"):
+        async with chain(folder, 1, order, devices=devices, analyser="gates"):
             alice, bob = await asyncio.to_thread(requested, folder, "swap", **options)
             assert alice["pairs"] == bob["pairs"]
             return alice
