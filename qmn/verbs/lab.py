@@ -116,7 +116,9 @@ def all_done(
         task = bar.add_task("runs", total=total, completed=total - left)
         tell = (lambda run: bar.update(task, description=run), lambda: bar.advance(task))
         for number, (name, lab) in enumerate(labs.items(), start=1):
-            console.print(f"{name}: lab {number} of {len(labs)}, {left} of {total} runs left")
+            console.print(
+                f"{name}: lab {number} of {len(labs)}, {left} of {total} runs left", soft_wrap=True
+            )
             left -= missing[name]
             try:
                 good = lab_done(name, lab, folders[name], options, signals, console, tell)
