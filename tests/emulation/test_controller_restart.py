@@ -199,6 +199,7 @@ def test_a_session_that_ends_unseen_is_over_when_its_hosts_are_asked(
             kill(network)
         start_again(network)
         wait_until(lambda: not light_paths("q1"), "the paths are closed", SOON_S)
+        wait_until(lambda: facts(network, "torn_down"), "the end is recorded", SOON_S)
         (over,) = facts(network, "torn_down")
         assert over["detail"] == "ended while no controller was there"
         wait_until(lambda: not bypasses(network) and not kept(network), "nothing is left of it")

@@ -7,8 +7,8 @@ from loaded import run_qmn
 
 
 def test_a_fibre_that_flaps_costs_the_light_of_the_time_without_a_path(tmp_path: Path) -> None:
-    """It goes down after four seconds, within which a session has begun whose light takes six."""
-    words = ["--period-s", "8", "--sessions", "1", "--pairs", "600000", "--out", str(tmp_path)]
+    """It goes down each two seconds, and each session has that of light: some cut meets light."""
+    words = ["--period-s", "2", "--sessions", "4", "--pairs", "200000", "--out", str(tmp_path)]
     done = run_qmn("sweep", "flapping", "--emulate", *words)
     assert done.returncode == 0, done.stdout + done.stderr
     with (tmp_path / "flapping-emulated.csv").open() as file:
