@@ -21,7 +21,8 @@ from ipaddress import IPv4Address
 from wire.config import CopperConfig
 
 MOST_BYTES = 1 << 16
-AT_ONCE = 64  # frames read from one end before others have their turn; ends closed together
+AT_ONCE = 64  # frames read from one end before others have their turn
+CLOSED_AT_ONCE = 64  # ends
 QUEUE_BYTES = 1 << 20  # that may wait for a slow cable, in each direction
 IPV4, ARP = b"\x08\x00", b"\x08\x06"
 # Where sender and target are, behind the Ethernet header.
@@ -87,7 +88,7 @@ class Forwarder:
 
     def close(self) -> None:
         """Take away all ends, beside each other: the kernel waits some 15 ms with each of them."""
-        with ThreadPoolExecutor(AT_ONCE) as pool:
+        with ThreadPoolExecutor(CLOSED_AT_ONCE) as pool:
             list(pool.map(os.close, self._directions))
 
     def _wait_s(self) -> float | None:

@@ -88,11 +88,6 @@ def _send(datapath: Any, data: bytes | bytearray, close_socket: bool = False) ->
     return bool(_send_in_turn(datapath, data, close_socket))
 
 
-def datapath_class() -> Any:
-    """Return the class of the framework's that has a connected switch."""
-    return _controller.Datapath
-
-
 class App(_App):
     """Base of the apps: a fault in a handler ends the process.
 

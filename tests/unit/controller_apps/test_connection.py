@@ -2,6 +2,7 @@
 
 import socket
 from collections.abc import Iterator
+from importlib import import_module
 from types import SimpleNamespace
 from typing import Any
 
@@ -91,7 +92,7 @@ def test_messages_leave_in_the_order_in_which_they_are_sent() -> None:
     """Some go at once, some wait until a switch that reads slowly has taken those before."""
     hub: Any = framework.hub
     framework.serve_quickly()
-    datapaths: Any = framework.datapath_class()
+    datapaths: Any = import_module(f"{framework.NAME}.controller.controller").Datapath
     one, other = socket.socketpair()
     green, switch = (hub.eventlet.greenio.GreenSocket(its) for its in (one, other))
     datapath = SimpleNamespace(
