@@ -135,7 +135,7 @@ def _be_patient(node: Node, interface: str, one_way_s: float) -> None:
     """Let the kernel wait for answers to ARP as long as they take; TCP sees to itself."""
     round_trip_ms = round(4 * one_way_s * 1e3)  # two cables, there and back
     retrans_ms = max(1000, 1000 + round_trip_ms // ARP_TRIES)
-    node.cmd(f"sysctl -qw net.ipv4.neigh.{interface}.retrans_time_ms={retrans_ms}")
+    node.cmd(f"ip ntable change name arp_cache dev {interface} retrans {retrans_ms}")
 
 
 def _ip(*words: str) -> None:
