@@ -34,6 +34,18 @@ def slowness() -> float:
     return max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
 
 
+def slowed(pid: int) -> float | None:
+    """Return how many times as long as alone a process has taken for what it has done so far.
+
+    The kernel counts for how long it ran, and for how long it could have. None if it is gone.
+    """
+    try:
+        ran, waited = Path(f"/proc/{pid}/schedstat").read_text().split()[:2]
+    except OSError:
+        return None
+    return 1 + int(waited) / max(1, int(ran))
+
+
 def run(*command: str) -> str:
     """Run a command; return what it prints."""
     done = subprocess.run(
