@@ -33,8 +33,9 @@ from outcomes import Made, Outcome, bad, from_fields, summary, told
 from strikes import strike
 from under_way import ROOT, UnderWay, drawn
 
-APART = str(ROOT / "topologies" / "own_namespaces")
-STRIKES_OF_A_RUN = (1, 2, 2, 3)  # at most, as many of it as are drawn
+# In namespaces of its own, and it ends with whoever has started it.
+APART = ("setpriv", "--pdeathsig", "KILL", str(ROOT / "topologies" / "own_namespaces"))
+STRIKES_OF_A_RUN = (1, 2, 3, 4)  # at most: it may have ended before the second
 HANG_S = 90.0  # from the last strike to the end
 LAST_WORDS = 6  # lines of a run that went wrong, which are told
 UNSTRUCK_S = 600.0  # that a run which nobody strikes may take on a machine that does much else
@@ -57,7 +58,7 @@ def main() -> int:
     parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.standing and not arguments.worker:
-        words = [APART, sys.executable, str(Path(__file__).parent), *sys.argv[1:], "--worker"]
+        words = [*APART, sys.executable, str(Path(__file__).parent), *sys.argv[1:], "--worker"]
         return subprocess.run(words, cwd=ROOT, check=False).returncode
     if arguments.standing:
         return strike_standing(arguments)
@@ -124,7 +125,7 @@ def beside_each_other(arguments: argparse.Namespace) -> list[Outcome]:
         part = ["--first", str(arguments.first + number)]
         part += ["--strikes", str(-(-(arguments.strikes - number) // arguments.at_once))]
         part += ["--at-once", str(arguments.at_once), "--worker"]
-        command = [APART, sys.executable, str(Path(__file__).parent), *limit, *part]
+        command = [*APART, sys.executable, str(Path(__file__).parent), *limit, *part]
         workers.append(subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True))
     with ThreadPoolExecutor(len(workers)) as readers:
         ends = [readers.submit(heard, each, outcomes, arguments.log) for each in workers]
@@ -176,7 +177,8 @@ def _struck(
     number: int, random: Random, job: Job, place: Path, lengths: dict[str, float]
 ) -> Outcome:
     moment = drawn(random)
-    pauses = [random.random() for _ in range(random.choice(STRIKES_OF_A_RUN) - 1)]
+    # Most follow soon: a run that a strike ends takes but a moment to do so.
+    pauses = [random.random() ** 4 for _ in range(random.choice(STRIKES_OF_A_RUN) - 1)]
     run = UnderWay(command(job.words, place / "runs"))
     run.wait_until(moment, lengths)
     first, made = time.monotonic(), _made(run, random, time.monotonic())

@@ -161,7 +161,7 @@ def things() -> dict[str, set[str]]:
     return {
         "bridges": bridges,
         "daemons": set(daemons()),
-        "interfaces": set(os.listdir("/sys/class/net")) - {"ovs-netdev"},
+        "interfaces": set(os.listdir("/sys/class/net")),
         "folders": {path.name for path in Path("/run/qmn").glob("*") if path.is_dir()},
         "programs": {
             f"{process.pid} {' '.join(process.command)[:100]}"
