@@ -32,7 +32,7 @@ RUN_FOLDER = Path("/var/run/openvswitch")
 LOG_FOLDER = Path("/var/log/openvswitch")
 DATABASE, SWITCH_DAEMON = "ovsdb-server", "ovs-vswitchd"
 DAEMONS = (DATABASE, SWITCH_DAEMON)
-DATAPATH_INTERFACE = "ovs-netdev"  # of the one in user space; it outlives a daemon that is ended
+DATAPATH_INTERFACE = "ovs-netdev"  # in user space; the daemon deletes it with the last bridge
 STARTED = "open-vswitch"  # file: the run that has started the daemons, then the daemons
 STARTER = "QMN_STARTED_OPEN_VSWITCH"  # in the environment of daemons: the run that started them
 INTERFACES = Path("/sys/class/net")
@@ -242,7 +242,7 @@ def stop_if_ours(owner: str) -> None:
         revive_if_ours(owner)
     if not bridges():
         _run(CONTROL, "stop", timeout_s=OPENVSWITCH_TIMEOUT_S)
-        delete_interface(DATAPATH_INTERFACE)  # as the daemon does with the last bridge
+        delete_interface(DATAPATH_INTERFACE)
         (RUNTIME_ROOT / STARTED).unlink(missing_ok=True)  # last: a second signal may come between
 
 
@@ -364,8 +364,8 @@ def delete(*names: str) -> None:
         with packet_sockets.held(found[SWITCH_DAEMON].pid):
             vsctl(*words)
         return
-    vsctl(NO_WAIT, *words)
-    delete_interfaces(names)
+    others = vsctl(NO_WAIT, *words, "--", "list-br").split()
+    delete_interfaces(names if others else [*names, DATAPATH_INTERFACE])
 
 
 def delete_finally(owner: str, *names: str) -> None:

@@ -180,8 +180,6 @@ def left(before: dict[str, set[str]]) -> list[str]:
     deadline = time.monotonic() + SETTLE_S
     while (now := things()) != before and time.monotonic() < deadline:
         time.sleep(0.1)
-    return [
-        f"{kind}: {', '.join(sorted(now[kind] ^ before[kind]))}"
-        for kind in now
-        if now[kind] != before[kind]
-    ]
+    more = [(f"{kind} left", now[kind] - before[kind]) for kind in now]
+    less = [(f"{kind} gone", before[kind] - now[kind]) for kind in now]
+    return [f"{what}: {', '.join(sorted(names))}" for what, names in more + less if names]
