@@ -106,7 +106,7 @@ class Orders:
                 if waiting is not None and not waiting.answer.done():
                     waiting.answer.set_result(outcome)
         except grpc.aio.AioRpcError as error:
-            problem = f"{error.code().name}: {error.details()}"
+            problem = problem_of(error)
         finally:
             if call is not None:
                 call.cancel()
@@ -121,6 +121,13 @@ async def proved(stub: DispatcherStub, token: str, method: str) -> tuple[tuple[s
         ChallengeRequest(), wait_for_ready=True, timeout=DISPATCHER_TIMEOUT_S
     )
     return proving(token, reply.nonce, method)
+
+
+def problem_of(error: grpc.aio.AioRpcError) -> str:
+    """Return why the dispatcher has not done something."""
+    if error.code() == grpc.StatusCode.DEADLINE_EXCEEDED:
+        return f"no answer in {DISPATCHER_TIMEOUT_S:g} s"
+    return f"{error.code().name}: {error.details()}"
 
 
 async def _each(orders: asyncio.Queue[Order]) -> AsyncIterator[Order]:
