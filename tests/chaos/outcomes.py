@@ -1,4 +1,4 @@
-"""What strikes at a run have led to: whether it was right, in words, and counted."""
+"""Outcomes of strikes at a run: whether all was right, in words, and counted."""
 
 from dataclasses import dataclass, field
 from typing import Any
