@@ -219,7 +219,7 @@ def _left_after(place: Path, before: dict[str, set[str]], outcome: Outcome) -> l
         machine.start_open_vswitch()  # theirs, which is not a run's to start
         by_next = True
     else:
-        by_next = outcome.status is None or any(made.strike.ends for made in outcome.made)
+        by_next = outcome.status is None or outcome.is_forced
     if by_next:
         words = ("sdc", "--message", "after", "--no-capture")
         after = UnderWay(command(words, place / "after"))

@@ -72,11 +72,17 @@ class Outcome:
     @property
     def unnamed(self) -> bool:
         """Whether it failed without a word, which only who ends the runner itself makes it do."""
-        at_runner = any(
-            made.strike.target == RUNNER and (made.strike.ends or made.phase in ("loading", "end"))
-            for made in self.made
-        )
-        return bool(self.made and self.status) and not self.cause and not at_runner
+        asked = any(made.phase in ("loading", "end") for made in self._at_runner)
+        return bool(self.made and self.status and not self.cause) and not (asked or self.is_forced)
+
+    @property
+    def is_forced(self) -> bool:
+        """Whether the runner itself was struck so that it ends without clean-up."""
+        return len(self._at_runner) > 1 or any(made.strike.ends for made in self._at_runner)
+
+    @property
+    def _at_runner(self) -> list[Made]:
+        return [made for made in self.made if made.strike.target == RUNNER]
 
 
 def from_fields(fields: dict[str, Any]) -> Outcome:
