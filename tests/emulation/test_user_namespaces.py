@@ -42,7 +42,7 @@ def test_a_command_is_where_the_shell_is(shared_network: Network) -> None:
     alice = shared_network.host("alice")
     kinds = ("user", "mnt", "net", "pid")
     links = " ".join(f"/proc/self/ns/{kind}" for kind in kinds)
-    said, errors, status = alice.pexec(f"readlink {links}")
+    said, errors, status = alice.pexec(f"readlink {links}", cwd=None)
     assert (errors, status) == ("", 0)
     assert said.split() == alice.cmd(f"readlink {links}").split()
     said, _errors, _status = alice.pexec("pwd", cwd=ROOT / "docs")
