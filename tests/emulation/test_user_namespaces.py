@@ -21,11 +21,13 @@ BELOW = ["unshare", "--user", "--map-root-user"]
 
 def does(host: Node, command: str) -> bool:
     """Whether a command in a host's shell succeeds."""
-    return host.cmd(f"({command}) >/dev/null 2>&1; echo status=$?").split()[-1] == "status=0"
+    said: str = host.cmd(f"({command}) >/dev/null 2>&1; echo status=$?")
+    return said.split()[-1] == "status=0"
 
 
 def user_namespace_of(host: Node) -> str:
-    return host.cmd("readlink /proc/self/ns/user").strip()
+    said: str = host.cmd("readlink /proc/self/ns/user")
+    return said.strip()
 
 
 def test_each_host_has_one_with_the_users_of_this_machine(shared_network: Network) -> None:
