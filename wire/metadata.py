@@ -165,6 +165,8 @@ class Reason(IntEnum):
     CANNOT_INTERFERE = 27
     PATH_BROKEN = 25  # within the optical network
     TOO_LATE = 28  # no light by the deadline that the set-up message names
+    NO_ANSWER = 29  # the other end was silent for too long
+    PEER_GONE = 30  # it has closed the connection, or lost it
 
 
 class Pauli(IntEnum):

@@ -14,6 +14,7 @@ from wire.dispatcher_pb2 import Feedback, Order, Outcome
 
 Act = Callable[[str, Any], Awaitable[Feedback]]
 Write = Callable[[Outcome], Awaitable[None]]
+LIGHT = "receive"  # the kind of a step that waits for light
 
 
 class Orders:
@@ -24,6 +25,7 @@ class Orders:
         self._act = act
         self._write = write
         self._running: dict[int, asyncio.Task[None]] = {}
+        self._receiving: dict[int, asyncio.Timeout] = {}  # those that wait for light
         self._unanswered = 0
         self._writing = asyncio.Lock()
 
@@ -38,6 +40,10 @@ class Orders:
         if order.cancel:
             if running is not None:
                 running.cancel()
+        elif order.lost:
+            await asyncio.sleep(0)  # an order that came just before looks for its light first
+            if order.number in self._receiving:
+                self._receiving[order.number].reschedule(asyncio.get_running_loop().time())
         elif running is not None:
             problem = f"order {order.number} is still running; number them apart"
             await self._answer(_refused(order, invalid(problem)))
@@ -76,8 +82,19 @@ class Orders:
             kind = step.WhichOneof("operation")
             if kind is None:
                 raise invalid("a step without an operation; name one")
-            feedbacks.append(await self._act(kind, getattr(step, kind)))
+            do = self._act(kind, getattr(step, kind))
+            feedbacks.append(await (self._received(order.number, do) if kind == LIGHT else do))
         return feedbacks
+
+    async def _received(self, number: int, receive: Awaitable[Feedback]) -> Feedback:
+        """Wait for light, until it is said to be lost."""
+        try:
+            async with asyncio.timeout(None) as self._receiving[number]:
+                return await receive
+        except TimeoutError:
+            raise Refusal(grpc.StatusCode.DEADLINE_EXCEEDED, "the light is lost") from None
+        finally:
+            self._receiving.pop(number, None)
 
 
 def _refused(order: Order, refusal: Refusal) -> Outcome:

@@ -1,7 +1,7 @@
 """The orders of this host to the dispatcher: one stream, many orders at a time."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Collection
 from itertools import count
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ import grpc
 
 from hosts.hardware.qnic import HardwareError, NoLight
 from hosts.timeouts import DISPATCHER_TIMEOUT_S
-from wire.dispatcher_pb2 import ChallengeRequest, Feedback, Order, Outcome, Step
+from wire.dispatcher_pb2 import BlockId, ChallengeRequest, Feedback, Order, Outcome, Step
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.dispatcher_service import proving
 
@@ -23,6 +23,7 @@ class Waiting(NamedTuple):
 
     answer: asyncio.Future[Outcome]
     until_s: float  # of the event loop's clock
+    steps: tuple[Step, ...]
 
 
 class Orders:
@@ -42,7 +43,7 @@ class Orders:
         """Have steps done in order; raise HardwareError if one of them fails."""
         number, loop = next(self._numbers), asyncio.get_running_loop()
         answer: asyncio.Future[Outcome] = loop.create_future()
-        self._waiting[number] = Waiting(answer, loop.time() + DISPATCHER_TIMEOUT_S)
+        self._waiting[number] = Waiting(answer, loop.time() + DISPATCHER_TIMEOUT_S, steps)
         if self._watch is None:  # one timer for all costs each of them less
             self._watch = loop.call_later(DISPATCHER_TIMEOUT_S, self._look)
         try:
@@ -57,6 +58,17 @@ class Orders:
             raise _fault(outcome, steps)
         return list(outcome.feedbacks)
 
+    def give_up(self, blocks: Collection[BlockId]) -> None:
+        """Say that light of these blocks which orders still wait for is lost.
+
+        The dispatcher knows whether it is: an order that has its light is answered by what it does.
+        """
+        for number, waiting in self._waiting.items():
+            if any(
+                step.receive.block in blocks for step in waiting.steps if step.HasField("receive")
+            ):
+                self._outgoing.put_nowait(Order(number=number, lost=True))
+
     async def close(self) -> None:
         """End the stream; there is no other after it."""
         self._closed = True
@@ -69,7 +81,7 @@ class Orders:
     def _look(self) -> None:
         """Give up what has waited for too long, and look again when the next has."""
         loop, self._watch = asyncio.get_running_loop(), None
-        for number, (answer, until_s) in self._waiting.items():
+        for number, (answer, until_s, _steps) in self._waiting.items():
             if until_s > loop.time():
                 self._watch = loop.call_at(until_s, self._look)
                 return
@@ -106,11 +118,11 @@ class Orders:
                 if waiting is not None and not waiting.answer.done():
                     waiting.answer.set_result(outcome)
         except grpc.aio.AioRpcError as error:
-            problem = f"{error.code().name}: {error.details()}"
+            problem = problem_of(error)
         finally:
             if call is not None:
                 call.cancel()
-            for answer, _until_s in self._waiting.values():
+            for answer, *_rest in self._waiting.values():
                 if not answer.done():
                     answer.set_exception(HardwareError(f"dispatcher: {problem}"))
 
@@ -121,6 +133,13 @@ async def proved(stub: DispatcherStub, token: str, method: str) -> tuple[tuple[s
         ChallengeRequest(), wait_for_ready=True, timeout=DISPATCHER_TIMEOUT_S
     )
     return proving(token, reply.nonce, method)
+
+
+def problem_of(error: grpc.aio.AioRpcError) -> str:
+    """Return why the dispatcher has not done something."""
+    if error.code() == grpc.StatusCode.DEADLINE_EXCEEDED:
+        return f"no answer in {DISPATCHER_TIMEOUT_S:g} s"
+    return f"{error.code().name}: {error.details()}"
 
 
 async def _each(orders: asyncio.Queue[Order]) -> AsyncIterator[Order]:

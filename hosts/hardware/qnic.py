@@ -207,6 +207,12 @@ class Qnic(Protocol):
         From then on they decohere until they are used.
         """
 
+    def give_up(self, *blocks: BlockName) -> None:
+        """Let nobody wait any longer for light of these blocks: whoever does hears NoLight.
+
+        An operation that has its light goes on to its end.
+        """
+
     async def apply(self, block: BlockName, paulis: Symbols) -> int:
         """Apply one Pauli operator (two bits: X, Z) to each photon at this host; shape (k,).
 

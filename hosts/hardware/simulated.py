@@ -261,6 +261,10 @@ class SimulatedQnic:
         )
         return _stored(feedback.arrived, feedback)
 
+    def give_up(self, *blocks: BlockName) -> None:
+        """Let nobody wait any longer for light of these blocks."""
+        self._orders.give_up([_named(block) for block in blocks])
+
     async def apply(self, block: BlockName, paulis: Symbols) -> int:
         """Apply one Pauli operator to each photon at this host."""
         apply = ApplyRequest(block=_named(block), dibits=dibits.pack(paulis, "little"))

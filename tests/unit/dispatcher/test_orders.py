@@ -297,3 +297,60 @@ def test_an_outcome_is_written_whole_though_its_order_is_cancelled_meanwhile() -
         assert [outcome.number for outcome in host.outcomes] == [1, 2]
 
     asyncio.run(run())
+
+
+class Lights:
+    """A host whose light comes when it is told so, and the outcomes that it hears."""
+
+    def __init__(self) -> None:
+        self.here, self.landed, self.outcomes = asyncio.Event(), asyncio.Event(), list[Outcome]()
+
+    async def act(self, kind: str, _request: Any) -> Feedback:
+        await {"receive": self.here, "send": self.landed}[kind].wait()
+        return Feedback()
+
+    async def write(self, outcome: Outcome) -> None:
+        self.outcomes.append(outcome)
+
+    async def orders(self, turns: int) -> AsyncIterator[Order]:
+        """Wait for light and send it on; say so many turns of the loop later that it is lost."""
+        yield Order(number=1, steps=[receive("alice-q0"), send((0, "alice-q0"))])
+        for _turn in range(turns):
+            await asyncio.sleep(0)
+        yield Order(number=1, lost=True)
+        for _turn in range(20):
+            await asyncio.sleep(0)
+        self.landed.set()
+
+
+@pytest.mark.parametrize("turns", [0, 20])
+@pytest.mark.parametrize("here", [False, True])
+def test_an_order_ends_with_light_that_is_lost_but_goes_on_with_what_it_has(
+    turns: int, here: bool
+) -> None:
+    async def run() -> None:
+        host = Lights()
+        if here:
+            host.here.set()
+        async with asyncio.timeout(DEADLINE_S):
+            await Orders(host.act, host.write).run(host.orders(turns))
+        (outcome,) = host.outcomes
+        expired = grpc.StatusCode.DEADLINE_EXCEEDED.value[0]
+        assert (outcome.code, len(outcome.feedbacks)) == ((0, 2) if here else (expired, 0))
+
+    asyncio.run(run())
+
+
+def test_light_that_is_said_to_be_lost_may_be_received_later(tmp_path: Path) -> None:
+    async def act(bench: Bench) -> None:
+        await bench.switch.connect((1, 3), (3, 5), (2, 4))
+        charlie, alice = Host(bench, "charlie"), Host(bench, "alice")
+        await alice.order(1, receive("alice-q0"))
+        await alice.call.write(Order(number=1, lost=True))
+        assert (await alice.outcome()).code == grpc.StatusCode.DEADLINE_EXCEEDED.value[0]
+        await charlie.order(1, create(4), send((0, "charlie-q0"), (1, "charlie-q1")))
+        assert (await charlie.outcome()).code == 0
+        await alice.order(1, receive("alice-q0"))
+        assert (await alice.outcome()).feedbacks[0].photons == 4
+
+    on(tmp_path, act)

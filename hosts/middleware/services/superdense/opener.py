@@ -141,9 +141,11 @@ class Opener:
                 return await light
             await emission
             # The source has answered: its light has arrived, or never will.
-            async with asyncio.timeout(GRACE_S + paulis.size / rate_hz):
-                return await light
-        except TimeoutError as error:
+            await asyncio.wait([light], timeout=GRACE_S + paulis.size / rate_hz)
+            if not light.done():
+                self._qnic.give_up(half)
+            return await light
+        except NoLight as error:
             raise NoLight(f"no light from {self._end.arrangement.source} at {port}") from error
         finally:
             light.cancel()
