@@ -173,8 +173,7 @@ def start(owner: str) -> None:
         raise NetworkError("Open vSwitch is not installed; run `make setup`")
     first = starter()
     if first and (first == owner or owners.gone(first)):
-        for daemon in daemons().values():
-            daemon.signal(signal.SIGCONT)
+        _let_go_on()
     else:
         _refuse_half(daemons())
     marked = {**os.environ, STARTER: owner}
@@ -226,8 +225,7 @@ def revive_if_ours(owner: str) -> None:
     """
     if starter() != owner:
         return
-    for daemon in daemons().values():
-        daemon.signal(signal.SIGCONT)  # it may have been stopped
+    _let_go_on()
     if not running():
         start(owner)
 
@@ -236,14 +234,19 @@ def stop_if_ours(owner: str) -> None:
     """Stop Open vSwitch if this run started it and no bridge is left in it."""
     if starter() != owner:
         return
-    for daemon in daemons().values():
-        daemon.signal(signal.SIGCONT)  # it may have been stopped
+    _let_go_on()
     if not _database_answers() or bridges():
         revive_if_ours(owner)
     if not bridges():
-        _run(CONTROL, "stop", timeout_s=OPENVSWITCH_TIMEOUT_S)
+        _run(CONTROL, "stop", timeout_s=OPENVSWITCH_TIMEOUT_S, check=_let_go_on)
         delete_interface(DATAPATH_INTERFACE)
         (RUNTIME_ROOT / STARTED).unlink(missing_ok=True)  # last: a second signal may come between
+
+
+def _let_go_on() -> None:
+    """Let the daemons go on if a signal has stopped them."""
+    for daemon in daemons().values():
+        daemon.signal(signal.SIGCONT)
 
 
 def starter() -> str:

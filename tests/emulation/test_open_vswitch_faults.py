@@ -83,6 +83,22 @@ def test_a_daemon_that_a_signal_stops_while_it_starts_is_named() -> None:
         openvswitch.stop_if_ours("tests")
 
 
+@pytest.mark.usefixtures("no_open_vswitch")
+@pytest.mark.parametrize("daemon", openvswitch.DAEMONS)
+def test_a_daemon_that_a_signal_stops_while_it_is_to_end_ends_in_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, daemon: str
+) -> None:
+    control, said = tmp_path / "ovs-ctl", tmp_path / "said"
+    stop = f"kill -STOP $(cat {openvswitch.RUN_FOLDER}/{daemon}.pid)"
+    control.write_text(f"#!/bin/sh\n{stop}\n{openvswitch.CONTROL} stop >{said} 2>&1\n")
+    control.chmod(0o755)
+    openvswitch.start("tests")
+    monkeypatch.setattr(openvswitch, "CONTROL", str(control))
+    openvswitch.stop_if_ours("tests")
+    assert not openvswitch.daemons()
+    assert "SIGKILL" not in said.read_text()
+
+
 def test_a_daemon_of_somebody_else_is_not_started_again(tmp_path: Path) -> None:
     """Where the switches' daemon is not ours to start, their interfaces go all the same."""
     output = struck(tmp_path, openvswitch.SWITCH_DAEMON, signal.SIGTERM)
