@@ -1,4 +1,4 @@
-"""What root of a host may do in its user namespace, and what not; user_namespaces(7) says what."""
+"""Root of a host in its user namespace, and what it may do there; see user_namespaces(7)."""
 
 import os
 import signal
