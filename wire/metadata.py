@@ -381,6 +381,23 @@ class Emit(Message):
 
 
 @dataclass(frozen=True)
+class Emission(Emit):
+    """Ask for a block as Emit does, behind those asked for before; only a refusal is answered."""
+
+    KIND = 9
+
+
+@dataclass(frozen=True)
+class Emitted(Message):
+    """Ask a pair source whether the light of all blocks has arrived; answered when it has."""
+
+    KIND = 10
+    FIELDS = struct.Struct("!I")
+
+    block: int  # the last one
+
+
+@dataclass(frozen=True)
 class Frame:
     """One frame of a block: its number, its size and the check of its content."""
 
@@ -541,7 +558,11 @@ class Envelope(Message):
 
 
 KINDS: dict[int, type[Message]] = {
-    kind.KIND: kind for kind in (Setup, Answer, Emit, Block, Report, Finish, Values, Envelope)
+    kind.KIND: kind
+    for kind in (
+        *(Setup, Answer, Emit, Block, Report, Finish, Values, Envelope),
+        *(Emission, Emitted),
+    )
 }
 
 
