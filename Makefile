@@ -111,7 +111,7 @@ bench: setup ## Measure and print the speed of this machine
 live-speed: setup browser ## Measure the live view: how far it is behind, its memory, what it costs
 	$(AS_ROOT) PYTHONPATH=.:tests/unit/qmn $(PYTHON) tests/live_speed/measure.py
 
-curves: setup ## Check the physics against theory and draw it (curves/)
+curves: setup ## Check the physics against theory and published figures, and draw it (curves/)
 	bin/qmn curves
 
 labs: setup ## Hold published results beside runs of the network (runs/labs/; ARGS=--resume goes on)

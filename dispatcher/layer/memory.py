@@ -16,7 +16,7 @@ from dispatcher.clock import Clock
 from dispatcher.devices import hardware
 from dispatcher.devices.decay import LEAST, Decay, Each, Waits, decay
 from dispatcher.devices.hardware import Devices
-from dispatcher.layer import cutoff, drift, further, part_noise
+from dispatcher.layer import cutoff, drift, further, herald, part_noise
 from dispatcher.layer.ownership import Block
 from dispatcher.layer.software_time import SoftwareTime
 from dispatcher.photon_random import PhotonRandom
@@ -49,26 +49,30 @@ class Memories:
         self._sabot, self._draws = sabot, draws
         self._stored: dict[str, dict[Block, int]] = {}  # qubits of each block, by node
 
-    def store(self, block: Block, cutoff_s: float | None = None) -> None:
+    def store(self, block: Block, cutoff_s: float | None = None) -> str:
         """Put a block at a node into its memory, or keep it there; refuse what has no room.
 
-        What is older than the cut-off is dropped: the one told, or that of the memory.
+        What is older than the cut-off is dropped: the one told, or that of the memory. Return what
+        the event log says of heralds that are wrong.
         """
         stored = self._stored.setdefault(block.node, {})
-        if block not in stored:
-            self._put(block, stored)
+        wrong = "" if block in stored else self._put(block, stored)
         own = self._devices.of(block.node).memory.cutoff_s
         if cutoff_s == cutoff.NEVER:
             cutoff.remember(block)
         block.cutoff_s = own if cutoff_s is None else cutoff_s
         cutoff.drop(self._sabot, block, self._clock.now_ns())
+        return wrong
 
-    def _put(self, block: Block, stored: dict[Block, int]) -> None:
+    def _put(self, block: Block, stored: dict[Block, int]) -> str:
         hardware.require(self._devices, block.node, STORE)
         self.require_capacity(block.node, block.register.remaining)
+        memory = self._devices.of(block.node).memory
+        wrong = herald.meet(self._sabot, self._draws, block, memory)
         stored[block] = block.register.remaining
         block.stored_ns, block.stores = self._clock.now_ns(), block.stores + 1
         block.kept = True
+        return wrong
 
     def require_capacity(self, node: str, more: int) -> None:
         """Refuse so many more qubits if a node's memory has no room for them."""

@@ -83,6 +83,7 @@ class Block:
         False  # qubits of the node, not light: they have been in its memory, or were made there
     )
     born_ns: NDArray[np.int64] | None = None  # when each came, if it has been looked at; shape (k,)
+    false_heralds: NDArray[np.bool_] | None = None  # empty places that a memory says are full
     # What tells these photons from others of this name: which use of it, or where they come from.
     lineage: str = ""
     maker: str = ""  # the node that has made it; the first at which it is, unless told

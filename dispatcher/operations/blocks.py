@@ -8,7 +8,7 @@ import numpy as np
 
 from dispatcher.devices import hardware
 from dispatcher.devices.source import most_further
-from dispatcher.layer import cutoff, drift, further, part_noise
+from dispatcher.layer import cutoff, drift, further, herald, part_noise
 from dispatcher.layer.layer import PhysicalLayer, block_name, tally
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations import gate_noise, imperfections, limits, preparation
@@ -204,11 +204,11 @@ class Operations:
         """Keep a block in the node's memory, and drop what is older than the cut-off."""
         told = None if cutoff_s is None else cutoff.checked(cutoff_s)
         block = self._layer.ownership.require(name, node)
-        self._layer.memories.store(block, told)
-        self._layer.record(node, "store", block)
+        wrong = self._layer.memories.store(block, told)
+        self._layer.record(node, "store", block, detail=wrong)
         feedback = self._layer.feedback(block)
         feedback.time_ns = block.stored_ns
-        feedback.arrived = further.held(block).astype(np.uint8).tobytes()
+        feedback.arrived = herald.told(block).astype(np.uint8).tobytes()
         return feedback
 
     def discard(self, node: str, name: BlockName) -> Feedback:

@@ -16,7 +16,7 @@ import grpc
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.layer import cutoff, drift, further, pulses
+from dispatcher.layer import cutoff, drift, further, herald, pulses
 from dispatcher.layer.layer import PhysicalLayer, block_name
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations import limits
@@ -59,7 +59,9 @@ class Gathering:
         gathered = self._block(node, into, picked)
         if keep_rest:
             for block, positions in picked:
-                further.darken(layer.sabot, block, _mask(positions, block.register.size))
+                taken = _mask(positions, block.register.size)
+                further.darken(layer.sabot, block, taken)
+                herald.drop(block, taken)
         else:
             for block in blocks:
                 layer.drop(block)
@@ -130,6 +132,7 @@ class Gathering:
             lineage=_lineage(picked),
             cutoff_s=min(block.cutoff_s for block in blocks),
             born_ns=cutoff.gather(picked),
+            false_heralds=herald.gather(picked),
             kept=all(block.kept for block in blocks),
         )
 

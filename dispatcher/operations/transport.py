@@ -100,7 +100,7 @@ class Transport:
         block.interval_ns = departure.pattern.interval_ns
         block.source_rate_hz = float("inf")
         cutoff.forget(block)
-        block.kept = False
+        block.kept, block.false_heralds = False, None
         flight = Flight(block, departure, layer)
         flight.announce(end)
         task = asyncio.create_task(self._fly(block, end, flight, turns))

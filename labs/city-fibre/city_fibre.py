@@ -1,11 +1,11 @@
 """Pairs through a city: fidelity over brightness (arXiv:2404.08626) and length (2504.08927)."""
 
 from collections.abc import Sequence
-from math import exp
+from math import exp, log10
 
 from scipy.optimize import brentq
 
-from qmn.labs.lab import Chart, Finding, Lab, Published, Run, Runs, in_range
+from qmn.labs.lab import Chart, Finding, Lab, Published, PublishedRow, Run, Runs, in_range
 from qmn.sweeps.estimates import Estimate, proportion
 
 # Pairs/s behind the fibre. Two bases bound F by the visibility V, and by (1 + V)/2.
@@ -17,8 +17,7 @@ LOWER = {
 }
 UPPER = {"middle": Published(0.967, 0.004, "New York: 15 days, upper bound")}
 BEST = Published(0.99, 0.005, "New York: about 0.99")
-NEAR, FAR = 0.68, 0.90  # detectors at 795 nm and 1324 nm
-FIBER_DB, KM, TOTAL_DB = 14.45, 34, 17.46
+NEAR, FAR, FIBER_DB, KM, TOTAL_DB = 0.68, 0.90, 14.45, 34, 17.46  # detectors: 795, 1324 nm
 S_TEST = "e91 --chsh-fraction 0.5"
 BERLIN = {"10-m": 0.01, "30-km": 30.0, "60-km": 60.0}
 
@@ -79,6 +78,17 @@ def less(error: Estimate, times: float) -> Estimate:
     return Estimate(1 - times * error.value, times * error.error)
 
 
+def row(name: str, what: str, times: float, theirs: Published) -> PublishedRow:
+    """Return 1 - times * error, for the physical layer alone."""
+    rate, further_db = RATES[name], TOTAL_DB - 10 * log10(FAR / NEAR)
+    point = {"mean_pairs": 2 * light(rate) / NEAR, "loss_db": -10 * log10(NEAR)}
+    points = [("multi-pair", {**point, "further_db": further_db, "pairs": 20_000_000})]
+    words, inputs = f"{what}, {rate:g} pairs/s", unsure(rate) * times / 2
+    return PublishedRow(
+        "arXiv:2404.08626", words, theirs, lambda told: less(told["qber"], times), points, inputs
+    )
+
+
 def findings(runs: Runs) -> Sequence[Finding]:
     """Return the bounds of F at each brightness, then F and S over length."""
     found = []
@@ -107,6 +117,9 @@ LAB = Lab(
     runs={name: session("bbm92", COUNTS[name], rate, KM) for name, rate in RATES.items()}
     | {name: session(S_TEST, 1200, RATES["middle"], km) for name, km in BERLIN.items()},
     findings=findings,
+    rows=[row(name, "F at least", 2, theirs) for name, theirs in LOWER.items()]
+    + [row(name, "F at most", 1, theirs) for name, theirs in UPPER.items()]
+    + [row("dimmest", "F", 1.5, BEST)],
     charts=(
         Chart("lower", "lower bound by two bases", *AXES, lower),
         Chart("upper", "upper bound by two bases", *AXES, upper),

@@ -2,14 +2,17 @@
 
 import json
 from collections.abc import Sequence
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
-from qmn.labs.lab import Chart, Finding, Lab, Published, Runs
+from qmn.labs.lab import Chart, Finding, Lab, Published, PublishedRow, Runs
 from qmn.sweeps.estimates import Estimate, proportion
 
 FIGURES = json.loads(Path(__file__).with_name("figures.json").read_text())
+PAPER = "arXiv:2504.01290"
 PAIRS = 20_000
+NAMES = {"fidelity": "purified", "success": "success"}  # of our figures, in that file
 CONFIDENCE_95 = 1.959964  # standard errors
 RUN = f"run distribute --purification bbpssw --rounds 1 --count {PAIRS} --sample 0.5"
 
@@ -24,6 +27,25 @@ def said(figure: dict[str, Any]) -> str:
     return f"{RUN} {devices} --captures none --no-report --no-record"
 
 
+def words(figure: dict[str, Any], what: str) -> str:
+    """Return what a number is."""
+    return what + ": F {fidelity:g}, gates {gate:g}, readings {readout:g}".format(**figure)
+
+
+def published(figure: dict[str, Any], what: str) -> Published:
+    """Return what SeQUeNCe has."""
+    return Published(figure[NAMES[what]], 0.0, FIGURES["program"])
+
+
+def row(figure: dict[str, Any], what: str) -> PublishedRow:
+    """Return it for the physical layer alone."""
+    like = {"two_qubit_depolarizing": 1 - figure["gate"], "readout_error": 1 - figure["readout"]}
+    point = "purification", {"fidelity": figure["fidelity"], "pairs": 300_000, **like}
+    return PublishedRow(
+        f"after {PAPER}", words(figure, what), published(figure, what), itemgetter(what), [point]
+    )
+
+
 def findings(runs: Runs) -> Sequence[Finding]:
     """Return fidelity and success of one round; readings of the estimate are corrected for."""
     found = []
@@ -34,21 +56,18 @@ def findings(runs: Runs) -> Sequence[Finding]:
         estimate = 1 / 4 + (told["fidelity"] - 1 / 4) / kept
         fidelity = Estimate(estimate, width / 2 / CONFIDENCE_95 / kept)
         success = proportion(told["survived"], told["compared"])
-        words = "F {fidelity:g}, gates {gate:g}, readings {readout:g}".format(**figure)
-        for chart, ours, theirs in (
-            ("fidelity", fidelity, figure["purified"]),
-            ("success", success, figure["success"]),
-        ):
-            published = Published(theirs, 0.0, FIGURES["program"])
-            found.append(Finding(chart, f"{chart}: {words}", ours, published, theirs))
+        for chart, ours in (("fidelity", fidelity), ("success", success)):
+            theirs = published(figure, chart)
+            found.append(Finding(chart, words(figure, chart), ours, theirs, theirs.value))
     return found
 
 
 LAB = Lab(
     title="purification by noisy gates and readings, as SeQUeNCe has it",
-    paper="Chung et al., Cross-Validating Quantum Network Simulators (2025), arXiv:2504.01290",
+    paper=f"Chung et al., Cross-Validating Quantum Network Simulators (2025), {PAPER}",
     runs={figure["name"]: said(figure) for figure in FIGURES["figures"]},
     findings=findings,
+    rows=[row(figure, what) for figure in FIGURES["figures"] for what in NAMES],
     charts=(
         Chart("fidelity", "one round of BBPSSW", "F, by SeQUeNCe", "F, in the network", float),
         Chart("success", "one round of BBPSSW", "success, by SeQUeNCe", "in the network", float),

@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from operator import itemgetter
 
-from qmn.labs.lab import Chart, Finding, Lab, Published, Run, Runs
+from qmn.labs.lab import Chart, Finding, Lab, Published, PublishedRow, Run, Runs
 from qmn.sweeps import theory
 from qmn.sweeps.estimates import Estimate, proportion
 
+PAPER = "doi 10.1038/s41586-022-04891-y"
 FIDELITY, FIDELITY_ERROR = 0.892, 0.023  # abstract: F >= .892(23)
 S = Published(2.578, 0.075, "abstract: S")
 QBER = Published(0.078, 0.009, "abstract: QBER")
@@ -23,10 +25,7 @@ def findings(runs: Runs) -> Sequence[Finding]:
         unsure = FIDELITY_ERROR if name == "paper" else 0.0
         found.append(Finding("s", "S of the CHSH test", s, s_there, fidelity, unsure))
         found.append(Finding("qber", "error rate", qber, qber_there, fidelity, unsure))
-    # Both are linear in F.
-    slopes = {"s": theory.chsh, "qber": error_rate}
-    errors = {name: abs(of(1.0) - of(0.0)) for name, of in slopes.items()}
-    return [replace(each, inputs=each.at_error * errors[each.chart]) for each in found]
+    return [replace(each, inputs=each.at_error * SLOPES[each.chart]) for each in found]
 
 
 def told(run: Run) -> tuple[Estimate, Estimate]:
@@ -42,14 +41,29 @@ def error_rate(fidelity: float) -> float:
     return 2 * (1 - fidelity) / 3
 
 
+LINES = {"s": theory.chsh, "qber": error_rate}
+SLOPES = {name: abs(of(1.0) - of(0.0)) for name, of in LINES.items()}  # of straight lines
+
+
+def rows() -> list[PublishedRow]:
+    """Return S and the error rate of E91 on the physical layer alone."""
+    point, found = ("spied-pairs", {"fidelity": FIDELITY}), []
+    for chart, measure, theirs in (("s", "chsh", S), ("qber", "qber", QBER)):
+        unsure = FIDELITY_ERROR * SLOPES[chart]
+        what = f"{measure}, pairs of fidelity {FIDELITY:g}"
+        found.append(PublishedRow(PAPER, what, theirs, itemgetter(measure), [point], unsure))
+    return found
+
+
 LAB = Lab(
     title="keys certified by a Bell test over 400 m: S = 2.578, error rate 7.8 %",
-    paper="Zhang et al., Nature 607, 687 (2022), doi 10.1038/s41586-022-04891-y",
+    paper=f"Zhang et al., Nature 607, 687 (2022), {PAPER}",
     runs={
         name: f"{KEYS} --device charlie.source.fidelity={fidelity} --length-km 0.1"
         for name, fidelity in FIDELITIES.items()
     },
     findings=findings,
+    rows=rows(),
     charts=(
         Chart("s", "the CHSH test of E91", "fidelity of the pairs", "S", theory.chsh),
         Chart(

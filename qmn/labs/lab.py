@@ -5,7 +5,7 @@ Each is a folder of labs/ with a module of its name, which says LAB = Lab(…), 
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from qmn.sweeps.estimates import SIGMAS, Estimate, mean_of_draws
+from qmn.sweeps.experiment import Outcome
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,29 @@ def paired(what: str, ours: ArrayLike, theirs: ArrayLike, source: str) -> Findin
 
 
 @dataclass(frozen=True)
+class PublishedRow:
+    """A published figure that needs no network: `qmn curves` has the physical layer give it.
+
+    `points` are experiments of qmn.sweeps and what is given of their parameters; `of` makes our
+    figure of what is measured there, in this order (of none, where it follows from formulas of
+    the product alone).
+    """
+
+    paper: str  # arXiv:… or doi …
+    what: str
+    published: Published
+    of: Callable[..., Estimate]
+    points: Sequence[tuple[str, Mapping[str, object]]] = ()
+    inputs: float = 0.0  # as of a Finding
+
+    def finding(self, outcomes: Sequence[Outcome]) -> Finding:
+        """Return our figure of what was measured at the points, and the published one."""
+        source = f"{self.paper}: {self.published.source}"
+        published = replace(self.published, source=source)
+        return Finding("", self.what, self.of(*outcomes), published, inputs=self.inputs)
+
+
+@dataclass(frozen=True)
 class Chart:
     """What a figure of a lab shows; axes have their units in the labels."""
 
@@ -139,6 +163,7 @@ class Lab:
     runs: Mapping[str, str]  # by name: what is said behind `qmn`, but for --seed and --runs
     findings: Callable[[Runs], Sequence[Finding]]
     charts: Sequence[Chart] = field(default=())
+    rows: Sequence[PublishedRow] = field(default=())  # of the same papers, without a network
     tolerance: float = SIGMAS  # standard errors
     # Writes further files into the lab's folder, and returns them.
     files: Callable[[Runs, Path], Sequence[Path]] = lambda _runs, _folder: ()

@@ -24,6 +24,7 @@ from qmn.sweeps.pair_keys import PAIR_KEYS
 from qmn.sweeps.parameters import Values, point_seed
 from qmn.sweeps.photon_splitting import PHOTON_SPLITTING
 from qmn.sweeps.polarization import MODES, POLARIZATION
+from qmn.sweeps.purification import PURIFICATION
 from qmn.sweeps.relayed_keys import RELAYED_KEYS
 from qmn.sweeps.scheduling import SCHEDULE
 from qmn.sweeps.seal import SEAL
@@ -47,6 +48,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         DEAD,
         GATED_BELL,
         GATED_SWAP,
+        PURIFICATION,
         NESTED,
         WAITING,
         FRESH_OUTCOMES,

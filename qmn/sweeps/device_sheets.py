@@ -78,6 +78,27 @@ DEVICE_SHEETS = (
         ],
     ),
     Sheet(
+        "purification",
+        "purification",
+        {
+            "fidelity": "0.6:1:9",
+            "two_qubit_depolarizing": [0.0, 0.04],
+            "readout_error": [0.0, 0.02],
+            "pairs": 200_000,
+        },
+        [
+            Curve(
+                f"purification-{measure}",
+                f"A round of BBPSSW by gates and readings that err: {text}",
+                "fidelity",
+                "fidelity F of the pairs",
+                measure,
+                by=["two_qubit_depolarizing", "readout_error"],
+            )
+            for measure, text in (("fidelity", "fidelity"), ("success", "pairs kept"))
+        ],
+    ),
+    Sheet(
         "memory",
         "memory",
         {"rate_hz": "100:1e6:9:log", "t2_s": [0.01, 0.1, 1.0], "t1_s": [1.0], "pairs": 100_000},

@@ -18,15 +18,16 @@ from wire.parameters.physics import Device, PairSource
 STATISTICS = Parameter("statistics", "poisson", choices=("poisson", "thermal"))
 MEAN = Parameter("mean_pairs", 0.1, 0.0, 10.0)
 LOSS = Parameter("loss_db", 0.0, 0.0, 100.0, "dB")
+FURTHER = Parameter("further_db", 0.0, 0.0, 100.0, "dB")  # of bob's way, beyond alice's
 WAYS = (("charlie-q0", "alice-q0"), ("charlie-q1", "bob-q0"))
 
 
 async def compare(values: Values, seed: int) -> Outcome:
-    """Send both halves of pulses over equal losses; compare what the ends see in Z."""
+    """Send both halves of pulses over lossy ways; compare what the ends see in Z."""
     source = PairSource(
         statistics=str(values[STATISTICS.name]), mean_pairs=number(values, MEAN.name)
     )
-    fibers = [fiber(*way, connectors_db=number(values, LOSS.name)) for way in WAYS]
+    fibers = [fiber(*way, connectors_db=db) for way, db in zip(WAYS, losses(values), strict=True)]
     laboratory = Laboratory(configuration(seed, fibers, {"charlie": Device(source=source)}))
     charlie = laboratory.host("charlie")
     pulses = both = wrong = 0
@@ -45,17 +46,23 @@ async def compare(values: Values, seed: int) -> Outcome:
     return {"qber": proportion(wrong, both), "coincidences": proportion(both, pulses)}
 
 
+def losses(values: Values) -> tuple[float, float]:
+    """Return what is lost on the way to alice and to bob (dB)."""
+    loss_db = number(values, LOSS.name)
+    return loss_db, loss_db + number(values, FURTHER.name)
+
+
 def expected(values: Values) -> tuple[float, float]:
     """Return what theory says of the error rate and of how often both ends see something."""
     statistics = str(values[STATISTICS.name])
-    arrives = theory.transmission(number(values, LOSS.name))
-    return theory.several_pairs(statistics, number(values, MEAN.name), arrives)
+    to_alice, to_bob = (theory.transmission(each) for each in losses(values))
+    return theory.several_pairs(statistics, number(values, MEAN.name), (to_alice, to_bob))
 
 
 MULTI_PAIR = Experiment(
     "multi-pair",
     "errors by several pairs in a pulse",
-    (STATISTICS, MEAN, LOSS, pairs_parameter(1_000_000)),
+    (STATISTICS, MEAN, LOSS, FURTHER, pairs_parameter(1_000_000)),
     (
         Measure("qber", "error rate (QBER)", lambda values: expected(values)[0]),
         Measure("coincidences", "pulses that both ends see", lambda values: expected(values)[1]),

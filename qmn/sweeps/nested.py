@@ -15,12 +15,13 @@ from qmn.sweeps.link import configuration, fiber
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.sweeps.teleportation import BASES, fidelity_of
 from wire.dispatcher_pb2 import Gate, MeasureRequest
-from wire.parameters.physics import Device, PairSource
+from wire.parameters.physics import Device, Gates, PairSource
 
 FIDELITY = Parameter("fidelity", 0.9, 0.25, 1.0)
 LEVELS = Parameter("levels", 2, 0, 3)
 ROUNDS = Parameter("rounds", 1, 0, 3)
 
+GATES = Gates()  # perfect
 Key = tuple[int, int]  # a block by number and half, as the laboratory has it
 
 
@@ -51,6 +52,10 @@ class Node:
         gates = [Gate(name=Gate.CX, target=block_id(_key(target)))]
         await self.host.apply(_key(control), gates=gates)
 
+    async def apply(self, name: BlockName, symbols: Any) -> None:
+        """Apply Pauli operators to a block."""
+        await self.host.apply(_key(name), symbols)
+
     async def gather(self, into: BlockName, picks: Any, keep_rest: bool = False) -> None:
         """Make a block of others' qubits."""
         chosen = {_key(name): positions for name, positions in picks.items()}
@@ -68,11 +73,11 @@ class Node:
 class Chain:
     """Nodes in a row, each with a source and a fibre to the next."""
 
-    def __init__(self, links: int, fidelity: float, seed: int) -> None:
+    def __init__(self, links: int, fidelity: float, seed: int, gates: Gates = GATES) -> None:
         """Build it; there is a link between two neighbours."""
         names = [f"n{place}" for place in range(links + 1)]
         ways = [(f"n{place}-q1", f"n{place + 1}-q0") for place in range(links)]
-        device = Device(source=PairSource(fidelity=fidelity))
+        device = Device(source=PairSource(fidelity=fidelity), gates=gates)
         fibers = [fiber(*way, length_km=0.0) for way in ways]
         laboratory = Laboratory(configuration(seed, fibers, dict.fromkeys(names, device)))
         self.nodes = [Node(laboratory.host(name)) for name in names]
@@ -85,11 +90,13 @@ class Chain:
         await right.receive((block, 1), f"n{place + 1}-q0")
         return pairs
 
-    async def purify(self, ends: tuple[int, int], blocks: Key, pairs: int) -> int:
+    async def purify(
+        self, ends: tuple[int, int], blocks: Key, pairs: int, protocol: Protocol = Protocol.DEJMPS
+    ) -> int:
         """Do a round at both ends; return how many pairs are left."""
         names = [BlockName(SESSION, block, half) for half, block in enumerate(blocks)]
         told = [
-            await self.nodes[end].perform(purify(name, pairs, Protocol.DEJMPS, 0))
+            await self.nodes[end].perform(purify(name, pairs, protocol, blocks[0]))
             for end, name in zip(ends, names, strict=True)
         ]
         agreed = np.flatnonzero(told[0] == told[1])

@@ -89,10 +89,12 @@ def agreement_in_z(waits_s: Sequence[tuple[float, float]], t1_s: float) -> float
     return (1 + sum(both) / len(both)) / 2
 
 
-def several_pairs(statistics: str, mean_pairs: float, arrives: float) -> tuple[float, float]:
+def several_pairs(
+    statistics: str, mean_pairs: float, arrives: tuple[float, float]
+) -> tuple[float, float]:
     """Return the error rate, and how often both ends see something, of pulses of Phi+ pairs.
 
-    A pair has a fair bit, the same at both ends, and either half arrives with this probability.
+    A pair has a fair bit, the same at both ends, and each half arrives with its probability.
     The probability that no detector of a set clicks is the generating function of the number of
     pairs at the probability that one pair hits none of them; the rest is inclusion and exclusion.
     """
@@ -100,7 +102,8 @@ def several_pairs(statistics: str, mean_pairs: float, arrives: float) -> tuple[f
     def dark(detectors: frozenset[tuple[int, int]]) -> float:
         misses = 0.0
         for bit in (0, 1):
-            misses += math.prod(1 - arrives * ((end, bit) in detectors) for end in (0, 1)) / 2
+            hits = (arrives[end] * ((end, bit) in detectors) for end in (0, 1))
+            misses += math.prod(1 - hit for hit in hits) / 2
         missing = mean_pairs * (1 - misses)
         return math.exp(-missing) if statistics == "poisson" else 1 / (1 + missing)
 
@@ -363,6 +366,23 @@ def kept_over_gap(chance: float, rounds: float, step: float) -> float:
     other = (1 - chance) * step
     short = 1 - math.pow(1 - chance, rounds)
     return chance * step * (1 - math.pow(other, rounds)) / (1 - other) / short
+
+
+def purified(fidelity: float, gates: float, misread: float) -> tuple[float, float]:
+    """Return how good a round of BBPSSW makes Werner pairs, and how often it succeeds.
+
+    Bennett et al., Phys. Rev. Lett. 76, 722, equation 7, with gates that depolarise both qubits of
+    an end with probability `gates`, and readings that are wrong with `misread`.
+    """
+    other, kept = (1 - fidelity) / 3, (1 - gates) ** 2
+    # Of the kept pair as Phi+, by whether both ends should read the same of the other one. Where
+    # an end depolarises, all 16 Pauli errors of the two pairs are alike.
+    good = kept * (fidelity**2 + other**2) + (1 - kept) / 8
+    dropped = kept * (fidelity + other) * other + (1 - kept) / 8
+    agree = kept * ((fidelity + other) ** 2 + (2 * other) ** 2) + (1 - kept) / 2
+    wrong = either(misread, misread)
+    success = agree * (1 - wrong) + (1 - agree) * wrong
+    return (good * (1 - wrong) + dropped * wrong) / success, success
 
 
 def gated_swap_fidelity(one: float, two: float, misread: float, kept: float) -> float:

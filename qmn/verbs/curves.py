@@ -1,7 +1,8 @@
-"""qmn curves: measure the physical layer against theory and draw it.
+"""qmn curves: measure the physical layer against theory and published figures, and draw it.
 
-Fails, and names the point, if one is further from theory than 5 standard errors. Prints of each
-figure the point that is furthest: ours, theory, and the difference in standard errors.
+Fails, and names the point, if one is further from theory, or from what is published, than 5
+standard errors. Prints of each figure the point that is furthest from theory, and a row for each
+published figure: ours, theirs, the difference in standard errors, paper and table.
 """
 
 import argparse
@@ -16,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.progress import Progress
 
-from qmn.labs.lab import Finding, Published
-from qmn.labs.outcome import show
+from qmn.labs.lab import Finding, Published, PublishedRow
+from qmn.labs.outcome import number, show, stated
 from qmn.options import add_options, read
 from qmn.results.run_folder import give_tree
 from qmn.sweeps.estimates import SIGMAS
@@ -34,6 +35,9 @@ if TYPE_CHECKING:
     from qmn.sweeps.sheet import Sheet
 
 
+PUBLISHED = "published"  # as a sheet's name: what papers state
+
+
 @dataclass(frozen=True)
 class CurvesOptions:
     """Which sheets to measure, and where."""
@@ -42,7 +46,9 @@ class CurvesOptions:
     seed: int = option(1, "of all randomness (1)")
     workers: int | None = option(None, "processes (as many as processors)", metavar="N")
     scheduler: str = option("", "a Dask cluster instead of processes", metavar="tcp://…")
-    only: tuple[str, ...] = option((), "one sheet alone (more than once)", metavar="NAME")
+    only: tuple[str, ...] = option(
+        (), f"one sheet alone, or {PUBLISHED} (more than once)", metavar="NAME"
+    )
 
 
 def add_parser(verbs: Any) -> None:
@@ -61,11 +67,12 @@ def call(arguments: argparse.Namespace) -> int:
 
     console, options = Console(highlight=False), read(CurvesOptions, arguments)
     try:
-        sheets = chosen(options)
+        sheets, rows = chosen(options)
         workers = options.workers or os.cpu_count() or 1
         with Signals() as signals, running.client(options.scheduler, workers) as client:
             measurer = running.on_cluster(client, signals.check)
             far = measure(sheets, options.out, options.seed, measurer, console)
+            far += compare(rows, options.seed, measurer, console)
     except (BadGrid, BadTable, SweepError) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
@@ -73,21 +80,25 @@ def call(arguments: argparse.Namespace) -> int:
         print(f"qmn: {error}", file=sys.stderr)
         return error.status
     for text in far:
-        print(f"qmn: further from theory than 5 standard errors: {text}", file=sys.stderr)
+        print(f"qmn: more than 5 standard errors away: {text}", file=sys.stderr)
     return 1 if far else 0
 
 
-def chosen(options: CurvesOptions) -> "Sequence[Sheet]":
-    """Return the sheets asked for; raise BadGrid for what cannot be."""
+def chosen(options: CurvesOptions) -> "tuple[list[Sheet], list[PublishedRow]]":
+    """Return the sheets and published figures asked for; raise BadGrid for what cannot be."""
+    from qmn.labs import rows as published
     from qmn.sweeps.sheets import SHEETS
 
     if options.workers is not None and not 1 <= options.workers <= MAX_WORKERS:
         raise BadGrid(f"--workers {options.workers}: choose 1 to {MAX_WORKERS}")
     names = {sheet.name: sheet for sheet in SHEETS}
+    known = [*names, PUBLISHED]
     for name in options.only:
-        if name not in names:
-            raise BadGrid(f"--only {name}: choose {', '.join(names)}")
-    return [names[name] for name in options.only or names]
+        if name not in known:
+            raise BadGrid(f"--only {name}: choose {', '.join(known)}")
+    wanted = options.only or known
+    sheets = [names[name] for name in wanted if name in names]
+    return sheets, published.rows() if PUBLISHED in wanted else []
 
 
 def measure(
@@ -97,6 +108,8 @@ def measure(
     from qmn.sweeps import running
     from qmn.sweeps.figure import draw
 
+    if not sheets:
+        return []
     far, points, findings = [], 0, list[Finding]()
     with Progress(*progress_columns(), console=console) as bar:
         task = bar.add_task("points", total=sum(sheet.grid.size for sheet in sheets))
@@ -117,6 +130,33 @@ def measure(
     show(console, findings, SIGMAS, "theory")
     console.print(f"{points} points in {out}/, {len(far)} too far from theory", soft_wrap=True)
     return far
+
+
+def compare(
+    rows: Sequence[PublishedRow], seed: int, measurer: Measurer, console: Console
+) -> list[str]:
+    """Print our figure beside each published one; return every one that is too far from it."""
+    from qmn.labs import rows as published
+
+    if not rows:
+        return []
+    findings: Sequence[Finding] = ()
+    with Progress(*progress_columns(), console=console) as bar:
+        task = bar.add_task("published", total=sum(map(len, published.points(rows).values())))
+        for findings in published.measured(rows, seed, measurer):
+            bar.advance(task, 0 if findings else 1)
+    show(console, findings, SIGMAS)
+    far = [each for each in findings if not each.agrees(SIGMAS)]
+    console.print(f"{len(rows)} published figures, {len(far)} too far from ours", soft_wrap=True)
+    return [told(each) for each in far]
+
+
+def told(finding: Finding) -> str:
+    """Name a figure that differs from what is published."""
+    assert finding.published is not None
+    ours = number(finding.ours.value, finding.error)
+    theirs = stated(finding.published)
+    return f"{finding.what}: {ours}, published {theirs} ({finding.published.source})"
 
 
 def furthest(sheet: "Sheet", rows: Sequence[Row]) -> list[Finding]:

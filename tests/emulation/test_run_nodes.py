@@ -5,7 +5,7 @@ Fidelities are held against the closed form of the devices' numbers, within 5 st
 
 import json
 import subprocess
-from math import exp, sqrt
+from math import exp, log10, sqrt
 from pathlib import Path
 from typing import Any
 
@@ -113,3 +113,26 @@ def test_a_repeater_without_a_memory_is_refused_to_who_asks_by_name_and_remedy(
     done = run(tmp_path, "swap", "--device", "r1.memory.capacity=0", "--count", "5")
     assert done.returncode == 1
     assert "swap: r1 has no memory, or one that is too small (feature store)" in done.stderr
+
+
+def test_a_memory_that_heralds_badly_is_given_less_and_delivers_empty_places(
+    tmp_path: Path,
+) -> None:
+    """Half of the light comes; T e + (1 - T) f of the pairs are shared, and T e of those there."""
+    passed, seen, mistaken, count = 0.5, 0.8, 0.1, 20_000
+    shared = passed * seen + (1 - passed) * mistaken
+    empty = (1 - passed) * mistaken / shared
+    words = ["--length-km", "0.01", "--loss-db-per-km", "0", "--switch", "insertion_loss_db=0"]
+    words += ["--fiber", f"bob-q1.loss_db_per_km={-10 * log10(passed) / 0.01}"]
+    words += ["--device", f"bob.memory.herald_efficiency={seen}"]
+    words += ["--device", f"bob.memory.false_herald={mistaken}"]
+    result = result_of(tmp_path, "distribute", "--count", str(count), *words)
+    alice = result["asking"]
+    assert alice["pairs"] == result["asked"]["pairs"] == count
+    error = sqrt(shared * (1 - shared) / alice["emitted"])
+    assert abs(alice["shared"] / alice["emitted"] - shared) < 5 * error
+    gathered = [line for line in log_of(tmp_path) if " bob " in line and " gather " in line]
+    (delivered,) = [line for line in gathered if f"photons={count} " in line]
+    found = int(delivered.partition("lost=")[2].split()[0])
+    assert abs(found - count * empty) < 5 * sqrt(count * empty * (1 - empty))
+    assert alice["fidelity"] == 1  # of those that were read

@@ -201,6 +201,10 @@ class Memory:
     retrieval_s: float = parameter(
         float("inf"), 1e-12, float("inf")
     )  # efficiency falls e^(-t/this)
+    # Of light that comes: how likely the memory tells of a photon that it has taken in, and of one
+    # where none came.
+    herald_efficiency: float = parameter(1.0, 0.0, 1.0)
+    false_herald: float = parameter(0.0, 0.0, 1.0)
     # What has been kept for longer is dropped; who stores may say otherwise.
     cutoff_s: float = parameter(float("inf"), 1e-9, float("inf"))
     capacity: int = parameter(4_000_000, 0, 4_000_000)  # qubits
@@ -208,6 +212,11 @@ class Memory:
     # "path/to/file.py:ClassName" of a noise model of one's own, and keywords for it.
     noise: str = ""
     noise_parameters: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def heralds_perfectly(self) -> bool:
+        """Whether it tells exactly which photons have come."""
+        return self.herald_efficiency == 1 and not self.false_herald
 
     @property
     def decays(self) -> bool:

@@ -3,12 +3,15 @@
 import argparse
 import csv
 from collections.abc import Iterator
+from operator import itemgetter
 from pathlib import Path
 
 import matplotlib.image
 import pytest
 from distributed import LocalCluster
 
+from qmn.labs import rows as published
+from qmn.labs.lab import Published, PublishedRow
 from qmn.sweeps import cluster, sheets, theory
 from qmn.sweeps.parameters import BadGrid
 from qmn.sweeps.sheet import Curve, Sheet
@@ -191,7 +194,7 @@ def one_sheet(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("one_sheet")
 def test_curves_that_agree_with_theory_pass(tmp_path: Path, scheduler: Words) -> None:
-    assert run("curves", "--out", str(tmp_path), *scheduler) == 0
+    assert run("curves", "--only", "small", "--out", str(tmp_path), *scheduler) == 0
     assert matplotlib.image.imread(tmp_path / "small.png").std() > 0.05
 
 
@@ -204,11 +207,44 @@ def test_a_point_that_theory_does_not_explain_fails_the_command_and_is_named(
 ) -> None:
     # A theory that takes F for the fidelity of the teleported state: right for F = 1 alone.
     monkeypatch.setattr(theory, "teleported_fidelity", lambda fidelity: fidelity)
-    assert run("curves", "--out", str(tmp_path), *scheduler) == 1
+    assert run("curves", "--only", "small", "--out", str(tmp_path), *scheduler) == 1
     said = capsys.readouterr().err
     assert "teleport at fidelity 0.5, pairs 60000: teleported 0.66" in said
     assert "theory 0.5" in said
-    assert said.count("further from theory") == 1
+    assert said.count("more than 5 standard errors away") == 1
+
+
+def test_every_published_figure_is_reproduced(
+    tmp_path: Path,
+    scheduler: Words,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The command itself: what papers and other programs state is what the row compares with."""
+    monkeypatch.setenv("COLUMNS", "200")
+    assert run("curves", "--only", "published", "--out", str(tmp_path), *scheduler) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert f"{len(published.rows())} published figures, 0 too far" in said
+    for source in ("arXiv:1609.00713", "arXiv:1311.7129", "arXiv:2404.08626", "nature15759"):
+        assert source in said
+    assert not list(tmp_path.iterdir())  # no sheet was measured
+
+
+def test_a_published_figure_that_is_not_ours_fails_the_command_and_is_named(
+    tmp_path: Path,
+    scheduler: Words,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Phi+ without noise has two bits a pair; 1.9 of them are ten errors off."""
+    stated = Published(1.9, 0.01, "table I")
+    row = PublishedRow("arXiv:1", "bits", stated, itemgetter("capacity"), [("sdc", {})])
+    monkeypatch.setattr(published, "rows", lambda: [row])
+    assert run("curves", "--only", "published", "--out", str(tmp_path), *scheduler) == 1
+    told = capsys.readouterr()
+    assert "+10.0 TOO FAR" in told.out
+    assert "bits: 2.0000" in told.err
+    assert "published 1.900 ± 0.010 (arXiv:1: table I)" in told.err
 
 
 def test_unknown_curves_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

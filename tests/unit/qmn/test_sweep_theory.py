@@ -84,7 +84,30 @@ def test_several_pairs_give_the_error_rate_of_an_enumeration(
     statistics: str, mean: float, arrives: float, figure: float
 ) -> None:
     """Figures of tests/unit/dispatcher/test_further_pairs.py, which goes through all cases."""
-    assert theory.several_pairs(statistics, mean, arrives)[0] == pytest.approx(figure, abs=6e-5)
+    told = theory.several_pairs(statistics, mean, (arrives, arrives))
+    assert told[0] == pytest.approx(figure, abs=6e-5)
+
+
+@pytest.mark.parametrize(("mine", "yours"), [(0.68, 0.02), (0.1, 0.9)])
+def test_halves_that_are_lost_unequally_err_as_all_numbers_of_pairs_say(
+    mine: float, yours: float
+) -> None:
+    """Of n pairs k have bit 0; an end that sees both bits tells a coin."""
+
+    def told(zeros: int, ones: int, arrives: float) -> tuple[float, float]:
+        zero, one = (1 - (1 - arrives) ** count for count in (zeros, ones))
+        return zero * (1 - one) + zero * one / 2, one * (1 - zero) + zero * one / 2
+
+    mean, both, wrong = 0.3, 0.0, 0.0
+    for pairs in range(25):
+        for zeros in range(pairs + 1):
+            chance = math.exp(-mean) * mean**pairs / math.factorial(pairs)
+            chance *= math.comb(pairs, zeros) / 2**pairs
+            hers, his = (told(zeros, pairs - zeros, each) for each in (mine, yours))
+            both += chance * sum(hers) * sum(his)
+            wrong += chance * (hers[0] * his[1] + hers[1] * his[0])
+    found = theory.several_pairs("poisson", mean, (mine, yours))
+    assert found == pytest.approx((wrong / both, both), rel=1e-9)
 
 
 @pytest.mark.parametrize("mean", [1e-4, 1e-3, 1e-2])

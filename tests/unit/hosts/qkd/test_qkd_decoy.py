@@ -11,7 +11,6 @@ from qkd_ends import SHORT, make_ends, measured, random_bits
 from hosts.middleware.qkd.bits import pack_levels, unpack_levels
 from hosts.middleware.qkd.decoy import Bounds, Decoys, Sifted, bounds, key_length, phase_error
 from hosts.middleware.qkd.end import State
-from hosts.middleware.qkd.key_length import binary_entropy
 from hosts.middleware.qkd.sifting import Record
 from wire.outcomes import NO_CLICK
 from wire.qkd import Bound, Intensities, unframe
@@ -133,64 +132,6 @@ def test_the_papers_equation_is_not_for_few_errors() -> None:
     fails = hypergeom.cdf(wrong, 2 * bits, wrong + in_key, bits)
     assert fails == pytest.approx(3e-9, rel=0.2)
     assert phase_error(bits, bits, wrong, 1e-10 / 21) * bits > 1.5 * in_key
-
-
-# Where the best shares of X, signal and weak pulses and the best means are looked for.
-FAR = [0.25, 0.04, 0.52, 0.49, 0.1]  # near the best behind much loss
-LEAST, MOST = [0.3, 0.05, 0.2, 0.4, 0.1], [0.95, 0.5, 0.5, 0.8, 0.3]
-
-
-def published_rate(block: float, length_km: float) -> float:
-    """Return the best key per pulse of arXiv:1311.7129, section IV: all but the bounds is here.
-
-    n_X = block; eps_sec is 1e-15 for each bit of the key, which is found by iteration. Errors of
-    the optics are taken of the light that is detected: "eta_ch" there would make them 5 %.
-    """
-
-    def rate(x: Floats) -> float:
-        share_x, p1, p2, m1, m2 = x
-        m3, shares = 2e-4, (p1, p2, 1 - p1 - p2)
-        if not (0.1 < share_x < 1 and min(shares) > 1e-3 and m3 < m2 < m1 - m3 and m1 < 1.5):
-            return -1e3
-        decoys = Decoys((m1, m2, m3), shares)
-        channel = 10 ** (-0.02 * length_km)
-        means = np.array(decoys.means)
-        seen = 1 - (1 - 2 * 6e-7) * np.exp(-0.1 * channel * means)
-        wrong = 6e-7 + 5e-3 * (1 - np.exp(-0.1 * channel * means)) + 0.04 * seen / 2
-        seen *= 1.04
-        pulses = block / (share_x**2 * float(np.dot(shares, seen)))
-        each = pulses * np.array(shares)
-        key, test = each * share_x**2 * seen, each * (1 - share_x) ** 2 * seen
-        sifted = Sifted(key, test, each * (1 - share_x) ** 2 * wrong)
-        observed = float(np.dot(shares, wrong) / np.dot(shares, seen))
-        leaked = 1.16 * block * binary_entropy(observed)
-        length = block / 10
-        for _ in range(4):
-            eps = 1e-15 * max(length, 1.0)
-            length = bounds(decoys, sifted, eps).secret - leaked - 6 * log2(21 / eps) - log2(2e15)
-        if length <= 0:
-            return length / block
-        return 100 + log2(length / pulses)  # above all that is no key
-
-    starts = np.random.default_rng(1).uniform(LEAST, MOST, (3, 5))
-    starts = np.append(starts, [FAR], axis=0)
-    from scipy.optimize import minimize  # takes a second, which only this test needs
-
-    found = [minimize(lambda x: -rate(x), start, method="Nelder-Mead").fun for start in starts]
-    best = -float(min(found))
-    return 2 ** (best - 100) if best > 0 else 0.0
-
-
-def test_at_100_km_a_hundred_times_longer_blocks_bring_1_75_times_the_key() -> None:
-    """Section IV: "the secret key rate obtained with n_X = 10^9 is about 1.75 times" 10^7's."""
-    ratio = published_rate(1e9, 100.0) / published_rate(1e7, 100.0)
-    assert ratio == pytest.approx(1.75, abs=0.05)
-
-
-def test_blocks_of_ten_thousand_bits_reach_beyond_120_km() -> None:
-    """Section IV says 135 km; its formulas and channel as printed end at 127 by our search."""
-    assert 1e-8 < published_rate(1e4, 120.0) < 1e-6
-    assert published_rate(1e4, 150.0) == 0.0
 
 
 def pulses(count: int, transmission: float, split: bool = False) -> tuple[NDArray[np.uint8], ...]:
