@@ -232,3 +232,28 @@ def test_quisps_links_take_a_round_trip_and_ten_spacings_of_photons(km: int) -> 
     assert abs(pairs - attempts * light**2 / 2) < 5 * math.sqrt(pairs)
     assert took_s == pytest.approx(attempts * (2 * km * 1e3 / 2.04e8 + 10 * 1e-6), rel=1e-6)
     assert told["late_s"] == pytest.approx(10 * 1e-6)
+
+
+def test_quisp_purifies_and_swaps_as_others_say() -> None:
+    """Its purification is SeQUeNCe's; its swap is that of Pauli errors.
+
+    Of correlations, each swap keeps those of both pairs, a gate without noise, and the readings
+    that tell the correction: of X one, of Z the other, of Y both.
+    """
+    theirs, quisp = (
+        json.loads((catalogue.LABS / lab / "figures.json").read_text())["figures"]
+        for lab in ("cross-check", "quisp")
+    )
+    exact = {figure["name"]: figure for figure in theirs}
+    for figure in quisp:
+        if "swapped" in figure:
+            pair = (4 * figure["fidelity"] - 1) / 3
+            read = 2 * figure["readout"] - 1
+            told = {"swapped": 1 / 4 + pair**2 * figure["gate"] * read * (2 + read) / 4}
+        else:
+            told = {key: exact[figure["name"]][key] for key in ("purified", "success")}
+        for key, value in told.items():
+            mean, error = figure[key]
+            assert 0 < error < 0.02
+            assert abs(mean - value) < 5 * error, (figure["name"], key)
+    assert len(quisp) == len(exact) + 5
