@@ -6,6 +6,7 @@ STALL_TIMEOUT_S = 60.0  # without progress of any application
 NETQASM_STALL_TIMEOUT_S = 180.0  # the same; units, which wait for each other, say it first
 LOAD_CHECK_S = 0.05  # between two looks whether the network is whole while sessions run
 LOAD_LIMIT_S = 120.0  # of the network, for a session beside its holding time
+REPORT_TIMEOUT_S = 120.0  # until the report of a run is drawn
 
 # A network that runs
 CONSOLE_TIMEOUT_S = 10.0  # until the controller has answered a question

@@ -5,10 +5,13 @@ Until it is confined, a host's shell is as Mininet's. Then that becomes the keep
     keeper (node.shell)      the host's network, this machine's files and processes
      `- shell                the host's network, and processes and covered files of its own
 
-Our programs of a host are started beside the keeper: those of the host cannot reach them.
+Our programs of a host are started beside the keeper: those of the host cannot reach them. Where
+the kernel allows it the shell is in a user namespace, which the host's network belongs to: root
+there can mount, and has no powers over the machine's kernel. Else some of them are given up.
 """
 
 import ctypes
+import os
 import shlex
 import signal
 import subprocess
@@ -20,19 +23,26 @@ from typing import Any
 
 from mininet.log import warn
 
-from topologies.memory_share import MIB, MemoryGroup
+from topologies.memory_share import KIB, MIB, MemoryGroup
 from topologies.owners import Owner, owner
-from topologies.programs import ROOT
+from topologies.programs import ROOT, NetworkError
 from topologies.shells import ShellWatcher
 from topologies.timeouts import END_TIMEOUT_S, POLL_S
+from topologies.user_namespace import UserNamespace
 
 SHELL = ROOT / "topologies" / "confined_shell"
-# What could take covers off: mounting, opening files by their numbers, the kernel's memory. And
-# what could take limits off.
+# Without a user namespace. What could take covers off: mounting, opening files by their numbers,
+# the kernel's memory. And what could take limits off.
 GIVEN_UP = "-sys_admin,-dac_read_search,-sys_module,-sys_rawio,-sys_boot,-perfmon,-sys_resource"
 APART = ["unshare", "--pid", "--fork", "--kill-child", "unshare", "--mount", "--mount-proc"]
 FIRST_SHOWN = 10  # descriptor by which the shell has the first of what is shown
 CLONE_NEWPID = 0x20000000
+# A command in the working directory that is its $0, with so much memory (KiB).
+LIMITED = 'limit=$1 && shift && cd "$0" && ulimit -d "$limit" && exec "$@"'
+# By which root rules the kernel; some are not in all kernels (as Docker's readonlyPaths).
+RULED = [Path("/proc/sys"), Path("/sys")]
+RULED_IN_SOME = [Path("/proc", name) for name in ("bus", "fs", "irq", "sysrq-trigger")]
+OWN_NETWORK = [Path("/proc/sys/net"), Path("/sys/devices/virtual/net")]  # all that a host has of it
 LIBC = ctypes.CDLL(None, use_errno=True)
 
 
@@ -44,6 +54,18 @@ class ConfinedNode(ShellWatcher):
     _confined = 0  # process id of the confined shell
     _memory_bytes = 0  # of each process's data
     _group: MemoryGroup | None = None
+    _user: UserNamespace | None = None
+
+    def begin_in_user_namespace(self) -> "subprocess.Popen[bytes]":
+        """Begin the shell in the network of a user namespace, which it enters as it is confined.
+
+        Raise NoUserNamespace where there can be none.
+        """
+        self._user = user = UserNamespace()
+        try:
+            return user.start(lambda: self._run_shell([], [user.descriptor]))
+        except OSError as error:
+            raise NetworkError(f"the shell of {self.name} does not start: {error}") from error
 
     def confine(
         self, shown: Sequence[Path], covered: Sequence[Path], table: Path, memory_mib: int
@@ -51,16 +73,17 @@ class ConfinedNode(ShellWatcher):
         """Let the shell, in which nothing runs, see no folder that is covered but those shown.
 
         The file of its mounts is written. What people start has so much memory. Raise
-        NetworkError, with the kernel's words, where it
-        cannot be.
+        NetworkError, with the kernel's words, where it cannot be.
         """
         self._memory_bytes = memory_mib * MIB
         folders = [path for path in covered if not set(path.parents) & set(covered)]
-        table.write_text(fstab(shown, folders))
-        limited = ["prlimit", f"--data={self._memory_bytes}", SHELL]
-        words = [*APART, *limited, self.name, GIVEN_UP, table, *shown, "--", *folders]
+        ruled = [*RULED, *(path for path in RULED_IN_SOME if path.exists())]
+        table.write_text(fstab(shown, folders, ruled))
+        powers = self._user.descriptor if self._user else GIVEN_UP
+        shell = [SHELL, self.name, memory_mib * MIB // KIB, powers]
+        words = [*APART, *shell, table, *shown, "--", *folders]
         self.write(f"exec {shlex.join(map(str, words))}\n")  # type: ignore[attr-defined]
-        self.await_shell()
+        self.await_shell(f"exec {self._user.descriptor}<&-; " if self._user else "")
         (self._confined,) = children(self.shell.pid)
         self._group = MemoryGroup.of_host(self.name, memory_mib)
         self._admit(self._confined)
@@ -91,13 +114,23 @@ class ConfinedNode(ShellWatcher):
     def popen(self, *arguments: Any, **options: Any) -> "subprocess.Popen[Any]":
         """Start a program where the shell is, as Mininet does."""
         if self._confined:
-            enter = ["mnexec", "-da", str(self._confined)]
-            limits = ["prlimit", f"--data={self._memory_bytes}"]
-            given_up = ["setpriv", f"--bounding-set={GIVEN_UP}"]
-            options.setdefault("mncmd", [*enter, *limits, *given_up])
+            options.setdefault("mncmd", self._enter(options.get("cwd") or os.curdir))
         started: subprocess.Popen[Any] = super().popen(*arguments, **options)  # type: ignore[misc]
         self._admit(started.pid)  # before it has become the command
         return started
+
+    def _enter(self, folder: str | Path) -> list[str]:
+        """Return what runs a command where the shell is, in a folder."""
+        pid = str(self._confined)
+        if self._user is None:
+            limits = ["prlimit", f"--data={self._memory_bytes}"]
+            given_up = ["setpriv", f"--bounding-set={GIVEN_UP}"]
+            return ["mnexec", "-da", pid, *limits, *given_up]
+        # At once: programs that the host sees may be others, and must not run with more powers.
+        where = ["--user", "--net", "--mount", "--preserve-credentials"]
+        enter = ["nsenter", "--target", pid, *where]
+        limited = ["sh", "-c", LIMITED, os.path.abspath(folder), str(self._memory_bytes // KIB)]
+        return ["mnexec", "-d", *enter, *limited]
 
     def _popen(self, command: Sequence[str], **options: Any) -> "subprocess.Popen[Any]":
         with children_beside(self._confined):
@@ -111,19 +144,28 @@ class ConfinedNode(ShellWatcher):
         super().hang_up()
 
 
-def fstab(shown: Sequence[Path], covered: Sequence[Path]) -> str:
+def fstab(
+    shown: Sequence[Path], covered: Sequence[Path], ruled: Sequence[Path] = tuple(RULED)
+) -> str:
     """Return what is to be mounted so that folders are covered but those shown, as fstab(5) has it.
 
-    All by one mount(8): there may be a thousand hosts.
+    What is ruled can be read only. All by one mount(8): there may be a thousand hosts.
     """
-    # A source that nothing else has: what is mounted in a place already is not mounted again.
+    # Sources, or else places, that nobody else writes so: what is there is not mounted again.
     covers = [f"qmn-cover {escaped(folder)} tmpfs mode=755" for folder in covered]
     binds = [
         f"/proc/self/fd/{number} {escaped(folder)} none bind,X-mount.mkdir"
         for number, folder in enumerate(shown, FIRST_SHOWN)
     ]
     closes = [f"none {escaped(folder)} none remount,bind,ro" for folder in covered]
-    return "".join(f"{line}\n" for line in (*covers, *binds, *closes))
+    kernel = [
+        line
+        for paths, access in ((ruled, "ro"), (OWN_NETWORK, "rw"))
+        for path in paths
+        for place in [f"{path.parent}/./{path.name}"]
+        for line in (f"{path} {place} none bind", f"none {place} none remount,bind,{access}")
+    ]
+    return "".join(f"{line}\n" for line in (*covers, *binds, *closes, *kernel))
 
 
 def escaped(folder: Path) -> str:

@@ -15,7 +15,7 @@ from mininet.link import Intf, Link
 from mininet.node import Node, Switch
 
 from topologies import runtime
-from topologies.interfaces import TUN, quick
+from topologies.interfaces import TUN, quick, switch_ipv6_off
 from topologies.keywords import refuse_unknown
 from topologies.machines.laying import lay
 from topologies.programs import NetworkError
@@ -96,19 +96,31 @@ class CopperLink(Link):
         node2: Node | None = None,
         deleteIntfs: bool = True,  # noqa: N803
     ) -> None:
-        """Make both ends; only an object knows how long it is."""
-        if not self._is_held:
-            assert node1 is not None  # Mininet's `fast` links name them
-            assert node2 is not None
+        """Make both ends, and silence IPv6 at those of switches before they are up.
+
+        They are this machine's: their addresses and routes are none of the network's, and Open
+        vSwitch goes through all of them for each interface that changes.
+        """
+        assert node1 is not None  # Mininet's `fast` links name them
+        assert node2 is not None
+        ends = (intfname1, node1), (intfname2, node2)
+        if self._is_held:
+            self._be_held(ends)
+        else:
             lay([(intfname1, addr1, node1), (intfname2, addr2, node2)])
-            return
+        for name, node in ends:
+            if isinstance(node, Switch):
+                switch_ipv6_off(node, name)
+
+    def _be_held(self, ends: tuple[tuple[str, Node], tuple[str, Node]]) -> None:
+        """Make both ends of a cable on which packets are held back; only an object knows how."""
+        (intfname1, node1), (intfname2, node2) = ends
         for node in (node1, node2):
             if getattr(node, "machine", None) is not None:
                 raise NetworkError(
                     f"copper to {node} is long or slow, or loses packets: such a host is on the "
                     "first machine alone"
                 )
-        ends = (intfname1, node1), (intfname2, node2)
         one, other = (tap(name, node) for name, node in ends)
         nature = delay_s(self.length_km), self.loss, self.mbps
         cable = Cable(intfname1, intfname2, one, other, *nature)
@@ -135,7 +147,7 @@ def _be_patient(node: Node, interface: str, one_way_s: float) -> None:
     """Let the kernel wait for answers to ARP as long as they take; TCP sees to itself."""
     round_trip_ms = round(4 * one_way_s * 1e3)  # two cables, there and back
     retrans_ms = max(1000, 1000 + round_trip_ms // ARP_TRIES)
-    node.cmd(f"sysctl -qw net.ipv4.neigh.{interface}.retrans_time_ms={retrans_ms}")
+    node.cmd(f"ip ntable change name arp_cache dev {interface} retrans {retrans_ms}")
 
 
 def _ip(*words: str) -> None:

@@ -16,7 +16,7 @@ from typing import Any
 from topologies import fork_server
 from topologies.owners import mark
 from topologies.programs import ROOT, NetworkError, Program, python
-from topologies.timeouts import END_TIMEOUT_S, FORK_TIMEOUT_S, POLL_S
+from topologies.timeouts import END_TIMEOUT_S, FORK_TIMEOUT_S, FORK_WAITS, POLL_S
 
 MODULES = (
     "dispatcher",
@@ -121,7 +121,7 @@ class ForkServer:
             adopt_orphans(True)
             try:
                 socket.send_fds(self._channel, [json.dumps(asked).encode()], files)
-                answer = self._channel.recv(ANSWER_BYTES)
+                answer = self._answer()
             except TimeoutError as error:
                 self._fault = f"{self._program.name} did not start {name} in {FORK_TIMEOUT_S:g} s"
                 if self._program.stopped:
@@ -135,6 +135,21 @@ class ForkServer:
             self._await_end()
             raise NetworkError(f"{self._program.name} died in mid-run: {self._program.end()}")
         return Forked(int(answer))
+
+    def _answer(self) -> bytes:
+        """Return what the server answers; raise TimeoutError if it does not.
+
+        Before its first answer it loads all programs. Beside others that want the processors, that
+        takes many times as long as alone: one that has used a processor is waited for again.
+        """
+        for _again in range(FORK_WAITS - 1):
+            used = self._program.processor_ticks
+            try:
+                return self._channel.recv(ANSWER_BYTES)
+            except TimeoutError:
+                if self._program.stopped or self._program.processor_ticks == used:
+                    raise
+        return self._channel.recv(ANSWER_BYTES)
 
     def _await_end(self) -> None:
         """Wait until the server has ended: its socket closes a moment before."""

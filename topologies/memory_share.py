@@ -21,7 +21,7 @@ from topologies.programs import NetworkError
 from topologies.timeouts import END_TIMEOUT_S, POLL_S
 from wire.parameters.physics import BadParameter
 
-MIB = 1 << 20
+KIB, MIB = 1 << 10, 1 << 20
 LEAST_MIB = 64  # a shell, and what it starts
 PREFIX = "qmn"
 OWN_GROUPS = Path("/proc/self/cgroup")

@@ -32,6 +32,7 @@ RUN_FOLDER = Path("/var/run/openvswitch")
 LOG_FOLDER = Path("/var/log/openvswitch")
 DATABASE, SWITCH_DAEMON = "ovsdb-server", "ovs-vswitchd"
 DAEMONS = (DATABASE, SWITCH_DAEMON)
+DATAPATH_INTERFACE = "ovs-netdev"  # in user space; the daemon deletes it with the last bridge
 STARTED = "open-vswitch"  # file: the run that has started the daemons, then the daemons
 STARTER = "QMN_STARTED_OPEN_VSWITCH"  # in the environment of daemons: the run that started them
 INTERFACES = Path("/sys/class/net")
@@ -172,8 +173,7 @@ def start(owner: str) -> None:
         raise NetworkError("Open vSwitch is not installed; run `make setup`")
     first = starter()
     if first and (first == owner or owners.gone(first)):
-        for daemon in daemons().values():
-            daemon.signal(signal.SIGCONT)
+        _let_go_on()
     else:
         _refuse_half(daemons())
     marked = {**os.environ, STARTER: owner}
@@ -225,8 +225,7 @@ def revive_if_ours(owner: str) -> None:
     """
     if starter() != owner:
         return
-    for daemon in daemons().values():
-        daemon.signal(signal.SIGCONT)  # it may have been stopped
+    _let_go_on()
     if not running():
         start(owner)
 
@@ -235,23 +234,32 @@ def stop_if_ours(owner: str) -> None:
     """Stop Open vSwitch if this run started it and no bridge is left in it."""
     if starter() != owner:
         return
-    for daemon in daemons().values():
-        daemon.signal(signal.SIGCONT)  # it may have been stopped
+    _let_go_on()
     if not _database_answers() or bridges():
         revive_if_ours(owner)
     if not bridges():
-        _run(CONTROL, "stop", timeout_s=OPENVSWITCH_TIMEOUT_S)
+        _run(CONTROL, "stop", timeout_s=OPENVSWITCH_TIMEOUT_S, check=_let_go_on)
+        delete_interface(DATAPATH_INTERFACE)
         (RUNTIME_ROOT / STARTED).unlink(missing_ok=True)  # last: a second signal may come between
 
 
+def _let_go_on() -> None:
+    """Let the daemons go on if a signal has stopped them."""
+    for daemon in daemons().values():
+        daemon.signal(signal.SIGCONT)
+
+
 def starter() -> str:
-    """Return which run has started the daemons that run now, "" if none of ours did."""
+    """Return which run has started the daemons that run, "" if none of ours did.
+
+    Where both have ended, the run that started the last ones: it can start them again.
+    """
     found = daemons().values()
     try:
         owner, *started = (RUNTIME_ROOT / STARTED).read_text().splitlines()
     except (OSError, ValueError):
         owner, started = "", []
-    if set(map(str, found)) & set(started):
+    if not found or set(map(str, found)) & set(started):
         return owner
     # A run that was killed before it had noted it, or their monitors have started them again.
     return next((words for daemon in found if (words := _mark_of(daemon))), "")
@@ -359,8 +367,8 @@ def delete(*names: str) -> None:
         with packet_sockets.held(found[SWITCH_DAEMON].pid):
             vsctl(*words)
         return
-    vsctl(NO_WAIT, *words)
-    delete_interfaces(names)
+    others = vsctl(NO_WAIT, *words, "--", "list-br").split()
+    delete_interfaces(names if others else [*names, DATAPATH_INTERFACE])
 
 
 def delete_finally(owner: str, *names: str) -> None:

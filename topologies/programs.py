@@ -220,6 +220,12 @@ class Program:
         process = None if self._process is None else owner(self._process.pid)
         return process is not None and process.stopped
 
+    @property
+    def processor_ticks(self) -> int:
+        """How long it has had a processor so far, in ticks of the kernel; 0 if it is gone."""
+        process = None if self._process is None else owner(self._process.pid)
+        return 0 if process is None else process.processor_ticks
+
     def ask_to_stop(self) -> None:
         """Send the signal that ends it politely, and let it go on if it was stopped."""
         if self._process is not None and self._process.poll() is None:

@@ -72,6 +72,7 @@ class Runtime:
     tokens: dict[str, str] = field(default_factory=dict)
     prefix_length: int = 24  # of the hosts' network
     device_keys: dict[str, str] = field(default_factory=dict)  # of the hosts' node agents
+    user_namespaces: bool = True  # whether hosts can have them, for all that is known
     hurried: bool = False  # whether commands in nodes' shells have a deadline
     metrics_addresses: dict[str, str] = field(default_factory=dict)  # by program: where
     gnmi_addresses: dict[str, str] = field(default_factory=dict)  # by quantum switch: where

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import termios
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from topologies.owners import mark, owner
@@ -64,23 +64,30 @@ class ShellWatcher:
         As Mininet does, but in a session of its own from birth, so that no Ctrl-C reaches it.
         """
         del mnopts  # of remote nodes
-        bash = ["bash", "--norc", "--noediting", "-is", f"mininet:{self.name}"]
-        namespace = "-cn" if self.inNamespace else "-c"
         self.master, self.slave = pty.openpty()
         settings = termios.tcgetattr(self.slave)
         settings[LOCAL_FLAGS] &= ~termios.ECHO
         termios.tcsetattr(self.slave, termios.TCSANOW, settings)
-        self.shell: subprocess.Popen[bytes] = subprocess.Popen(
-            ["mnexec", namespace, *bash],
+        self.shell: subprocess.Popen[bytes] = self._begin_shell()
+        self.pid = self.shell.pid
+        self.attach(self.shell, self.master)
+
+    def _begin_shell(self) -> "subprocess.Popen[bytes]":
+        return self._run_shell(["mnexec", "-cn" if self.inNamespace else "-c"])
+
+    def _run_shell(
+        self, where: Sequence[str], descriptors: Sequence[int] = ()
+    ) -> "subprocess.Popen[bytes]":
+        """Start the shell by a command that runs another somewhere, or where this thread is."""
+        return subprocess.Popen(
+            [*where, "bash", "--norc", "--noediting", "-is", f"mininet:{self.name}"],
             stdin=self.slave,
             stdout=self.slave,
             stderr=self.slave,
-            close_fds=False,
             env={**os.environ, **self.environment(), "PS1": PROMPT, **mark()},
             start_new_session=True,
+            pass_fds=descriptors,
         )
-        self.pid = self.shell.pid
-        self.attach(self.shell, self.master)
 
     def attach(self, shell: Any, terminal: int) -> None:
         """Speak with a shell by its terminal, and wait for its prompt."""
@@ -94,9 +101,9 @@ class ShellWatcher:
         self.lastCmd = self.lastPid = None
         self.await_shell()
 
-    def await_shell(self) -> None:
-        """Wait until a new shell, which has just been begun, takes commands."""
-        os.write(self.master, QUIETLY.encode())
+    def await_shell(self, first: str = "") -> None:
+        """Wait until a new shell, which has just been begun and does this first, takes commands."""
+        os.write(self.master, (first + QUIETLY).encode())
         self._await_prompts()
 
     def environment(self) -> dict[str, str]:

@@ -165,6 +165,8 @@ class Reason(IntEnum):
     CANNOT_INTERFERE = 27
     PATH_BROKEN = 25  # within the optical network
     TOO_LATE = 28  # no light by the deadline that the set-up message names
+    NO_ANSWER = 29  # the other end was silent for too long
+    PEER_GONE = 30  # it has closed the connection, or lost it
 
 
 class Pauli(IntEnum):
@@ -379,6 +381,23 @@ class Emit(Message):
 
 
 @dataclass(frozen=True)
+class Emission(Emit):
+    """Ask for a block as Emit does, behind those asked for before; only a refusal is answered."""
+
+    KIND = 9
+
+
+@dataclass(frozen=True)
+class Emitted(Message):
+    """Ask a pair source whether the light of all blocks has arrived; answered when it has."""
+
+    KIND = 10
+    FIELDS = struct.Struct("!I")
+
+    block: int  # the last one
+
+
+@dataclass(frozen=True)
 class Frame:
     """One frame of a block: its number, its size and the check of its content."""
 
@@ -539,7 +558,11 @@ class Envelope(Message):
 
 
 KINDS: dict[int, type[Message]] = {
-    kind.KIND: kind for kind in (Setup, Answer, Emit, Block, Report, Finish, Values, Envelope)
+    kind.KIND: kind
+    for kind in (
+        *(Setup, Answer, Emit, Block, Report, Finish, Values, Envelope),
+        *(Emission, Emitted),
+    )
 }
 
 

@@ -212,7 +212,11 @@ class Arbiter:
             return []
         actions: list[Action] = []
         for session in self.slots.over(now):
-            actions += self.verdicts.tear_down(session, "its slot is over", now)
+            owner = session.requests[session.owner]
+            if owner.held is not None:  # its switches took longer than the slot
+                actions += self.verdicts.refuse(owner, Refusal(Reason.TOO_LATE), now)
+            else:
+                actions += self.verdicts.tear_down(session, "its slot is over", now)
         for request, reserved in self.slots.due(now):
             asking = self.sessions.of(request)
             assert asking is not None  # it waits

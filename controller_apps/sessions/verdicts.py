@@ -64,7 +64,7 @@ class Verdicts:
         """Note the end of a request's connection."""
         if request.held is not None:
             # It must pass all the same, or TCP would repeat it for minutes.
-            return self.refuse(request, Refusal(Reason.PROTOCOL), now)
+            return self.refuse(request, Refusal(Reason.PEER_GONE, cause), now)
         had_session = self.sessions.of(request) is not None
         undone = self._leave(request, now)
         note = Note("torn_down", request.setup.session, detail=cause)

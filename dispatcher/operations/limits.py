@@ -21,6 +21,7 @@ from wire.dispatcher_pb2 import (
     CreateRequest,
     Gate,
     MeasureRequest,
+    Order,
     TunePortRequest,
 )
 from wire.outcomes import BASES
@@ -29,6 +30,8 @@ from wire.parameters.switch import TEMPERATURE_C, QuantumSwitch
 MAX_ANGLE_RAD = 1e6
 MAX_STEPS = 64
 MAX_PICKS = 4096
+MAX_TIMES = 64  # of an order that is repeated
+REPEATED = ("receive", "bell_measure")
 MAX_ORDERS = 256  # of one call, at a time
 # Shorter than what a switch's timeline remembers.
 MAX_EMISSION_S = 30.0
@@ -137,6 +140,15 @@ def require_steps(count: int) -> None:
     """Refuse an empty or too long order."""
     if not 1 <= count <= MAX_STEPS:
         raise invalid(f"{count} steps; send 1 to {MAX_STEPS} in an order")
+
+
+def require_times(order: Order) -> None:
+    """Refuse to repeat an order too often, or one that does not only receive and measure pairs."""
+    if order.times > MAX_TIMES:
+        raise invalid(f"{order.times} times; send at most {MAX_TIMES} in an order")
+    for step in order.steps if order.times > 1 else ():
+        if step.WhichOneof("operation") not in REPEATED:
+            raise invalid(f"a step that cannot be repeated; repeat {' and '.join(REPEATED)} alone")
 
 
 def require_picks(count: int) -> None:

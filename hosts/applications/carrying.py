@@ -14,6 +14,7 @@ CHUNK_BYTES = {"framed": 1 << 16, "per-pair": 16, "sequential": 16}
 # What is sent at a time once it is known how much light arrives; each time both ends wait for all.
 PAIRS_AT_A_TIME = 1 << 20
 LIGHT_S = 5.0  # of light at a time at most
+BLOCKS_AT_A_TIME = 256  # where they are small: who follows the session is told that it goes on
 PAIRS_PER_BYTE = 4
 READ_BYTES = 1 << 16
 
@@ -45,6 +46,14 @@ def send(sending: QuantumSocket, source: BinaryIO, chunk_bytes: int) -> None:
         used("result")  # how far it came
         raise
     used("done", sha256=digest.hexdigest())
+
+
+def first_chunk(options: Mapping[str, Any]) -> int:
+    """Return how many bytes to send first, by the options of a session; a block has a frame."""
+    most: int = CHUNK_BYTES[options.get("handshake", "framed")]
+    block_bytes: int = options.get("block_pairs", PAIRS_PER_BYTE * most) // PAIRS_PER_BYTE
+    frame_bytes: int = options.get("frame_bytes", 1)
+    return min(most, BLOCKS_AT_A_TIME * max(block_bytes, frame_bytes))
 
 
 def next_chunk(first: int, used: Mapping[str, Any]) -> int:

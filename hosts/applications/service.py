@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from hosts.applications.carrying import CHUNK_BYTES, receive, say, send
+from hosts.applications.carrying import first_chunk, receive, say, send
 from hosts.quantum_socket import QuantumSocket
 from hosts.stack_socket import QuantumSocketError
 
@@ -36,8 +36,7 @@ def ask(part: Part) -> None:
         for result in asking.request(part.service, (part.host, part.port), **part.options):
             say("result", result)
         if part.file is not None:
-            handshake = part.options.get("handshake", "framed")
-            send(asking, part.file, CHUNK_BYTES[handshake])
+            send(asking, part.file, first_chunk(part.options))
         else:
             asking.shutdown()
             say("done", asking.summary)

@@ -111,6 +111,26 @@ class Qnic(Protocol):
         Return when the last photon has reached the far ends.
         """
 
+    async def begin_pairs(
+        self,
+        session: int,
+        number: int,
+        count: int,
+        ports: tuple[str, str],
+        rate_hz: int,
+        wavelength_pm: int,
+    ) -> None:
+        """Do what `emit_pairs` does behind what was begun of a session before; return at once.
+
+        Raise HardwareError if one of those has failed.
+        """
+
+    async def pairs_over(self, session: int) -> None:
+        """Wait until the last photon of all pairs that were begun has reached the far ends.
+
+        Raise HardwareError if some could not be made.
+        """
+
     async def share_pairs(
         self, session: int, number: int, count: int, port: str, rate_hz: int, wavelength_pm: int
     ) -> Stored:
@@ -146,11 +166,19 @@ class Qnic(Protocol):
         """
 
     async def detect_pairs(
-        self, session: int, number: int, ports: tuple[str, str], timeout_s: float
+        self,
+        session: int,
+        number: int,
+        ports: tuple[str, str],
+        timeout_s: float,
+        following: bool = False,
     ) -> Coincidences:
         """Make Bell measurements on the halves 0 and 1 that arrive at two ports.
 
         Raise NoLight if no photon of a half arrives; what came of the other is here still.
+        Following: the blocks behind this one will be asked for, too, one after the other, each with
+        this time-out; the hardware may measure them as they arrive. Whoever asks no more cancels
+        the wait for one of them, or discards the session.
         """
 
     async def detect_arrivals(
@@ -205,6 +233,12 @@ class Qnic(Protocol):
         """Store the photons that arrive at a port; raise NoLight if none does.
 
         From then on they decohere until they are used.
+        """
+
+    def give_up(self, *blocks: BlockName) -> None:
+        """Let nobody wait any longer for light of these blocks: whoever does hears NoLight.
+
+        An operation that has its light goes on to its end.
         """
 
     async def apply(self, block: BlockName, paulis: Symbols) -> int:

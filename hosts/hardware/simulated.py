@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hosts.hardware.operations import OUTCOMES, Operation
-from hosts.hardware.orders import NotHere, Orders, proved
+from hosts.hardware.orders import Chain, NotHere, Orders, Standing, proved
 from hosts.hardware.qnic import (
     BlockName,
     Coincidences,
@@ -63,6 +63,7 @@ from wire.optical import frequency_mhz
 from wire.outcomes import NO_COINCIDENCE
 
 MAX_STEPS = 64  # in one order
+TIMES = 16  # that blocks are measured by one order: so many outcomes wait for who asks at most
 
 
 class SimulatedQnic:
@@ -72,6 +73,8 @@ class SimulatedQnic:
         self._dispatcher, self._token, self._ports = dispatcher, token, ports
         self._channel: grpc.aio.Channel | None = None
         self._cutoff_s: float | None = None  # that of the memory itself
+        self._begun: dict[int, Chain] = {}  # pairs, by session
+        self._standing: dict[int, Standing] = {}  # orders to measure pairs, likewise
         self.credentials: Credentials | None = None  # without, it speaks plainly
 
     @cached_property
@@ -106,11 +109,28 @@ class SimulatedQnic:
         wavelength_pm: int,
     ) -> None:
         """Make Bell pairs and send their halves into two ports."""
-        create = CreateRequest(session=session, number=number, count=count)
-        halves = enumerate(ports)
-        launches = [Launch(block=_half(session, number, half), port=port) for half, port in halves]
-        send = _send(launches, rate_hz, wavelength_pm)
-        await self._orders.perform(Step(create=create), Step(send=send))
+        steps = _emission(session, number, count, ports, rate_hz, wavelength_pm)
+        await self._orders.perform(*steps)
+
+    async def begin_pairs(
+        self,
+        session: int,
+        number: int,
+        count: int,
+        ports: tuple[str, str],
+        rate_hz: int,
+        wavelength_pm: int,
+    ) -> None:
+        """Begin to make Bell pairs, behind those begun before."""
+        if session not in self._begun:
+            self._begun[session] = self._orders.chain()
+        steps = _emission(session, number, count, ports, rate_hz, wavelength_pm)
+        self._begun[session].begin(*steps)
+
+    async def pairs_over(self, session: int) -> None:
+        """Wait until pairs that were begun are over."""
+        if session in self._begun:
+            await self._begun[session].over()
 
     async def share_pairs(
         self, session: int, number: int, count: int, port: str, rate_hz: int, wavelength_pm: int
@@ -161,11 +181,32 @@ class SimulatedQnic:
         return int(feedbacks[-1].first_ns)
 
     async def detect_pairs(
-        self, session: int, number: int, ports: tuple[str, str], timeout_s: float
+        self,
+        session: int,
+        number: int,
+        ports: tuple[str, str],
+        timeout_s: float,
+        following: bool = False,
     ) -> Coincidences:
         """Make Bell measurements on what arrives at two ports."""
         names = [_half(session, number, half) for half in (0, 1)]
-        return await self._detect(names, ports, timeout_s)
+        if not following:
+            return _coincidences(await self._orders.perform(*_detection(names, ports, timeout_s)))
+        standing = self._standing.pop(session, None)
+        if standing is not None and standing.next_number != number:
+            standing.end()
+            standing = None
+        if standing is None:
+            steps = _detection(names, ports, timeout_s)
+            standing = self._orders.repeat(TIMES, number, *steps)
+        try:
+            found = await standing.next()
+        except BaseException:
+            standing.end()
+            raise
+        if standing.left:
+            self._standing[session] = standing
+        return _coincidences(found)
 
     async def detect_arrivals(
         self, blocks: tuple[BlockName, BlockName], ports: tuple[str, str], timeout_s: float
@@ -173,21 +214,10 @@ class SimulatedQnic:
         """Make Bell measurements on two blocks that arrive at two ports."""
         names = [_named(block) for block in blocks]
         try:
-            return await self._detect(names, ports, timeout_s)
+            return _coincidences(await self._orders.perform(*_detection(names, ports, timeout_s)))
         except NoLight:
             await self._let_go(names)
             raise
-
-    async def _detect(
-        self, names: Sequence[BlockId], ports: tuple[str, str], timeout_s: float
-    ) -> Coincidences:
-        receive = [
-            Step(receive=ReceiveRequest(block=name, port=port, timeout_s=timeout_s))
-            for name, port in zip(names, ports, strict=True)
-        ]
-        measure = BellMeasureRequest(first=names[0], second=names[1], packed=True)
-        found = await self._orders.perform(*receive, Step(bell_measure=measure))
-        return _coincidences(found[-1])
 
     async def prepare(
         self, session: int, number: int, states: Symbols, levels: Symbols | None = None
@@ -260,6 +290,10 @@ class SimulatedQnic:
             self._storing(name),
         )
         return _stored(feedback.arrived, feedback)
+
+    def give_up(self, *blocks: BlockName) -> None:
+        """Let nobody wait any longer for light of these blocks."""
+        self._orders.give_up([_named(block) for block in blocks])
 
     async def apply(self, block: BlockName, paulis: Symbols) -> int:
         """Apply one Pauli operator to each photon at this host."""
@@ -350,8 +384,7 @@ class SimulatedQnic:
     async def coincidences(self, first: BlockName, second: BlockName) -> Coincidences:
         """Make Bell measurements on pairs of photons at this host; also say when."""
         bell = BellMeasureRequest(first=_named(first), second=_named(second), packed=True)
-        (feedback,) = await self._orders.perform(Step(bell_measure=bell))
-        return _coincidences(feedback)
+        return _coincidences(await self._orders.perform(Step(bell_measure=bell)))
 
     async def process(self, operations: Sequence[Operation]) -> list[int]:
         """Do operations on single qubits at this host, one after the other."""
@@ -396,6 +429,10 @@ class SimulatedQnic:
 
     async def discard(self, session: int) -> None:
         """Let go of all photons of a session."""
+        if session in self._begun:
+            self._orders.let_go(self._begun.pop(session))
+        if session in self._standing:
+            self._standing.pop(session).end()
         await self._orders.perform(Step(discard=DiscardRequest(session=session)))
 
     async def discard_block(self, session: int, number: int) -> None:
@@ -419,6 +456,33 @@ def _orders(steps: Iterable[Step]) -> Iterator[tuple[Step, ...]]:
     coming = iter(steps)
     while order := tuple(islice(coming, MAX_STEPS)):
         yield order
+
+
+def _detection(
+    names: Sequence[BlockId], ports: tuple[str, str], timeout_s: float
+) -> tuple[Step, ...]:
+    """Return the steps that receive two blocks and make Bell measurements on their pairs."""
+    receive = [
+        Step(receive=ReceiveRequest(block=name, port=port, timeout_s=timeout_s))
+        for name, port in zip(names, ports, strict=True)
+    ]
+    measure = BellMeasureRequest(first=names[0], second=names[1], packed=True)
+    return *receive, Step(bell_measure=measure)
+
+
+def _emission(
+    session: int,
+    number: int,
+    count: int,
+    ports: tuple[str, str],
+    rate_hz: int,
+    wavelength_pm: int,
+) -> tuple[Step, Step]:
+    """Return the steps that make pairs and send their halves into two ports."""
+    create = CreateRequest(session=session, number=number, count=count)
+    halves = enumerate(ports)
+    launches = [Launch(block=_half(session, number, half), port=port) for half, port in halves]
+    return Step(create=create), Step(send=_send(launches, rate_hz, wavelength_pm))
 
 
 def _send(launches: list[Launch], rate_hz: int, wavelength_pm: int) -> SendRequest:
@@ -468,7 +532,8 @@ def _unpacked(packed: bytes, count: int) -> Symbols:
     return np.unpackbits(np.frombuffer(packed, np.uint8), count=count)
 
 
-def _coincidences(feedback: Feedback) -> Coincidences:
+def _coincidences(feedbacks: Sequence[Feedback]) -> Coincidences:
+    feedback = feedbacks[-1]
     outcomes = dibits.unpack(feedback.dibits, feedback.photons, "little")
     return Coincidences(_with_missed(outcomes, feedback), feedback.clicks, feedback.time_ns)
 

@@ -16,8 +16,16 @@ CODES: Mapping[Reason, Unreachable] = MappingProxyType(
     }
 )
 # What may be otherwise in a moment: others have the light, the return's session is just over, or
-# the other host's q0 is not up yet.
-PASSING = frozenset({Reason.BUSY, Reason.UNKNOWN_SESSION, Reason.NO_LISTENER, Reason.UNKNOWN_HOST})
+# the other host, or its q0, is not up yet.
+PASSING = frozenset(
+    {
+        Reason.BUSY,
+        Reason.UNKNOWN_SESSION,
+        Reason.NO_LISTENER,
+        Reason.UNKNOWN_HOST,
+        Reason.NO_ANSWER,
+    }
+)
 
 
 def code(reason: Reason) -> Unreachable:

@@ -327,9 +327,9 @@ class Agreement:
                 reader, self._writer = await asyncio.open_connection(self._address, PAIRS_PORT)
         except OSError as error:  # TimeoutError is one
             raise SessionError(
-                Reason.UNKNOWN_HOST,
+                Reason.NO_ANSWER,
                 f"the processing unit of {self._remote} ({self._address}) does not answer on port "
-                f"{PAIRS_PORT} ({error or 'timeout'}); is it up?",
+                f"{PAIRS_PORT} ({str(error) or f'nothing in {CONNECT_TIMEOUT_S:g} s'}); is it up?",
             ) from error
         self._writer.write(self._request.encode())
         try:
@@ -337,8 +337,10 @@ class Agreement:
                 verdict, port = decode_answer(await reader.readexactly(ANSWER.size))
         except (OSError, asyncio.IncompleteReadError, MalformedPacket) as error:
             self._writer.close()
-            text = f"the processing unit of {self._remote} has not answered: {error or 'timeout'}"
-            raise SessionError(Reason.PROTOCOL, text) from error
+            text = (
+                f"the processing unit of {self._remote} has not answered: {str(error) or 'timeout'}"
+            )
+            raise SessionError(_reason_of(error), text) from error
         if verdict != Verdict.READY:
             self._writer.close()
             text = f"{self._request.pairs} pairs with {self._remote}: the other end"
@@ -352,3 +354,10 @@ class Agreement:
 
 async def _unsaid(**_result: Any) -> None:
     """Tell nobody how far a service is."""
+
+
+def _reason_of(error: Exception) -> Reason:
+    """Return why there is no answer."""
+    if isinstance(error, MalformedPacket):
+        return Reason.PROTOCOL
+    return Reason.NO_ANSWER if isinstance(error, TimeoutError) else Reason.PEER_GONE

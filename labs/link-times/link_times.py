@@ -1,17 +1,18 @@
-"""How long heralded links take, beside SeQUeNCe and p c / 2L (after arXiv:2504.01290)."""
+"""How long heralded links take, beside SeQUeNCe, QuISP and p c / 2L (after arXiv:2504.01290)."""
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 
 from qmn.labs.lab import Chart, Finding, Lab, Published, Runs
 from qmn.sweeps import theory
 from qmn.sweeps.estimates import Estimate, proportion
 
-TOLD = json.loads(Path(__file__).with_name("links.json").read_text())
-# Kilometres to the station and flights of an attempt (0: SeQUeNCe's), modes and time scale.
-LINKS = {(1, 0): (1, 30), (10, 0): (10, 15), (25, 0): (20, 4), (10, 2): (10, 60)}
-WHAT, CHARTS = ("attempts that succeed", "s a pair"), ("", "times")
+HERE, PROGRAMS = Path(__file__), ("sequence", "quisp")
+TOLD = {each: json.loads(HERE.with_name(f"{each}_links.json").read_text()) for each in PROGRAMS}
+GIVEN = TOLD["quisp"]  # to SeQUeNCe, too
+# Kilometres to the station and whose attempts; modes and time scale.
+LINKS = {(1, "sequence"): (1, 30), (10, "sequence"): (10, 15), (25, "sequence"): (20, 4)}
+LINKS |= {(1, "quisp"): (1, 60), (10, "quisp"): (10, 60), (25, "quisp"): (20, 15)}
 PARTS = "source.statistics=none emitter.scheme=two-click emitter.efficiency={emitted}"
 RUN = (
     "run distribute --node charlie=station --count 900 --sample 0.1 --captures none --no-report"
@@ -19,53 +20,54 @@ RUN = (
 )
 
 
-def mean_s(km: float, flights: float) -> tuple[float, float]:
-    """Return the mean time of an attempt of so many flights (0: SeQUeNCe's), and of a pair."""
-    light = TOLD["emitted"] * TOLD["detected"] * theory.transmission(TOLD["db_per_km"] * km)
+def mean_s(km: float, program: str) -> tuple[float, float]:
+    """Return how long a program waits before an attempt's round trip, and for a pair."""
+    flight_s = km * 1e3 / 2.04e8
+    light = GIVEN["emitted"] * GIVEN["detected"] * theory.transmission(GIVEN["db_per_km"] * km)
     rounds = 1 + light * (2 - light) / 2 + light**2 / 8  # the second where one has clicked
-    attempt_s = (flights or 6 * rounds) * km * 1e3 / 2.04e8
-    return attempt_s, attempt_s / theory.two_clicks(light, 1.0)[0]
+    before_s = {"sequence": (6 * rounds - 2) * flight_s, "quisp": GIVEN["late_s"]}[program]
+    return before_s, (2 * flight_s + before_s) / theory.two_clicks(light, 1.0)[0]
 
 
-def said(km: int, flights: int) -> str:
+def said(km: int, program: str) -> str:
     """Return what is said behind `qmn` for a link, whose light passes two fibres to the station."""
-    modes, scale = LINKS[km, flights]
-    before_s = mean_s(km, flights)[0] - mean_s(km, 2)[0]
-    words = f"{PARTS} emitter.modes={modes} emitter.preparation_s={before_s:.9g}".split()
+    modes, scale = LINKS[km, program]
+    before = f"emitter.preparation_s={mean_s(km, program)[0]:.9g}"
+    words = f"{PARTS} emitter.modes={modes} {before}".split()
     parts = "".join(f" --device {host}.{word}" for host in ("alice", "bob") for word in words)
-    return (RUN + parts).format(**TOLD) + f" --length-km {km / 2:g} --time-scale {scale}"
+    return (RUN + parts).format(**GIVEN) + f" --length-km {km / 2:g} --time-scale {scale}"
 
 
-def measured(pairs: int, attempts: int, took_s: float) -> tuple[Estimate, Estimate]:
-    """Return how often an attempt succeeds, and how long a pair takes."""
+def measured(pairs: int, attempts: int, took_s: float) -> list[tuple[float, float]]:
+    """Return how often an attempt succeeds, and how long a pair takes, with their errors."""
     often, pair_s = proportion(pairs, attempts), took_s / pairs
-    return often, Estimate(pair_s, pair_s * often.error / often.value)
+    return [(often.value, often.error), (pair_s, pair_s * often.error / often.value)]
 
 
-def findings(runs: Runs) -> Sequence[Finding]:
+def findings(runs: Runs) -> list[Finding]:
     """Return what was measured of each link, of one qubit at either end."""
     found = []
-    for (km, flights), (modes, _scale) in LINKS.items():
-        run = runs[f"{km}-km-{flights}"]
+    for (km, program), (modes, _scale) in LINKS.items():
+        run = runs[f"{km}-km-{program}"]
         took_s = run.times_s("herald")[-1] - run.times_s("attempt")[-1]
-        asking = run.result["asking"]
-        ours = measured(asking["emitted"], asking["attempts"], took_s * modes)
-        if flights:
-            closed = Published(mean_s(km, flights)[1], 0.0, "p c / 2L")
-            found.append(Finding("", f"s a pair, {km} km, by round trips", ours[1], closed))
-            continue
-        theirs = measured(*TOLD["links"][str(km)])
-        for chart, what, our, their in zip(CHARTS, WHAT, ours, theirs, strict=True):
-            published = Published(their.value, their.error, TOLD["program"])
-            found.append(Finding(chart, f"{what}, {km} km", our, published, km))
+        asking, told = run.result["asking"], TOLD[program]
+        counted = asking["emitted"], asking["attempts"], took_s * modes
+        ours = [Estimate(*each) for each in measured(*counted)]
+        theirs = [Published(*each, told["program"]) for each in measured(*told["links"][str(km)])]
+        found.append(Finding("", f"attempts that succeed, {km} km", ours[0], theirs[0]))
+        found.append(Finding(program, f"s a pair, {km} km", ours[1], theirs[1], km))
     return found
 
 
-TIMES = Chart("times", "a link", "km", "s a pair", lambda km: mean_s(km, 0)[1], logarithmic=True)
+def drawn(of: str) -> Chart:
+    """Return the figure of a program's links."""
+    return Chart(of, of, "km", "s a pair", lambda km: mean_s(km, of)[1], logarithmic=True)
+
+
 LAB = Lab(
-    title="times of heralded links, beside SeQUeNCe's",
+    title="times of heralded links, beside SeQUeNCe's and QuISP's",
     paper="Chung et al., Cross-Validating Quantum Network Simulators (2025), arXiv:2504.01290",
-    runs={f"{km}-km-{flights}": said(km, flights) for km, flights in LINKS},
+    runs={f"{km}-km-{program}": said(km, program) for km, program in LINKS},
     findings=findings,
-    charts=[TIMES],
+    charts=[drawn(program) for program in TOLD],
 )

@@ -1,4 +1,4 @@
-"""Times of links in SeQUeNCe for links.json, in an environment of its own (README.md says how)."""
+"""Times of links in SeQUeNCe for sequence_links.json, in an environment of its own (README.md)."""
 
 import json
 from importlib.metadata import version
@@ -8,9 +8,9 @@ from sequence.entanglement_management.generation import EntanglementGenerationA
 from sequence.kernel.timeline import Timeline
 from sequence.topology.node import BSMNode, QuantumRouter
 
-M_PER_PS, DB_PER_KM, EMITTED, DETECTED = 2.04e-4, 0.2, 0.6, 0.9
-MEMORY = {"MemoryArray": {"fidelity": 1.0, "frequency": 0, "efficiency": EMITTED}}
-STATION = {"SingleAtomBSM": {"detectors": [{"efficiency": DETECTED}] * 2}}
+M_PER_PS, GIVEN = 2.04e-4, {"db_per_km": 0.2, "emitted": 0.6, "detected": 0.9}
+MEMORY = {"MemoryArray": {"fidelity": 1.0, "frequency": 0, "efficiency": GIVEN["emitted"]}}
+STATION = {"SingleAtomBSM": {"detectors": [{"efficiency": GIVEN["detected"]}] * 2}}
 
 
 def link(half_km: float, pairs: int) -> tuple[int, int, float]:
@@ -23,7 +23,7 @@ def link(half_km: float, pairs: int) -> tuple[int, int, float]:
         ClassicalChannel(name, timeline, length, round(length / M_PER_PS)).set_ends(one, other.name)
     ended: list[str] = []
     for host in hosts:
-        fiber = f"{host.name} fibre", timeline, DB_PER_KM / 1e3, metres
+        fiber = f"{host.name} fibre", timeline, GIVEN["db_per_km"] / 1e3, metres
         QuantumChannel(*fiber, light_speed=M_PER_PS).set_ends(host, "station")
         host.resource_manager.update = lambda _protocol, _memory, state: ended.append(state)
     timeline.init()
@@ -45,5 +45,5 @@ def link(half_km: float, pairs: int) -> tuple[int, int, float]:
 
 if __name__ == "__main__":
     links = {half_km: link(half_km, 2000) for half_km in (1, 10, 25)}
-    given = {"db_per_km": DB_PER_KM, "emitted": EMITTED, "detected": DETECTED, "links": links}
-    print(json.dumps({"program": f"sequence {version('sequence')}", **given}, indent=1))
+    told = {"program": f"sequence {version('sequence')}", **GIVEN, "links": links}
+    print(json.dumps(told, indent=1))

@@ -7,17 +7,19 @@ from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
+from qmn.labs.drawing import Series, draw_several
 from qmn.labs.lab import Chart, Finding, Lab, Runs, paired
-from qmn.sweeps.estimates import mean_of_draws
-from qmn.sweeps.experiment import Measure
-from qmn.sweeps.figure import Picture, Point, draw
-from qmn.sweeps.parameters import Parameter
+from qmn.sweeps.estimates import Estimate, mean_of_draws
+from qmn.sweeps.figure import Mark
+from qmn.sweeps.packet_sessions import of_emulated
 
 HERE = Path(__file__).parent
 TOLD = json.loads((HERE / "reference.json").read_text())
 KINDS = [(4, "edf"), (16, "edf"), (64, "edf"), (1, "timetable")]
 WHAT = {"share": "packets made of those released", "turnaround": "s from release to completion"}
-AXIS, OURS = "packets/s of each application", "the controller, in counted time"
+AXIS, NAMES = "packets/s of each application", ("the controller, in counted time", "their program")
+RUNS = json.loads((HERE / "runs.json").read_text().replace("{here}", shlex.quote(str(HERE))))
+ORDERS, SIGNALLING = ("edf", "slots"), (0, 1)  # of those in networks: messages, as long as fibres
 
 
 def ours(runs: Runs, what: str, *case: object) -> list[float]:
@@ -25,8 +27,13 @@ def ours(runs: Runs, what: str, *case: object) -> list[float]:
     return [each[what] for each in runs["counted"].result[" ".join(map(str, case))]]
 
 
+def taken(runs: Runs, order: str, times: int) -> tuple[Estimate, Estimate]:
+    """Return the share of the packets that a network made, and how long that took."""
+    return of_emulated(runs[f"{order}-{times}"].result["load"]["sessions"])
+
+
 def findings(runs: Runs) -> Sequence[Finding]:
-    """Return what comes without signalling, beside theirs."""
+    """Return what comes without signalling, beside theirs, and what packets meet in a network."""
     found = []
     for (rate, order), (what, words) in product(KINDS, WHAT.items()):
         our = ours(runs, what, "made", "tree", rate, order, 0)
@@ -34,32 +41,31 @@ def findings(runs: Runs) -> Sequence[Finding]:
         finding = paired(f"{words}, {order}, {rate}/s", our, their, "their program")
         found.append(replace(finding, chart=what if order == "edf" else "", at=rate))
     times = ours(runs, "turnaround", "made", "garr", 16, "edf", 0)  # light goes round others'
-    return [*found, Finding("", "the same of edf, 16/s, on all ways", mean_of_draws(times))]
+    found.append(Finding("", "the same of edf, 16/s, on all ways", mean_of_draws(times)))
+    for case in product(ORDERS, SIGNALLING):
+        for each, what in zip(taken(runs, *case), WHAT.values(), strict=True):
+            found.append(Finding("", f"{what}, in a network, {case}", each))
+    return found
 
 
 def files(runs: Runs, folder: Path) -> Sequence[Path]:
-    """Draw what orders and signalling do."""
-    series = []
+    """Draw what orders and signalling do, in counted time and in a network."""
+    shares, took = dict[str, Series](), dict[str, Series]()
     for order, times in (("edf", 0), ("edf", 1), ("edf", 10), ("fcfs", 1), ("slots", 1)):
-        shares: list[Point] = []
-        for rate, _order in KINDS[:3]:
-            told = ours(runs, "share", "released", "tree", rate, order, times)
-            shares.append(({"x": rate}, mean_of_draws(told)))
-        series.append((f"{order}, messages {times} times as long as fibres", shares))
-    measure = Measure("orders", WHAT["share"], lambda _values: None)
-    picture = Picture("orders and signalling", Parameter("x", 0.0), AXIS, measure, series)
-    draw(picture, folder / "orders.png")
-    return [folder / "orders.png"]
+        told = {
+            at: ours(runs, "share", "released", "tree", at, order, times) for at, _ in KINDS[:3]
+        }
+        name = f"{order}, messages {times} times as long as fibres"
+        shares[name] = [(at, mean_of_draws(each)) for at, each in told.items()]
+    for order in ORDERS:
+        took[order] = [(times, taken(runs, order, times)[1]) for times in SIGNALLING]
+    theirs = [Mark(0, TOLD["tree 4 edf"]["turnaround"][0], 0, "their program, 30 applications")]
+    axes = (AXIS, WHAT["share"]), ("messages, times as long as fibres", WHAT["turnaround"])
+    orders = draw_several(folder / "orders.png", "orders and signalling", axes[0], shares)
+    return [orders, draw_several(folder / "emulated.png", "in a network", axes[1], took, theirs)]
 
 
-LAB = Lab(
-    title="entanglement requests on GARR, static and dynamic, with signalling",
-    paper="Tran et al., Dynamic Entanglement Packet Scheduling (2026), arXiv:2605.28795",
-    runs={"counted": f"script {shlex.quote(str(HERE))}/counted.py"},
-    findings=findings,
-    charts=[
-        Chart(what, "edf, no signalling", AXIS, words, ours=OURS, theirs="their program")
-        for what, words in WHAT.items()
-    ],
-    files=files,
-)
+TITLE = "entanglement requests on GARR, static and dynamic, with signalling"
+PAPER = "Tran et al., Dynamic Entanglement Packet Scheduling (2026), arXiv:2605.28795"
+CHARTS = [Chart(w, "edf, no signalling", AXIS, y, None, False, *NAMES) for w, y in WHAT.items()]
+LAB = Lab(TITLE, PAPER, RUNS, findings, CHARTS, files=files)

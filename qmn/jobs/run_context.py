@@ -3,7 +3,7 @@
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from qmn.network.custom_topology import BadTopology, short_name
 from qmn.network.description import NetworkDescription
 from qmn.network.options import settings
 from qmn.options import BadInput, option_names
-from qmn.reports.report_file import begin_loading, report_of_run
+from qmn.reports.beside import Draw, report_beside
 from qmn.results.network_facts import network_facts
 from qmn.results.result import percentiles
 from qmn.results.run_folder import give_to_invoker, given_at_the_end, make_folder, point_latest
@@ -185,8 +185,6 @@ def _running(context: RunContext, facts: RunFacts, places: dict[str, Machine]) -
         early = worst(network.runtime)
         facts["acausal"] = early.to_dict() if early else None
         note_software(facts, reached.software, network.runtime.devices.values())
-        if run.report:
-            begin_loading()  # meanwhile the network goes
     facts["packets_not_captured"] = network.captures.packets_missed
 
 
@@ -199,23 +197,26 @@ def ending(
     What ends the run tells where the report is; of a network that had not started there is none.
     """
     fault: Exception | None = None
-    try:
-        yield
-    except (NetworkError, TransferError, Interrupted) as error:
-        fault = error
-        facts["error"] = str(error)
-        raise
-    finally:
-        facts["timeline"] = timeline_of_run(folder)
-        complete(facts, folder)
-        facts["report"] = _report(folder, facts, report)
-        if fault is not None and "network" in facts:
-            fault.add_note(f"report to look at: {facts['report']}")
-        give_to_invoker(folder)
+    with report_beside() if report else nullcontext(_put_off) as draw:
+        try:
+            yield
+        except (NetworkError, TransferError, Interrupted) as error:
+            fault = error
+            facts["error"] = str(error)
+            raise
+        finally:
+            facts["timeline"] = timeline_of_run(folder)
+            complete(facts, folder)
+            facts["report"] = _report(folder, facts, draw)
+            if fault is not None and "network" in facts:
+                fault.add_note(f"report to look at: {facts['report']}")
+            give_to_invoker(folder)
 
 
-def _report(folder: Path, facts: RunFacts, wanted: bool) -> str:
+def _put_off(folder: Path) -> str:
+    return f"`qmn report {folder}` makes it"
+
+
+def _report(folder: Path, facts: RunFacts, draw: Draw) -> str:
     """Return the file of the report, or why there is none."""
-    if "network" not in facts:
-        return "not made: the network had not started"
-    return report_of_run(folder) if wanted else f"`qmn report {folder}` makes it"
+    return draw(folder) if "network" in facts else "not made: the network had not started"

@@ -1,14 +1,16 @@
 """The figures of a lab: our points and line, and the published points as stars beside them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from qmn.labs.lab import Chart, Finding
+from qmn.sweeps.estimates import Estimate
 from qmn.sweeps.experiment import Measure
-from qmn.sweeps.figure import Mark, Picture, draw
+from qmn.sweeps.figure import Mark, Picture, Point, draw
 from qmn.sweeps.parameters import Parameter, Values
 
 X = "x"
+Series = Sequence[tuple[float, Estimate]]  # places on an axis, and what was measured there
 
 
 def draw_charts(charts: Sequence[Chart], findings: Sequence[Finding], folder: Path) -> list[Path]:
@@ -18,6 +20,22 @@ def draw_charts(charts: Sequence[Chart], findings: Sequence[Finding], folder: Pa
         files.append(folder / f"{chart.name}.png")
         draw(picture(chart, [each for each in findings if each.chart == chart.name]), files[-1])
     return files
+
+
+def draw_several(
+    file: Path,
+    title: str,
+    axes: tuple[str, str],
+    series: Mapping[str, Series],
+    marks: Sequence[Mark] = (),
+) -> Path:
+    """Draw several series of ours over one axis, by name; return the file."""
+    lines: list[tuple[str, list[Point]]] = [
+        (name, [({X: at}, each) for at, each in points]) for name, points in series.items()
+    ]
+    measure = Measure(title, axes[1], lambda _values: None)
+    draw(Picture(title, Parameter(X, 0.0), axes[0], measure, lines, marks), file)
+    return file
 
 
 def picture(chart: Chart, findings: Sequence[Finding]) -> Picture:

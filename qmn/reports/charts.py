@@ -10,7 +10,16 @@ from matplotlib.ticker import EngFormatter, MaxNLocator
 from numpy.typing import NDArray
 
 from qmn.reports import drawing
-from qmn.reports.drawing import BAD, INK, METADATA, MUTED, QUANTUM, SMALL_INCHES
+from qmn.reports.drawing import (
+    BAD,
+    INK,
+    LEGEND_INCHES,
+    METADATA,
+    MUTED,
+    QUANTUM,
+    RIGHT_INCHES,
+    SMALL_INCHES,
+)
 from qmn.reports.light_paths import LightPath
 
 MAX_BINS = 60
@@ -27,7 +36,7 @@ def rate(begin_ns: int, times_ns: Sequence[int], pairs: Sequence[int], lost: Seq
     seconds = (np.array(times_ns) - begin_ns) / 1e9
     span = max(float(seconds[-1]), 1e-6)
     edges = np.linspace(0, span, min(MAX_BINS, len(times_ns)) + 1)
-    made, axes = drawing.figure(*SMALL_INCHES)
+    made, axes = drawing.figure(*SMALL_INCHES, top=LEGEND_INCHES)
     for counts, colour, label in ((pairs, QUANTUM, "measured"), (lost, BAD, "lost")):
         found, _edges = np.histogram(seconds, edges, weights=counts)
         axes.stairs(found / np.diff(edges), edges, color=colour, linewidth=1.8, label=label)
@@ -36,14 +45,14 @@ def rate(begin_ns: int, times_ns: Sequence[int], pairs: Sequence[int], lost: Seq
     _seconds(axes)
     axes.set_ylabel("Bell pairs/s")
     axes.yaxis.set_major_formatter(EngFormatter())
-    made.legend(loc="outside upper center", ncols=2)
+    made.legend(loc="upper center", ncols=2)
     return drawing.svg(made, "Bell pairs a second over time")
 
 
 @drawing.styled
 def errors(seconds: Sequence[float], counts: Mapping[str, Sequence[int]]) -> str:
     """Draw counts that have grown during the run, as the sender has heard of them."""
-    made, axes = drawing.figure(*SMALL_INCHES)
+    made, axes = drawing.figure(*SMALL_INCHES, top=LEGEND_INCHES)
     for (label, values), colour in zip(counts.items(), (BAD, METADATA, QUANTUM), strict=False):
         marker = "o" if len(seconds) < 20 else ""
         axes.plot(
@@ -68,7 +77,7 @@ def errors(seconds: Sequence[float], counts: Mapping[str, Sequence[int]]) -> str
     axes.set_xlabel("time since the session began")
     _seconds(axes)
     axes.set_ylabel("count so far")
-    made.legend(loc="outside upper center", ncols=len(counts), columnspacing=1)
+    made.legend(loc="upper center", ncols=len(counts), columnspacing=1)
     return drawing.svg(made, "errors over time")
 
 
@@ -114,7 +123,8 @@ def loss_budget(paths: Sequence[LightPath], budget_db: float) -> str:
     """Draw what each hop of each path loses, one bar for a hop, and the budget of a path."""
     bars = [(path, hop) for path in paths for hop in path.hops]
     heights = len(bars) + 1.3 * len(paths)
-    made, axes = drawing.figure(SMALL_INCHES[0], max(SMALL_INCHES[1], 0.75 + 0.23 * heights))
+    height = max(SMALL_INCHES[1], 0.75 + 0.23 * heights)
+    made, axes = drawing.figure(SMALL_INCHES[0], height, left=RIGHT_INCHES)
     y = 0.0
     for path in paths:
         axes.text(0, y, f"{path.begin} → {path.end}", fontsize=9, weight="bold", va="center")
@@ -152,7 +162,7 @@ def loss_budget(paths: Sequence[LightPath], budget_db: float) -> str:
 @drawing.styled
 def setup_times(times_ms: Sequence[float]) -> str:
     """Draw how often the set-up of a path took how long, with median and 99th percentile."""
-    made, axes = drawing.figure(*SMALL_INCHES)
+    made, axes = drawing.figure(*SMALL_INCHES, top=LEGEND_INCHES)
     bins = min(40, max(5, ceil(2 * len(times_ms) ** 0.5)))
     axes.hist(times_ms, bins=bins, color=METADATA, alpha=0.75)
     for share, style in ((50, "-"), (99, ":")):
@@ -163,5 +173,5 @@ def setup_times(times_ms: Sequence[float]) -> str:
     axes.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=6))
     axes.set_xlabel("metadata to light path (ms)")
     axes.set_ylabel("light paths")
-    made.legend(loc="outside upper center", ncols=2, labelcolor=MUTED)
+    made.legend(loc="upper center", ncols=2, labelcolor=MUTED)
     return drawing.svg(made, "how long the set-up of light paths took")

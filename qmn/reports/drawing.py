@@ -50,12 +50,18 @@ STYLE: dict[Any, Any] = {
 }
 styled = mpl.rc_context(STYLE)  # decorates what draws: matplotlib asks for a style at many times
 SMALL_INCHES = (4.4, 3.0)  # a chart: two beside each other, or one on a phone
+# What labels take at most, as "500 M" on the left: to measure them, all would be drawn twice.
+LEFT_INCHES, RIGHT_INCHES, BOTTOM_INCHES, TOP_INCHES, LEGEND_INCHES = 0.76, 0.15, 0.48, 0.08, 0.4
 
 
-def figure(width: float, height: float) -> tuple[Figure, Axes]:
-    """Return an empty figure of inches, and its axes."""
-    made = Figure(figsize=(width, height), layout="constrained")
-    return made, made.add_subplot()
+def figure(
+    width: float, height: float, left: float = LEFT_INCHES, top: float = TOP_INCHES
+) -> tuple[Figure, Axes]:
+    """Return an empty figure of inches, and its axes, with room for labels around them."""
+    made = Figure(figsize=(width, height))
+    inches = left, BOTTOM_INCHES, width - left - RIGHT_INCHES, height - BOTTOM_INCHES - top
+    shares = [part / whole for part, whole in zip(inches, 2 * (width, height), strict=True)]
+    return made, made.add_axes((shares[0], shares[1], shares[2], shares[3]))
 
 
 def diagram(width: float, height: float) -> tuple[Figure, Axes]:

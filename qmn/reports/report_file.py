@@ -1,8 +1,6 @@
 """The report's file in a run folder, and why there is none."""
 
-from importlib import import_module
 from pathlib import Path
-from threading import Thread
 
 from qmn.results.run_folder import give
 from topologies.runtime import EVENT_CAPTURE
@@ -29,11 +27,6 @@ def made_report(run: Path) -> Path:
         raise NoReport(f"{error.filename}: {error.strerror}") from error
     give(file)
     return file
-
-
-def begin_loading() -> None:
-    """Load what draws a report, while this program waits for something else."""
-    Thread(target=import_module, args=["qmn.reports.page"], daemon=True).start()
 
 
 def report_of_run(run: Path) -> str:

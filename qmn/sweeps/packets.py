@@ -198,6 +198,18 @@ class Requests:
         )
 
 
+@dataclass(frozen=True)
+class Drawn:
+    """Applications that are drawn, and what they ask for."""
+
+    count: int
+    seed: int  # as their program has it
+    packets: int  # of each that are wanted
+    rate_per_s: float  # of each, where they come as a Poisson process
+    by_timetable: bool
+    most: int  # releases of each, whatever becomes of them
+
+
 def ask_in_counted_time(read: Map, asking: Requests, queue: Queue, signalling: float) -> None:
     """Have applications ask the controller of a map until all have their packets.
 
@@ -214,3 +226,15 @@ def ask_in_counted_time(read: Map, asking: Requests, queue: Queue, signalling: f
             away_s[address] = away_s[switches[place]]
     arbiter = Arbiter(network, FOR_EVER_S, FOR_EVER_S, queues=True, order=queue)
     CountedTime(arbiter, away_s.__getitem__, asking.then).run(asking.begin())
+
+
+def measured(
+    read: Map, wanted: Drawn, queue: Queue, signalling: float, random: np.random.Generator
+) -> dict[str, float]:
+    """Have applications ask in counted time; return their share, and their mean turnaround in s."""
+    applications = drawn(read, Pairs(), wanted.count, wanted.seed)
+    starts = timetable(applications, Pairs()) if wanted.by_timetable else None
+    limits = wanted.packets, wanted.rate_per_s, random, starts, wanted.most
+    asking = Requests(applications, Pairs(), *limits)
+    ask_in_counted_time(read, asking, queue, signalling)
+    return {"share": asking.share, "turnaround": float(np.mean(asking.turnarounds_s))}

@@ -39,6 +39,11 @@ def sdc(random: Random, place: Path) -> Job:
     return Job(("sdc", "--file", str(file), *kind), faults)
 
 
+def whole(place: Path) -> Job:
+    """Return a job of the mean size of those that are struck, which nobody strikes."""
+    return sdc(Random("whole"), place)
+
+
 def service(name: str, count: int) -> Callable[[Random, Path], Job]:
     """Return a job that is right if its result says, without noise, what its status says."""
 

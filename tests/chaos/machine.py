@@ -34,6 +34,18 @@ def slowness() -> float:
     return max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
 
 
+def slowed(pid: int) -> float | None:
+    """Return how many times as long as alone a process has taken for what it has done so far.
+
+    The kernel counts for how long it ran, and for how long it could have. None if it is gone.
+    """
+    try:
+        ran, waited = Path(f"/proc/{pid}/schedstat").read_text().split()[:2]
+    except OSError:
+        return None
+    return 1 + int(waited) / max(1, int(ran))
+
+
 def run(*command: str) -> str:
     """Run a command; return what it prints."""
     done = subprocess.run(
@@ -149,7 +161,7 @@ def things() -> dict[str, set[str]]:
     return {
         "bridges": bridges,
         "daemons": set(daemons()),
-        "interfaces": set(os.listdir("/sys/class/net")) - {"ovs-netdev"},
+        "interfaces": set(os.listdir("/sys/class/net")),
         "folders": {path.name for path in Path("/run/qmn").glob("*") if path.is_dir()},
         "programs": {
             f"{process.pid} {' '.join(process.command)[:100]}"
@@ -168,8 +180,6 @@ def left(before: dict[str, set[str]]) -> list[str]:
     deadline = time.monotonic() + SETTLE_S
     while (now := things()) != before and time.monotonic() < deadline:
         time.sleep(0.1)
-    return [
-        f"{kind}: {', '.join(sorted(now[kind] ^ before[kind]))}"
-        for kind in now
-        if now[kind] != before[kind]
-    ]
+    more = [(f"{kind} left", now[kind] - before[kind]) for kind in now]
+    less = [(f"{kind} gone", before[kind] - now[kind]) for kind in now]
+    return [f"{what}: {', '.join(sorted(names))}" for what, names in more + less if names]

@@ -19,6 +19,7 @@ SIGNALS = (
     signal.SIGSTOP,
     signal.SIGSEGV,
 )
+RUNNER = "runner"
 TO_RUNNER = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL)
 ROLES = (  # a pattern of the command line, and the name that a run gives to what matches
     (r"-m dispatcher ", "dispatcher"),
@@ -103,16 +104,20 @@ def daemon(_runner: int, random: Random) -> Strike | None:
 def the_runner(runner: int, random: Random) -> Strike | None:
     """Ask the runner to end, or kill it."""
     number, twice = random.choice(TO_RUNNER), random.random() < 0.3
+    pause_s = random.uniform(0.5, 2.0)  # as somebody has who loses patience
     try:
         os.kill(runner, number)
-        if twice:
-            time.sleep(random.uniform(0.5, 2.0))  # as somebody who has lost patience
-            os.kill(runner, number)
     except ProcessLookupError:
-        return None if not twice else Strike("runner", number.name, ("interrupted",))
+        return None
+    if twice:
+        time.sleep(pause_s)
+        try:
+            os.kill(runner, number)
+        except ProcessLookupError:
+            twice = False
     ends = twice or number == signal.SIGKILL
     how = f"{number.name} twice" if twice else number.name
-    return Strike("runner", how, ("interrupted", "second"), ends=ends)
+    return Strike(RUNNER, how, ("interrupted", "second"), ends=ends)
 
 
 def fiber(_runner: int, random: Random) -> Strike | None:

@@ -121,7 +121,7 @@ def things() -> dict[str, set[str]]:
     return {
         "bridges": set(openvswitch.bridges()),
         "daemons": set(openvswitch.daemons()),
-        "interfaces": interfaces() - {"ovs-netdev"},
+        "interfaces": interfaces(),
         "folders": {path.name for path in RUNTIME_ROOT.glob("*") if path.is_dir()},
     }
 

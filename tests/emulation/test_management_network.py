@@ -64,3 +64,14 @@ def test_a_session_opens_over_a_lossy_way_to_the_controller() -> None:
     """A tenth of the packets is lost, either way; TCP sends them again."""
     with start("sdc", control_loss=0.1) as network:
         wait_until(lambda: arrives(network, b"hello"), "a session", 60)
+
+
+@pytest.mark.parametrize("copper_km", [0.0, 20.0])
+def test_no_interface_of_a_switch_has_an_ipv6_address(copper_km: float) -> None:
+    with start("sdc", copper_km=copper_km) as network:
+        interfaces = {name for switch in network.net.switches for name in switch.intfNames()} - {
+            "lo"
+        }
+        assert {"s1-eth1", "q1-eth1"} <= interfaces
+        lines = Path("/proc/net/if_inet6").read_text().splitlines()
+        assert not interfaces & {line.split()[-1] for line in lines}

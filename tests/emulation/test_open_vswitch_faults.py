@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, interfaces, our_processes, qmn, wait_until
+from conftest import ROOT, interfaces, our_processes, qmn, verb, wait_until
 from test_faults import long_run, read_until, run_to_kill
 
 from topologies import openvswitch
@@ -81,6 +81,22 @@ def test_a_daemon_that_a_signal_stops_while_it_starts_is_named() -> None:
     finally:
         stopping.join()
         openvswitch.stop_if_ours("tests")
+
+
+@pytest.mark.usefixtures("no_open_vswitch")
+@pytest.mark.parametrize("daemon", openvswitch.DAEMONS)
+def test_a_daemon_that_a_signal_stops_while_it_is_to_end_ends_in_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, daemon: str
+) -> None:
+    control, said = tmp_path / "ovs-ctl", tmp_path / "said"
+    stop = f"kill -STOP $(cat {openvswitch.RUN_FOLDER}/{daemon}.pid)"
+    control.write_text(f"#!/bin/sh\n{stop}\n{openvswitch.CONTROL} stop >{said} 2>&1\n")
+    control.chmod(0o755)
+    openvswitch.start("tests")
+    monkeypatch.setattr(openvswitch, "CONTROL", str(control))
+    openvswitch.stop_if_ours("tests")
+    assert not openvswitch.daemons()
+    assert "SIGKILL" not in said.read_text()
 
 
 def test_a_daemon_of_somebody_else_is_not_started_again(tmp_path: Path) -> None:
@@ -206,6 +222,34 @@ def test_the_switch_daemon_that_a_run_has_started_ends_with_its_last_bridges() -
     openvswitch.revive_if_ours("tests")
     assert openvswitch.daemons().keys() == set(openvswitch.DAEMONS)
     openvswitch.stop_if_ours("tests")
+
+
+@pytest.mark.usefixtures("no_open_vswitch")
+def test_no_interface_stays_of_an_open_vswitch_that_a_run_has_started(tmp_path: Path) -> None:
+    before = interfaces()
+    with long_run(tmp_path) as process:
+        read_until(process, "sending")
+        assert openvswitch.DATAPATH_INTERFACE in interfaces() or openvswitch.datapath() != "user"
+        process.send_signal(signal.SIGINT)
+        process.finish(SAID_IN_S)
+    assert interfaces() == before
+
+
+@pytest.mark.usefixtures("no_open_vswitch")
+def test_clean_removes_what_a_killed_run_and_its_killed_daemons_have_left(tmp_path: Path) -> None:
+    before, others = interfaces(), our_processes()
+    with run_to_kill(tmp_path) as process:
+        read_until(process, "sending")
+        process.kill()
+    for daemon in openvswitch.daemons().values():
+        daemon.signal(signal.SIGKILL)
+    wait_until(lambda: not openvswitch.daemons(), "they are gone")
+    wait_until(lambda: our_processes() == others, "the end of its programs")
+    done = verb("clean")
+    assert "removed Open vSwitch, started by run" in done.stdout
+    assert openvswitch.daemons() == {}
+    assert interfaces() == before
+    assert verb("clean").stdout == "nothing of ours is left\n"
 
 
 @pytest.mark.skipif(openvswitch.datapath() != "user", reason="the kernel's datapath is quick")

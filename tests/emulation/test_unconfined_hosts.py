@@ -3,10 +3,12 @@
 import os
 from pathlib import Path
 
+import pytest
 from conftest import wait_until
 from fabric_scene import running
 from test_confined_hosts import searched
 
+from topologies import user_namespace
 from topologies.sdc import SdcTopo
 
 
@@ -22,6 +24,25 @@ def test_what_hosts_of_mininet_see_is_found(tmp_path: Path) -> None:
         found = searched(network, "charlie")
     for words in ("alice.json holds", "connected to", "sees process"):
         assert words in found
+
+
+def test_where_the_kernel_makes_no_user_namespaces_it_is_said_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """It refuses them below a user namespace whose root has said so: user_namespaces(7)."""
+    below = ["unshare", "--user", "--map-root-user", "sh", "-c"]
+    refused = [*below, 'echo 0 >/proc/sys/user/max_user_namespaces && exec "$@"', "sh"]
+    monkeypatch.setattr(user_namespace, "MAKE", [*refused, *user_namespace.MAKE])
+    with running(SdcTopo, tmp_path) as network:
+        alice, bob = network.host("alice"), network.host("bob")
+        found = alice.cmd("readlink /proc/self/ns/user").strip()
+        assert found == os.readlink("/proc/self/ns/user")
+        for command in ("mount -t tmpfs own /mnt", "sysctl -w kernel.core_pattern=core"):
+            assert "denied" in alice.cmd(command), command
+        assert "1 received" in alice.cmd(f"ping -c 1 {bob.IP()}")
+        assert alice.pexec("id -u")[0].strip() == "0"
+    words = "no user namespaces (unshare: unshare failed: No space left on device)"
+    assert caplog.text.count(words) == 1
 
 
 def test_all_that_a_host_has_started_ends_with_it(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from page import Sample, looked_at
+from replay import replayed
 
 ROOT = Path(__file__).resolve().parents[2]
 QMN = str(ROOT / "bin" / "qmn")
@@ -29,11 +30,22 @@ class Measured:
     page: Sample | None
 
 
-def run(folder: Path, message: Path, page: bool) -> Measured:
-    """Do a run; a page is served by `qmn live`, as from another terminal."""
+def run(
+    folder: Path, message: Path, page: bool = False, beside: Measured | None = None
+) -> Measured:
+    """Do a run; a page is served by `qmn live`, as from another terminal.
+
+    `beside` is a run whose events a page shows meanwhile, as fast as they came: it takes as much of
+    the machine as one of this run, and nothing of its network.
+    """
     command = [QMN, "run", "sdc", "--file", str(message), *SENT, "--runs", str(folder)]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL) as network:
-        sample = look(network) if page else None
+        sample = None
+        if page:
+            sample = look(network)
+        elif beside is not None:
+            with replayed(beside.folder, round(beside.events_per_s)) as (address, server):
+                sample = looked_at(address, DEADLINE_S, server, lambda: has_ended(network.pid))
         _pid, status, usage = os.wait4(network.pid, 0)
         network.returncode = os.waitstatus_to_exitcode(status)
     assert network.returncode == 0, f"{' '.join(command)}: status {network.returncode}"
@@ -47,6 +59,12 @@ def run(folder: Path, message: Path, page: bool) -> Measured:
         events * result["pairs_per_s"] / result["bell_pairs"],
         sample,
     )
+
+
+def has_ended(pid: int) -> bool:
+    """Return whether a child has, which is still to be waited for."""
+    ended = os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+    return ended is not None
 
 
 def look(network: "subprocess.Popen[bytes]") -> Sample:

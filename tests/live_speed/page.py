@@ -5,6 +5,7 @@ the time, so that what the system's clock is ahead of it is how far the page is 
 """
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from playwright.sync_api import CDPSession, Page, ViewportSize, sync_playwright
 from test_report_in_browser import installed_browser
 
 CLOCKS_PER_S = 100  # of /proc: USER_HZ
-LOOK_S = 5.0  # between two looks at memory
+LOOK_S = 1.0  # between two looks at memory
 OPEN_MS = 30_000
 VIEWPORT: ViewportSize = {"width": 1400, "height": 1000}
 PROBE = """origin => {
@@ -63,8 +64,10 @@ def renderer(browser: CDPSession) -> int:
     return int(max((e["cpuTime"], e["id"]) for e in found if e["type"] == "renderer")[1])
 
 
-def looked_at(address: str, seconds: float, server: int) -> Sample:
-    """Look at a page for some seconds, or until its network has ended if that is sooner."""
+def looked_at(
+    address: str, seconds: float, server: int, over: Callable[[], bool] = lambda: False
+) -> Sample:
+    """Look at a page for some seconds, or until its network has ended or it is over."""
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(
             executable_path=installed_browser(), args=["--no-sandbox"]
@@ -77,12 +80,12 @@ def looked_at(address: str, seconds: float, server: int) -> Sample:
             timeout=OPEN_MS,
         )
         pid = renderer(chromium.new_browser_cdp_session())
-        sample = sampled(page, pid, seconds, server)
+        sample = sampled(page, pid, seconds, server, over)
         chromium.close()
     return sample
 
 
-def sampled(page: Page, pid: int, seconds: float, server: int) -> Sample:
+def sampled(page: Page, pid: int, seconds: float, server: int, over: Callable[[], bool]) -> Sample:
     """Look from now on."""
     heap = page.context.new_cdp_session(page)
     heap.send("Performance.enable")
@@ -97,7 +100,7 @@ def sampled(page: Page, pid: int, seconds: float, server: int) -> Sample:
         }
         heaps.append(metrics["JSHeapUsedSize"] / (1 << 20))
         memories.append(own_mib(pid))
-        if page.inner_text("#status").startswith("the network has ended"):
+        if over() or page.inner_text("#status").startswith("the network has ended"):
             break
     took = time.monotonic() - began
     page_s, server_s = cpu_s(pid) - spent[0], cpu_s(server) - spent[1]

@@ -11,7 +11,7 @@ from typing import Any
 
 from topologies.confinement import APART, fstab
 from topologies.machines.machine import NOWHERE, Machine, ProcessElsewhere
-from topologies.memory_share import MIB
+from topologies.memory_share import KIB, MIB
 from topologies.programs import NetworkError
 from topologies.shells import PROMPT
 from topologies.timeouts import COMMAND_TIMEOUT_S, END_TIMEOUT_S
@@ -84,8 +84,8 @@ class NodeElsewhere:
             self.machine.ask("folder", path=str(folder))
         shell = f"{self.machine.root}/topologies/confined_shell"
         self.machine.put(table, fstab(shown, there).encode())
-        limited = ["prlimit", f"--data={memory_mib * MIB}", shell]
-        words = [*APART, *limited, self.name, GIVEN_UP, table, *shown, "--", *there]
+        words = [*APART, shell, self.name, memory_mib * MIB // KIB, GIVEN_UP]
+        words += [table, *shown, "--", *there]
         node: Any = self
         node.write(f"exec {shlex.join(map(str, words))}\n")
         node.await_shell()

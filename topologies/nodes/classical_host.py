@@ -1,7 +1,9 @@
 """A host with copper alone."""
 
+import subprocess
 from pathlib import Path
 
+from mininet.log import warn
 from mininet.node import Host
 
 from topologies import openvswitch, runtime
@@ -12,6 +14,7 @@ from topologies.memory_share import checked_mib
 from topologies.nodes.node import QuantumNode
 from topologies.programs import Program
 from topologies.runtime import Runtime
+from topologies.user_namespace import NoUserNamespace
 
 DEFAULT_PREFIX_LENGTH = 8  # Mininet's
 
@@ -41,6 +44,19 @@ class ClassicalHost(QuantumNode, ConfinedNode, Host):
         self.network.hosts.append(self)
         self.network.addresses[name], _, bits = str(params["ip"]).partition("/")
         self.network.prefix_length = int(bits or DEFAULT_PREFIX_LENGTH)
+
+    def _begin_shell(self) -> "subprocess.Popen[bytes]":
+        network = self.network
+        if self.confined and self.inNamespace and network.user_namespaces:
+            try:
+                return self.begin_in_user_namespace()
+            except NoUserNamespace as error:
+                network.user_namespaces = False
+                warn(
+                    f"hosts, from {self.name} on, have no user namespaces ({error}): root there "
+                    "cannot mount, and has powers over this machine's kernel\n"
+                )
+        return super()._begin_shell()
 
     def config(self, **params: object) -> dict[str, object]:
         """Configure the interfaces."""

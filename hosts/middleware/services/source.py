@@ -5,7 +5,8 @@ to which both ends send light: it measures that in pairs, and announces what it 
 clock.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
+from typing import Any
 
 import numpy as np
 
@@ -24,9 +25,11 @@ from hosts.middleware.session.protocol import (
 )
 from hosts.middleware.session.values import announcement, words_of
 from hosts.timeouts import KEY_GRACE_S, LIGHT_TIMEOUT_S, MAX_BLOCK_S
-from wire.metadata import Answer, Emit, MemoryState, Reason, Setup
+from wire.metadata import Answer, Emission, Emit, Emitted, MemoryState, Reason, Setup
 from wire.outcomes import NO_COINCIDENCE
 
+Emitting = Callable[[Qnic, int, int, int, tuple[str, str], int, int], Coroutine[Any, Any, None]]
+MOST_BEGUN = 16  # blocks of a session that follow each other without a look at what becomes of them
 MOST_RELAYED = 1 << 31  # blocks; each has two numbers
 
 
@@ -39,24 +42,35 @@ def check_source(side: Side) -> None:
 def make_pairs(
     side: Side, made: Callable[[int], None], distinguishable_states: frozenset[int]
 ) -> Steps[None]:
-    """Answer Emit requests of one session until its connection ends; count the pairs made.
+    """Carry out Emit requests of one session until its connection ends; count the pairs made.
 
     A relay announces those Bell states alone that its analyser tells from all others.
     """
-    setup = side.setup
+    setup, begun = side.setup, 0
     yield side.agree()
     while (request := (yield HearNext())) is not None:
-        if not isinstance(request, Emit):
-            raise unexpected(request, side.peer)
-        _check(setup, request)
         try:
+            if isinstance(request, Emitted):
+                yield from do(Qnic.pairs_over, setup.session)
+                yield side.agree()
+                continue
+            if not isinstance(request, Emit):
+                raise unexpected(request, side.peer)
+            _check(setup, request)
+            if isinstance(request, Emission):
+                yield from _emit(side, request, Qnic.begin_pairs)
+                made(request.pairs)
+                begun += 1
+                if begun % MOST_BEGUN == 0:  # whoever orders more waits
+                    yield from do(Qnic.pairs_over, setup.session)
+                continue
             if setup.memory == MemoryState.HERALDED:
                 made((yield from _herald(side, request)))
                 continue
             if setup.memory == MemoryState.RELAYED:
                 yield from _announce(side, request, distinguishable_states)
                 continue
-            yield from _emit(side, request)
+            yield from _emit(side, request, Qnic.emit_pairs)
         except HardwareError as error:
             raise SessionError(Reason.HARDWARE, str(error)) from error
         made(request.pairs)
@@ -104,9 +118,9 @@ def relayed_blocks(session: int, number: int) -> tuple[BlockName, BlockName]:
     return BlockName(session, 2 * number, 0), BlockName(session, 2 * number + 1, 0)
 
 
-def _emit(side: Side, request: Emit) -> Steps[None]:
+def _emit(side: Side, request: Emit, how: Emitting) -> Steps[None]:
     """Make a block, and send both its halves."""
     block = side.setup.session, request.block, request.pairs
     light = request.rate_hz, side.setup.wavelength_pm
     first, second = side.ports[:2]
-    yield from do(Qnic.emit_pairs, *block, (first, second), *light)
+    yield from do(how, *block, (first, second), *light)

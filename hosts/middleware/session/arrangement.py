@@ -17,7 +17,17 @@ from hosts.timeouts import (
     FREEING_TIMEOUT_S,
     HERALD_TIMEOUT_S,
 )
-from wire.metadata import Answer, Emit, MemoryState, Reason, Service, Setup, Values
+from wire.metadata import (
+    Answer,
+    Emission,
+    Emit,
+    Emitted,
+    MemoryState,
+    Reason,
+    Service,
+    Setup,
+    Values,
+)
 
 
 @dataclass
@@ -41,6 +51,7 @@ class Arrangement:
         self._setup, self._peer, self._source, self._light = setup, peer, source, light
         self._pairs: MetadataChannel | None = None
         self._source_turn = asyncio.Lock()
+        self._questions: set[asyncio.Task[None]] = set()
 
     @property
     def peer(self) -> str:
@@ -99,6 +110,32 @@ class Arrangement:
             emit = Emit(self._setup.session, block, pairs, rate_hz)
             await self._pairs.request(emit, ANSWER_TIMEOUT_S + pairs / rate_hz)
 
+    def begin(self, block: int, pairs: int) -> None:
+        """Have the source make a block of pairs; nothing is heard of it before `emitted`."""
+        assert self._pairs is not None
+        self._pairs.send(Emission(self._setup.session, block, pairs, self._setup.rate_hz))
+
+    async def emitted(self, block: int, light_s: float) -> None:
+        """Wait until the light of all blocks up to this one has arrived, or is lost.
+
+        It takes so long at most to be made.
+        """
+        question = Emitted(self._setup.session, block)
+        asking = asyncio.create_task(self._ask_source(question, ANSWER_TIMEOUT_S + light_s))
+        self._questions.add(asking)
+        asking.add_done_callback(self._answered)
+        await asyncio.shield(asking)  # who waits no more leaves no answer to others
+
+    def _answered(self, asking: asyncio.Task[None]) -> None:
+        self._questions.discard(asking)
+        if not asking.cancelled():
+            asking.exception()  # nobody may wait for it any more
+
+    async def _ask_source(self, question: Emitted, timeout_s: float) -> None:
+        assert self._pairs is not None
+        async with self._source_turn:  # its answers carry no number
+            await self._pairs.request(question, timeout_s)
+
     async def herald(self, block: int, pairs: int) -> Heralds:
         """Have the station herald pairs of a block; return what it tells when its time is over."""
         assert self._pairs is not None
@@ -128,6 +165,8 @@ class Arrangement:
 
     def close(self) -> None:
         """Close the connections."""
+        for asking in self._questions:
+            asking.cancel()
         if self._pairs is not None:
             self._pairs.close()
         if hasattr(self, "channel"):

@@ -50,9 +50,9 @@ class MetadataChannel:
                 channel = cls(*await _connection(address))
         except OSError as error:  # TimeoutError is one
             raise SessionError(
-                Reason.UNKNOWN_HOST,
+                Reason.NO_ANSWER,
                 f"{host} ({address}) does not answer on port {METADATA_PORT} "
-                f"({error or 'timeout'}); is it up?",
+                f"({str(error) or f'nothing in {CONNECT_TIMEOUT_S:g} s'}); is it up?",
             ) from error
         if host != address:
             channel.peer = f"{host} ({address})"
@@ -96,10 +96,10 @@ class MetadataChannel:
             message = await self.next(timeout_s, block)
         except SilentPeer as error:
             text = f"no {_named(kind)} from {self.peer} in {timeout_s:g} s: {asked} still up?"
-            raise SessionError(Reason.PROTOCOL, text) from error
+            raise SessionError(error.reason, text) from error
         if message is None:
             text = f"{self.peer} is gone: it closed the connection instead of sending "
-            raise SessionError(Reason.PROTOCOL, f"{text}{_named(kind)}; ask again when it is up")
+            raise SessionError(Reason.PEER_GONE, f"{text}{_named(kind)}; ask again when it is up")
         if isinstance(message, Answer) and message.reason != Reason.OK:
             raise SessionError(Reason(message.reason), message.text)
         if not isinstance(message, kind):
@@ -122,7 +122,7 @@ class MetadataChannel:
                 return await self._taken(self._mailbox, block, begins)
         except TimeoutError as error:
             text = f"{self.peer} has been silent for {timeout_s:g} s"
-            raise SilentPeer(Reason.PROTOCOL, text) from error
+            raise SilentPeer(Reason.NO_ANSWER, text) from error
 
     async def _taken(self, mailbox: Mailbox, block: int | None, begins: bool) -> Message | None:
         while not mailbox.has(block, begins):
@@ -163,7 +163,7 @@ class MetadataChannel:
             if not header and not error.partial:
                 return None
             text = f"{self.peer} is gone: it closed the connection inside a message"
-            raise SessionError(Reason.PROTOCOL, text) from error
+            raise SessionError(Reason.PEER_GONE, text) from error
         except UnknownService as error:
             raise SessionError(Reason.UNSUPPORTED, f"{self.peer} asks for an {error}") from error
         except MalformedPacket as error:
@@ -171,7 +171,7 @@ class MetadataChannel:
             raise SessionError(Reason.PROTOCOL, text) from error
         except ConnectionError as error:
             text = f"{self.peer} is gone: {error}; ask again when it is up"
-            raise SessionError(Reason.PROTOCOL, text) from error
+            raise SessionError(Reason.PEER_GONE, text) from error
 
     def close(self) -> None:
         """Close the connection once everything is written."""

@@ -13,7 +13,6 @@ wire.services. Superdense coding is one of them: what it leaves for the applicat
 is a way for bytes.
 """
 
-import asyncio
 from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -26,7 +25,7 @@ from hosts.middleware.session import protocol
 from hosts.middleware.session.arrangement import Arrangement
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.host_resources import HostResources
-from hosts.middleware.session.performing import Performer
+from hosts.middleware.session.performing import Expected, Performer, expected
 from hosts.middleware.session.protocol import HostSide, Light, OpenerSide, Order, Side
 from hosts.middleware.session.values import Lifetimes, Numbers
 from hosts.timeouts import ANSWER_TIMEOUT_S, LIGHT_TIMEOUT_S
@@ -114,12 +113,12 @@ class ConnectionEnd(Performer):
         """Answer that what was asked last is accepted."""
         self.channel.send(*self.side.agree().messages)
 
-    def expect_light(self, name: BlockName, port: str = "") -> asyncio.Task[Stored]:
+    def expect_light(self, name: BlockName, port: str = "") -> Expected:
         """Begin to store the photons that will arrive at a port, the first if none is named."""
         light = self.qnic.receive_into_memory(name, port or self.qnic.ports[0], LIGHT_TIMEOUT_S)
-        return asyncio.create_task(light, name=f"light of {name}")
+        return expected(light, name)
 
-    async def stored(self, light: asyncio.Task[Stored], photons: int) -> Stored:
+    async def stored(self, light: Expected, photons: int) -> Stored:
         """Return what has come of light that is over; nothing if no photon has."""
         return await self.perform(self.side.stored(Light(light), photons))
 

@@ -50,7 +50,7 @@ def unexpected(message: Message | None, peer: str) -> SessionError:
     """Return the error that a message is: a refusal, or one that has no place in a session."""
     if message is None:
         text = f"{peer} is gone: it closed the connection in mid-session; ask again when it is up"
-        return SessionError(Reason.PROTOCOL, text)
+        return SessionError(Reason.PEER_GONE, text)
     if isinstance(message, Answer) and message.reason != Reason.OK:
         return SessionError(Reason(message.reason), message.text)
     text = f"{type(message).__name__} from {peer} in mid-session, where it has no place; "

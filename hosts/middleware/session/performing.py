@@ -8,13 +8,25 @@ from collections.abc import Callable, Coroutine
 from dataclasses import dataclass, field
 from typing import Any, TypeVar, cast
 
-from hosts.hardware.qnic import HardwareError, NoLight, Qnic
+from hosts.hardware.qnic import BlockName, HardwareError, NoLight, Qnic
 from hosts.middleware.session import protocol
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import Order, Steps
 from hosts.network_loop import now_s
 
 T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Light under way."""
+
+    coming: asyncio.Task[Any]
+    blocks: tuple[BlockName, ...]
+
+    def cancel(self) -> None:
+        """Expect it no longer."""
+        self.coming.cancel()
 
 
 @dataclass
@@ -47,7 +59,7 @@ class Performer:
 
         Light that it has begun to expect and has not collected is not expected any more then.
         """
-        lights: list[asyncio.Task[Any]] = []
+        lights: list[Expected] = []
         outcome: Any = None
         failure: SessionError | HardwareError | None = None
         try:
@@ -64,7 +76,9 @@ class Performer:
                 except (SessionError, HardwareError) as error:
                     failure = error
                 if isinstance(order, protocol.Begin):
-                    lights = [light for light in lights if not light.done()]  # it has been heard of
+                    lights = [
+                        each for each in lights if not each.coming.done()
+                    ]  # it has been heard of
                     lights.append(outcome)
         finally:
             steps.close()
@@ -76,11 +90,11 @@ class Performer:
         match order:
             case protocol.Begin(operation, arguments, named):
                 light = getattr(self.qnic, operation)(*arguments, **named)
-                return asyncio.create_task(light, name=f"light of {arguments[0]}")
+                return expected(light, arguments[0])
             case protocol.Do(operation, arguments, named):
                 return await getattr(self.qnic, operation)(*arguments, **named)
             case protocol.Collect(light, timeout_s):
-                return await collected(cast("asyncio.Task[Any]", light), timeout_s)
+                return await collected(self.qnic, cast(Expected, light), timeout_s)
             case protocol.Now():
                 return now_s()
             case protocol.Through(connection, steps):
@@ -124,12 +138,25 @@ async def _to_the_end(work: Coroutine[Any, Any, Any]) -> Any:
         raise
 
 
-async def collected(light: asyncio.Task[Any], timeout_s: float) -> Any:
-    """Return what has come of light that is over; None if no photon has in this time."""
+def expected(
+    light: Coroutine[Any, Any, Any], blocks: BlockName | tuple[BlockName, ...]
+) -> Expected:
+    """Begin with an operation that waits for light of these blocks."""
+    coming = asyncio.create_task(light, name=f"light of {blocks}")
+    return Expected(coming, (blocks,) if isinstance(blocks, BlockName) else blocks)
+
+
+async def collected(qnic: Qnic, light: Expected, timeout_s: float) -> Any:
+    """Return what has come of light that is over; None if no photon has in this time.
+
+    Whether one has is for the hardware to say: this host may have been too busy to hear of it.
+    """
     try:
-        async with asyncio.timeout(timeout_s):
-            return await light
-    except (NoLight, TimeoutError):
+        await asyncio.wait([light.coming], timeout=timeout_s)
+        if not light.coming.done():
+            qnic.give_up(*light.blocks)
+        return await light.coming
+    except NoLight:
         return None
     finally:
         light.cancel()

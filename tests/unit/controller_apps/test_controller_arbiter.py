@@ -397,6 +397,8 @@ def test_a_close_while_held_gives_up_and_lets_the_message_pass() -> None:
     actions = arrive(state, fin(), 0.1)
     assert actions[0] == ClosePaths(Q1, 7)
     assert answer(actions).verdict == Verdict.REFUSED
+    assert answer(actions).reason == Reason.PEER_GONE
+    assert Note("refused", 7, detail="PEER_GONE: FIN") in actions
     assert not state.sessions.held
 
 

@@ -45,8 +45,8 @@ class Host:
     def __init__(self, bench: Bench, node: str) -> None:
         self.call = bench.stub.Perform(metadata=getattr(bench, node).metadata, timeout=DEADLINE_S)
 
-    async def order(self, number: int, *steps: Step) -> None:
-        await self.call.write(Order(number=number, steps=steps))
+    async def order(self, number: int, *steps: Step, **how: Any) -> None:
+        await self.call.write(Order(number=number, steps=steps, **how))
 
     async def cancel(self, number: int) -> None:
         await self.call.write(Order(number=number, cancel=True))
@@ -61,12 +61,18 @@ def create(count: int, number: int = 0) -> Step:
     return Step(create=CreateRequest(session=7, number=number, count=count))
 
 
-def receive(port: str, half: int = 0, timeout_s: float = 5.0) -> Step:
-    return Step(receive=ReceiveRequest(block=block(half=half), port=port, timeout_s=timeout_s))
+def receive(port: str, half: int = 0, timeout_s: float = 5.0, number: int = 0) -> Step:
+    name = block(number, half)
+    return Step(receive=ReceiveRequest(block=name, port=port, timeout_s=timeout_s))
 
 
-def send(*launches: tuple[int, str]) -> Step:
-    ways = [Launch(block=block(half=half), port=port) for half, port in launches]
+def bell(number: int = 0) -> Step:
+    first, second = block(number), block(number, half=1)
+    return Step(bell_measure=BellMeasureRequest(first=first, second=second))
+
+
+def send(*launches: tuple[int, str], number: int = 0) -> Step:
+    ways = [Launch(block=block(number, half), port=port) for half, port in launches]
     return Step(send=SendRequest(launches=ways, rate_hz=FAST_HZ))
 
 
@@ -197,6 +203,97 @@ def test_an_order_that_asks_for_nothing_or_too_much_is_refused(
     on(tmp_path, act)
 
 
+def test_orders_that_follow_each_other_do_so_and_only_the_last_one_is_answered(
+    tmp_path: Path,
+) -> None:
+    clock = ManualClock()
+
+    async def act(bench: Bench) -> None:
+        charlie = Host(bench, "charlie")
+        quiet = {"follows": True, "quiet": True}
+        for number in range(3):
+            light = send((0, "charlie-q0"), (1, "charlie-q1"), number=number)
+            await charlie.order(7, create(4, number), light, **quiet)
+        await charlie.order(7, follows=True)
+        for number in range(3):
+            while (created := (await bench.runner.status()).pairs_created) <= 4 * number:
+                await asyncio.sleep(0)
+            assert created == 4 * (number + 1)  # one block flies, and no other
+            await clock.waiters(2)  # its two halves
+            await clock.set(clock.now_ns() + 1_000_000)
+        outcome = await charlie.outcome()
+        assert (outcome.number, outcome.code, len(outcome.feedbacks)) == (7, 0, 0)
+
+    on(tmp_path, act, clock)
+
+
+def test_a_quiet_order_that_fails_is_heard_of(tmp_path: Path) -> None:
+    async def act(bench: Bench) -> None:
+        alice = Host(bench, "alice")
+        await alice.order(7, create(1), follows=True, quiet=True)
+        await alice.order(7, create(1), follows=True, quiet=True)
+        await alice.order(7, create(1, number=1), follows=True)
+        outcomes = [await alice.outcome(), await alice.outcome()]
+        exists = grpc.StatusCode.ALREADY_EXISTS.value[0]
+        assert [(outcome.number, outcome.code) for outcome in outcomes] == [(7, exists), (7, 0)]
+
+    on(tmp_path, act)
+
+
+def test_an_order_is_repeated_for_the_blocks_that_follow(tmp_path: Path) -> None:
+    async def act(bench: Bench) -> None:
+        await bench.switch.connect((1, 3), (3, 5), (2, 4))
+        charlie, alice, bob = (Host(bench, node) for node in ("charlie", "alice", "bob"))
+        first = receive("bob-q1", number=5), receive("bob-q0", half=1, number=5)
+        await bob.order(1, *first, bell(5), times=3)
+        for number, paulis in ((5, [0, 1, 2, 3]), (6, [3, 3]), (7, [2])):
+            light = send((0, "charlie-q0"), (1, "charlie-q1"), number=number)
+            await charlie.order(number, create(len(paulis), number), light)
+            apply = Step(apply=ApplyRequest(block=block(number), paulis=bytes(paulis)))
+            back = send((0, "alice-q0"), number=number)
+            await alice.order(number, receive("alice-q0", number=number), apply, back)
+            outcome = await bob.outcome()
+            assert (outcome.number, outcome.code) == (1, 0)
+            assert outcome.feedbacks[-1].outcomes == bytes(paulis)
+        await bob.order(1, create(1))  # it was the last time: the number is free
+        assert (await bob.outcome()).code == 0
+
+    on(tmp_path, act)
+
+
+def test_a_repeated_order_ends_where_there_is_no_light(tmp_path: Path) -> None:
+    async def act(bench: Bench) -> None:
+        bob = Host(bench, "bob")
+        steps = receive("bob-q1", timeout_s=0.01), receive("bob-q0", half=1), bell()
+        await bob.order(1, *steps, times=3)
+        assert (await bob.outcome()).code == grpc.StatusCode.DEADLINE_EXCEEDED.value[0]
+        await bob.order(1, create(1))
+        assert (await bob.outcome()).code == 0
+
+    on(tmp_path, act)
+
+
+@pytest.mark.parametrize(
+    ("steps", "times", "words"),
+    [
+        ([create(1)], 2, "a step that cannot be repeated; repeat receive and bell_measure alone"),
+        ([bell()], 65, "65 times; send at most 64 in an order"),
+    ],
+)
+def test_what_cannot_be_repeated_is_refused(
+    tmp_path: Path, steps: list[Step], times: int, words: str
+) -> None:
+    async def act(bench: Bench) -> None:
+        alice = Host(bench, "alice")
+        await alice.order(1, *steps, times=times)
+        outcome = await alice.outcome()
+        assert outcome.code == grpc.StatusCode.INVALID_ARGUMENT.value[0]
+        assert outcome.text == words
+        assert (await bench.runner.status()).live_qubits == 0
+
+    on(tmp_path, act)
+
+
 def test_a_number_that_is_still_in_use_is_refused(tmp_path: Path) -> None:
     async def act(bench: Bench) -> None:
         alice = Host(bench, "alice")
@@ -297,3 +394,79 @@ def test_an_outcome_is_written_whole_though_its_order_is_cancelled_meanwhile() -
         assert [outcome.number for outcome in host.outcomes] == [1, 2]
 
     asyncio.run(run())
+
+
+def test_an_order_that_is_cancelled_while_it_is_answered_is_not_repeated() -> None:
+    async def run() -> None:
+        host = SlowHost()
+        async with asyncio.timeout(DEADLINE_S):
+            running = asyncio.create_task(Orders(host.act, host.write).run(host.each()))
+            host.orders.put_nowait(Order(number=1, steps=[bell()], times=3))
+            await host.is_written_to.wait()
+            host.orders.put_nowait(Order(number=1, cancel=True))
+            while not host.orders.empty():
+                await asyncio.sleep(0)
+            host.reads.set()
+            host.orders.put_nowait(Order(number=2, steps=[bell()]))
+            host.orders.put_nowait(None)
+            await running
+        assert [outcome.number for outcome in host.outcomes] == [1, 2]
+
+    asyncio.run(run())
+
+
+class Lights:
+    """A host whose light comes when it is told so, and the outcomes that it hears."""
+
+    def __init__(self) -> None:
+        self.here, self.landed, self.outcomes = asyncio.Event(), asyncio.Event(), list[Outcome]()
+
+    async def act(self, kind: str, _request: Any) -> Feedback:
+        await {"receive": self.here, "send": self.landed}[kind].wait()
+        return Feedback()
+
+    async def write(self, outcome: Outcome) -> None:
+        self.outcomes.append(outcome)
+
+    async def orders(self, turns: int) -> AsyncIterator[Order]:
+        """Wait for light and send it on; say so many turns of the loop later that it is lost."""
+        yield Order(number=1, steps=[receive("alice-q0"), send((0, "alice-q0"))])
+        for _turn in range(turns):
+            await asyncio.sleep(0)
+        yield Order(number=1, lost=True)
+        for _turn in range(20):
+            await asyncio.sleep(0)
+        self.landed.set()
+
+
+@pytest.mark.parametrize("turns", [0, 20])
+@pytest.mark.parametrize("here", [False, True])
+def test_an_order_ends_with_light_that_is_lost_but_goes_on_with_what_it_has(
+    turns: int, here: bool
+) -> None:
+    async def run() -> None:
+        host = Lights()
+        if here:
+            host.here.set()
+        async with asyncio.timeout(DEADLINE_S):
+            await Orders(host.act, host.write).run(host.orders(turns))
+        (outcome,) = host.outcomes
+        expired = grpc.StatusCode.DEADLINE_EXCEEDED.value[0]
+        assert (outcome.code, len(outcome.feedbacks)) == ((0, 2) if here else (expired, 0))
+
+    asyncio.run(run())
+
+
+def test_light_that_is_said_to_be_lost_may_be_received_later(tmp_path: Path) -> None:
+    async def act(bench: Bench) -> None:
+        await bench.switch.connect((1, 3), (3, 5), (2, 4))
+        charlie, alice = Host(bench, "charlie"), Host(bench, "alice")
+        await alice.order(1, receive("alice-q0"))
+        await alice.call.write(Order(number=1, lost=True))
+        assert (await alice.outcome()).code == grpc.StatusCode.DEADLINE_EXCEEDED.value[0]
+        await charlie.order(1, create(4), send((0, "charlie-q0"), (1, "charlie-q1")))
+        assert (await charlie.outcome()).code == 0
+        await alice.order(1, receive("alice-q0"))
+        assert (await alice.outcome()).feedbacks[0].photons == 4
+
+    on(tmp_path, act)

@@ -10,7 +10,7 @@ from typing import BinaryIO
 
 import pytest
 
-from hosts.applications.carrying import CHUNK_BYTES, next_chunk, written_whole
+from hosts.applications.carrying import CHUNK_BYTES, first_chunk, next_chunk, written_whole
 
 FIRST = CHUNK_BYTES["framed"]
 GOOD = {"bell_pairs": 1_000, "received_symbols": 1_000, "rate_hz": 50_000_000, "code_rate": 1.0}
@@ -36,6 +36,23 @@ def test_more_is_sent_at_a_time_where_more_light_arrives(used: dict[str, int], s
 
 def test_pairs_with_handshakes_of_their_own_stay_few() -> None:
     assert next_chunk(CHUNK_BYTES["per-pair"], GOOD) == CHUNK_BYTES["per-pair"]
+
+
+@pytest.mark.parametrize(
+    ("options", "size"),
+    [
+        ({"handshake": "framed", "block_pairs": 131_072}, 1 << 16),
+        ({"block_pairs": 128, "frame_bytes": 8}, 1 << 13),  # 256 blocks of 32 bytes
+        ({"block_pairs": 128, "frame_bytes": 64}, 1 << 14),  # 256 blocks of a frame each
+        ({"block_pairs": 128, "frame_bytes": 4096}, 1 << 16),
+        ({"handshake": "per-pair", "block_pairs": 131_072}, 16),
+        ({}, 1 << 16),
+    ],
+)
+def test_of_small_blocks_so_few_are_sent_at_a_time_that_their_progress_is_told(
+    options: dict[str, int | str], size: int
+) -> None:
+    assert first_chunk(options) == size
 
 
 def write_half(opened: BinaryIO) -> None:

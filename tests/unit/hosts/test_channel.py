@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable
 import pytest
 
 from hosts import network_loop
+from hosts.middleware.session import channel as channels
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError
 from wire.metadata import Answer, Emit, Finish, Handshake, Message, Reason, Service, Setup
@@ -98,8 +99,8 @@ def test_messages_may_come_in_pieces_of_one_byte() -> None:
     assert network_loop.run(heard_byte_by_byte(sent)) == [*sent, None]
 
 
-async def unanswered(message: Message) -> str:
-    """Return what is said of a request that somebody takes and nobody answers."""
+async def unanswered(message: Message) -> SessionError:
+    """Return what comes of a request that somebody takes and nobody answers."""
     open_ones: list[asyncio.StreamWriter] = []
     server = await asyncio.start_server(lambda _, writer: open_ones.append(writer), "127.0.0.1", 0)
     async with server:
@@ -110,7 +111,7 @@ async def unanswered(message: Message) -> str:
         channel.close()
         for each in open_ones:
             each.close()
-        return str(caught.value)
+        return caught.value
 
 
 SETUP = Setup(1, Service.SDC, Handshake.FRAMED, "10.0.0.3", 9, 9, 9)
@@ -122,4 +123,45 @@ SETUP = Setup(1, Service.SDC, Handshake.FRAMED, "10.0.0.3", 9, 9, 9)
 def test_of_a_set_up_that_nobody_answers_the_controller_is_asked_for_too(
     message: Message, asked: str
 ) -> None:
-    assert network_loop.run(unanswered(message)).endswith(f" in 0.05 s: {asked} still up?")
+    error = network_loop.run(unanswered(message))
+    assert str(error).endswith(f" in 0.05 s: {asked} still up?")
+    assert error.reason == Reason.NO_ANSWER
+
+
+async def broken_off(said: bytes) -> SessionError:
+    """Return what comes of an answer of which only this comes."""
+    reader = asyncio.StreamReader()
+    reader.feed_data(said)
+    reader.feed_eof()
+    server = await asyncio.start_server(lambda _reader, writer: writer.close(), "127.0.0.1", 0)
+    async with server:
+        _, writer = await asyncio.open_connection(*server.sockets[0].getsockname())
+        channel = MetadataChannel(reader, writer)
+        with pytest.raises(SessionError) as caught:
+            await channel.receive(Answer, 5)
+        channel.close()
+        return caught.value
+
+
+@pytest.mark.parametrize("said", [b"", Answer(1, Reason.OK, "all is well").encode()[:-1]])
+def test_a_connection_that_ends_is_no_fault_of_the_protocol(said: bytes) -> None:
+    assert network_loop.run(broken_off(said)).reason == Reason.PEER_GONE
+
+
+async def not_connected(monkeypatch: pytest.MonkeyPatch) -> SessionError:
+    """Return what comes of a connection to a port at which nobody is."""
+    server = await asyncio.start_server(lambda _reader, writer: writer.close(), "127.0.0.1", 0)
+    monkeypatch.setattr(channels, "METADATA_PORT", server.sockets[0].getsockname()[1])
+    server.close()
+    await server.wait_closed()
+    with pytest.raises(
+        SessionError, match=r"bob \(127\.0\.0\.1\) does not answer on port "
+    ) as caught:
+        await MetadataChannel.connect("bob", "127.0.0.1")
+    return caught.value
+
+
+def test_a_host_that_takes_no_connection_is_not_one_that_is_unknown(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert network_loop.run(not_connected(monkeypatch)).reason == Reason.NO_ANSWER

@@ -23,7 +23,8 @@ from fault_scene import (
 )
 
 from hosts import network_loop
-from hosts.middleware.session import swap_orders
+from hosts.middleware.services.key_distribution import light
+from hosts.middleware.session import protocol, swap_orders
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from wire.device import DeviceReport
 from wire.metadata import (
@@ -85,6 +86,17 @@ def broken(
 
 @services
 def test_without_a_fault_a_session_goes_well(tmp_path: Path, service: str) -> None:
+    alice, bob = happens(tmp_path, service)
+    assert (alice.text, bob.text) == ("", "")
+
+
+@services
+def test_a_host_that_hears_late_of_its_light_does_not_take_it_for_lost(
+    tmp_path: Path, service: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As if it had been too busy for its whole patience: the dispatcher knows what has come."""
+    monkeypatch.setattr(protocol, "GRACE_S", -1.0)
+    monkeypatch.setattr(light, "KEY_GRACE_S", -1.0)
     alice, bob = happens(tmp_path, service)
     assert (alice.text, bob.text) == ("", "")
 

@@ -76,7 +76,7 @@ def test_a_class_of_the_users_own_is_made_with_its_keywords(tmp_path: Path) -> N
         (
             "Empty",
             OWN,
-            "Empty has no apply, arrivals, attempt, bell_measure, close, coincidences, ",
+            "Empty has no apply, arrivals, attempt, begin_pairs, bell_measure, close, ",
         ),
         ("Dimmed", "import nowhere_to_be_found", "cannot be loaded: No module named"),
         ("Dimmed", "class Dimmed(", "cannot be loaded"),

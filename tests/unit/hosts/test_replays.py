@@ -24,6 +24,7 @@ from wire.metadata import (
     SETUP_LENGTH,
     Answer,
     Block,
+    Emission,
     Emit,
     Finish,
     Message,
@@ -255,6 +256,7 @@ def _outcome(listener: QuantumSocket | ServiceSocket) -> str:
         (Emit(5, 1, 10, 0), Reason.NOT_ALLOWED, "0 pairs a second: 1000 at most were granted"),
         (Emit(5, 1, 10, 1001), Reason.NOT_ALLOWED, "1001 pairs a second: 1000 at most were gra"),
         (Emit(6, 1, 10, 1000), Reason.PROTOCOL, "sent Emit of session 0000000000000006 over a"),
+        (Emission(5, 1, 10, 1001), Reason.NOT_ALLOWED, "1001 pairs a second: 1000 at most were"),
         (Finish(5, 0, bytes(32)), Reason.PROTOCOL, "Finish from 127.0.0.1 in mid-session, where"),
     ],
 )

@@ -16,7 +16,7 @@ from stacks_scene import DEADLINE_S, OWN_ADDRESS, PORTS, QNICS, Judge, grant, ne
 from hosts import network_loop
 from hosts.hardware.qnic import BlockName
 from hosts.hardware.simulated import SimulatedQnic
-from hosts.middleware.services.superdense import sender
+from hosts.middleware.services.superdense import opener, sender
 from hosts.middleware.services.superdense.coding import CODES, NAMES
 from hosts.middleware.services.superdense.frame_format import FrameFormat
 from hosts.middleware.session import encoding
@@ -318,6 +318,24 @@ def test_a_sender_that_gives_up_in_mid_send_ends_the_session_at_once(tmp_path: P
             await asyncio.to_thread(give_up, tmp_path)
 
     network_loop.run(run())
+
+
+def test_a_host_that_hears_late_of_its_light_does_not_take_it_for_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where it is too busy for its whole patience: the dispatcher knows what has come."""
+    modulate = SimulatedQnic.modulate
+
+    async def heard_late(*arguments: Any) -> int:
+        first_ns = await modulate(*arguments)
+        await asyncio.sleep(0.2)
+        return first_ns
+
+    monkeypatch.setattr(SimulatedQnic, "modulate", heard_late)
+    monkeypatch.setattr(opener, "GRACE_S", -1.0)
+    got, statistics = exchange(tmp_path, b"twelve bytes")
+    assert got == b"twelve bytes"
+    assert statistics["lost_pairs"] == 0
 
 
 @pytest.mark.parametrize("reason", [Reason.BUSY, Reason.NO_PATH, Reason.SWITCH_TIMEOUT])

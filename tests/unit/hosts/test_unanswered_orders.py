@@ -68,3 +68,30 @@ def test_what_the_dispatcher_does_not_answer_is_given_up_and_cancelled(
         await server.stop(None)
 
     uvloop.run(run())
+
+
+class ForgetfulDispatcher(SilentDispatcher):
+    """Does not even answer who asks for its challenge."""
+
+    async def Challenge(self, _request: ChallengeRequest, _context: Any) -> ChallengeReply:
+        await asyncio.sleep(DEADLINE_S)
+        return ChallengeReply()
+
+
+def test_a_dispatcher_that_gives_no_challenge_is_told_to_be_silent(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(orders, "DISPATCHER_TIMEOUT_S", PATIENCE_S)
+
+    async def run() -> None:
+        server = grpc.aio.server()
+        add_DispatcherServicer_to_server(ForgetfulDispatcher(), server)  # type: ignore[no-untyped-call]
+        port = server.add_insecure_port("127.0.0.1:0")
+        await server.start()
+        async with asyncio.timeout(DEADLINE_S), grpc.aio.insecure_channel(f"127.0.0.1:{port}") as c:
+            with pytest.raises(grpc.aio.AioRpcError) as caught:
+                await orders.proved(DispatcherStub(c), "token", "Perform")  # type: ignore[no-untyped-call]
+            assert orders.problem_of(caught.value) == "no answer in 0.2 s"
+        await server.stop(None)
+
+    uvloop.run(run())

@@ -34,7 +34,9 @@ from qmn.results.network_facts import NetworkFacts
 from wire.metadata import (
     KINDS,
     Block,
+    Emission,
     Emit,
+    Emitted,
     Envelope,
     Finish,
     Frame,
@@ -175,6 +177,8 @@ def test_every_kind_of_metadata_has_words(kind: type[Message]) -> None:
         SETUP,
         ANSWER,
         Emit(1, 1, 400, 5),
+        Emission(1, 1, 400, 5),
+        Emitted(1, 1),
         Block(1, 1, 4, 0, 0, (Frame(0, 1, 0),)),
         Report(1, 1, 4, 2, 3),
         Finish(1, 37, b"\0" * 32),

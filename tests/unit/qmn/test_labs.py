@@ -212,7 +212,7 @@ def test_a_run_tells_when_events_were_in_time_of_the_network(tmp_path: Path) -> 
 @pytest.mark.parametrize("km", [1, 10, 25])
 def test_sequences_links_take_the_rounds_that_their_page_says(km: int) -> None:
     """Six flights of light or word a round, the second if one has clicked; both succeed once."""
-    told = json.loads((catalogue.LABS / "link-times" / "links.json").read_text())
+    told = json.loads((catalogue.LABS / "link-times" / "sequence_links.json").read_text())
     pairs, attempts, took_s = told["links"][str(km)]
     light = 0.6 * 0.9 * 10 ** (-0.2 * km / 10)
     assert (told["emitted"], told["detected"], told["db_per_km"]) == (0.6, 0.9, 0.2)
@@ -220,3 +220,15 @@ def test_sequences_links_take_the_rounds_that_their_page_says(km: int) -> None:
     one, both = light / 2, light * (1 - light) / 2 + light**2 / 8
     seconds = 6 * (1 + one + both) * km * 1e3 / 2.04e8
     assert took_s / attempts == pytest.approx(seconds, rel=5 * 0.5 / math.sqrt(attempts))
+
+
+@pytest.mark.parametrize("km", [1, 10, 25])
+def test_quisps_links_take_a_round_trip_and_ten_spacings_of_photons(km: int) -> None:
+    """The station orders the next photon for so much later than its word can be there."""
+    told = json.loads((catalogue.LABS / "link-times" / "quisp_links.json").read_text())
+    pairs, attempts, took_s = told["links"][str(km)]
+    light = 0.6 * 0.9 * 10 ** (-0.2 * km / 10)
+    assert (told["emitted"], told["detected"], told["db_per_km"]) == (0.6, 0.9, 0.2)
+    assert abs(pairs - attempts * light**2 / 2) < 5 * math.sqrt(pairs)
+    assert took_s == pytest.approx(attempts * (2 * km * 1e3 / 2.04e8 + 10 * 1e-6), rel=1e-6)
+    assert told["late_s"] == pytest.approx(10 * 1e-6)

@@ -14,6 +14,7 @@ from controller_apps.policy.orders import Queue
 from controller_apps.sessions.arbiter import Arbiter
 from qmn.labs import catalogue
 from qmn.sweeps.contention import FOR_EVER_S, address, trunk
+from qmn.sweeps.packet_sessions import as_sessions, counted, of_counted, of_emulated
 from qmn.sweeps.packets import (
     Application,
     Pairs,
@@ -25,6 +26,7 @@ from qmn.sweeps.packets import (
 )
 from qmn.sweeps.scheduling import away, network_of
 from qmn.traffic.counted import GIVEN_UP, Asked, CountedTime, Told
+from qmn.traffic.plan import Planned, Traffic, plan
 from topologies.maps import read_map
 
 GARR = read_map("garr")
@@ -127,3 +129,58 @@ def test_who_gives_up_asks_for_the_next_once_and_has_no_light_any_more() -> None
     assert [now for _told, now in heard] == pytest.approx([0.5, 1.0, 2.5])
     assert (given_up.light_s, given_up.reason, given_up.used) == (None, GIVEN_UP, False)
     assert (first.used, third.used, third.waited_s) == (True, True, 0.0)
+
+
+def test_packets_of_the_lab_are_those_that_the_model_draws() -> None:
+    """The first thirty of ten applications with four packets a second."""
+    names = [place.name for place in GARR.places]
+    file = catalogue.LABS / "scheduling" / "packets.csv"
+    read = plan("trace", Traffic(names, names, 1.0, 0.0, file=file), 1, 1_000)
+    drew = as_sessions(drawn(GARR, Pairs(), 10, 1), Pairs(), 5, 4, np.random.default_rng(1))[:30]
+    assert len(read) == len(drew)
+    for one, other in zip(read, drew, strict=True):
+        assert (one.opener, one.acceptor) == (other.opener, other.acceptor)
+        assert one.at_s == pytest.approx(other.at_s, abs=1e-6)
+        assert (one.holding_s, one.deadline_s) == pytest.approx((other.holding_s, other.deadline_s))
+
+
+def test_a_packet_holds_its_light_for_all_attempts_and_has_a_window_left_for_the_last() -> None:
+    """Each attempt holds it up to the second pair, or the whole window in vain."""
+    pairs = Pairs()
+    path = ["rm2", "rm1", "ca1"]
+    chance, window = pairs.chance(2), pairs.window(2)
+    own = [Application(path, chance, window)]
+    found = as_sessions(own, pairs, 20_000, 1.0, np.random.default_rng(1))
+    again = 1 - two_or_more(window, chance)
+    slots = np.array([each.holding_s for each in found]) / pairs.slot_s
+    # The mean of min(slots up to the second pair, window), of 1/(1 - again) attempts.
+    mean = sum(1 - two_or_more(n, chance) for n in range(window)) / (1 - again)
+    assert abs(slots.mean() - mean) < 5 * slots.std() / sqrt(len(slots))
+    assert {each.deadline_s for each in found} == {1 - window * pairs.slot_s}
+    times = [each.at_s for each in found]
+    assert times == sorted(times)
+
+
+def test_one_packet_in_counted_time_waits_for_six_ways_of_messages() -> None:
+    """To the controller, to switches and back, to the acceptor and back, and to the opener."""
+    _network, switches = network_of(GARR)
+    far_s = away(GARR, switches)
+    ends = "rm1", "mi1"
+    (told,) = counted(GARR, [Planned(0.0, *ends, 0.01, 1.0)], Queue("edf"), 1.0)
+    one, other = (far_s[switches[end]] for end in ends)
+    least = 2 * one + 2 * other + 2 * max(one, other)
+    assert told.waited_s is not None
+    assert least - 1e-9 <= told.waited_s <= 2 * one + 2 * other + 2 * max(far_s.values())
+    share, took = of_counted([told, told])
+    assert share.value == 1.0
+    assert took.value == pytest.approx(told.waited_s + 0.01)
+
+
+def test_packets_of_a_network_count_as_made_where_they_were_accepted() -> None:
+    made = {"outcome": "accepted", "setup_s": 0.02, "holding_s": 0.01}
+    late = {"outcome": "late", "setup_s": None, "holding_s": 0.5}
+    cut = {"outcome": "broken", "setup_s": 0.1, "holding_s": 0.5}
+    share, took = of_emulated([made, late, {**made, "setup_s": 0.04}, cut])
+    assert share.value == 0.5
+    assert took.value == pytest.approx(0.04)  # of .03 and .05
+    assert took.error == pytest.approx(0.01)

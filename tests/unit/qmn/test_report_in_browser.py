@@ -8,9 +8,12 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from recorded_run import record_run
 
+from qmn.reports import charts
+from qmn.reports.light_paths import Hop, LightPath
 from qmn.reports.report_file import made_report
 
 BROWSERS = ("chromium-headless-shell", "chromium", "google-chrome")
@@ -39,6 +42,11 @@ document.body.dataset.seen = JSON.stringify({
       marks: marks.length,
       colours: [...new Set(texts.map(text => colour(text).fill))],
       sizes: texts.map(text => text.getBoundingClientRect().height),
+      cut: texts.filter(text => {
+        const seen = text.getBoundingClientRect();
+        return seen.left < place.left || seen.right > place.right
+          || seen.top < place.top || seen.bottom > place.bottom;
+      }).map(text => text.textContent),
     };
   }),
 });
@@ -107,6 +115,7 @@ def test_every_figure_shows_something_and_nothing_complains(
         assert figure["drawn"] > 0, figure["title"]
         assert figure["marks"] >= 3, figure["title"]
         assert min(figure["sizes"]) >= 9, figure["title"]  # of a line, in pixels
+        assert figure["cut"] == [], figure["title"]
         for colour in figure["colours"]:  # text stands out
             assert abs(lightness(colour) - lightness(seen["paper"])) > 0.35, figure["title"]
     assert (lightness(seen["paper"]) > 0.5) == (scheme == LIGHT)
@@ -121,6 +130,24 @@ def test_a_phone_shows_the_page_without_scrolling_sideways(folder: Path) -> None
         "The network",
         "The handshake, in both layers",
     ]
+
+
+def test_labels_have_room_however_long_their_numbers_are(tmp_path: Path) -> None:
+    counts = [0, 987_654, 987_654_321]
+    each = [10**9 * n for n in range(1, 4)]
+    hops = (Hop("charlie-q0 - q1:2", 12.75, ("charlie", "q1")),)
+    drawn = [
+        charts.rate(0, each, counts, counts),
+        charts.errors([0.0, 999.5, 1000.0], dict.fromkeys(("symbol errors", "lost"), counts)),
+        charts.errors([0.0, 1e-4, 2e-4], {"symbol errors": counts, "lost": [0, 1, 2]}),
+        charts.confusion(np.full((4, 4), 987_654), 4),
+        charts.loss_budget([LightPath("charlie-q0", "q1:2", hops)], 30.0),
+        charts.setup_times([0.125] * 9_999 + [12_345.5]),
+    ]
+    figures = "".join(f"<figure><h2>{n}</h2>{svg}</figure>" for n, svg in enumerate(drawn))
+    (tmp_path / "report.html").write_text(f"<!DOCTYPE html><body>{figures}</body>")
+    seen, _console = browse(tmp_path, 1200, LIGHT)
+    assert [figure["cut"] for figure in seen["figures"]] == [[]] * len(drawn)
 
 
 def test_a_complaint_would_be_noticed(folder: Path) -> None:

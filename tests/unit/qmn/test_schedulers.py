@@ -80,6 +80,16 @@ def test_by_earliest_deadline_none_is_late_if_none_need_be() -> None:
     assert {each.reason for each in late} == {"TOO_LATE"}
 
 
+def test_who_has_no_light_within_its_slot_since_switches_are_far_is_too_late() -> None:
+    """A barrier takes 80 ms there and back, a slot 30: nobody ever has light, all are answered."""
+    ends = address(0, 0), address(1, 0)
+    requests = [Asked(at_s, *ends, 0.01, deadline_s=0.5) for at_s in (0.0, 1.0, 2.0)]
+    found = told(requests, Queue("slots", 0.03), away_s=0.04)
+    assert [each.reason for each in found] == ["TOO_LATE"] * 3
+    (alone,) = told([Asked(0.0, *ends, 0.01)], Queue("slots", 0.3), away_s=0.04)
+    assert alone.waited_s == pytest.approx(0.3 + 5 * 0.04)  # slot 1, a barrier, three ways
+
+
 def test_slots_wait_as_a_slotted_queue_does() -> None:
     """Poisson arrivals, one slot each: half a slot until one begins, and load / (2 (1 - load)).
 

@@ -215,6 +215,28 @@ def test_a_server_that_was_killed_is_named_and_what_it_has_forked_goes_on(tmp_pa
     server.close()
 
 
+@pytest.mark.parametrize("waits", [1, 10_000])
+def test_a_server_that_is_at_work_is_waited_for_longer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, waits: int
+) -> None:
+    """It loads all programs, which takes longer than 30 ms. That it does is not left to chance."""
+    monkeypatch.setattr(forks, "FORK_TIMEOUT_S", 0.03)
+    monkeypatch.setattr(forks, "FORK_WAITS", waits)
+    monkeypatch.setattr(Program, "processor_ticks", property(lambda _program: time.perf_counter()))
+    program, forked = (Program(name, tmp_path / f"{name}.log") for name in ("fork-server", "ed"))
+    server = ForkServer(program)
+    try:
+        if waits == 1:
+            with pytest.raises(NetworkError, match=r"fork-server did not start ed in 0\.03 s"):
+                forked.start(dispatcher_command(tmp_path), forks=server)
+        else:
+            forked.start(dispatcher_command(tmp_path), forks=server)
+            forked.stop()
+    finally:
+        server.close()
+        program.stop()
+
+
 def test_a_server_that_a_signal_has_stopped_is_waited_for_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

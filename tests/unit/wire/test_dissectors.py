@@ -35,7 +35,9 @@ from wire.metadata import (
     HEADER,
     Answer,
     Block,
+    Emission,
     Emit,
+    Emitted,
     Envelope,
     Finish,
     Frame,
@@ -89,6 +91,8 @@ METADATA: list[Message] = [
     Answer(2, Reason.OK, "", 3, 0b00_11_10_01),
     Answer(3, Reason.TOO_NOISY, "später"),
     Emit(4, 5, 6, 7),
+    Emission(4, 5, 6, 7),
+    Emitted(4, 5),
     Block(5, 8, 4 * 9 + 4 * 10 + 1, 1, 1 << 63, (Frame(6, 9, 0xDEADBEEF), Frame(7, 10, 11))),
     Block(6, 12, 0, 0, 13),
     Report(7, 8, 9, 2, 10, 11, 12, (11, 12), b"\x80\x01"),
@@ -274,6 +278,17 @@ def test_requests_and_answers_are_linked(tmp_path: Path) -> None:
         ("6", ""),
     ]
     assert float(rows[6][2]) == pytest.approx(4.0)
+
+
+def test_a_source_is_said_to_answer_a_question_alone(tmp_path: Path) -> None:
+    messages = [Emission(1, 2, 3, 4), Emission(1, 3, 3, 4), Emitted(1, 3), Answer(1, 0)]
+    frames, places = [], [1, 1]
+    for message in messages:
+        data, is_answer = message.encode(), isinstance(message, Answer)
+        frames.append(segment(data, seq=places[is_answer], answer=is_answer))
+        places[is_answer] += len(data)
+    rows = shown(tmp_path, frames, ["qmeta.request_in", "qmeta.response_in"])
+    assert [astuple_of(row) for row in rows] == [("", ""), ("", ""), ("", "4"), ("3", "")]
 
 
 def test_device_requests_and_reports_are_linked(tmp_path: Path) -> None:

@@ -101,7 +101,7 @@ local checks = {
     Values = check_values,
 }
 -- Nobody answers these one by one, but for values of some topics.
-local unanswered = { Values = true, Envelope = true }
+local unanswered = { Values = true, Envelope = true, Emission = true }
 local answered_topics = {}
 for _, topic in ipairs(format.answered) do answered_topics[topic] = true end
 

@@ -118,7 +118,7 @@ class Acceptor:
     async def _ahead(self, block: int) -> Coincidences | None:
         """Return what comes of a block of which nobody has told yet; None: nothing for long."""
         try:
-            return await self._light(block, EXPECTED_TIMEOUT_S)
+            return await self._light(block, EXPECTED_TIMEOUT_S, following=True)
         except NoLight:
             return None
 
@@ -156,9 +156,9 @@ class Acceptor:
             return None
         return light
 
-    async def _light(self, block: int, timeout_s: float) -> Coincidences:
-        ports = arrival_ports(self._setup, self._qnic.ports)
-        return await self._qnic.detect_pairs(self._setup.session, block, ports, timeout_s)
+    async def _light(self, block: int, timeout_s: float, following: bool = False) -> Coincidences:
+        ports, session = arrival_ports(self._setup, self._qnic.ports), self._setup.session
+        return await self._qnic.detect_pairs(session, block, ports, timeout_s, following)
 
     async def _single(self, channel: MetadataChannel, answer: Answer, order: Measure) -> Symbols:
         channel.send(answer)

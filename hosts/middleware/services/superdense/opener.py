@@ -4,11 +4,13 @@
       | Setup(SDC) -- held by the controller until the paths are up --> |
       | <--------------- Answer (symbols and operators that bob can use) |
       | Setup(PAIR_SOURCE) ------> |                                    |
-      | Emit --------------------> | pairs: half 0 to alice, half 1 to bob
+      | Emission ----------------> | pairs: half 0 to alice, half 1 to bob
       | <-- light, half 0 -------- | -- light, half 1 ----------------> |
       | Pauli operators, then light, half 0 --------------------------> |
       | Block (what it carried) --------------------------------------> |
       | <------------------------------------------ Report (what came)  |
+
+The source answers nothing. If light does not come, it is asked whether it is over (Emitted).
 
 With the handshake per-pair every pair has a Setup(ONE_PAIR) connection of its own, and the
 paths stay up only as long as that connection (paper, figure "handshaking").
@@ -21,12 +23,13 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 from hosts.hardware.qnic import BlockName, NoLight, Symbols
+from hosts.middleware.services.superdense.framing import BLOCKS_UNDER_WAY
 from hosts.middleware.services.superdense.options import SEQUENTIAL, SuperdenseOptions, sent_half
 from hosts.middleware.services.superdense.per_pair import Agreed, PerPair, cancelled
 from hosts.middleware.services.superdense.sender import Light, Sender, Singles
 from hosts.middleware.session.ends import Carrier, OpenerEnd
 from hosts.network_loop import now_s
-from hosts.timeouts import GRACE_S, LIGHT_TIMEOUT_S, REPORT_TIMEOUT_S
+from hosts.timeouts import DOUBT_S, GRACE_S, LIGHT_TIMEOUT_S, REPORT_TIMEOUT_S
 from wire.metadata import Report
 
 
@@ -88,9 +91,9 @@ class Opener:
         if isinstance(order, Singles):
             self._tell(await self._per_pair.send(order))
             return
-        async with self._emission(order.block, order.paulis.size) as emission:
+        async with self._begun(order.block, order.paulis.size) as over:
             try:
-                emitted_ns = await self._light_of(order, before, emission)
+                emitted_ns = await self._light_of(order, before, over)
             except NoLight as error:
                 self._channel.send(self._sender.dark(str(error)))
             else:
@@ -98,6 +101,22 @@ class Opener:
 
     def _tell(self, emitted_ns: int) -> None:
         self._channel.send(self._sender.lit(emitted_ns))
+
+    @asynccontextmanager
+    async def _begun(self, block: int, pairs: int) -> AsyncIterator[asyncio.Task[None]]:
+        """Have the source make a block meanwhile, and ask it only where its light does not come."""
+        self._end.arrangement.begin(block, pairs)
+        over = asyncio.create_task(self._over(block, pairs))
+        try:
+            yield over
+        finally:
+            await cancelled([over])
+
+    async def _over(self, block: int, pairs: int) -> None:
+        """Wait until light has arrived or is lost, as its source says when it is late."""
+        light_s = pairs / self._setup.rate_hz
+        await asyncio.sleep(DOUBT_S + light_s)
+        await self._end.arrangement.emitted(block, BLOCKS_UNDER_WAY * light_s)
 
     @asynccontextmanager
     async def _emission(self, block: int, pairs: int) -> AsyncIterator[asyncio.Task[None]]:
@@ -110,23 +129,23 @@ class Opener:
             await cancelled([emission])
 
     async def _light_of(
-        self, order: Light, before: asyncio.Task[None] | None, emission: asyncio.Task[None]
+        self, order: Light, before: asyncio.Task[None] | None, over: asyncio.Task[None]
     ) -> int:
         """Send a block on that is being made, once the one before it has been sent on."""
         if before is not None:
             await asyncio.shield(before)
         if self._sender.is_called_off(order.block):
-            await emission
+            await over
             await self._qnic.discard_block(self._setup.session, order.block)
             raise NoLight(f"block {order.block} is called off")
-        return await self._light(order.block, order.paulis, emission)
+        return await self._light(order.block, order.paulis, over)
 
     async def _pair(self, number: int, pauli: Symbols) -> int:
         """Have one pair made, modulate this host's half and send it on."""
         async with self._emission(number, pauli.size) as emission:
             return await self._light(number, pauli, emission)
 
-    async def _light(self, number: int, paulis: Symbols, emission: asyncio.Task[None]) -> int:
+    async def _light(self, number: int, paulis: Symbols, over: asyncio.Task[None]) -> int:
         """Modulate this host's halves of a block that is being made, and send them on."""
         half = BlockName(self._setup.session, number, sent_half(self._setup))
         rate_hz, wavelength_pm = self._setup.rate_hz, self._setup.wavelength_pm
@@ -136,14 +155,16 @@ class Opener:
         )
         try:
             # The light may be on its way again before the source has answered.
-            await asyncio.wait([emission, light], return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait([over, light], return_when=asyncio.FIRST_COMPLETED)
             if light.done():
                 return await light
-            await emission
+            await over
             # The source has answered: its light has arrived, or never will.
-            async with asyncio.timeout(GRACE_S + paulis.size / rate_hz):
-                return await light
-        except TimeoutError as error:
+            await asyncio.wait([light], timeout=GRACE_S + paulis.size / rate_hz)
+            if not light.done():
+                self._qnic.give_up(half)
+            return await light
+        except NoLight as error:
             raise NoLight(f"no light from {self._end.arrangement.source} at {port}") from error
         finally:
             light.cancel()

@@ -1,0 +1,143 @@
+"""Outcomes of strikes at a run: whether all was right, in words, and counted."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from strikes import RUNNER, Strike
+from under_way import PHASES, Moment
+
+NAMED_S, STALLED_NAMED_S = 5.0, 30.0
+
+
+@dataclass(frozen=True)
+class Made:
+    """A strike, and when it was made."""
+
+    strike: Strike
+    phase: str
+    after_s: float  # since the first one
+
+
+@dataclass
+class Outcome:
+    """What the strikes at one run have led to."""
+
+    number: int
+    job: str
+    moment: Moment
+    made: list[Made]
+    status: int | None  # of the run; None: it hung
+    cause: str = ""
+    cause_after_s: float | None = None  # since the first strike
+    last_words: list[str] = field(default_factory=list)
+    slowed: float = 1.0  # by others, as machine.slowed says
+    ended_after_s: float | None = None  # since the last one
+    faults: list[str] = field(default_factory=list)
+    leftovers: list[str] = field(default_factory=list)
+
+    @property
+    def suspects(self) -> list[Made]:
+        """The strikes that may have been the cause: those that it names, if there are any."""
+        before = [made for made in self.made if made.after_s <= (self.cause_after_s or 0.0)]
+        return [made for made in before if self._names(made)] or before
+
+    def _names(self, made: Made) -> bool:
+        return any(name in self.cause for name in made.strike.names)
+
+    @property
+    def blames_another(self) -> bool:
+        """Whether something else is named than what was struck and must have been the cause."""
+        suspects = self.suspects if self.cause else []
+        must = [made for made in suspects if made.strike.names]
+        return bool(must) and len(must) == len(suspects) and not any(map(self._names, must))
+
+    @property
+    def named_after_s(self) -> float | None:
+        """How long after the strike that it is about the cause was named."""
+        if self.cause_after_s is None or not self.suspects:
+            return None
+        return round(self.cause_after_s - self.suspects[0].after_s, 2)
+
+    @property
+    def limit_s(self) -> float:
+        """Within which the cause is to be named."""
+        stalls = any(made.strike.stalls for made in self.suspects)
+        return self.slowed * (STALLED_NAMED_S if stalls else NAMED_S)
+
+    @property
+    def late(self) -> bool:
+        """Whether the cause was named too late."""
+        return self.named_after_s is not None and self.named_after_s > self.limit_s
+
+    @property
+    def unnamed(self) -> bool:
+        """Whether it failed without a word, which only who ends the runner itself makes it do."""
+        asked = any(made.phase in ("loading", "end") for made in self._at_runner)
+        return bool(self.made and self.status and not self.cause) and not (asked or self.is_forced)
+
+    @property
+    def is_forced(self) -> bool:
+        """Whether the runner itself was struck so that it ends without clean-up."""
+        return len(self._at_runner) > 1 or any(made.strike.ends for made in self._at_runner)
+
+    @property
+    def _at_runner(self) -> list[Made]:
+        return [made for made in self.made if made.strike.target == RUNNER]
+
+
+def from_fields(fields: dict[str, Any]) -> Outcome:
+    """Return an outcome from what dataclasses.asdict says of it."""
+    moment, made = fields.pop("moment"), fields.pop("made")
+    strikes = [Made(**each | {"strike": Strike(**each["strike"])}) for each in made]
+    return Outcome(moment=Moment(**moment), made=strikes, **fields)
+
+
+def bad(outcome: Outcome) -> bool:
+    """Whether something went wrong that must not, whatever was struck."""
+    hangs, wrong = outcome.status is None, bool(outcome.faults or outcome.leftovers)
+    return hangs or wrong or outcome.late or outcome.unnamed
+
+
+def told(outcome: Outcome) -> str:
+    """Return the strikes at one run in one line."""
+    what = " + ".join(f"{made.strike.how} to {made.strike.target}" for made in outcome.made)
+    end = "HANGS" if outcome.status is None else f"status {outcome.status}"
+    cause = f"; {outcome.named_after_s} s: {outcome.cause[:110]}" if outcome.cause else ""
+    late = f"; LATE: after {outcome.limit_s:.1f} s" if outcome.late else ""
+    late += "; NO CAUSE NAMED" if outcome.unnamed else ""
+    wrong = "".join(f"; WRONG: {fault}" for fault in (*outcome.faults, *outcome.leftovers))
+    if (outcome.status and not outcome.cause) or bad(outcome):
+        wrong += f"; said: {' | '.join(outcome.last_words)}"
+    when = f"{outcome.moment.phase} {outcome.moment.share:.2f}"
+    head = f"{outcome.number:4} {outcome.job:10} {when:12} {what or 'nothing (it had ended)':28}"
+    return f"{head} {end}{cause}{late}{wrong}"
+
+
+def summary(outcomes: list[Outcome]) -> str:
+    """Return the counts."""
+    made = [made for outcome in outcomes for made in outcome.made]
+    failed = [outcome for outcome in outcomes if outcome.cause]
+    timed = sorted(outcome.named_after_s or 0.0 for outcome in failed)
+    other = [outcome for outcome in failed if outcome.blames_another]
+    phases = ", ".join(f"{name} {sum(each.phase == name for each in made)}" for name in PHASES)
+    lines = [
+        f"strikes          {len(made)} in {len(outcomes)} runs: {phases}",
+        f"hangs            {sum(outcome.status is None for outcome in outcomes)}",
+        f"wrong bytes      {sum(bool(outcome.faults) for outcome in outcomes)}",
+        f"leftovers, harm  {sum(bool(outcome.leftovers) for outcome in outcomes)}",
+        f"cause named      in {len(failed)} runs; late in {sum(o.late for o in failed)}",
+        f"no cause named   in {sum(outcome.unnamed for outcome in outcomes)} runs that failed",
+        f"another named    {len(other)}",
+        f"slowed by others {max((o.slowed for o in outcomes), default=1):g} times at most",
+        *(f"                 {told(outcome)}" for outcome in other),
+    ]
+    if timed:
+        middle, last = timed[len(timed) // 2], timed[-1]
+        within = sum(each <= NAMED_S for each in timed)
+        lines.append(
+            f"time to cause    p50 {middle:.2f} s, longest {last:.2f} s, by the wall's clock"
+        )
+        lines.append(
+            f"                 within {NAMED_S:g} s of it in {within} of {len(timed)} runs"
+        )
+    return "\n".join(lines)
