@@ -54,9 +54,9 @@ def findings(runs: Runs) -> Sequence[Finding]:
             ours["success"] = proportion(told["survived"], told["compared"])
         words = "F {fidelity:g}, gates {gate:g}, readings {readout:g}".format(**figure)
         for chart, our in ours.items():
-            their = Published(*figure[chart], TOLD["program"])
-            place = their.value, their.error
-            found.append(Finding(chart, f"{chart}: {words}", our, their, *place))
+            value, error = figure[chart]
+            their = Published(value, error, TOLD["program"])
+            found.append(Finding(chart, f"{chart}: {words}", our, their, value, error))
     return found
 
 
