@@ -55,7 +55,7 @@ def main() -> int:
     print(f"  beside another's page keeps of those without {said(kept(without, beside))}")
     print(f"  with a page keeps of those without           {said(kept(without, with_page))}")
     print(f"  with a page keeps of those beside another's  {said(kept(beside, with_page))}")
-    return 0 if holds and statistics.mean(kept(beside, with_page)) >= KEPT else 1
+    return 0 if holds and statistics.mean(kept(without, with_page)) >= KEPT else 1
 
 
 def show(what: str, measured: Measured) -> None:

@@ -94,6 +94,24 @@ def test_who_asks_no_more_leaves_light_where_it_is(tmp_path: Path) -> None:
     network_loop.run(run())
 
 
+def test_who_asks_for_another_block_leaves_light_of_the_one_that_was_next(tmp_path: Path) -> None:
+    async def run() -> None:
+        async with hosts(tmp_path) as made:
+            first = asyncio.create_task(made.detected(1))
+            await made.light(1)
+            await first
+            other = asyncio.create_task(made.detected(5))
+            await asyncio.sleep(0)
+            await made.bob.tell("behind that")
+            await made.light(2)
+            blocks = await asyncio.to_thread(held, tmp_path, "bob")
+            assert [(each.block.number, each.photons) for each in blocks] == [(2, 6), (2, 6)]
+            await made.light(5)
+            assert (await other).outcomes.tolist() == np.roll(PAULIS, 5).tolist()
+
+    network_loop.run(run())
+
+
 def test_pairs_that_cannot_be_made_are_heard_of_by_who_asks(tmp_path: Path) -> None:
     async def run() -> None:
         async with hosts(tmp_path) as made:
