@@ -63,8 +63,13 @@ def vsctl(*arguments: str) -> str:
         raise
 
 
+_ours_are_to_end = False  # this run takes down what it has started, whatever stops that
+
+
 def _require_useful(watched: Mapping[str, Owner], arguments: Sequence[str]) -> None:
     """Raise NetworkError if ovs-vsctl waits for a daemon that has ended, now or before."""
+    if _ours_are_to_end:
+        _let_go_on()
     require_alive(watched)
     if DATABASE in watched and SWITCH_DAEMON not in watched and NO_WAIT not in arguments:
         raise NetworkError(f"{SWITCH_DAEMON} {_silence(watched, SWITCH_DAEMON)}")
@@ -221,10 +226,12 @@ def revive_if_ours(owner: str) -> None:
     """Start again what has ended of an Open vSwitch that this run started.
 
     A bridge whose daemon has ended leaves its interface behind, and only the daemon that comes
-    next can remove it in every kind of datapath.
+    next can remove it in every kind of datapath. From now on they go on whatever stops them.
     """
+    global _ours_are_to_end
     if starter() != owner:
         return
+    _ours_are_to_end = True
     _let_go_on()
     if not running():
         start(owner)
@@ -232,15 +239,20 @@ def revive_if_ours(owner: str) -> None:
 
 def stop_if_ours(owner: str) -> None:
     """Stop Open vSwitch if this run started it and no bridge is left in it."""
+    global _ours_are_to_end
     if starter() != owner:
         return
     _let_go_on()
-    if not _database_answers() or bridges():
-        revive_if_ours(owner)
-    if not bridges():
+    try:
+        if not _database_answers() or bridges():
+            revive_if_ours(owner)
+        if bridges():
+            return
         _run(CONTROL, "stop", timeout_s=OPENVSWITCH_TIMEOUT_S, check=_let_go_on)
         delete_interface(DATAPATH_INTERFACE)
         (RUNTIME_ROOT / STARTED).unlink(missing_ok=True)  # last: a second signal may come between
+    finally:
+        _ours_are_to_end = False
 
 
 def _let_go_on() -> None:

@@ -3,7 +3,8 @@
     runner ---- folder of the run ---> loads matplotlib, waits, draws
            <--- file, or why none ----
 
-Loading takes as long as drawing. A fork has loaded all else already.
+Loading takes as long as drawing. A fork has loaded all else already. Where this process has more
+than one thread, as notebooks have, it cannot fork, and draws itself.
 """
 
 import os
@@ -17,7 +18,7 @@ from pathlib import Path
 
 from qmn.reports.report_file import report_of_run
 from qmn.timeouts import REPORT_TIMEOUT_S
-from topologies.fork_server import follow_runner
+from topologies.fork_server import follow_runner, threads
 from topologies.signals import Signals
 
 Draw = Callable[[Path], str]
@@ -26,6 +27,9 @@ Draw = Callable[[Path], str]
 @contextmanager
 def report_beside() -> Iterator[Draw]:
     """Begin to load; yield what makes the report of a run, and returns its file or why none is."""
+    if threads() > 1:
+        yield report_of_run
+        return
     processes = get_context("fork")
     ours, theirs = processes.Pipe()
     drawer = processes.Process(target=_serve, args=(theirs, ours, os.getpid()), name="report")

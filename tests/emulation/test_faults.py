@@ -39,12 +39,16 @@ class Struck(SdcTopo):
 """
 
 
+# Of light: 40 MiB are 168 million pairs, which take 84 s at least.
+SLOW = ("--rate-hz", "2000000")
+
+
 @contextmanager
 def long_run(tmp_path: Path) -> Iterator[Running]:
     """Start a run that lasts much longer than the test."""
     file = tmp_path / "long"
     file.write_bytes(bytes(40 << 20))
-    with running_qmn(*qmn_words(tmp_path), "--file", str(file)) as process:
+    with running_qmn(*qmn_words(tmp_path), "--file", str(file), *SLOW) as process:
         yield process
 
 
@@ -53,7 +57,7 @@ def run_to_kill(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     """Start such a run as a user does: all of it is marked, for who comes after it."""
     file = tmp_path / "long"
     file.write_bytes(bytes(40 << 20))
-    words = [*qmn_command(tmp_path), "--file", str(file)]
+    words = [*qmn_command(tmp_path), "--file", str(file), *SLOW]
     output = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
     with subprocess.Popen(words, cwd=ROOT, text=True, **output) as process:  # type: ignore[call-overload]
         yield process

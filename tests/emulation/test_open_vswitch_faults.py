@@ -99,6 +99,20 @@ def test_a_daemon_that_a_signal_stops_while_it_is_to_end_ends_in_order(
     assert "SIGKILL" not in said.read_text()
 
 
+@pytest.mark.usefixtures("no_open_vswitch")
+@pytest.mark.parametrize("daemon", openvswitch.DAEMONS)
+def test_a_daemon_that_a_signal_stops_while_bridges_go_lets_them_go(daemon: str) -> None:
+    openvswitch.start("tests")
+    add("s8", "q8")
+    openvswitch.revive_if_ours("tests")
+    openvswitch.daemons()[daemon].signal(signal.SIGSTOP)
+    openvswitch.vsctl("del-br", "q8")
+    openvswitch.daemons()[daemon].signal(signal.SIGSTOP)
+    openvswitch.delete_finally("tests", "s8")
+    openvswitch.stop_if_ours("tests")
+    assert not openvswitch.daemons()
+
+
 def test_a_daemon_of_somebody_else_is_not_started_again(tmp_path: Path) -> None:
     """Where the switches' daemon is not ours to start, their interfaces go all the same."""
     output = struck(tmp_path, openvswitch.SWITCH_DAEMON, signal.SIGTERM)

@@ -4,7 +4,9 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -13,24 +15,60 @@ from recorded_run import record_run
 from qmn.reports.beside import report_beside
 from qmn.reports.report_file import made_report
 from topologies.owners import owner
+from topologies.programs import ROOT
 
 DEADLINE_S = 60.0
-# A runner that says which process draws its reports, and then waits.
+# A runner that says which process draws its reports, and then what its input asks for.
 RUNNER = """
-import multiprocessing, sys
+import os, sys
+from pathlib import Path
 from qmn.reports.beside import report_beside
-with report_beside():
-    (drawer,) = multiprocessing.active_children()
-    print(drawer.pid, flush=True)
-    sys.stdin.read()
+
+def children():
+    return Path("/proc/self/task", str(os.getpid()), "children").read_text().split()
+
+with report_beside() as draw:
+    print(*children(), flush=True)
+    for line in sys.stdin:
+        print(draw(Path(line.strip())), flush=True)
+print(len(children()))
 """
 
 
-def children() -> list[int]:
-    return [
-        int(pid)
-        for pid in Path("/proc/self/task", str(os.getpid()), "children").read_text().split()
-    ]
+class Runner:
+    """Such a process; it has one thread, as those of tests may not have."""
+
+    def __init__(self) -> None:
+        pipe, command = subprocess.PIPE, [sys.executable, "-c", RUNNER]
+        self.process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, cwd=ROOT)
+        drawer = owner(int(self.line()))
+        assert drawer is not None
+        assert drawer.alive
+        self.drawer = drawer
+
+    def line(self) -> str:
+        """Return what it says next."""
+        assert self.process.stdout is not None
+        return self.process.stdout.readline().strip()
+
+    def drawn(self, run: Path) -> str:
+        """Have a report drawn; return its file, or why there is none."""
+        assert self.process.stdin is not None
+        print(run, file=self.process.stdin, flush=True)
+        return self.line()
+
+    def end(self) -> int:
+        """Let it end; return how many children it has left behind."""
+        left, _nothing = self.process.communicate(timeout=DEADLINE_S)
+        return int(left)
+
+
+@pytest.fixture
+def runner() -> Iterator[Runner]:
+    made = Runner()
+    with made.process:
+        yield made
+        made.process.kill()
 
 
 @pytest.fixture
@@ -38,44 +76,51 @@ def run(tmp_path: Path) -> Path:
     return record_run(tmp_path)
 
 
-def test_it_is_the_report_that_a_run_is_drawn_by_itself(run: Path) -> None:
-    with report_beside() as draw:
-        assert draw(run) == str(run / "report.html")
+def test_it_is_the_report_that_a_run_is_drawn_by_itself(runner: Runner, run: Path) -> None:
+    assert runner.drawn(run) == str(run / "report.html")
     beside = (run / "report.html").read_text()
     assert made_report(run).read_text() == beside
-    assert children() == []
+    assert runner.end() == 0
 
 
-def test_why_there_is_none_comes_from_there(run: Path) -> None:
+def test_why_there_is_none_comes_from_there(runner: Runner, run: Path) -> None:
     (run / "quantum.pcapng").write_bytes(b"this is not a capture")
-    with report_beside() as draw:
-        assert draw(run).startswith("not made: not a pcapng file")
+    assert runner.drawn(run).startswith("not made: not a pcapng file")
 
 
-def test_nothing_is_left_where_nothing_is_drawn() -> None:
-    with report_beside():
-        (drawer,) = children()
-    assert owner(drawer) is None
+def test_nothing_is_left_where_nothing_is_drawn(runner: Runner) -> None:
+    assert runner.end() == 0
+    assert not runner.drawer.alive
 
 
-def test_a_drawer_that_is_killed_ends_no_run(run: Path) -> None:
-    with report_beside() as draw:
-        (drawer,) = children()
-        os.kill(drawer, signal.SIGKILL)
-        assert draw(run) == f"not made, its process ended (-9): `qmn report {run}` makes it"
+def test_a_drawer_that_is_killed_ends_no_run(runner: Runner, run: Path) -> None:
+    runner.drawer.signal(signal.SIGKILL)
+    said = runner.drawn(run)
+    assert said == f"not made, its process ended (-9): `qmn report {run}` makes it"
 
 
-def test_it_ends_with_a_runner_that_is_killed() -> None:
-    command = [sys.executable, "-c", RUNNER]
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as runner:
-        assert runner.stdout is not None
-        drawer = owner(int(runner.stdout.readline()))
-        assert drawer is not None
-        assert drawer.alive
-        runner.kill()
+def test_it_ends_with_a_runner_that_is_killed(runner: Runner) -> None:
+    runner.process.kill()
     deadline = time.monotonic() + DEADLINE_S
-    while drawer.alive:
+    while runner.drawer.alive:
         assert time.monotonic() < deadline, f"it has not ended in {DEADLINE_S:g} s"
         time.sleep(0.01)
+
+
+def test_a_process_of_several_threads_draws_itself(run: Path) -> None:
+    waiting = threading.Event()
+    thread = threading.Thread(target=waiting.wait)
+    thread.start()
+    try:
+        before = children()
+        with report_beside() as draw:
+            assert children() == before
+            assert draw(run) == str(run / "report.html")
+    finally:
+        waiting.set()
+        thread.join()
+    assert (run / "report.html").exists()
+
+
+def children() -> str:
+    return Path("/proc/self/task", str(os.getpid()), "children").read_text()
