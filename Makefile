@@ -11,7 +11,8 @@ SHELL := /bin/bash
 PYTHON := .venv/bin/python
 # The caches and byte code of root would be in the user's way.
 AS_ROOT = $(if $(filter-out 0,$(shell id -u)),sudo env PYTHONDONTWRITEBYTECODE=1)
-PYTEST := env PYTHONPATH=tests $(PYTHON) -m pytest -p no:cacheprovider -p progress -p garbage
+# OpenBLAS has one thread, as in the programs of a network: more would spin, and take tests' time.
+PYTEST := env PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -p no:cacheprovider -p progress -p garbage
 # A process for each processor, as long as all has room. Those that emulate networks have
 # namespaces of their own, because a network has fixed names and addresses. Tests wait now and then,
 # for time or other processes: two processors get three. More unit tests at a time would not do: each
