@@ -65,9 +65,9 @@ class Picture:
     limits: Sequence[Limit] = field(default=())
 
 
+@mpl.rc_context({"font.size": 10, "axes.grid": True, "grid.alpha": 0.3})
 def draw(picture: Picture, file: Path) -> None:
     """Write the figure as PNG."""
-    mpl.rcParams.update({"font.size": 10, "axes.grid": True, "grid.alpha": 0.3})
     apart = residuals(picture)
     width, height = SIZE_INCHES
     figure = Figure(figsize=(width, height * (RESIDUALS if apart else 1)), layout="constrained")
