@@ -78,8 +78,9 @@ def require_answer(first: "subprocess.Popen[bytes]") -> None:
     """Wait until all is done; raise NoUserNamespace, with the words of who cannot, if it is not."""
     assert first.stdout is not None
     assert first.stderr is not None
-    answers, _, _ = select.select([first.stdout], [], [], COMMAND_TIMEOUT_S)
-    if answers and os.read(first.stdout.fileno(), 1):
+    poll = select.poll()  # a run of many hosts has more files open than select() takes
+    poll.register(first.stdout, select.POLLIN)
+    if poll.poll(1e3 * COMMAND_TIMEOUT_S) and os.read(first.stdout.fileno(), 1):
         return
     first.kill()
     said = first.stderr.read().decode(errors="replace").strip()

@@ -158,3 +158,18 @@ def test_a_network_can_be_in_a_user_namespace_of_somebody_elses() -> None:
         timeout=20,
     )
     assert done.stdout.split() == ["0", "0", "1"]
+
+
+def test_there_is_one_for_hosts_beyond_the_first_thousand_open_files() -> None:
+    program = (
+        "import os, resource\n"
+        "from topologies.user_namespace import UserNamespace\n"
+        "_soft, most = resource.getrlimit(resource.RLIMIT_NOFILE)\n"
+        "resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))\n"
+        "files = [os.open(os.devnull, os.O_RDONLY) for _ in range(1_100)]\n"
+        "print(UserNamespace().start(lambda: os.readlink('/proc/thread-self/ns/net')))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() not in ("", os.readlink("/proc/self/ns/net"))
