@@ -27,14 +27,16 @@ def worst(network: Runtime) -> Early | None:
     """
     light, news = ways_of_light(network), ways_of_news(network)
     least_s = network.time.network_s(LEAST_DELAY_S)
-    found = [
-        Early(origin, receiver, light_s - news_s)
-        for origin in light
-        if origin not in network.switches
-        for receiver, light_s in _others(light, origin).items()
-        if (news_s := _others(news, origin).get(receiver)) is not None
-        if light_s - news_s >= least_s
-    ]
+    found: list[Early] = []
+    for origin in (node for node in light if node not in network.switches):
+        by_light, by_news = shortest(light, origin), shortest(news, origin)
+        found += [
+            Early(origin, receiver, light_s - by_news[receiver])
+            for receiver, light_s in by_light.items()
+            if receiver != origin
+            if receiver in by_news
+            if light_s - by_news[receiver] >= least_s
+        ]
     return max(found, key=lambda each: each.early_s, default=None)
 
 
@@ -59,8 +61,3 @@ def _join(ways: Ways, one: str, other: str, delay_s: float) -> None:
     for near, far in ((one, other), (other, one)):
         known = ways.setdefault(near, {})
         known[far] = min(delay_s, known.get(far, delay_s))
-
-
-def _others(ways: Ways, start: str) -> dict[str, float]:
-    """Return how long the fastest way takes from a node to all others."""
-    return {node: time_s for node, time_s in shortest(ways, start).items() if node != start}

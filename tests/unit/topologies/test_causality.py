@@ -4,12 +4,13 @@ from collections.abc import Iterator
 
 import pytest
 
+from topologies import causality
 from topologies.causality import ways_of_news, worst
 from topologies.copper_link import delay_s
 from topologies.runtime import Runtime
 from wire.config import QuantumSwitch
 from wire.parameters.fiber import Fiber, FiberEnd
-from wire.ways import shortest
+from wire.ways import Ways, shortest
 
 LIGHT_KM_PER_S = 2.04e5
 
@@ -75,3 +76,22 @@ def test_news_takes_the_fastest_way_there_is(network: Runtime) -> None:
     for one, other in (("alice", "bob"), ("bob", "alice")):
         told = shortest(ways_of_news(network), one)
         assert told[other] == pytest.approx(400.0 / LIGHT_KM_PER_S)
+
+
+def test_ways_are_sought_twice_for_each_host_and_not_for_each_two(
+    network: Runtime, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a thousand hosts, there are half a million times two of them."""
+    hosts = [f"h{number}" for number in range(30)]
+    for host in hosts:
+        network.fibers.append(Fiber(FiberEnd(host, "a"), FiberEnd("q1", host), length_km=1.0))
+        lay(network, **{host: 1.0})
+    sought: list[str] = []
+
+    def counted(ways: Ways, start: str) -> dict[str, float]:
+        sought.append(start)
+        return shortest(ways, start)
+
+    monkeypatch.setattr(causality, "shortest", counted)
+    assert worst(network) is None
+    assert sorted(sought) == sorted(2 * [*hosts, "alice", "bob"])
