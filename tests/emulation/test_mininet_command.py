@@ -60,11 +60,11 @@ def test_its_command_line_sends_by_superdense_coding(tmp_path: Path) -> None:
 
 AT_ONCE = """
 import time
-from topologies import shells
+from topologies import disk, shells
 from topologies.nodes import ClassicalHost
 from topologies.sdc import Mininet, SdcTopo, controllers, findController
 
-shells.COMMAND_TIMEOUT_S = 1.0
+shells.COMMAND_TIMEOUT_S, disk.LOG_BYTES, disk.DISK_LOOK_S = 1.0, 10_000, 0.1
 
 
 class Slow(ClassicalHost):
@@ -117,6 +117,20 @@ def test_it_ends_though_a_shell_is_stopped(tmp_path: Path) -> None:
     assert re.search(
         r"alice did not end 'ip link del alice-\w+' in 1 s: its shell is killed", output
     )
+
+
+def test_its_logs_are_bounded(tmp_path: Path) -> None:
+    """A line too long for that is in the log of a program of the run, and then beside it."""
+    (tmp_path / "own.py").write_text(AT_ONCE)
+    dispatcher = "next(p for p in bob.network.programs if p.name == 'dispatcher')"
+    commands = [
+        f"py {dispatcher}.log.write_text('x' * 20_000)",
+        "sh for i in $(seq 100); do ls /run/qmn/*/dispatcher.log.1 && break; sleep .1; done",
+        f"py {dispatcher}.log.stat().st_size < 20_000",
+    ]
+    output = mn(commands="\n".join([*commands, "exit", ""]), file=str(tmp_path / "own"))
+    assert "/dispatcher.log.1\n" in output
+    assert "True" in output
 
 
 def test_its_iperf_ends_and_tells_both_rates() -> None:
