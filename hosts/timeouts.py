@@ -5,6 +5,7 @@ The same wait has the same time-out in every service. Those that build on others
 
 # Between hosts
 CONNECT_TIMEOUT_S = 5.0  # until another host's stack takes a connection
+CONNECT_TRIES = 3  # where nobody says who has its address; each takes 3 s of the wall
 ANSWER_TIMEOUT_S = 10.0  # until the other end answers what needs no light and no application
 REPORT_TIMEOUT_S = 30.0  # until it answers what its application must have read
 READ_TIMEOUT_S = REPORT_TIMEOUT_S - 5.0  # until an application reads: the other end hears of it
