@@ -6,8 +6,9 @@ The hosts are told that light stands, so they ask no controller for it:
 
     .venv/bin/python examples/standing_light.py
     sudo PYTHONPATH=. mn --custom topologies/sdc.py --topo sdc,light=standing --controller remote
-    mininet> bob python -m hosts.applications.receive 7 &
+    mininet> bob python -m hosts.applications.receive --background --output /tmp/got 7
     mininet> alice echo hello | python -m hosts.applications.send bob 7
+    mininet> bob cat /tmp/got
 """
 
 import sys

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dispatcher.devices.decay import Each
 from dispatcher.devices.detector import Train
 from dispatcher.devices.detectors import Detection, DetectorPair, Told, hide
 from dispatcher.devices.overlap import Overlap
@@ -137,7 +138,7 @@ class Analyser:
         self, mismatch: Mismatch, overlap: Overlap, random: PhotonRandom
     ) -> NDArray[np.intp]:
         """Draw which pairs show no interference, so that their phase is wrong."""
-        worst = float(self._wrong(np.float64(mismatch.most_ps), overlap))
+        worst = float(self._wrong(mismatch.most_ps, overlap))
         if worst == 0:
             return np.zeros(0, dtype=np.intp)
         # Draw as if all were as far apart as the worst; keep of those what their own mismatch says.
@@ -147,20 +148,13 @@ class Analyser:
         wrong = self._wrong(mismatch.ps[some], overlap)
         return some[random.generator("visibility").random(some.size) * worst < wrong]
 
-    def _wrong(
-        self, mismatch_ps: Picoseconds | np.float64, overlap: Overlap
-    ) -> Picoseconds | np.float64:
+    def _wrong(self, mismatch_ps: Each, overlap: Overlap) -> Each:
         """Return how likely a phase is wrong after a mismatch."""
-        wrong: Picoseconds | np.float64 = (1 - self.visibility(mismatch_ps, overlap)) / 2
-        return wrong
+        return (1 - self.visibility(mismatch_ps, overlap)) / 2
 
-    def visibility(
-        self, mismatch_ps: Picoseconds | np.float64, overlap: Overlap
-    ) -> Picoseconds | np.float64:
+    def visibility(self, mismatch_ps: Each, overlap: Overlap) -> Each:
         """Return how well photons interfere after a mismatch."""
-        decay = overlap.most * np.exp(-((overlap.rad_per_s * 1e-12 * mismatch_ps) ** 2))
-        visibility: Picoseconds | np.float64 = self._like.visibility * decay
-        return visibility
+        return self._like.visibility * overlap.apart(mismatch_ps)
 
     def _look(
         self, states: Bytes, halves: tuple[Half, Half], random: PhotonRandom

@@ -14,6 +14,9 @@ cancels (Steinberg, Kwiat, Chiao, Phys. Rev. A 45, 6659).
 import math
 from typing import NamedTuple
 
+import numpy as np
+
+from dispatcher.devices.decay import Each
 from wire.optical import DEFAULT_FREQUENCY_MHZ
 
 LIGHT_M_PER_S = 299_792_458.0
@@ -25,6 +28,11 @@ class Overlap(NamedTuple):
 
     most: float = 1.0
     rad_per_s: float = 0.0  # falls as exp(-(rad_per_s tau)^2); 0: light of one colour, however late
+
+    def apart(self, mismatch_ps: Each) -> Each:
+        """Return how far photons overlap that come so far apart."""
+        fallen: Each = self.most * np.exp(-((self.rad_per_s * 1e-12 * mismatch_ps) ** 2))
+        return fallen
 
 
 def angular_width(bandwidth_nm: float) -> float:

@@ -174,12 +174,11 @@ def _rotated(met: Sequence[Met], random: PhotonRandom) -> Bytes:
 def _distinguished(link: Link, met: Sequence[Met], random: PhotonRandom) -> Bytes:
     """Return which phases are wrong, as light of both hosts could be told apart."""
     wrong = np.zeros(random.photons, np.uint8)
-    worst, overlap = link.visibility, link.overlap.rad_per_s
-    if not overlap or all(each.delays_ps is None for each in met):
-        chance = float(phase_wrong(link.scheme, link.heralds, worst))
+    if not link.overlap.rad_per_s or all(each.delays_ps is None for each in met):
+        chance = float(phase_wrong(link.scheme, link.heralds, link.visibility))
         wrong[random.events("interference", chance)] = PHASE
         return wrong
     first, second = (0.0 if each.delays_ps is None else each.delays_ps for each in met)
-    own = worst * np.exp(-((overlap * (first - second) * 1e-12) ** 2))
+    own = link.station.analyser.visibility * link.overlap.apart(first - second)
     chances = phase_wrong(link.scheme, link.heralds, own)
     return (random.uniform("interference") < chances) * PHASE

@@ -69,8 +69,11 @@ def next_chunk(first: int, used: Mapping[str, Any]) -> int:
 
 
 @contextmanager
-def written_whole(output: Path) -> Iterator[BinaryIO]:
+def written_whole(output: Path | BinaryIO) -> Iterator[BinaryIO]:
     """Open a file for writing that is there only if all goes well; a device stays what it is."""
+    if not isinstance(output, Path):
+        yield output
+        return
     if output.exists() and not output.is_file():
         with output.open("wb") as opened:
             yield opened
@@ -84,11 +87,12 @@ def written_whole(output: Path) -> Iterator[BinaryIO]:
         partial.unlink(missing_ok=True)
 
 
-def receive(receiving: QuantumSocket, peer: str, output: Path) -> None:
-    """Write what comes to a file, or into a device or pipe that is there."""
+def receive(receiving: QuantumSocket, peer: str, output: Path | BinaryIO) -> None:
+    """Write what comes to a file, or into a device, pipe or stream that is there."""
     digest = sha256()
     with written_whole(output) as opened:
         while chunk := receiving.recv(READ_BYTES):
             opened.write(chunk)
+            opened.flush()
             digest.update(chunk)
     say("done", {"peer": peer, "sha256": digest.hexdigest(), **receiving.statistics})

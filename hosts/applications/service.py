@@ -26,7 +26,7 @@ class Part:
     host: str | None = None  # that is asked; None: this one is
     options: dict[str, Any] = field(default_factory=dict)  # of the service, for who asks
     file: BinaryIO | None = None  # to send, if the service carries bytes
-    output: Path | None = None  # for the bytes that come
+    output: Path | BinaryIO | None = None  # for the bytes that come
 
 
 def ask(part: Part) -> None:

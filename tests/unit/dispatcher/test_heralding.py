@@ -1,10 +1,11 @@
 """Heralded pairs beside closed forms and a simulation in Fock space; 5 standard errors, seed 1."""
 
 from collections import defaultdict
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from itertools import product
 from math import cos, exp, expm1, factorial, prod, sin, sqrt
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -150,14 +151,24 @@ def scene(
     device: Device,
     station: Device = STATION,
     km: tuple[float, float] = (10.0, 10.0),
+    own: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
     **fiber: Any,
 ) -> None:
-    """Do something where alice and bob attempt with such a device, by way of q1, at charlie."""
+    """Do something where alice and bob attempt with such a device, by way of q1, at charlie.
+
+    `own` is of the fibre of one host, `fiber` of all.
+    """
     lengths = {"alice": km[0], "bob": km[1], "charlie": 0.0}
     ends = [("alice", "alice-q0"), ("bob", "bob-q0"), ("charlie", "charlie-q0")]
     ends.append(("charlie", "charlie-q1"))
     fibers = [
-        Fiber(FiberEnd(host, port), FiberEnd("q1", str(number)), length_km=lengths[host], **fiber)
+        Fiber(
+            FiberEnd(host, port),
+            FiberEnd("q1", str(number)),
+            length_km=lengths[host],
+            **fiber,
+            **own.get(host, {}),
+        )
         for number, (host, port) in enumerate(ends, 1)
     ]
     devices = {"alice": device, "bob": device, "charlie": station}
@@ -307,6 +318,48 @@ def test_noise_of_fibres_and_of_emitters_is_in_the_pairs() -> None:
             assert within(found, of, (1 + keeps) / 2)
 
     scene(act, device, depolarizing=p)
+
+
+LATE = """import numpy as np
+from dispatcher.fiber.noise import Effect
+
+
+class Late:
+    def __init__(self, ps):
+        self.ps = ps
+
+    def effect(self, passage):
+        return Effect(delays_ps=np.full(passage.photons, self.ps))
+"""
+
+
+@pytest.mark.parametrize("scheme", list(SCHEMES))
+def test_light_of_one_arm_that_comes_late_tells_where_it_came_from(
+    scheme: str, tmp_path: Path
+) -> None:
+    """V exp(-(s tau)^2) is left of the interference at a mismatch tau (Hong, Ou, Mandel)."""
+    rad_per_s, mismatch, best, count = 1e11, 0.7, 0.9, 60_000
+    (tmp_path / "late.py").write_text(LATE)
+    alices, bobs = 20.0, 20.0 + mismatch / rad_per_s * 1e12
+    own = {
+        host: {"noise": f"{tmp_path}/late.py:Late", "noise_parameters": {"ps": ps}}
+        for host, ps in (("alice", alices), ("bob", bobs))
+    }
+    device = Device(emitter=Emitter(scheme, 0.05, 0.1, modes=100))
+    like = BellAnalyser("linear", visibility=best, bandwidth_rad_per_s=rad_per_s)
+    arms = (Arm(0.05, 0.1),) * 2
+    # Late light is other light to the phase of a pair only: how many click together does not move.
+    states = in_fock_space(scheme, arms, 0.0, best * exp(-(mismatch**2)))
+    chance = np.trace(states[1] + states[3]).real
+    state = (states[1] + np.diag([1, 1, -1, -1]) @ states[3] @ np.diag([1, 1, -1, -1])) / chance
+
+    async def act(laboratory: Laboratory) -> None:
+        told, _attempts, _took_s = await heralded(laboratory, count)
+        right = await correlations(laboratory, told)
+        assert within(*right["X"], (1 + 2 * (state[1, 2] + state[0, 3]).real) / 2)
+        assert within(*right["Y"], (1 + 2 * (state[1, 2] - state[0, 3]).real) / 2)
+
+    scene(act, device, Device(analyser=like), own=own)
 
 
 def test_light_of_attempts_meets_no_kraus_operators() -> None:

@@ -15,9 +15,10 @@ from qmn.__main__ import described
 QMN = ROOT / "bin" / "qmn"
 MAKEFILE = (ROOT / "Makefile").read_text()
 FOLDERS = (
-    *("wire", "hosts", "controller_apps", "qswitch_agent", "dispatcher", "topologies", "qmn"),
-    *("docs", "examples", "tests"),
+    *("wire", "hosts", "controller_apps", "qswitch_agent", "dispatcher", "copper", "topologies"),
+    *("qmn", "docs", "examples", "labs", "tests", "setup", "docker", "bin"),
 )
+PATH = re.compile(rf"(?<![\w./-])((?:{'|'.join(FOLDERS)})/[\w./-]*\w/?)(?![\w*<])")
 ADDED_BY_READERS = ("hosts/middleware/services/coin.py", "tests/unit/a/")
 CALLS = [(name, " ".join(words)) for name in NAMES for words in commands(name, "qmn")]
 
@@ -57,12 +58,14 @@ def test_every_link_and_every_file_that_is_named_is_there(name: str) -> None:
     text = (ROOT / name).read_text()
     for link in re.findall(r"\]\(([^)#:]+)(?:#[\w-]+)?\)", text):
         assert (ROOT / name).parent.joinpath(link).exists(), f"{name}: {link}"
-    folders = (
-        "wire|hosts|controller_apps|qswitch_agent|dispatcher|topologies|qmn|docs|examples|tests"
-    )
-    for file in re.findall(rf"`((?:{folders})/[\w/.]+)`", text):
+    for file in re.findall(PATH, text):
         if file not in ADDED_BY_READERS:
             assert (ROOT / file).exists(), f"{name}: {file}"
+
+
+def test_paths_are_found_inside_commands_and_blocks() -> None:
+    text = "`python -m pytest tests/unit/a.py -k x`\n  sudo docker/run\n[x](../wire/b.md) copper/c/"
+    assert re.findall(PATH, text) == ["tests/unit/a.py", "docker/run", "copper/c/"]
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if name.startswith("docs/")])

@@ -26,11 +26,9 @@ def test_a_log_that_is_flooded_keeps_its_newest_lines(
     flooded.start([sys.executable, "-c", FLOOD])
     while flooded.running:
         keeper.look()
-    kept = (
-        tmp_path / "alice.log.1"
-    ).read_text() + flooded.said()  # the last look may be at the end
+    keeper.look()  # it may have ended before the first
+    kept = (tmp_path / "alice.log.1").read_text() + flooded.said()
     assert kept.rstrip().endswith("the end")
-    keeper.look()
     sizes = {path.name: path.stat().st_size for path in tmp_path.iterdir()}
     assert sizes.keys() == {"alice.log", "alice.log.1"}
     assert sizes["alice.log"] <= 50_000
