@@ -27,6 +27,7 @@ MODULES = (
     "qswitch_agent",
 )
 SERVER = "topologies.fork_server"
+QMN = "qmn.__main__"  # what `python -m qmn` runs
 PADDING = " " * 400  # where the commands of its children will be for `ps` to see
 ANSWER_BYTES = 64
 PR_SET_CHILD_SUBREAPER = 36
@@ -74,7 +75,8 @@ class Forked:
 class ForkServer:
     """Has the modules loaded that programs of a network are made of, and forks them off.
 
-    It loads them itself, unless this process has: then it is forked off this one.
+    It is a program that loads them, but for one that is forked off this process, as that has loaded
+    much of it already.
     """
 
     def __init__(self, program: Program, modules: Sequence[str] = MODULES) -> None:
@@ -86,7 +88,7 @@ class ForkServer:
         self._channel.settimeout(FORK_TIMEOUT_S)
         command = [python(), "-m", SERVER, str(theirs.fileno()), ",".join(modules), PADDING]
         with theirs:
-            this = ThisProcess() if has_loaded(modules) else None
+            this = ThisProcess() if may_fork(modules) else None
             program.start(command, descriptors=[theirs.fileno()], forks=this)
 
     def close(self) -> None:
@@ -159,7 +161,7 @@ class ForkServer:
 
 
 class ThisProcess:
-    """Forks a fork server off this process, which another has forked off: all is loaded here."""
+    """Forks a fork server off this process: what this has loaded is there then."""
 
     def serves(self, command: Sequence[str]) -> bool:
         """Whether a command starts a fork server."""
@@ -198,10 +200,15 @@ def request(
     }
 
 
-def has_loaded(modules: Sequence[str]) -> bool:
-    """Whether this process has imported all of these programs, and may fork: it has one thread."""
+def may_fork(modules: Sequence[str]) -> bool:
+    """Whether a server can be forked off this process: it has one thread, and has loaded much.
+
+    So has `qmn` itself, and what another has forked off; scripts of others are left alone.
+    """
+    main = getattr(sys.modules["__main__"], "__spec__", None)
+    is_qmn = main is not None and main.name == QMN
     imported = all(fork_server.runnable(name) in sys.modules for name in modules)
-    return imported and fork_server.threads() == 1
+    return (is_qmn or imported) and fork_server.threads() == 1
 
 
 def adopt_orphans(yes: bool) -> None:
