@@ -1,4 +1,4 @@
-"""What the log of the controller has of a flood: a share of each port, and how much more it was."""
+"""Lines of the controller's log about a flood: a share of each port, and how many more there were."""
 
 import logging
 
