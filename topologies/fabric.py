@@ -15,7 +15,6 @@ from mininet.topo import Topo
 from topologies import presets
 from topologies.copper_lengths import assign_copper_lengths
 from topologies.fiber import FiberLink, resolved
-from topologies.iperf import IperfMininet
 from topologies.node_kinds import node_device
 from topologies.nodes import (
     ClassicalSwitch,
@@ -24,6 +23,7 @@ from topologies.nodes import (
     QuantumController,
     QuantumHost,
 )
+from topologies.stock_mininet import StockMininet
 from wire.config import CONTROLLER
 from wire.parameters.fiber import KINDS, optics
 from wire.parameters.physics import Device
@@ -146,4 +146,4 @@ def findController() -> type[QuantumController]:  # noqa: N802
 
 
 controllers = {"quantum": QuantumController}
-Mininet = IperfMininet  # so does `mn` with this: its own `iperf` would wait for ever
+Mininet = StockMininet  # so does `mn` with this: its own would wait for ever here and there

@@ -12,7 +12,8 @@ import secrets
 import shutil
 import socket
 import time
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Lock
@@ -74,6 +75,7 @@ class Runtime:
     device_keys: dict[str, str] = field(default_factory=dict)  # of the hosts' node agents
     user_namespaces: bool = True  # whether hosts can have them, for all that is known
     hurried: bool = False  # whether commands in nodes' shells have a deadline
+    ending: bool = False  # whether a shell that misses it, or has ended, is no reason to stop
     metrics_addresses: dict[str, str] = field(default_factory=dict)  # by program: where
     gnmi_addresses: dict[str, str] = field(default_factory=dict)  # by quantum switch: where
 
@@ -101,6 +103,15 @@ class Runtime:
     def token(self, node: str) -> str:
         """Return the secret that names a node to the dispatcher."""
         return self.tokens.setdefault(node, secrets.token_hex(16))
+
+    @contextmanager
+    def in_a_hurry(self) -> Iterator[None]:
+        """Give commands in nodes' shells a deadline meanwhile."""
+        before, self.hurried = self.hurried, True
+        try:
+            yield
+        finally:
+            self.hurried = before
 
     def rest_token(self) -> str:
         """Return the secret that HTTP clients of the controller have read from its file."""

@@ -11,6 +11,8 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from mininet.log import warn
+
 from topologies.owners import mark, owner
 from topologies.programs import NetworkError
 from topologies.timeouts import COMMAND_TIMEOUT_S, END_TIMEOUT_S, SHELL_POLL_MS, SHELL_TIMEOUT_S
@@ -26,14 +28,14 @@ class ShellWatcher:
     """A node whose waits for its shell end: with the shell, or at a deadline.
 
     Commands of people may take as long as they like; those that set a network up, while the node
-    is `hurried`, may not.
+    is `hurried`, may not. While it is `ending`, a shell that does not answer is killed.
     """
 
     name: str
     inNamespace: bool  # noqa: N815 (Mininet's name)
     privateDirs: list[Any]  # noqa: N815 (Mininet's name)
     unmountPrivateDirs: Callable[[], None]  # noqa: N815 (Mininet's name)
-    hurried = False
+    hurried = ending = False
 
     @classmethod
     def checkSetup(cls) -> None:  # noqa: N802 (Mininet's name)
@@ -167,10 +169,12 @@ class ShellWatcher:
                 self.waiting = False
                 self._require_shell()
                 return ""
-            if self.hurried and time.monotonic() > self._deadline:
-                raise NetworkError(
-                    f"{self.name} did not end {self.lastCmd!r} in {COMMAND_TIMEOUT_S:g} s"
-                )
+            if (self.hurried or self.ending) and time.monotonic() > self._deadline:
+                late = f"{self.name} did not end {self.lastCmd!r} in {COMMAND_TIMEOUT_S:g} s"
+                if not self.ending:
+                    raise NetworkError(late)
+                warn(f"{late}: its shell is killed\n")
+                self._kill_shell()
         output: str = super().monitor(timeoutms, findPid)  # type: ignore[misc]
         return output
 

@@ -26,7 +26,7 @@ from qmn.benchmarks.service_rates import (
     swap_benchmarks,
     teleport_benchmarks,
 )
-from qmn.timeouts import MEASURE_TIMEOUT_S
+from qmn.timeouts import MEASURE_TIMEOUT_S, RUN_TIMEOUT_S
 from topologies.network import Interrupted, Network, Signals, require_root
 from topologies.programs import NetworkError, python
 from topologies.runtime import Runtime
@@ -123,7 +123,16 @@ def whole_run(folder: Path) -> float:
     file.write_bytes(os.urandom(1024))
     command = ["-m", "qmn", "run", "sdc", "--file", str(file), "--runs", str(folder / "runs")]
     started = time.perf_counter()
-    done = subprocess.run([python(), *command], capture_output=True, text=True, check=False)
+    try:
+        done = subprocess.run(
+            [python(), *command],
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=RUN_TIMEOUT_S,
+        )
+    except subprocess.TimeoutExpired as error:
+        raise NetworkError(f"qmn run sdc did not end in {RUN_TIMEOUT_S:g} s") from error
     if done.returncode:
         raise NetworkError(f"qmn run sdc failed: {done.stderr.strip()}")
     return time.perf_counter() - started

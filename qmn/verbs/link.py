@@ -11,6 +11,7 @@ from typing import Any
 
 from qmn.live.running import announced_network
 from qmn.results.network_facts import NetworkFacts
+from qmn.timeouts import ORDER_TIMEOUT_S
 from topologies.programs import NetworkError
 
 INTERFACES = Path("/sys/class/net")
@@ -32,9 +33,13 @@ def call(arguments: argparse.Namespace) -> int:
         facts = NetworkFacts.from_dict(announced_network().network)
         names = switch_ends(facts, a, b)
         for name in names:
-            subprocess.run(["ip", "link", "set", name, state], check=True, capture_output=True)
+            command = ["ip", "link", "set", name, state]
+            subprocess.run(command, check=True, capture_output=True, timeout=ORDER_TIMEOUT_S)
     except NetworkError as error:
         print(f"qmn: {error}", file=sys.stderr)
+        return 1
+    except subprocess.TimeoutExpired:
+        print(f"qmn: `{' '.join(command)}` did not end in {ORDER_TIMEOUT_S:g} s", file=sys.stderr)
         return 1
     except subprocess.CalledProcessError as error:
         print(f"qmn: {error.stderr.decode().strip()}", file=sys.stderr)

@@ -3,16 +3,17 @@
 import os
 import re
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from conftest import ROOT
 
 
-def mn(*arguments: str, commands: str = "", file: str = "sdc", topo: str = "sdc") -> str:
+def mn(*arguments: str, commands: str = "", file: str = "topologies/sdc", topo: str = "sdc") -> str:
     """Run `mn` to its end; return what it printed."""
     done = subprocess.run(
-        ["mn", "--custom", f"topologies/{file}.py", "--topo", topo, *arguments],
+        ["mn", "--custom", f"{file}.py", "--topo", topo, *arguments],
         cwd=ROOT,
         env={**os.environ, "PYTHONPATH": "."},
         input=commands,
@@ -32,9 +33,9 @@ def test_all_hosts_reach_each_other() -> None:
 @pytest.mark.parametrize(
     ("file", "topo", "fibers"),
     [
-        ("chain", "chain,switches=2", 2),
-        ("ring", "ring,switches=3,length_km=0.5,preset=lab", 6),
-        ("leaf_spine", "leaf_spine,leaves=2,spines=2", 4),
+        ("topologies/chain", "chain,switches=2", 2),
+        ("topologies/ring", "ring,switches=3,length_km=0.5,preset=lab", 6),
+        ("topologies/leaf_spine", "leaf_spine,leaves=2,spines=2", 4),
     ],
 )
 def test_it_takes_larger_networks_with_parameters(file: str, topo: str, fibers: int) -> None:
@@ -55,6 +56,81 @@ def test_its_command_line_sends_by_superdense_coding(tmp_path: Path) -> None:
     assert '"event": "done"' in output
     assert "alice-q0<->q1-eth2 (OK OK)" in output
     assert got.read_text() == "hello\n"
+
+
+AT_ONCE = """
+import time
+from topologies import disk, shells
+from topologies.nodes import ClassicalHost
+from topologies.sdc import Mininet, SdcTopo, controllers, findController
+
+shells.COMMAND_TIMEOUT_S, disk.LOG_BYTES, disk.DISK_LOOK_S = 1.0, 10_000, 0.1
+
+
+class Slow(ClassicalHost):
+    def config(self, **params):
+        self.cmd("sleep 60")
+        return super().config(**params)
+
+
+class SlowTopo(SdcTopo):
+    def build(self):
+        super().build()
+        self.addHost("dave", cls=Slow, ip="10.0.0.9/24")
+
+
+topos = {"sdc": SdcTopo, "slow": SlowTopo}
+"""
+
+
+BUILD = """
+from own import Mininet, findController, topos
+from topologies.programs import NetworkError
+
+net = Mininet(topos["slow"](), controller=findController(), build=False)
+try:  # by mn itself its own cleaning up would follow
+    net.build()
+except NetworkError as error:
+    print(error)
+net.stop()
+"""
+
+
+def test_a_command_that_sets_a_node_up_has_a_deadline(tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(AT_ONCE)
+    (tmp_path / "build.py").write_text(BUILD)
+    done = subprocess.run(
+        [sys.executable, tmp_path / "build.py"],
+        env={**os.environ, "PYTHONPATH": f"{tmp_path}:{ROOT}"},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=30,
+    )
+    assert done.stdout == "dave did not end 'sleep 60' in 1 s\n"
+
+
+def test_it_ends_though_a_shell_is_stopped(tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(AT_ONCE)
+    commands = "py __import__('os').kill(alice._confined, 19)\nexit\n"
+    output = mn(commands=commands, file=str(tmp_path / "own"))
+    assert re.search(
+        r"alice did not end 'ip link del alice-\w+' in 1 s: its shell is killed", output
+    )
+
+
+def test_its_logs_are_bounded(tmp_path: Path) -> None:
+    """A line too long for that is in the log of a program of the run, and then beside it."""
+    (tmp_path / "own.py").write_text(AT_ONCE)
+    dispatcher = "next(p for p in bob.network.programs if p.name == 'dispatcher')"
+    commands = [
+        f"py {dispatcher}.log.write_text('x' * 20_000)",
+        "sh for i in $(seq 100); do ls /run/qmn/*/dispatcher.log.1 && break; sleep .1; done",
+        f"py {dispatcher}.log.stat().st_size < 20_000",
+    ]
+    output = mn(commands="\n".join([*commands, "exit", ""]), file=str(tmp_path / "own"))
+    assert "/dispatcher.log.1\n" in output
+    assert "True" in output
 
 
 def test_its_iperf_ends_and_tells_both_rates() -> None:

@@ -213,6 +213,24 @@ def test_each_process_has_its_waits_in_one_table(folder: str) -> None:
         assert not names or file.name == "timeouts.py", (file, names)
 
 
+RUNS = ("run", "check_call", "check_output")
+OF_PEOPLE = {  # their own programs, which end when these people like, or are left to themselves
+    "qmn/interactive/quantum_cli.py",
+    "qmn/verbs/apart.py",
+    "qmn/verbs/live.py",
+    "qmn/verbs/wireshark.py",
+}
+
+
+@pytest.mark.parametrize("folder", ALL[:-1])
+def test_every_command_that_is_waited_for_has_a_deadline(folder: str) -> None:
+    for file in sources(folder):
+        for call in (node for node in ast.walk(parsed(file)) if isinstance(node, ast.Call)):
+            if ast.unparse(call.func) in [f"subprocess.{name}" for name in RUNS]:
+                bounded = any(keyword.arg == "timeout" for keyword in call.keywords)
+                assert bounded or str(file.relative_to(ROOT)) in OF_PEOPLE, (file, call.lineno)
+
+
 def test_every_verb_is_a_module_of_verbs_and_nothing_else_is() -> None:
     names = {file.stem for file in sources("qmn/verbs")} - {"__init__"}
     assert names == set(VERBS)

@@ -19,6 +19,11 @@ class QuantumNode(ShellWatcher):
         """Whether the network starts or ends just now."""
         return self.network.hurried
 
+    @property
+    def ending(self) -> bool:  # type: ignore[override]
+        """Whether the network ends, whatever its shells do."""
+        return self.network.ending
+
     def startShell(self, mnopts: str | None = None) -> None:  # noqa: N802 (Mininet's name)
         """Start the shell; in a network of its own IPv6 is off from the beginning."""
         super().startShell(mnopts)

@@ -105,6 +105,15 @@ def test_a_hurried_node_waits_for_no_command_for_ever(monkeypatch: pytest.Monkey
     node.terminate()
 
 
+def test_a_shell_that_does_not_answer_at_the_end_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shells, "COMMAND_TIMEOUT_S", 0.2)
+    node = Watched("watched", inNamespace=False)
+    node.ending = True
+    assert node.cmd("sleep 60") == node.cmd("echo more") == ""
+    assert node.shell_ended
+    node.terminate()
+
+
 def test_a_shell_that_dies_while_the_network_starts_is_named() -> None:
     node = Watched("watched", inNamespace=False)
     node.hurried = True
