@@ -1,4 +1,4 @@
-"""Lines of the controller's log about a flood: a share of each port, and how many more there were."""
+"""Lines of the controller's log about a flood: a share of each port, and how many were left out."""
 
 import logging
 
