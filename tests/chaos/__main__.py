@@ -183,6 +183,8 @@ def _struck(
     moment = drawn(random)
     # Most follow soon: a run that a strike ends takes but a moment to do so.
     pauses = [random.random() ** 4 for _ in range(random.choice(STRIKES_OF_A_RUN) - 1)]
+    if job.session_s is not None:
+        lengths = lengths | {"session": job.session_s}
     run = UnderWay(command(job.words, place / "runs"))
     run.wait_until(moment, lengths)
     first, made = time.monotonic(), _made(run, random, time.monotonic())
