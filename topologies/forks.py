@@ -27,7 +27,6 @@ MODULES = (
     "qswitch_agent",
 )
 SERVER = "topologies.fork_server"
-QMN = "qmn.__main__"  # what `python -m qmn` runs
 PADDING = " " * 400  # where the commands of its children will be for `ps` to see
 ANSWER_BYTES = 64
 PR_SET_CHILD_SUBREAPER = 36
@@ -203,10 +202,11 @@ def request(
 def may_fork(modules: Sequence[str]) -> bool:
     """Whether a server can be forked off this process: it has one thread, and has loaded much.
 
-    So has `qmn` itself, and what another has forked off; scripts of others are left alone.
+    So have `qmn` itself and its points of sweeps, and what another has forked off; scripts of
+    others are left alone.
     """
     main = getattr(sys.modules["__main__"], "__spec__", None)
-    is_qmn = main is not None and main.name == QMN
+    is_qmn = main is not None and main.name.startswith("qmn.")
     imported = all(fork_server.runnable(name) in sys.modules for name in modules)
     return (is_qmn or imported) and fork_server.threads() == 1
 
