@@ -15,7 +15,7 @@ from typing import Any
 
 from topologies import fork_server
 from topologies.owners import mark
-from topologies.programs import ROOT, NetworkError, Program, python
+from topologies.programs import ENVIRONMENT, ROOT, NetworkError, Program, python
 from topologies.timeouts import END_TIMEOUT_S, FORK_TIMEOUT_S, FORK_WAITS, POLL_S
 
 MODULES = (
@@ -202,13 +202,15 @@ def request(
 def may_fork(modules: Sequence[str]) -> bool:
     """Whether a server can be forked off this process: it has one thread, and has loaded much.
 
-    So have `qmn` itself and its points of sweeps, and what another has forked off; scripts of
+    And it was started in the same environment as programs are, which C libraries read only then. So
+    have `qmn` itself and its points of sweeps, and what another has forked off; scripts of
     others are left alone.
     """
     main = getattr(sys.modules["__main__"], "__spec__", None)
     is_qmn = main is not None and main.name.startswith("qmn.")
     imported = all(fork_server.runnable(name) in sys.modules for name in modules)
-    return (is_qmn or imported) and fork_server.threads() == 1
+    alike = os.environ.items() >= ENVIRONMENT.items()
+    return (imported or (is_qmn and alike)) and fork_server.threads() == 1
 
 
 def adopt_orphans(yes: bool) -> None:

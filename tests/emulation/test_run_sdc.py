@@ -12,6 +12,7 @@ from conftest import ROOT, qmn, qmn_command, verb
 from scapy.layers.inet import IP, TCP
 from scapy.utils import PcapReader, rdpcap
 
+from topologies.programs import ENVIRONMENT
 from wire.metadata import METADATA_PORT, SETUP_LENGTH, MalformedPacket, Setup, Verdict, decode
 
 SEQUENTIAL = "one"  # is sent by handshakes that wait for each other
@@ -117,7 +118,7 @@ def test_captures_of_headers_hold_set_up_messages_whole_and_little_else(
 def test_qmn_by_itself_forks_off_programs_that_say_in_their_logs_what_they_do(
     tmp_path: Path,
 ) -> None:
-    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}  # as bin/qmn says
+    environment = {**os.environ, **ENVIRONMENT}  # as bin/qmn has it
     subprocess.run(qmn_command(tmp_path), cwd=ROOT, env=environment, check=True, timeout=100)
     run = tmp_path / "latest"
     assert "INFO serving on" in (run / "dispatcher.log").read_text()
