@@ -117,7 +117,7 @@ class Network:
         else:
             openvswitch.start(self.runtime.name)
         self._disk = self._cleanup.enter_context(
-            DiskKeeper(self.runtime.logs, lambda: self.runtime.programs)
+            DiskKeeper(self.runtime.logs, lambda: self.runtime.programs, self.captures.bound)
         )
         sweep()
         openvswitch.revive_if_ours(self.runtime.name)  # it may have ended with what was left
@@ -280,6 +280,7 @@ class Network:
             machine.check()
         openvswitch.require_alive(self._daemons)
         self._disk.check()
+        self.captures.bound()
         programs = (*self.runtime.programs, *self.captures.programs)
         if not all(program.running for program in programs):
             self._require_daemons_for(DAEMON_END_TIMEOUT_S)

@@ -40,6 +40,7 @@ EPHEMERAL_PORTS = Path("/proc/sys/net/ipv4/ip_local_port_range")  # of connectio
 ATTEMPTS = 100
 CONSOLE = "console"  # the controller's socket
 REST_TOKEN = "rest-token"  # noqa: S105 (the name of a file in the private folder)
+RECORD = "dispatcher.record"  # what the dispatcher was asked
 EVENT_LOG = "quantum.log"  # what happened to the qubits, a line an event
 EVENT_CAPTURE = "quantum.pcapng"  # the same for Wireshark and qmn spy
 

@@ -32,7 +32,19 @@ class DispatcherSettings:
         const=1000,
         range=(0, 1_000_000),
     )
+    # Which then ends, and the run goes on: a capture, and the record of the dispatcher.
+    file_gib: float = option(
+        8.0,
+        "GiB of each capture, and of the record, at most (8); the run goes on without more of it",
+        metavar="GIB",
+        range=(1e-6, 1e6),
+    )
     looking: bool = False  # whether hosts may look at states, which no hardware lets them do
+
+    @property
+    def file_bytes(self) -> int:
+        """Return what a capture, or the record, has at most."""
+        return int(self.file_gib * (1 << 30))
 
 
 @dataclass(frozen=True, kw_only=True)
