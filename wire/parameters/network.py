@@ -106,6 +106,10 @@ class NetworkSettings(DispatcherSettings, ControllerSettings):
     metrics: bool = option(False, "metrics for Prometheus (docs/metrics.md)")
     gnmi: bool = option(False, "telemetry of quantum switches by gNMI (docs/telemetry.md)")
     tls: bool = option(False, "for gRPC of hosts and OpenFlow, with both ends certified")
+    # Path of a folder of PEM files; empty: the run makes them.
+    tls_from: str = option(
+        "", "the same by certificates of your own (docs/openflow.md)", metavar="FOLDER"
+    )
 
 
 def part(kind: type[Any], settings: NetworkSettings) -> dict[str, Any]:
