@@ -31,9 +31,7 @@ async def run(config: HostConfig) -> None:
     metadata = await asyncio.start_server(stack.serve, sock=ports[0])
     pairs = await asyncio.start_server(stack.unit.pairs.serve, sock=ports[1])
     local = await asyncio.start_unix_server(stack.applications.serve, config.socket)
-    announcing = announce(
-        config.name, config.address, config.qnics, config.node_features, config.device_key
-    )
+    announcing = announce(config, lambda: stack.device.subscribed)
     speaking = [asyncio.create_task(announcing)]
     if config.device_key:
         parts = stack.device, stack.swaps, stack.seals

@@ -7,7 +7,7 @@ applications -- Unix socket --> stack -- TCP, quantum metadata --> other stacks
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from hashlib import blake2b
 from typing import Any
@@ -196,8 +196,14 @@ class Stack:
         text = f"{names.get(setup.source, setup.source)} has not answered the controller's order"
         return SessionError(Reason.NODE_SILENT, f"{text} for its chain; is its stack running?")
 
+    def _engaged(
+        self, setup: Setup, channel: MetadataChannel, role: Role
+    ) -> AbstractContextManager[None]:
+        """Take part in a session that the other end of a connection has opened."""
+        return self.active_sessions.engage(setup.session, role, channel.connection[0])
+
     async def _emit_pairs(self, channel: MetadataChannel, setup: Setup) -> None:
-        with self.active_sessions.engage(setup.session, Role.SOURCE), self.device.serves(setup):
+        with self._engaged(setup, channel, Role.SOURCE), self.device.serves(setup):
             check_wavelength(setup)
             qnic = self._resources.at(setup.wavelength_pm).qnic
             end = ConnectionEnd(qnic, setup, channel)
@@ -218,7 +224,7 @@ class Stack:
     async def _accept(self, channel: MetadataChannel, setup: Setup) -> None:
         service = Service(setup.service)
         session = AcceptingSession(KINDS[service], self._resources, channel, setup)
-        with self.active_sessions.engage(setup.session, Role.ACCEPTOR):
+        with self._engaged(setup, channel, Role.ACCEPTOR):
             incoming = self._attending(channel, setup)
             with self.device.accepts(session):
                 self._accepting[setup.session] = session
@@ -257,7 +263,7 @@ class Stack:
         await session.join(channel, setup)
 
     async def _link(self, channel: MetadataChannel, setup: Setup) -> None:
-        with self.active_sessions.engage(setup.session, Role.ACCEPTOR), self.device.serves(setup):
+        with self._engaged(setup, channel, Role.ACCEPTOR), self.device.serves(setup):
             await serve_link(self._resources, channel, setup)
 
     def _source_of(self, options: SessionOptions) -> str:

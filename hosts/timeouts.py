@@ -5,6 +5,7 @@ The same wait has the same time-out in every service. Those that build on others
 
 # Between hosts
 CONNECT_TIMEOUT_S = 5.0  # until another host's stack takes a connection
+CONNECT_TRIES = 3  # where nobody says who has its address; each takes 3 s of the wall
 ANSWER_TIMEOUT_S = 10.0  # until the other end answers what needs no light and no application
 REPORT_TIMEOUT_S = 30.0  # until it answers what its application must have read
 READ_TIMEOUT_S = REPORT_TIMEOUT_S - 5.0  # until an application reads: the other end hears of it
@@ -44,8 +45,7 @@ UNUSED_S = LINK_TIMEOUT_S + 30.0  # an order that nobody has asked for so long i
 # Beside the sessions, by the wall
 DISPATCHER_TIMEOUT_S = 20.0  # until the dispatcher answers an order
 FASTEST_ANNOUNCEMENTS_S = 0.2  # between two at first
-ANNOUNCEMENT_PERIOD_S = 5.0  # between two announcements on a fibre
-ANNOUNCEMENT_TTL_S = 30  # until who hears one may forget it
+ANNOUNCEMENTS_HELD = 6  # until who has heard one may forget it, in the pauses between two
 CHECK_PERIOD_S = 0.2  # between two looks at a device at work, whose changes are reported then
 IDLE_CHECK_PERIOD_S = 5.0  # the same, of one that says itself when something changes
 FIRST_REPORTS_S = 1.0  # between two to a controller that has not said how often, at first

@@ -1,7 +1,7 @@
 """Kinds of nodes by what they are made of: what the device of a host of each kind is like.
 
-qmn run distribute --node ion-trap --source alice --count 20
-sudo PYTHONPATH=. mn --custom topologies/repeaters.py --topo repeaters,node=ion-trap
+qmn run distribute --node ion-trap --node charlie=station --count 20
+sudo PYTHONPATH=. mn --custom topologies/repeaters.py --topo repeaters,node=ion-trap,stations=True
 
 The controller does not know them: it goes by the features that follow from a device
 (wire.features).
@@ -21,22 +21,21 @@ from wire.parameters.physics import (
     PairSource,
 )
 
-# Ions in a trap that emit photons and take in their state, keep qubits, and do gates on them.
-# Source: entanglement of two ions over fibres with fidelity .960(1), and with 250 pairs a second,
-# in two experiments that arXiv:2406.01761 and doi 10.1038/s41467-025-57557-4 quote; a pulse here is
-# a pair that has been heralded. Memory: an entangled ion of fidelity .81(4) after 10 s
-# (arXiv:2210.11447), of which T2 = 30 s is our estimate; registers of ten ions, each entangled with
-# a photon, are shown in arXiv:2406.09480, 32 of them are our estimate for a few zones of a trap.
-# Emitter: entanglement of two ions by two clicks with fidelity .94, 182 times a second, of 2.18e-4
-# of the attempts (Stephenson et al., Phys. Rev. Lett. 124, 110501): from there follow the time of
-# an attempt, 1.2 us, and the light of either ion that clicks, sqrt(2 x 2.18e-4), in which losses of
-# detectors are. The fidelity of each ion and its photon is that of two alike which make .94.
-# Gates: errors of two-qubit gates on 43Ca+ of .5(1) % (arXiv:2402.12955), of one-qubit gates of
-# 8.4e-6 (arXiv:2407.07694), some 100 us and 10 us long (Ballance et al., Phys. Rev. Lett. 117,
-# 060504; Harty et al., Phys. Rev. Lett. 113, 220501, with 6.8e-4 of preparation and readout, which
-# are one error here). A readout takes 145 us (Myerson et al., Phys. Rev. Lett. 100, 200502).
+# Ions in a trap that emit photons, keep qubits, and do gates on them. No source: what an ion emits
+# is a pair with another ion only if a station heralds it, the slower the longer the fibres. Memory:
+# an entangled ion of fidelity .81(4) after 10 s (arXiv:2210.11447), of which T2 = 30 s is our
+# estimate; registers of ten ions, each entangled with a photon, are shown in arXiv:2406.09480, 32
+# of them are our estimate for a few zones of a trap. Emitter: entanglement of two ions by two
+# clicks with fidelity .94, 182 times a second, of 2.18e-4 of the attempts (Stephenson et al., Phys.
+# Rev. Lett. 124, 110501): from there follow the time of an attempt, 1.2 us, and the light of either
+# ion that clicks, sqrt(2 x 2.18e-4), in which losses of detectors are. The fidelity of each ion and
+# its photon is that of two alike which make .94. Gates: errors of two-qubit gates on 43Ca+ of .5(1)
+# % (arXiv:2402.12955), of one-qubit gates of 8.4e-6 (arXiv:2407.07694), some 100 us and 10 us long
+# (Ballance et al., Phys. Rev. Lett. 117, 060504; Harty et al., Phys. Rev. Lett. 113, 220501, with
+# 6.8e-4 of preparation and readout, which are one error here). A readout takes 145 us (Myerson et
+# al., Phys. Rev. Lett. 100, 200502).
 ION_TRAP = Device(
-    source=PairSource(fidelity=0.96, max_rate_hz=250.0),
+    source=PairSource("none"),
     memory=Memory(t1_s=1e6, t2_s=30.0, capacity=32),
     analyser=BellAnalyser("gates"),
     gates=Gates(
@@ -122,7 +121,7 @@ NODE_KINDS = {
         lambda base: replace(base, gates=replace(base.gates, kind="paulis")),
     ),
     "ion-trap": NodeKind(
-        "memory of 32 ions that emit, gates between them, 250 pairs a second",
+        "memory of 32 ions that emit, gates between them: two clicks",
         lambda _base: ION_TRAP,
     ),
     "nv-centre": NodeKind(

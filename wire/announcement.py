@@ -8,6 +8,9 @@ It is the last TLV of ours in a frame, behind the OUI of wire.features:
 
 The HMAC (SHA-256, cut to 16 bytes) is under the host's device key and covers the TLVs before it and
 the number: the host's clock in nanoseconds, which rises. What was heard once is no use.
+
+Hosts go on to announce their fibres, the more fibres a network has the more rarely: the controller
+takes all of it in.
 """
 
 import hmac
@@ -18,7 +21,14 @@ from wire.metadata import MalformedPacket
 SUBTYPE = 3
 SPEAKER = b"fibre"  # no datagram or verdict under the same key begins so
 TAG_BYTES = 16
+PERIOD_S = 5.0  # between two announcements on a fibre, of a small network
+MOST_PER_S = 100  # fibres that hosts announce, in all
 _SEAL = struct.Struct(f"!Q{TAG_BYTES}s")
+
+
+def period_s(fibers: int) -> float:
+    """Return how long a host waits between two announcements where there are so many fibres."""
+    return max(PERIOD_S, fibers / MOST_PER_S)
 
 
 def seal(tlvs: bytes, key: str, number: int) -> bytes:

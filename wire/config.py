@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
+from wire.announcement import PERIOD_S
 from wire.credentials import Credentials
 from wire.features import NodeFeatures
 from wire.network_time import NetworkTime
@@ -160,6 +161,7 @@ class HostConfig(Config):
     # colour passes.
     channels_mhz: dict[str, int] = field(default_factory=dict)
     cutoff_s: float = Device().memory.cutoff_s
+    announcement_period_s: float = PERIOD_S  # of its fibres, as soon as the controller has found it
     credentials: Credentials | None = None  # the dispatcher is reached by TLS
 
     @classmethod
@@ -293,6 +295,7 @@ class ControllerConfig(MeasuredConfig, ControllerSettings):
     rest_fd: int | None = None
     rest_token: str = ""  # that the console's resources there want; empty: nobody has it
     state: str = ""  # path of a private folder for what a restarted one must know; empty: none
+    announcement_period_s: float = PERIOD_S  # that hosts wait before they name their fibres again
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> "ControllerConfig":

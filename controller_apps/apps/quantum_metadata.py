@@ -78,7 +78,7 @@ from controller_apps.sessions.restore import take_over
 from controller_apps.sessions.seals import Seals, names_of
 from controller_apps.sessions.snapshot import encode_hosts
 from controller_apps.sessions.state_folder import StateFolder
-from controller_apps.timeouts import SESSION_TICK_S
+from controller_apps.timeouts import DISCOVERY_S, SESSION_TICK_S
 from wire.config import ControllerConfig
 from wire.metadata import MalformedPacket, Reason, Setup
 from wire.session_figures import Figure
@@ -119,6 +119,7 @@ class QuantumMetadata(App):
             config.loss_budget_db,
             config.contention == "queue",
             keys={at: config.device_keys[host] for host, at in config.addresses.items()},
+            discovery_s=max(DISCOVERY_S, config.announcement_period_s),
         )
         identities = Identities(config.device_keys, config.addresses)
         self.fibers = Fibers(self.network, record, self.logger, identities)

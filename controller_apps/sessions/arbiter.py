@@ -44,7 +44,7 @@ from controller_apps.sessions.sessions import (
 )
 from controller_apps.sessions.slots import Slots
 from controller_apps.sessions.verdicts import Verdicts, released
-from controller_apps.timeouts import COUNTING_S, QUEUE_LOOK_S, SWITCH_GRACE_S
+from controller_apps.timeouts import COUNTING_S, DISCOVERY_S, QUEUE_LOOK_S, SWITCH_GRACE_S
 from wire.metadata import (
     METADATA_PORT,
     SETUP_LENGTH,
@@ -80,6 +80,7 @@ class Arbiter:
     purification: Purification = UNPURIFIED  # in those
     keys: Mapping[str, str] = field(default_factory=dict)  # device keys, by address of the host
     needs_handshake: bool = False  # on the connection of a set-up; switches tell of them
+    discovery_s: float = DISCOVERY_S  # until one that is started again knows the network
     needs_sequence: bool = True  # of a FIN or RST, that fits its connection
     handshakes: Handshakes = field(default_factory=Handshakes)
 
@@ -90,7 +91,7 @@ class Arbiter:
         self.ordering = Ordering(self.sessions, self.light, self.verdicts)
         self.given_back = GivenBack(self.sessions)
         self.enquiries = Enquiries(self.sessions)
-        self.recovery = Recovery(self.sessions, self.light)
+        self.recovery = Recovery(self.sessions, self.light, self.discovery_s)
         self._looked = -inf  # at all that wait
         self.slots: Slots | None = None
         self.follow(self.order)

@@ -33,6 +33,7 @@ class Recovery:
 
     sessions: Sessions
     light: Light
+    discovery_s: float = DISCOVERY_S  # until all is known again
     begun: float | None = None  # when this controller took over; None: from nobody
 
     def resume(self, session: Session, now: float) -> None:
@@ -51,7 +52,9 @@ class Recovery:
 
     def is_premature(self, reason: Reason, now: float) -> bool:
         """Tell whether a refusal may only come of what is still to be discovered again."""
-        return self.begun is not None and now - self.begun < DISCOVERY_S and reason in PREMATURE
+        return (
+            self.begun is not None and now - self.begun < self.discovery_s and reason in PREMATURE
+        )
 
     def knows_no_handshakes(self, now: float) -> bool:
         """Tell whether connections may have begun before this controller, and be held up since."""

@@ -73,6 +73,11 @@ class Device:
     _figures: Figures = field(default_factory=Figures)
 
     @property
+    def subscribed(self) -> bool:
+        """Whether a controller has asked for reports."""
+        return self.subscription.period_ms > 0
+
+    @property
     def at_work(self) -> bool:
         """Whether there is a session whose counts may rise."""
         return bool(self._opened or self._accepted or self._serving)

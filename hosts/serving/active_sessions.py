@@ -1,4 +1,4 @@
-"""The sessions that a host takes part in: each once in a role, and never again.
+"""The sessions that a host takes part in: each once in a role, and never again; shares of peers.
 
 Photons are named by their session. A set-up message that is sent again, or forged with the
 number of another session, must not open a second one: when that ended, the host would let go of
@@ -13,6 +13,7 @@ from wire.metadata import Reason
 from wire.services import Role
 
 MAX_SESSIONS = 64  # that others have opened, at a time
+MAX_OF_ONE = MAX_SESSIONS // 4  # that one of them has: nobody keeps all others out
 MAX_REMEMBERED = 100_000  # sessions that are over
 
 
@@ -22,7 +23,8 @@ class ActiveSessions:
     def __init__(self, opens_link: Callable[[int], bool]) -> None:
         """Begin with none; a host knows otherwise of links that it opens as a repeater."""
         self._opens_link = opens_link
-        self._now: set[tuple[int, bool]] = set()  # session, and whether as its pair source
+        # Session, and whether as its pair source: the address of who opened it, "" for this host.
+        self._now: dict[tuple[int, bool], str] = {}
         self._before: dict[tuple[int, bool], None] = {}  # in the order of their ends
 
     @property
@@ -31,9 +33,10 @@ class ActiveSessions:
         return frozenset(session for session, _source in self._now)
 
     @contextmanager
-    def engage(self, session: int, role: Role) -> Iterator[None]:
-        """Take part in a session; raise SessionError if this host does or did.
+    def engage(self, session: int, role: Role, opener: str = "") -> Iterator[None]:
+        """Take part in a session that an address opens; raise SessionError if this host may not.
 
+        It may not if it does or did, or if all that others may have is taken, or all that one may.
         A host may be the pair source of a session that it also opens or accepts.
         """
         place = session, role == Role.SOURCE
@@ -43,14 +46,24 @@ class ActiveSessions:
         if place in self._before:
             text = f"session {session:016x} was here before: is its set-up message a replay?"
             raise SessionError(Reason.UNKNOWN_SESSION, text)
-        if role != Role.OPENER and len(self._now) >= MAX_SESSIONS:
-            text = f"{len(self._now)} sessions are under way here: try again when one has ended"
-            raise SessionError(Reason.BUSY, text)
-        self._now.add(place)
+        if role != Role.OPENER:
+            self._require_place(opener)
+        self._now[place] = "" if role == Role.OPENER else opener
         try:
             yield
         finally:
-            self._now.remove(place)
+            del self._now[place]
             self._before[place] = None
             if len(self._before) > MAX_REMEMBERED:
                 del self._before[next(iter(self._before))]
+
+    def _require_place(self, opener: str) -> None:
+        """Raise SessionError if all that others may have is taken, or all that one of them may."""
+        again = "try again when one has ended"
+        if len(self._now) >= MAX_SESSIONS:
+            text = f"{len(self._now)} sessions are under way here: {again}"
+            raise SessionError(Reason.BUSY, text)
+        theirs = sum(each == opener for each in self._now.values())
+        if theirs >= MAX_OF_ONE:
+            text = f"{theirs} sessions of {opener} are under way here, its share: {again}"
+            raise SessionError(Reason.BUSY, text)

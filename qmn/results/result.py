@@ -10,7 +10,7 @@ from rich.console import Console
 
 from qmn.results import message_result, service_result, software_share
 from qmn.results.message_result import RECEIVED as RECEIVED
-from qmn.results.schema import NetworkResult, RunFacts, SetUpTimes, WatchedLight
+from qmn.results.schema import Approximated, NetworkResult, RunFacts, SetUpTimes, WatchedLight
 from topologies.network import Network
 from topologies.runtime import EVENT_LOG, RECORD
 from wire.controller_lines import read_record
@@ -106,6 +106,19 @@ def files_ended(facts: RunFacts) -> dict[str, str]:
     return {"not whole": f"{names}: what came after --file-gib is in none, nor in the timeline"}
 
 
+def approximations(facts: RunFacts) -> dict[str, str]:
+    """Return why a result is not exact, and by how much, if it is not."""
+    told = [f"{each['name']}: {said_size(each)}" for each in facts.get("approximations", ())]
+    return {"approximated": "; ".join(told)} if told else {}
+
+
+def said_size(each: Approximated) -> str:
+    """Return how large an approximation is, in words."""
+    if each["most"] is None:
+        return "size not known"
+    return f"a probability is wrong by {each['most']:.2g} at most"
+
+
 def rows_of_every_run(facts: RunFacts, folder: Path) -> dict[str, str]:
     """Return what is said of light paths, simulation and files, whatever the run was for."""
     setup = facts["path_setup_ms"]
@@ -116,6 +129,7 @@ def rows_of_every_run(facts: RunFacts, folder: Path) -> dict[str, str]:
         **watched_light(facts),
         **software_share.rows(facts),
         "quantum states": f"{facts['backend']}, {EXACTNESS[facts['exact']]}",
+        **approximations(facts),
         "captures": captures(facts, folder),
         **files_ended(facts),
         "quantum events": f"{folder}/{EVENT_LOG}" if facts["events"] else "not written",

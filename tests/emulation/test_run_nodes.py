@@ -14,13 +14,14 @@ from loaded import run_qmn
 
 from topologies.node_kinds import ION_TRAP
 
-PAIR = ION_TRAP.source.fidelity
+PAIR, RATE_HZ = 0.96, 250
+SOURCE = {"statistics": "single", "fidelity": PAIR, "max_rate_hz": RATE_HZ}
 BELL_GATES = (1 - ION_TRAP.gates.one_qubit_depolarizing) * (
     1 - ION_TRAP.gates.two_qubit_depolarizing
 )
 READ = 1 - 2 * ION_TRAP.gates.readout_error  # what a reading leaves of a correlation
 BITS = READ ** (4 / 3)  # two bits that correct: of three correlations they flip one, one, or both
-BLOCK_S = ION_TRAP.memory.capacity / ION_TRAP.source.max_rate_hz
+BLOCK_S = ION_TRAP.memory.capacity / RATE_HZ
 GOOD = "source.fidelity=0.99"  # of photonic hosts beside ions
 
 
@@ -37,6 +38,12 @@ def result_of(runs: Path, *words: str) -> dict[str, Any]:
     assert result["delivered"] is True
     assert result["exact"] is True
     return result
+
+
+def with_source(*hosts: str) -> list[str]:
+    """Return the words that give hosts a source of pairs, which no ion trap is by itself."""
+    named = [(host, name, value) for host in hosts for name, value in SOURCE.items()]
+    return [word for own in named for word in ("--device", "{}.source.{}={}".format(*own))]
 
 
 def polarised(fidelity: float) -> float:
@@ -60,17 +67,41 @@ def require_estimate(summary: dict[str, Any], polarisation: float, most_wait_s: 
 
 
 def test_two_ion_traps_and_a_fibre_are_enough_for_pairs(tmp_path: Path) -> None:
-    words = ["--node", "ion-trap", "--device", "charlie.source.statistics=none"]
+    words = ["--node", "ion-trap", *with_source("alice")]
     words += ["--source", "alice", "--count", "16", "--fidelity", "0.8"]
     result = result_of(tmp_path, "distribute", *words)
     alice = result["asking"]
     assert alice["pairs"] == result["asked"]["pairs"] == 16
     require_estimate(alice, polarised(PAIR) * READ**2, 2 * alice["elapsed_s"])
-    assert result["parameters"]["rate_hz"] == ION_TRAP.source.max_rate_hz
+    assert result["parameters"]["rate_hz"] == RATE_HZ
+
+
+def test_an_ion_trap_makes_no_pairs_at_will(tmp_path: Path) -> None:
+    """However far: who asks hears what there has to be in its place."""
+    words = ["--node", "ion-trap", "--source", "alice", "--length-km", "1000", "--count", "12"]
+    done = run(tmp_path, "distribute", *words)
+    assert done.returncode == 1
+    assert "distribute: alice has no source of light (feature emit)" in done.stderr
+    assert "memories that emit share pairs by a station (docs/nodes.md)" in done.stderr
+
+
+def test_heralds_for_ion_traps_come_the_slower_the_longer_the_fibres(tmp_path: Path) -> None:
+    """Two clicks: an attempt is heralded with eta^2 / 2, and takes a round trip to the station."""
+    length_km, count = 100.0, 4
+    words = ["--node", "ion-trap", "--node", "charlie=station", "--time-scale", "1"]
+    words += ["--length-km", str(length_km / 2), "--loss-db-per-km", "0", "--sample", "0"]
+    words += ["--switch", "insertion_loss_db=0", "--count", str(count)]
+    alice = result_of(tmp_path, "distribute", *words)["asking"]
+    chance = ION_TRAP.emitter.efficiency**2 / 2
+    # Each failure costs a round trip, and of the attempts there are `modes` at a time.
+    expected = count / chance
+    assert abs(alice["attempts"] - expected) < 5 * sqrt(count) / chance
+    round_trip_s = 2 * length_km * 1e3 / 2.04e8
+    assert alice["elapsed_s"] >= alice["attempts"] * round_trip_s / ION_TRAP.emitter.modes * 0.99
 
 
 def test_ion_traps_teleport(tmp_path: Path) -> None:
-    words = ["--node", "ion-trap", "--source", "alice", "--count", "1000"]
+    words = ["--node", "ion-trap", *with_source("alice"), "--source", "alice", "--count", "1000"]
     alice = result_of(tmp_path, "teleport", *words)["asking"]
     assert alice["arrived"] == 1000
     waited_s = 2 * alice["waited_ms"] / 1000 + BLOCK_S  # alice's halves wait for the light, too
@@ -82,9 +113,9 @@ def test_ion_traps_teleport(tmp_path: Path) -> None:
 def test_an_ion_trap_is_the_repeater_of_its_like_and_of_photonic_hosts(
     tmp_path: Path, mixed: bool
 ) -> None:
-    words = ["--node", "ion-trap"]
+    words = ["--node", "ion-trap", *with_source("alice", "r1")]
     if mixed:
-        words = ["--node", "photonic", "--node", "r1=ion-trap"]
+        words = ["--node", "photonic", "--node", "r1=ion-trap", *with_source("r1")]
         words += ["--device", f"alice.{GOOD}", "--device", f"bob.{GOOD}"]
     words += ["--count", "12", "--fidelity", "0.8", "--sample", "0.8"]
     result = result_of(tmp_path, "swap", *words)

@@ -1,6 +1,7 @@
 """Sessions that cannot be or that break, and a second network: told, and the first goes on."""
 
 from pathlib import Path
+from threading import Timer
 
 import pytest
 from conftest import qmn, wait_until
@@ -75,3 +76,21 @@ def test_the_network_still_works_after_a_session_that_broke(shared_network: Netw
                     return receiver.recv(100) == b"again"
 
         wait_until(again, "the fibres are free again and carry bytes")
+
+
+def test_a_host_whose_address_is_told_late_is_reached(shared_network: Network) -> None:
+    """The kernel asks three times, a second apart, and says then that there is no way there."""
+    alice, bob = (shared_network.net.get(name) for name in ("alice", "bob"))
+    link = f"ip link set {bob.defaultIntf()} arp"
+    bob.cmd(f"{link} off")
+    for host in (alice, bob):
+        host.cmd("ip neigh flush all")
+    told = Timer(3.5, lambda: bob.cmd(f"{link} on"))
+    with QuantumSocket(shared_network.runtime.socket("bob")) as listener:
+        listener.listen(7)
+        told.start()
+        with QuantumSocket(shared_network.runtime.socket("alice")) as sender:
+            sender.connect(("bob", 7))
+            sender.close()
+        listener.accept()[0].close()
+    told.join()

@@ -2,14 +2,15 @@
 
 import re
 import shlex
+import subprocess
 from pathlib import Path
 
 import pytest
 from conftest import ROOT
-from documentation import blocks
+from documentation import blocks, tshark
 from test_documentation import bash
 
-SHELL, PROMPT = "$ ", "qmn> "
+SHELL, PROMPT, MININET = "$ ", "qmn> ", "mininet> "
 BETWEEN = "-- next --"
 ANYTHING = "..."
 
@@ -19,7 +20,7 @@ def steps() -> list[tuple[str, list[str]]]:
     found: list[tuple[str, list[str]]] = []
     for block in blocks("docs/walkthrough.md"):
         for line in block.splitlines():
-            if line.startswith((SHELL, PROMPT)):
+            if line.startswith((SHELL, PROMPT, MININET)):
                 found.append((line, []))
             else:
                 found[-1][1].append(line)
@@ -30,7 +31,9 @@ STEPS = steps()
 SESSION = next(line for line, _shown in STEPS if line.startswith(f"{SHELL}qmn cli"))
 BEGINS_SESSION = next(n for n, (line, _shown) in enumerate(STEPS) if line == SESSION)
 OF_ONE_RUN = STEPS[:BEGINS_SESSION]
-LATER = [step for step in STEPS[BEGINS_SESSION + 1 :] if step[0].startswith(SHELL)]
+# The last step is in Mininet's program, beside a controller; the others are alone.
+CONTROLLER = next(n for n, (line, _shown) in enumerate(STEPS) if line.endswith("&"))
+LATER = [step for step in STEPS[BEGINS_SESSION + 1 : CONTROLLER] if step[0].startswith(SHELL)]
 
 
 def pattern(shown: list[str]) -> str:
@@ -66,7 +69,7 @@ def folder(tmp_path: Path) -> Path:
 
 def walk(folder: Path, typed: str, shown: list[str]) -> None:
     """Type a line to a shell, and compare what it prints."""
-    command = typed.removeprefix(SHELL).replace("tshark", f"HOME=/nonexistent {tshark()}")
+    command = typed.removeprefix(SHELL).replace("tshark", tshark())
     ends_badly = any("no key" in line for line in shown)
     check(typed, shown, bash(f"{'! ' if ends_badly else ''}{command} 2>&1", folder))
 
@@ -81,19 +84,39 @@ def test_runs_of_their_own_print_what_is_shown(folder: Path, typed: str, shown: 
     walk(folder, typed, shown)
 
 
-def tshark() -> str:
-    """Return how root calls tshark: as another user, who may read root's files."""
-    caps = "--inh-caps=+dac_override --ambient-caps=+dac_override"
-    return f"setpriv --reuid=65534 --regid=65534 --clear-groups {caps} tshark"
-
-
-def test_what_is_typed_to_the_network_prints_what_is_shown(folder: Path) -> None:
-    said = [(line, shown) for line, shown in STEPS if line.startswith(PROMPT)]
-    lines = [line.removeprefix(PROMPT) for line, _shown in said]
-    typed = "".join(f"{line}\nsh echo {shlex.quote(BETWEEN)}\n" for line in lines)
-    printed = bash(f"{SESSION.removeprefix(SHELL)} 2>&1", folder, typed=typed)
-    parts = printed.split(f"{BETWEEN}\n")
-    parts[0] = parts[0].partition("\n")[2]  # where the logs are
+def answered(prompt: str, program: str, folder: Path) -> None:
+    """Type to a program what the page types at its prompt, and compare what it prints."""
+    said = [(line, shown) for line, shown in STEPS if line.startswith(prompt)]
+    mark = f"sh echo {shlex.quote(BETWEEN)}\n"
+    lines = [in_folder(line.removeprefix(prompt), folder) for line, _shown in said]
+    typed = mark + mark.join(f"{line}\n" for line in lines)
+    where = ROOT if prompt == MININET else folder
+    printed = bash(f"{program} 2>&1", where, typed=typed).replace(prompt, "")
+    parts = printed.split(f"{BETWEEN}\n")[1:]  # behind what it says when it starts
     assert len(parts) == len(said)
     for (line, shown), part in zip(said, parts, strict=True):
         check(line, shown, part)
+
+
+def in_folder(line: str, folder: Path) -> str:
+    """Return a line that leaves its files in a folder of the test's."""
+    return line.replace("/tmp/", f"{folder}/")
+
+
+def test_what_is_typed_to_the_network_prints_what_is_shown(folder: Path) -> None:
+    answered(PROMPT, SESSION.removeprefix(SHELL), folder)
+
+
+def test_a_session_over_the_light_of_a_controller_of_ones_own_is_as_shown(folder: Path) -> None:
+    controller, network = (
+        in_folder(line, folder).removeprefix(SHELL).removeprefix("sudo ")
+        for line, _shown in STEPS[CONTROLLER : CONTROLLER + 2]
+    )
+    program = ["bash", "-c", f"exec {controller.removesuffix('&')}"]
+    with (folder / "controller.err").open("w") as errors:
+        running = subprocess.Popen(program, cwd=ROOT, stderr=errors)
+    try:
+        answered(MININET, network, folder)
+    finally:
+        running.terminate()
+        running.wait(10)

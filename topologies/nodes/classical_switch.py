@@ -12,7 +12,7 @@ from topologies.keywords import refuse_unknown
 from topologies.nodes.copper import connect_copper
 from topologies.nodes.node import QuantumNode
 from topologies.nodes.reached import as_reached
-from topologies.timeouts import RECONNECT_MS
+from topologies.timeouts import BUSY_MS, PROBE_MS, RECONNECT_MS
 
 PATIENCE = 8  # times the way to the controller
 
@@ -107,12 +107,17 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
         openvswitch.change(*words, "--", "set", "bridge", self.name, f"controller=[{rows}]")
 
     def _patience(self, controller: str) -> dict[str, int]:
-        """Let Open vSwitch wait as long for a controller as the way there takes."""
+        """Let Open vSwitch wait as long for a controller as the way there takes.
+
+        And, for its answer, as long as one needs that takes in a large network at its start.
+        """
         way_s = self.network.copper.get(frozenset((controller, self.name)), 0.0)
         wait_ms = round(1e3 * PATIENCE * self.network.time.wall_s(way_s))
-        if wait_ms < RECONNECT_MS:
-            return {"max_backoff": RECONNECT_MS}  # Open vSwitch's own is 8 s
-        return {"max_backoff": wait_ms, "inactivity_probe": wait_ms}
+        settings = {"max_backoff": max(wait_ms, RECONNECT_MS)}  # Open vSwitch's own is 8 s
+        busy_ms = BUSY_MS * len(self.network.addresses)
+        if wait_ms >= RECONNECT_MS or busy_ms > PROBE_MS:
+            settings["inactivity_probe"] = max(wait_ms, busy_ms)
+        return settings
 
     def stop(self, deleteIntfs: bool = True) -> None:  # noqa: N803 (Mininet's name)
         """Take the bridge away, as `switch s1 stop` does; `start` brings it back.

@@ -17,6 +17,7 @@ from topologies.programs import Program
 from topologies.runtime import CONSOLE
 from topologies.timeouts import READY_TIMEOUT_S
 from topologies.tls import ENTRANCE, certify_bridges, entrance
+from wire.announcement import period_s
 from wire.config import ControllerConfig
 from wire.controller_lines import RECORD
 from wire.parameters.network import ControllerSettings, part
@@ -98,6 +99,7 @@ class QuantumController(QuantumNode, ManagedController):
             console=network.socket(CONSOLE),
             rest_token=network.rest_token() if network.settings.rest else "",
             state=str(network.folder / STATE),
+            announcement_period_s=period_s(len(network.fibers)),
             **part(ControllerSettings, network.settings),
         )
         self._early.go_on(config)

@@ -11,6 +11,7 @@ from topologies.fiber import python_file, qnics
 from topologies.launching import launch
 from topologies.nodes.classical_host import ClassicalHost
 from topologies.tls import credentials
+from wire.announcement import period_s
 from wire.config import (
     CONTROLLER,
     LIGHT,
@@ -133,6 +134,7 @@ class QuantumHost(ClassicalHost):
             cutoff_s=network.devices[self.name].memory.cutoff_s,
             keys=network.key_folder(self.name),
             light=self.light,
+            announcement_period_s=period_s(len(network.fibers)),
             channels_mhz={
                 end.port: fiber.fixed_mhz
                 for fiber in network.fibers

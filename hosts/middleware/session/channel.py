@@ -1,13 +1,20 @@
 """A TCP connection that carries quantum metadata messages, and what can go wrong on it."""
 
 import asyncio
+import errno
 import socket
 from contextlib import suppress
 from typing import TypeVar
 
 from hosts.middleware.session.errors import SAME_VERSION, SessionError, SilentPeer, unexpected
 from hosts.middleware.session.mailbox import Mailbox
-from hosts.timeouts import ANSWER_TIMEOUT_S, CONNECT_TIMEOUT_S, IDLE_TIMEOUT_S, LINGER_S
+from hosts.timeouts import (
+    ANSWER_TIMEOUT_S,
+    CONNECT_TIMEOUT_S,
+    CONNECT_TRIES,
+    IDLE_TIMEOUT_S,
+    LINGER_S,
+)
 from wire.metadata import (
     HEADER,
     METADATA_PORT,
@@ -215,7 +222,19 @@ async def _connection(address: str) -> tuple[asyncio.StreamReader, asyncio.Strea
     """Connect; the set-up message acknowledges the handshake.
 
     An acknowledgement of its own would go by way of the controller, as the set-up message does.
+    Who has an address is told late where a switch has much to forward: the kernel asks three
+    times, a second apart, then says that there is no way there, and is asked again.
     """
+    for _again in range(CONNECT_TRIES - 1):
+        try:
+            return await _tried(address)
+        except OSError as error:
+            if error.errno != errno.EHOSTUNREACH:
+                raise
+    return await _tried(address)
+
+
+async def _tried(address: str) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
     connection = socket.socket()
     try:
         connection.setblocking(False)

@@ -12,7 +12,7 @@ MAX_NUMBER = (1 << 32) - 1
 REMEDIES = {
     Reason.FIBER_CUT: "has a fibre that is cut, and none to take its place: mend it (`link … up`)",
     Reason.CANNOT_EMIT: "has no source of light (feature emit): take another host in its place, or "
-    "give it one (source.statistics)",
+    "give it one (source.statistics); memories that emit share pairs by a station (docs/nodes.md)",
     Reason.CANNOT_STORE: "has no memory, or one that is too small (feature store): take another "
     "host in its place, or give it one (memory.capacity)",
     Reason.CANNOT_GATE: "has no gates but Pauli operators (feature gate): take another host in its "

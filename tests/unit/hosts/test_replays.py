@@ -18,6 +18,7 @@ from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError
 from hosts.quantum_socket import QuantumSocket
 from hosts.service_socket import ServiceSocket
+from hosts.serving.active_sessions import MAX_OF_ONE
 from wire.metadata import (
     HEADER,
     METADATA_PORT,
@@ -274,6 +275,28 @@ def test_a_source_makes_no_more_than_was_granted(
             channel.close()
             assert caught.value.reason == reason
             assert words in str(caught.value)
+
+    network_loop.run(run())
+
+
+def test_who_has_its_share_of_a_hosts_sessions_keeps_nobody_else_out(tmp_path: Path) -> None:
+    """It is counted by the address that its connections come from."""
+
+    def asked(number: int) -> Setup:
+        return Setup(number, Service.PAIR_SOURCE, 1, OWN_ADDRESS["charlie"], 100, 1, 1000)
+
+    async def run() -> None:
+        async with running(tmp_path, "teleport"):
+            held = []
+            for number in range(1, MAX_OF_ONE + 1):
+                channel = await MetadataChannel.connect("charlie", OWN_ADDRESS["charlie"])
+                await channel.request(arbitrated(asked(number), "charlie", channel))
+                held.append(channel)
+            words = f"{MAX_OF_ONE} sessions of 127.0.0.1 are under way here, its share"
+            require_refused([await sent(asked(100), "charlie")], Reason.BUSY, words)
+            assert await sent(asked(101), "charlie", OWN_ADDRESS["eve"]) is None
+            for channel in held:
+                channel.close()
 
     network_loop.run(run())
 

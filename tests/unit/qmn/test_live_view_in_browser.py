@@ -1,6 +1,7 @@
 """The live view as Chromium shows it: large and small, by mouse and keyboard, to its end."""
 
 import re
+import sys
 from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -12,6 +13,7 @@ from playwright.sync_api import Browser, Page, expect
 from recorded_run import START_NS, record_run
 
 from qmn.live.key_links import KeyLink
+from qmn.live_view import acts
 from qmn.live_view.layout import described
 from qmn.live_view.server import View
 from qmn.live_view.sources import timeline_of_run
@@ -271,9 +273,23 @@ def test_a_network_that_is_gone_is_told(chromium: Browser, tmp_path: Path) -> No
     page.close()
 
 
+# `qmn` as if networks had their files elsewhere: this machine may run some. No root is asked for.
+QMN_ELSEWHERE = """import sys
+from pathlib import Path
+from topologies import runtime
+runtime.RUNTIME_ROOT = Path({folder!r})
+from qmn import __main__
+__main__.become_root = lambda words: None
+sys.exit(__main__.main())
+"""
+
+
 def test_an_act_shows_its_command_and_what_came_of_it(
-    chromium: Browser, tmp_path: Path, said: list[str]
+    chromium: Browser, tmp_path: Path, said: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    (tmp_path / "run").mkdir()
+    code = QMN_ELSEWHERE.format(folder=str(tmp_path / "run"))
+    monkeypatch.setattr(acts, "QMN", (sys.executable, "-c", code))
     view = live(tmp_path)
     with served(view) as url:
         page = opened(chromium, url, said)

@@ -85,7 +85,7 @@ def test_every_page_is_in_the_readme_which_stays_short() -> None:
 
 def test_circuits_print_what_the_page_says(tmp_path: Path) -> None:
     typed = next(block for block in blocks("docs/circuits.md") if block.startswith("cat > bell"))
-    shown = blocks("docs/circuits.md")[1]
+    (shown,) = blocks("docs/circuits.md", "text")
     first = typed.partition("--backend stim")[0].rpartition("\n")[0]
     done = subprocess.run(
         ["bash", "-ec", first.replace("qmn sabot", f"{QMN} sabot")],

@@ -94,7 +94,7 @@ def test_a_classical_channel_of_no_rate_is_refused(rate: str) -> None:
 
 
 def test_light_is_no_faster_than_the_slowest_source_and_no_block_lasts_too_long() -> None:
-    options = options_of("distribute", "--node", "bob=ion-trap")
+    options = options_of("distribute", "--device", "bob.source.max_rate_hz=250")
     assert (options.rate_hz, options.block_pairs) == (250, 1250)
     options = options_of("distribute", "--node", "ion-trap", "--rate-hz", "100")
     assert (options.rate_hz, options.block_pairs) == (100, 500)
