@@ -162,7 +162,7 @@ def _certificate(path: Path) -> x509.Certificate:
     except OSError as error:
         raise _missing(path, error) from error
     except ValueError as error:
-        raise NetworkError(f"{path} is no certificate as PEM: {error}") from error
+        raise NetworkError(f"{path} is not a certificate as PEM: {error}") from error
 
 
 def _private_key(path: Path) -> object:
@@ -172,7 +172,7 @@ def _private_key(path: Path) -> object:
     except OSError as error:
         raise _missing(path, error) from error
     except (ValueError, TypeError) as error:  # the latter, if it takes a password
-        raise NetworkError(f"{path} is no private key as PEM: {error}") from error
+        raise NetworkError(f"{path} is not a private key as PEM: {error}") from error
 
 
 def _missing(path: Path, error: OSError) -> NetworkError:

@@ -102,7 +102,7 @@ def from_yesterday(folder: Path) -> None:
         (anothers_key, r"/bob\.key is not the key of .*/bob\.pem"),
         (anothers_certificate, r"/bob\.pem does not name 'bob'"),
         (of_another_authority, r"/bob\.pem is not signed by .*/ca\.pem"),
-        (no_certificate, r"/bob\.pem is no certificate as PEM"),
+        (no_certificate, r"/bob\.pem is not a certificate as PEM"),
         (from_yesterday, r"/bob\.pem holds from .* not now"),
     ],
 )
