@@ -18,7 +18,7 @@ from typing import Any
 
 from controller_apps.apps.host_orders import (
     EventAlarm,
-    EventFigure,
+    EventEstimate,
     EventNodeAnswered,
     EventOrder,
     EventSealOver,
@@ -247,8 +247,8 @@ class DeviceMonitor(App):
             self.logger.warning("%s: %s", host, told.answer.text)
             self._settle(host, Refused(f"{host}: {told.answer.text}"))
         state = self.hosts.states[host]
-        if told.figure is not None:
-            self.send_event(METADATA, EventFigure(host, state.place.address, told.figure))
+        if told.estimate is not None:
+            self.send_event(METADATA, EventEstimate(host, state.place.address, told.estimate))
             return
         if told.alarm:
             self.send_event(METADATA, EventAlarm(told.alarm, host, state.place.address))

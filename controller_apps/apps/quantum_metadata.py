@@ -12,7 +12,7 @@ from typing import Any
 
 from controller_apps.apps.host_orders import (
     EventAlarm,
-    EventFigure,
+    EventEstimate,
     EventNodeAnswered,
     EventOrder,
     EventSealOver,
@@ -82,7 +82,7 @@ from controller_apps.sessions.state_folder import StateFolder
 from controller_apps.timeouts import DISCOVERY_S, SESSION_TICK_S
 from wire.config import ControllerConfig
 from wire.metadata import MalformedPacket, Reason, Setup
-from wire.session_figures import Figure
+from wire.session_estimates import Quantity
 
 DEVICE_MONITOR = "DeviceMonitor"  # the app that speaks to the hosts
 NOWHERE = SwitchPort(0, 0)  # what nobody has sent
@@ -407,17 +407,17 @@ class QuantumMetadata(App):
             end=Reason(told.seal_end).name,
         )
 
-    @on(EventFigure)
-    def figure_told(self, event: Any) -> None:
+    @on(EventEstimate)
+    def estimate_told(self, event: Any) -> None:
         """Record what an end of a session has found out about its light."""
         told = event.told
         if not self.arbiter.sessions.is_end(told.about, event.address):
             return  # it says what it likes
         self.record.write(
-            "figure",
+            "estimate",
             session=f"{told.about:016x}",
             host=event.host,
-            figure=Figure(told.figure).name.lower(),
+            quantity=Quantity(told.quantity).name.lower(),
             **told.interval._asdict(),
         )
 

@@ -178,7 +178,7 @@ class Session:
     light_owner: FiveTuple | None = None  # whose connection keeps the paths open
     stranded: bool = False  # its light is lost, and there is no other way
     lost_since: float | None = None  # when a switch that it cannot do without has gone
-    kept: bool = False  # for another controller
+    saved: bool = False  # for another controller
     resumed: float | None = None  # when it was taken over from another controller; None: judged
     confirmed: bool = True  # by a switch, since it was taken over
     missing: tuple[Hop, ...] = ()  # that switches have lost, to be opened when it is confirmed

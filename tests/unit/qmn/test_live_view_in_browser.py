@@ -145,9 +145,9 @@ def test_the_fill_of_key_stores_is_shown(
         page.close()
 
 
-def told_by_hosts(view: View, t: float, **figure: Any) -> None:
+def told_by_hosts(view: View, t: float, **estimate: Any) -> None:
     """Let the controller record what an end of the session has found out."""
-    fact = {"event": "figure", "session": SESSION, "host": "bob", **figure}
+    fact = {"event": "estimate", "session": SESSION, "host": "bob", **estimate}
     view.timeline.add("controller", START_NS + round(t * 1e9), fact)
 
 
@@ -164,13 +164,13 @@ def test_what_is_known_of_a_sessions_pairs_is_in_its_row(
         fidelity, errors = (page.locator("#sessions tbody td").nth(n) for n in (9, 10))
         expect(fidelity).to_have_text("not yet known")
         expect(errors).to_have_text("not yet known")
-        told_by_hosts(view, 1.1, figure="error_rate", value=0.03125, low=0.02, high=0.045)
+        told_by_hosts(view, 1.1, quantity="error_rate", value=0.03125, low=0.02, high=0.045)
         expect(errors).to_have_text("3.13 (2.00 to 4.50)")
         expect(fidelity).to_have_text("not yet known")
-        told_by_hosts(view, 1.2, figure="fidelity", value=0.9512, low=0.94, high=0.962)
+        told_by_hosts(view, 1.2, quantity="fidelity", value=0.9512, low=0.94, high=0.962)
         expect(fidelity).to_have_text("0.9512 (0.9400 to 0.9620)")
-        told_by_hosts(view, 1.3, figure="qber", value=0.0123, low=0.01, high=0.015)
-        told_by_hosts(view, 1.3, figure="chsh", value=2.71, low=2.6, high=2.82)
+        told_by_hosts(view, 1.3, quantity="qber", value=0.0123, low=0.01, high=0.015)
+        told_by_hosts(view, 1.3, quantity="chsh", value=2.71, low=2.6, high=2.82)
         expect(errors).to_have_text("QBER 1.23 (1.00 to 1.50); 3.13 (2.00 to 4.50)")
         expect(fidelity).to_have_text("0.9512 (0.9400 to 0.9620); S 2.710 (2.600 to 2.820)")
         expect(page.locator("#decisions li")).to_have_count(0)  # it is no decision
