@@ -248,6 +248,18 @@ def test_every_verb_is_a_module_of_verbs_and_nothing_else_is() -> None:
     assert names == set(VERBS)
 
 
+def test_every_row_of_the_conformance_table_names_tests_that_are_there() -> None:
+    text = (ROOT / "docs" / "openflow.md").read_text()
+    table = text.partition("## Conformance")[2].partition("| section |")[2].partition("\n\n")[0]
+    for row in table.splitlines()[2:]:
+        *names, file = re.findall(r"`(test_\w+(?:\.py)?)`", row)
+        if not file.endswith(".py"):
+            names, file = [*names, file], "test_openflow_conformance.py"
+        assert names, row
+        defined = parsed(ROOT / "tests" / "emulation" / file).body
+        assert set(names) <= {each.name for each in defined if isinstance(each, ast.FunctionDef)}
+
+
 # Names that a stranger smiles at, or that mean something else (docs/glossary.md).
 NOT_NAMES = re.compile(
     r"own_noise|require_room|let_go\b|wish|session_?figure|eventfigure", re.IGNORECASE
