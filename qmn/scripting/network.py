@@ -31,6 +31,7 @@ from qmn.network.topologies import SIZES, TOPOLOGIES, is_known
 from qmn.options import BadInput, from_keywords
 from qmn.results.artifacts import artifacts_of
 from qmn.results.network_facts import network_facts
+from qmn.results.result import note_files
 from qmn.results.run_folder import given_at_the_end
 from qmn.scripting.exchange import Exchange, connection, exchange
 from qmn.scripting.light import FiberState, LightPath, fiber_state, light_path
@@ -235,4 +236,4 @@ def running(
                     facts["metrics"] = announce(runtime.metrics_addresses, folder)
                 yield network
         finally:
-            facts["packets_not_captured"] = network.captures.packets_missed
+            note_files(facts, network)
