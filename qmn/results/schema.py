@@ -60,6 +60,7 @@ class NetworkResult(TypedDict, total=False):
     machines: dict[str, Any]  # others than m1: address, hosts, and how far the clock is ahead
     acausal: dict[str, Any] | None  # news that can outrun light: from, to, early_s
     packets_not_captured: int
+    files_ended: list[str]  # captures, and the record, that became too long (--file-gib)
 
 
 class RunResult(NetworkResult, total=False):
