@@ -101,26 +101,27 @@ def test_tcp_lives_through_the_slowest_network_that_auto_chooses(
     assert 30 <= took_s < 100
 
 
+@pytest.mark.timeout(2 * SLOW_S)
 @pytest.mark.parametrize("mbit_s", ["", "0.2"])
 def test_what_auto_means_is_held_against_what_the_run_was(tmp_path: Path, mbit_s: str) -> None:
-    """Two bits of each state queue at .2 Mbit/s for 164 ms, the first 1600 bytes less: T2, about.
+    """Two bits of each state queue at .2 Mbit/s for 164 ms, the first 1600 bytes less: .1 of T2.
 
     That is not the way of light or of news: it counts as software.
     """
-    words = ["--length-km", "0", "--device", "bob.memory.t2_s=0.1"]
+    words = ["--length-km", "0", "--device", "bob.memory.t2_s=1"]
     words += ["--count", "16384", "--block-pairs", "16384"]
     words += ["--classical-mbps", mbit_s] if mbit_s else []
     words += ["--time-scale", "auto", "--no-report", "--runs", str(tmp_path)]
     done = run_qmn("run", "teleport", *words, timeout_s=SLOW_S)
     assert done.returncode == 0, done.stdout + done.stderr
     result = json.loads((tmp_path / "latest" / "result.json").read_text())
-    assert result["shortest_time"] == {"name": "T2 of bob", "s": 0.1}
+    assert result["shortest_time"] == {"name": "T2 of bob", "s": 1.0}
     share = result["software_of_shortest"]
-    assert share == pytest.approx(result["software_s"] / 0.1)
+    assert share == pytest.approx(result["software_s"])
     assert result["time_scale_kept"] is (share < 0.01)
     assert ("BEWARE" in done.stdout) is not result["time_scale_kept"]
     if mbit_s:
-        assert share > (2 * 16384 - 8 * 1600) / 0.2e6 / 0.1
+        assert share > (2 * 16384 - 8 * 1600) / 0.2e6  # of the second
         assert not result["time_scale_kept"]
 
 
