@@ -184,7 +184,7 @@ def _running(context: RunContext, facts: RunFacts, places: dict[str, Machine]) -
         facts["exact"] = reached.exact
         early = worst(network.runtime)
         facts["acausal"] = early.to_dict() if early else None
-        note_software(facts, reached.software, network.runtime.devices.values())
+        note_software(facts, reached.software, network.runtime.devices.values(), chosen)
     facts["packets_not_captured"] = network.captures.packets_missed
 
 

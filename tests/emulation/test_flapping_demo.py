@@ -9,6 +9,7 @@ from loaded import run_qmn
 def test_a_fibre_that_flaps_costs_the_light_of_the_time_without_a_path(tmp_path: Path) -> None:
     """It goes down each two seconds, and each session has that of light: some cut meets light."""
     words = ["--period-s", "2", "--sessions", "4", "--pairs", "200000", "--out", str(tmp_path)]
+    words += ["--time-scale", "2"]
     done = run_qmn("sweep", "flapping", "--emulate", *words)
     assert done.returncode == 0, done.stdout + done.stderr
     with (tmp_path / "flapping-emulated.csv").open() as file:
