@@ -37,7 +37,7 @@ from wire.parameters.physics import (
 # al., Phys. Rev. Lett. 100, 200502).
 ION_TRAP = Device(
     source=PairSource("none"),
-    memory=Memory(t1_s=1e6, t2_s=30.0, capacity=32),
+    memory=Memory(t1_s=1e6, t2_s=30.0, kind="emissive", capacity=32),
     analyser=BellAnalyser("gates"),
     gates=Gates(
         "any",
@@ -62,7 +62,7 @@ ION_TRAP = Device(
 # initialisation of a nuclear spin in 310 us are those of Dahlberg et al., arXiv:1903.09778.
 NV_CENTRE = Device(
     source=PairSource("none"),
-    memory=Memory(t1_s=3600.0, t2_s=0.4, capacity=10),
+    memory=Memory(t1_s=3600.0, t2_s=0.4, kind="emissive", capacity=10),
     analyser=BellAnalyser("gates"),
     gates=Gates(
         "any",

@@ -32,7 +32,7 @@ LASTING = Lifetimes(*[float("inf")] * 4).numbers()
 IONS = replace(  # a faster one, and worse gates, so that a test is short and sees them
     ION_TRAP,
     source=PairSource(fidelity=0.96, max_rate_hz=1e9),
-    memory=replace(ION_TRAP.memory, t2_s=1e6, capacity=2000),
+    memory=replace(ION_TRAP.memory, t2_s=1e6, capacity=2000, kind="absorptive"),
     gates=Gates("any", 0.02, 0.08),
 )
 PHOTONS = node_device("photonic", Device(source=PairSource(fidelity=0.98)))
@@ -254,7 +254,7 @@ def told(folder: Path, physics: dict[str, Any], **options: Any) -> str:
     [
         ([0, 15, 100, *LASTING], "blocks of 0 pairs, 16384 were asked for"),
         ([16_385, 15, 100, *LASTING], "blocks of 16385 pairs"),
-        ([100, 64, 100, *LASTING], "features 0x40, of which 0x3f exist"),
+        ([100, 128, 100, *LASTING], "features 0x80, of which 0x7f exist"),
         ([100, 1 << 20, 100, *LASTING], "features 0x100000"),
         ([100, 13, 100, *LASTING], "emit, gate, measure with a memory of 100 qubits"),
         ([100, 15, 0, *LASTING], "with a memory of 0 qubits"),
