@@ -182,14 +182,16 @@ def start(owner: str) -> None:
     else:
         _refuse_half(daemons())
     marked = {**os.environ, STARTER: owner}
-    _run(
-        *(CONTROL, "start", "--system-id=random"),
-        timeout_s=OPENVSWITCH_TIMEOUT_S,
-        check=_refuse_stopped,
-        environment=marked,
-    )
     deadline = time.monotonic() + OPENVSWITCH_TIMEOUT_S
-    while not running():
+    while True:  # ovs-ctl takes a daemon that is just ending for one that runs
+        _run(
+            *(CONTROL, "start", "--system-id=random"),
+            timeout_s=OPENVSWITCH_TIMEOUT_S,
+            check=_refuse_stopped,
+            environment=marked,
+        )
+        if running():
+            break
         if time.monotonic() > deadline:
             raise NetworkError(f"Open vSwitch did not start in {OPENVSWITCH_TIMEOUT_S:g} s")
         time.sleep(POLL_S)

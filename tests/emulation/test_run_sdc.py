@@ -1,15 +1,18 @@
 """`qmn run sdc` from outside, over the real components."""
 
 import json
+import os
 import re
+import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import ROOT, qmn, verb
+from conftest import ROOT, qmn, qmn_command, verb
 from scapy.layers.inet import IP, TCP
 from scapy.utils import PcapReader, rdpcap
 
+from topologies.programs import ENVIRONMENT
 from wire.metadata import METADATA_PORT, SETUP_LENGTH, MalformedPacket, Setup, Verdict, decode
 
 SEQUENTIAL = "one"  # is sent by handshakes that wait for each other
@@ -110,6 +113,16 @@ def test_captures_of_headers_hold_set_up_messages_whole_and_little_else(
     assert max(len(packet) for packet in packets) <= 640
     setups = [packet for packet in packets if TCP in packet and setup_in(packet) is not None]
     assert len(setups) >= result["bell_pairs"]
+
+
+def test_qmn_by_itself_forks_off_programs_that_say_in_their_logs_what_they_do(
+    tmp_path: Path,
+) -> None:
+    environment = {**os.environ, **ENVIRONMENT}  # as bin/qmn has it
+    subprocess.run(qmn_command(tmp_path), cwd=ROOT, env=environment, check=True, timeout=100)
+    run = tmp_path / "latest"
+    assert "INFO serving on" in (run / "dispatcher.log").read_text()
+    assert "INFO bridge and controller" in (run / "q1-agent.log").read_text()
 
 
 def test_a_binary_file_of_many_blocks_arrives(tmp_path: Path) -> None:

@@ -234,3 +234,47 @@ def test_every_command_that_is_waited_for_has_a_deadline(folder: str) -> None:
 def test_every_verb_is_a_module_of_verbs_and_nothing_else_is() -> None:
     names = {file.stem for file in sources("qmn/verbs")} - {"__init__"}
     assert names == set(VERBS)
+
+
+# Names that a stranger smiles at, or that mean something else (docs/glossary.md).
+NOT_NAMES = re.compile(
+    r"own_noise|require_room|let_go\b|wish|session_?figure|eventfigure", re.IGNORECASE
+)
+# "X is no Y", but for "there is no Y".
+IS_NO = re.compile(r"(?<![Tt]here )\b(is|are) no (?!more\b|longer\b|sooner\b|earlier\b)")
+LUA_TEXT = re.compile(r'"[^"\n]*"')
+
+
+@pytest.mark.parametrize("folder", ALL[:-1])
+def test_names_are_plain_words(folder: str) -> None:
+    for file in sources(folder):
+        for node in ast.walk(parsed(file)):
+            name = getattr(node, "name", getattr(node, "attr", getattr(node, "id", None)))
+            assert not isinstance(name, str) or not NOT_NAMES.search(name), (file, name)
+
+
+def texts(file: Path) -> Iterator[str]:
+    """Yield the texts in a file that users can meet: not docstrings."""
+    documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+    tree = parsed(file)
+    silent = {
+        id(node.body[0].value)
+        for node in ast.walk(tree)
+        if isinstance(node, documented) and node.body and isinstance(node.body[0], ast.Expr)
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.JoinedStr):
+            parts = [part.value if isinstance(part, ast.Constant) else "X" for part in node.values]
+            yield "".join(map(str, parts))
+        elif isinstance(node, ast.Constant) and id(node) not in silent:
+            yield str(node.value)
+
+
+@pytest.mark.parametrize("folder", ALL[:-1])
+def test_what_something_is_not_is_said_plainly(folder: str) -> None:
+    for file in sources(folder):
+        for text in texts(file):
+            assert not IS_NO.search(text), (file, text)
+    for file in (ROOT / folder).rglob("*.lua"):
+        for text in LUA_TEXT.findall(file.read_text()):
+            assert not IS_NO.search(text), (file, text)
