@@ -17,4 +17,6 @@ SOFTWARE = ("software_share", "software_s", "dominated_by_software")  # 1: it wa
 def of_software(folder: Path) -> Outcome:
     """Return what the result of a run that has ended says; NaN where no qubit waited."""
     told = json.loads((folder / RESULT).read_text())
-    return {name: Estimate(nan if told[name] is None else told[name], 0.0) for name in SOFTWARE}
+    return {
+        name: Estimate(nan if told[name] is None else float(told[name]), 0.0) for name in SOFTWARE
+    }
