@@ -1,34 +1,19 @@
 """Decoy-state BB84: what is seen, errors, and the key, over distance (arXiv:1311.7129)."""
 
 from collections.abc import Sequence
-from math import log10
-from pathlib import Path
 
 import numpy as np
 
 from hosts.middleware.qkd.decoy import SHARES
 from hosts.middleware.qkd.key_length import binary_entropy
-from qmn.labs.drawing import Series, draw_several
+from qmn.labs import finite_reach
 from qmn.labs.lab import Chart, Finding, Lab, Published, PublishedRow, Runs
 from qmn.sweeps import decoy_states as paper
 from qmn.sweeps import finite_keys, theory
 from qmn.sweeps.estimates import Estimate, proportion
-from qmn.sweeps.figure import Mark
 
-PAPER = "arXiv:1311.7129"
+PAPER = finite_reach.PAPER
 MORE = Published(1.75, 0.025, "section IV: about 1.75 times")
-# The bounds as printed, at whose best parameters keys end. What of these makes 135 km is not known:
-# errors of 1e-10 for each bit of the key would, in place of 1e-15, and none of the afterpulses 145.
-SHORTER = Published(
-    135.0,
-    0.5,
-    "section IV, blocks of 10^4 bits",
-    differs="by formulas and channel as printed ours ends here; 145 km without afterpulses, 135 km "
-    "with eps_sec of 1e-10 a bit",
-)
-BLOCKS = (1e4, 1e5, 1e6, 1e7, 1e8, 1e9)  # n_X, as in the paper's figure
-LENGTHS_KM = range(0, 201, 10)
-LEAST = 1e-9  # secret bits a pulse, at the lower end of the figure
 MEANS = (0.5, paper.WEAK, 0.0)
 SIFTED = {0: 100_000, 10: 60_000, 25: 40_000, 50: 20_000}  # by distance (km)
 FIBERS = 2  # from alice to bob, by a switch
@@ -78,24 +63,6 @@ def more() -> Estimate:
     return Estimate(finite_keys.best_rate(1e9, 100) / finite_keys.best_rate(1e7, 100), 0.0)
 
 
-def reached() -> Estimate:
-    """Return how far (km) keys go where n_X is 10^4 bits."""
-    return Estimate(finite_keys.reach(BLOCKS[0]), 0.0)
-
-
-def draw_finite(_runs: Runs, folder: Path) -> list[Path]:
-    """Draw the best finite keys over distance, as the paper's figure, and where its first ends."""
-    series: dict[str, Series] = {}
-    for block in BLOCKS:
-        rates = [(km, finite_keys.best_rate(block, km)) for km in LENGTHS_KM]
-        name = f"n_X = 10^{log10(block):.0f}"
-        series[name] = [(km, Estimate(rate, 0.0)) for km, rate in rates if rate]
-    end = Mark(SHORTER.value, LEAST, 0.0, "published end of n_X = 10^4", SHORTER.error)
-    axes = "distance (km)", "secret bits a pulse"
-    title = "finite keys at the best intensities and shares"
-    return [draw_several(folder / "finite.png", title, axes, series, [end], logarithmic=True)]
-
-
 def findings(runs: Runs) -> Sequence[Finding]:
     """Return gain, errors and key of each distance beside the paper's closed forms."""
     found = []
@@ -126,9 +93,9 @@ LAB = Lab(
     findings=findings,
     rows=[
         PublishedRow(PAPER, "key at 100 km, of n_X = 10^9 bits over that of 10^7", MORE, more),
-        PublishedRow(PAPER, "km to which keys go, n_X = 10^4 bits", SHORTER, reached),
+        finite_reach.ROW,
     ],
-    files=draw_finite,
+    files=finite_reach.draw_finite,
     charts=(
         Chart("gain", "pulses of three intensities", "distance (km)", "pulses seen", gain, True),
         Chart("qber", "their errors", "distance (km)", "error rate", qber),
