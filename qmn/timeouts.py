@@ -19,6 +19,7 @@ TRY_TIMEOUT_S = 15.0  # for a command by which `qmn doctor` tries the machine
 # Sweeps
 CLUSTER_TIMEOUT_S = 10.0  # until a Dask scheduler answers
 NO_WORKER_TIMEOUT_S = 30.0  # that it may have no worker
+EMULATED_READY_S = 10.0  # until a program that only a sweep has is ready
 SWEEP_POLL_S = 0.1  # between two looks whether the sweep shall end
 
 # Labs

@@ -19,10 +19,12 @@ from topologies.runtime import RUNTIME_ROOT
 from topologies.timeouts import (
     INTERFACE_S,
     LAST_WORDS_TIMEOUT_S,
+    OPENVSWITCH_COMMAND_TIMEOUT_S,
     OPENVSWITCH_LOOK_S,
     OPENVSWITCH_TIMEOUT_S,
     POLL_S,
     STAY_S,
+    VSCTL_ANSWER_S,
     VSCTL_GRACE_S,
     VSCTL_TIMEOUT_S,
 )
@@ -125,7 +127,7 @@ def running() -> bool:
 
 def _database_answers() -> bool:
     try:
-        _run("ovs-vsctl", "--timeout=2", NO_WAIT, "show")
+        _run("ovs-vsctl", f"--timeout={VSCTL_ANSWER_S}", NO_WAIT, "show")
     except NetworkError:
         if shutil.which("ovs-vsctl") is None:
             raise NetworkError("Open vSwitch is not installed; run `make setup`") from None
@@ -476,7 +478,7 @@ def datapath() -> str:
 
 def _run(
     *command: str,
-    timeout_s: float = 15.0,
+    timeout_s: float = OPENVSWITCH_COMMAND_TIMEOUT_S,
     given: str = "",
     fails: bool = False,
     check: Callable[[], None] = lambda: None,

@@ -23,6 +23,7 @@ from qmn.sweeps import theory
 from qmn.sweeps.estimates import Estimate, mean_of_series, proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, number
 from qmn.sweeps.parameters import Parameter, Values
+from qmn.timeouts import EMULATED_READY_S
 from topologies.network import Signals
 from topologies.programs import python
 
@@ -34,7 +35,6 @@ BLOCKS = Parameter("blocks", 100, 20, 10_000)
 ALONE = Parameter("alone_s", 30.0, 1.0, 600.0, "s")  # that datagrams pass before
 BLOCK_STATES = 100  # their bits are one short packet
 HEAR = "datagrams.heard"
-READY_S = 10.0
 PROGRAM = "qmn.emulated.datagrams"
 
 
@@ -51,7 +51,7 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
     }
     with network_for(CONGESTION, values, runs, "sdc", **options) as network:
         heard = network.run_on("bob", HEAR, [python(), "-m", PROGRAM, "hear"])
-        heard.wait_for("ready", READY_S)
+        heard.wait_for("ready", EMULATED_READY_S)
         if share:
             words = ["say", network.host("bob").IP(), "--per-s", f"{share / frame_s / scale}"]
             words += ["--frame-bytes", f"{size:.0f}", "--seed", f"{seed}"]

@@ -26,6 +26,7 @@ from qmn.scripting.network import QuantumNetwork
 from qmn.sweeps.estimates import Estimate, mean_of_series, proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, number
 from qmn.sweeps.parameters import Parameter, Values
+from qmn.timeouts import EMULATED_READY_S
 from qmn.traffic.session import AGREE
 from topologies.network import Signals
 from topologies.programs import python
@@ -42,7 +43,6 @@ PAIRS = 300  # of a round, a third of them measured in each basis
 HOSTS = 16
 NEXT_PORT = 10  # bob's link to h4
 PROGRAM = "qmn.emulated.requests"
-READY_S = 10.0
 FIRST_REQUESTER = 5  # h5 asks h6, h6 asks h7, …
 WAITED_S = re.compile(r"(?:after|to) ([0-9.e-]+)(?= to | s\b)")
 
@@ -73,7 +73,7 @@ def begin_requests(network: QuantumNetwork, requesters: int) -> None:
     addresses = network.runtime.addresses
     for one, other in pairwise(names):
         words = [python(), "-m", PROGRAM, addresses[other], addresses[one]]
-        network.run_on(one, f"requests.{one}", words).wait_for("ready", READY_S)
+        network.run_on(one, f"requests.{one}", words).wait_for("ready", EMULATED_READY_S)
 
 
 @dataclass(frozen=True)

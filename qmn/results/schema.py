@@ -67,6 +67,7 @@ class NetworkResult(TypedDict, total=False):
     software_of_shortest: float | None  # software_s as a share of it
     time_scale_kept: bool | None  # that is less than `auto` means; None: nothing waited, or no auto
     packets_not_captured: int
+    files_ended: list[str]  # captures, and the record, that became too long (--file-gib)
 
 
 class RunResult(NetworkResult, total=False):

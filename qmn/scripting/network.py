@@ -31,6 +31,7 @@ from qmn.network.topologies import SIZES, TOPOLOGIES, is_known
 from qmn.options import BadInput, from_keywords
 from qmn.results.artifacts import artifacts_of
 from qmn.results.network_facts import network_facts
+from qmn.results.result import note_files
 from qmn.results.run_folder import given_at_the_end
 from qmn.results.software_share import note_software
 from qmn.scripting.exchange import Exchange, connection, exchange
@@ -238,4 +239,4 @@ def running(
                 software = status(network).software
                 note_software(facts, software, network.runtime.devices.values(), chosen)
         finally:
-            facts["packets_not_captured"] = network.captures.packets_missed
+            note_files(facts, network)

@@ -214,6 +214,29 @@ def test_losses_and_errors_are_repaired_and_counted(tmp_path: Path) -> None:
     assert result["repeated_frames"] > 0
 
 
+def test_files_that_become_too_long_end_and_the_run_goes_on(tmp_path: Path) -> None:
+    """It says which; each that has ended is whole, and the record is replayed as far as it goes."""
+    (tmp_path / "file").write_bytes(bytes(range(256)) * 128)
+    words = ["--file", str(tmp_path / "file"), "--frame-bytes", "32", "--file-gib", "1e-05"]
+    done = qmn(*words, runs=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    folder = tmp_path / "latest"
+    result = json.loads((folder / "result.json").read_text())
+    ended = result["files_ended"]
+    assert {"s1-eth1.pcap", "dispatcher.record"} <= set(ended)
+    assert f"not whole {', '.join(ended)}: " in " ".join(done.stdout.split())
+    assert "s1-eth1.pcap has 1e-05 GiB: no more is captured there (--file-gib)" in done.stderr
+    for name in ended[:-1]:
+        assert (folder / name).stat().st_size >= 1e-05 * 2**30
+        subprocess.run(
+            ["tcpdump", "-r", folder / name], check=True, capture_output=True, timeout=60
+        )
+    assert re.match(
+        r"identical: \d+ events of \d+ requests\nthe record ends there",
+        verb("replay", str(folder)).stdout,
+    )
+
+
 def test_the_captures_hold_the_metadata_and_the_traffic_to_ed(
     short_run: tuple[Path, dict[str, Any]],
 ) -> None:
