@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import inf
 
+from qmn.timeouts import MOST_ROUND_TRIP_S
 from topologies.description import Description
 from wire.network_time import MOST_SCALE, NetworkTime
 
@@ -14,9 +15,6 @@ REAL, AUTO = 1.0, "auto"
 # from its peer: 5 to 20 ms of idle processors, by `software_s` of runs on two cores.
 SOFTWARE_S = 0.02
 SHARE = 0.01  # of the shortest time, that software may take
-# By the wall. TCP's timers are the kernel's: it sends a handshake again after 1, 3, 7, 15 and 31 s,
-# and gives up after two minutes.
-MOST_ROUND_TRIP_S = 30.0
 
 
 @dataclass(frozen=True)
