@@ -5,9 +5,9 @@ with start("sdc", length_km=1.0) as network:
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
@@ -36,7 +36,7 @@ from qmn.results.run_folder import given_at_the_end
 from qmn.results.software_share import note_software
 from qmn.scripting.exchange import Exchange, connection, exchange
 from qmn.scripting.light import FiberState, LightPath, fiber_state, light_path
-from qmn.scripting.tables import TableOf, drawn
+from qmn.scripting.tables import SIMPLE, Row, TableOf, Tabular, drawn, row_of
 from topologies.causality import worst
 from topologies.network import Network, Signals
 from topologies.nodes import QuantumHost
@@ -63,7 +63,7 @@ class SendOptions(TypedDict, total=False):
 
 
 @dataclass(frozen=True)
-class Held:
+class Held(Tabular):
     """Photons of a block that a host holds."""
 
     session: str  # 16 hexadecimal digits
@@ -74,11 +74,22 @@ class Held:
 
 
 @dataclass(frozen=True)
-class HostState:
-    """A host: what the controller knows of its device, and the blocks it holds."""
+class HostState(Tabular):
+    """A host: what the controller knows of its device, and the blocks it holds.
+
+    As a table a row for each block, behind what is told of the device; one if it holds none.
+    """
 
     device: dict[str, Any]
     blocks: tuple[Held, ...]
+
+    def rows(self) -> Sequence[Row]:
+        """Return a row for each block, behind numbers and texts of the device."""
+        device = {name: value for name, value in self.device.items() if isinstance(value, SIMPLE)}
+        held = [row_of(each) for each in self.blocks] or [
+            dict.fromkeys(each.name for each in fields(Held))
+        ]
+        return [{**device, **block} for block in held]
 
 
 class QuantumNetwork(Network):
