@@ -22,7 +22,6 @@ MEAN = Parameter("mean_pairs", 0.1, 0.0, 10.0)
 LOSS = Parameter("loss_db", 0.0, 0.0, 100.0, "dB")
 FURTHER = Parameter("further_db", 0.0, 0.0, 100.0, "dB")  # of bob's way, beyond alice's
 DARK = Parameter("dark_count", 0.0, 0.0, 0.5)  # of a detector, in a gate
-GATE_S = 1e-9
 WAYS = (("charlie-q0", "alice-q0"), ("charlie-q1", "bob-q0"))
 
 
@@ -30,8 +29,8 @@ async def compare(values: Values, seed: int) -> Outcome:
     """Send both halves of pulses over lossy ways; compare what the ends see in Z."""
     source = source_of(values)
     fibers = [fiber(*way, connectors_db=db) for way, db in zip(WAYS, losses(values), strict=True)]
-    dark_count_hz = -math.log1p(-number(values, DARK.name)) / GATE_S
-    ends = Device(detectors=Detectors(dark_count_hz=dark_count_hz, gate_s=GATE_S))
+    dark_count_hz = -math.log1p(-number(values, DARK.name)) / Detectors().gate_s
+    ends = Device(detectors=Detectors(dark_count_hz=dark_count_hz))
     devices = {"charlie": Device(source=source), "alice": ends, "bob": ends}
     laboratory = Laboratory(configuration(seed, fibers, devices))
     charlie = laboratory.host("charlie")
