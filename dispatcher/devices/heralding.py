@@ -37,7 +37,7 @@ class Heralds(NamedTuple):
 
     chances: tuple[float, ...]
     coherence: float  # of the entangled ones: how far Psi+ differs from Psi-, phases apart
-    exact: bool  # whether those are Bell states but for their phase
+    unequal: float  # how far a qubit of those is from either state alike: 0 of a Bell state
 
     @property
     def probability(self) -> float:
@@ -56,7 +56,7 @@ def two_click(arms: tuple[Arm, Arm], dark: float, visibility: float) -> Heralds:
     )
     apart = (a * (1 - b) + b * (1 - a)) * one * nothing + (1 - a) * (1 - b) * nothing**2
     entangled = a * b * one**2 / 2
-    return Heralds((entangled, alike / 4, apart / 4, apart / 4, alike / 4), 1.0, True)
+    return Heralds((entangled, alike / 4, apart / 4, apart / 4, alike / 4), 1.0, 0.0)
 
 
 def single_click(arms: tuple[Arm, Arm], dark: float, visibility: float) -> Heralds:
@@ -83,7 +83,8 @@ def single_click(arms: tuple[Arm, Arm], dark: float, visibility: float) -> Heral
     )
     balanced = 2 * sqrt(seen_a * seen_b) / (seen_a + seen_b) if seen_a + seen_b else 0.0
     coherence = balanced * exp(-(phase_a**2 + phase_b**2) / 2)
-    return Heralds(chances, coherence, seen_a == seen_b)
+    unequal = abs(seen_a - seen_b) / (seen_a + seen_b) / 2 if seen_a + seen_b else 0.0
+    return Heralds(chances, coherence, unequal)
 
 
 def phase_wrong(scheme: str, heralds: Heralds, visibility: Each) -> Each:

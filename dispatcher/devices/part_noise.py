@@ -13,7 +13,8 @@ from dispatcher.photon_random import Source
 from wire.config import BadConfig
 
 DEPTH = 1000  # values that a model remembers
-FOR_PARTS = Effect()._asdict().keys() - {"lost", "paulis", "kraus", "exact"}  # is of fibres alone
+OF_PARTS = {"lost", "paulis", "kraus", "exact", "named"}
+OF_FIBERS = Effect()._asdict().keys() - OF_PARTS
 
 
 class Moment(Passage):
@@ -64,7 +65,7 @@ class PartNoise:
         place = f"own {what}, {place}"
         moment = Moment(draws, block, place, schedule, self._history, what, waited_s, qubits)
         effect = self._model.effect(moment)
-        for name in FOR_PARTS:
+        for name in OF_FIBERS:
             given = getattr(effect, name)
             if given is not None and not (name == "transmission" and given == 1):
                 raise BadConfig(

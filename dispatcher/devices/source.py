@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dispatcher.approximations import EXACT, STIMULATED, Approximations, approximation
 from dispatcher.photon_random import PhotonRandom
 from wire.parameters.physics import PairSource
 
@@ -26,7 +27,12 @@ class Emission(NamedTuple):
     paulis: NDArray[np.uint8] | None  # on one half: the Bell state of that number
     pairs: NDArray[np.uint8] | None
     delays_ps: NDArray[np.float64] | None  # the same for both halves
-    exact: bool
+    approximations: Approximations = EXACT
+
+    @property
+    def exact(self) -> bool:
+        """Whether that is what the physics does."""
+        return not self.approximations
 
 
 def emit(
@@ -49,7 +55,7 @@ def emit(
         paulis=bell_states(source, random),
         pairs=pairs,
         delays_ps=_delays_ps(source.jitter_ps, pairs, random) if source.jitter_ps else None,
-        exact=source.statistics != "thermal",
+        approximations=approximation(STIMULATED) if source.statistics == "thermal" else EXACT,
     )
 
 

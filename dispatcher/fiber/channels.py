@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dispatcher.approximations import CROSSTALK, approximation
 from dispatcher.fiber.noise import Effect, Passage, Schedule
 from dispatcher.switch.timeline import REMEMBERED_NS
 from wire.parameters.fiber import Fiber
@@ -97,4 +98,5 @@ class ChannelCrosstalk:
         means = sum(traffic.photons(passage.times_ns, self._window_ns) for traffic in lit)
         drawn = passage.generator("strays").poisson(means * self._share)
         extras = np.minimum(drawn, MOST_EXTRAS).astype(np.uint8)
-        return Effect(lost=lost, transmission=stays, extras=extras, exact=False)
+        named = approximation(CROSSTALK)
+        return Effect(lost=lost, transmission=stays, extras=extras, exact=False, named=named)

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from dispatcher.approximations import CLASSICAL_LIGHT, approximation
 from dispatcher.fiber.noise import Effect, Passage
 from dispatcher.switch.steps import Steps
 from wire.parameters.fiber import FiberOptics
@@ -12,6 +13,7 @@ PLANCK_J_S, LIGHT_M_PER_S = 6.626_070_15e-34, 299_792_458
 NEPERS_PER_DB = math.log(10) / 10  # of power
 MOST_EXTRAS = 255
 FEW = 0.1  # noise photons a pulse
+NAMED = approximation(CLASSICAL_LIGHT)
 
 
 def scattering_km(optics: FiberOptics) -> float:
@@ -66,7 +68,7 @@ class ClassicalLight:
         if highest_mw * self.photons_per_mw > FEW:
             means = self.power_mw.at(passage.times_ns) * self.photons_per_mw
             extras = np.minimum(generator.poisson(means, passage.photons), MOST_EXTRAS)
-            return Effect(extras=extras.astype(np.uint8), exact=False)
+            return Effect(extras=extras.astype(np.uint8), exact=False, named=NAMED)
         # A Poisson process along the block, thinned where the power was lower.
         count = generator.poisson(highest_mw * self.photons_per_mw * passage.photons)
         pulses = np.sort(generator.integers(0, passage.photons, count))
@@ -77,4 +79,4 @@ class ClassicalLight:
         hit, times = np.unique(pulses[kept], return_counts=True)
         extras = np.zeros(passage.photons, dtype=np.uint8)
         extras[hit] = np.minimum(times, MOST_EXTRAS)
-        return Effect(extras=extras, exact=False)
+        return Effect(extras=extras, exact=False, named=NAMED)

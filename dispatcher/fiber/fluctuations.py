@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dispatcher.approximations import PHASE, TURN, approximation
 from dispatcher.fiber.noise import Effect, Passage, depolarized
 from dispatcher.fiber.turn import Turn, of_vectors, product
 
@@ -40,7 +41,7 @@ class PhaseDrift:
     def effect(self, passage: Passage) -> Effect:
         """Follow the angle."""
         angles_rad = follow(passage, self.time_s / STEPS_A_TIME, self._continue)
-        return Effect(angles_rad=angles_rad, exact=False)
+        return Effect(angles_rad=angles_rad, exact=False, named=approximation(PHASE, 0.0))
 
     def _continue(self, gap_s: float | None, latest: float, step_s: float, drawn: Values) -> Values:
         keep = np.exp(-step_s / self.time_s)
@@ -81,7 +82,7 @@ class PolarizationDrift:
         whole = turns[:, 0]
         for piece in range(1, self.pieces):
             whole = product(turns[:, piece], whole)
-        return Effect(turn=Turn(starts, whole), exact=False)
+        return Effect(turn=Turn(starts, whole), exact=False, named=approximation(TURN, 0.0))
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from dispatcher.approximations import EXACT, OWN, Approximations, approximation
 from dispatcher.fiber.noise_history import NoiseHistory
 from dispatcher.fiber.turn import Turn
 from dispatcher.photon_random import PhotonRandom, Source
@@ -133,6 +134,12 @@ class Effect(NamedTuple):
     # Kraus operators, of which each photon meets one, behind all the rest: shape (m, 2, 2), or
     # (k, m, 2, 2), those of each photon. On the backend dense alone.
     kraus: NDArray[np.complex128] | None = None
+    named: Approximations = EXACT  # if it is not exact: which approximations, and how large
+
+    @property
+    def approximations(self) -> Approximations:
+        """What of this is not what the physics does."""
+        return EXACT if self.exact else self.named or approximation(OWN)
 
 
 class NoiseModel(Protocol):

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dispatcher.approximations import LOSS_OF_POLARISATION, MODE_DISPERSION, approximation
 from dispatcher.fiber.fluctuations import wander
 from dispatcher.fiber.noise import Effect, Passage, depolarized
 
@@ -32,7 +33,10 @@ class PolarizationDependentLoss:
         passes = (1 + amplitude**2) / 2
         lost = ~passage.happens("pass", passes)
         met = passage.events("error", ((1 - amplitude) / 2) ** 2 / passes)
-        return Effect(lost=lost, paulis=depolarized(passage, met), transmission=passes, exact=False)
+        # a b {rho, n.sigma} is left out, and the axis of b^2: at most 2 a b and b^2.
+        wrong = approximation(LOSS_OF_POLARISATION, (1 - amplitude) * (3 + amplitude) / 4)
+        paulis = depolarized(passage, met)
+        return Effect(lost=lost, paulis=paulis, transmission=passes, exact=False, named=wrong)
 
 
 @dataclass(frozen=True)
@@ -62,4 +66,5 @@ class PolarizationModeDispersion:
         met = passage.events("error", most)
         stretch = starts.searchsorted(met, side="right") - 1
         met = met[passage.generator("own").random(met.size) * most < wrong[stretch]]
-        return Effect(paulis=depolarized(passage, met), delays_ps=own_ps, exact=False)
+        named = approximation(MODE_DISPERSION)
+        return Effect(paulis=depolarized(passage, met), delays_ps=own_ps, exact=False, named=named)

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dispatcher.approximations import twirled_phase, twirled_turn
 from dispatcher.fiber.turn import SIGNS, TRANSPOSED, Turn, product
 from dispatcher.layer.ownership import Block, Pulses
 from dispatcher.photon_random import PhotonRandom
@@ -52,7 +53,7 @@ def twirl(block: Block, sabot: Simulation, draws: Draws) -> None:
         at = block.further.pulses
         flips = _flipped_further(block, angles_rad[at], draws)
         sabot.pauli(block.further.register, flips * FLIPS_PHASE)
-    _forget(block)
+    _forget(block, _most(angles_rad))
 
 
 def twirl_pairs(first: Block, second: Block, outcomes: NDArray[np.uint8], draws: Draws) -> None:
@@ -70,10 +71,11 @@ def twirl_pairs(first: Block, second: Block, outcomes: NDArray[np.uint8], draws:
         mine, theirs = (none if angles is None else angles[pairs] for angles in (one, other))
         return mine + _turned(theirs, outcomes[pairs])
 
-    pairs = _flipped(first, _most(one) + _most(other), total, draws)
+    most_rad = _most(one) + _most(other)
+    pairs = _flipped(first, most_rad, total, draws)
     outcomes[pairs[outcomes[pairs] != NO_CLICK]] ^= FLIPS_PHASE
-    _forget(first)
-    _forget(second)
+    _forget(first, most_rad)
+    _forget(second, most_rad)
 
 
 def turn(block: Block, more: Turn | None) -> None:
@@ -103,7 +105,8 @@ def twirl_turn(block: Block, sabot: Simulation, draws: Draws) -> None:
         paulis[met] = _chosen(chances[whole.stretch(pulses[met])], drawn)
         sabot.explain(register, "rotation of the polarisation on the way", paulis)
         sabot.pauli(register, paulis)
-    block.pulses.turn, block.pulses.exact = None, False
+    block.pulses.turn = None
+    block.pulses.approximations |= twirled_turn(whole.quaternions)
 
 
 class _PairTurns(NamedTuple):
@@ -111,6 +114,7 @@ class _PairTurns(NamedTuple):
 
     turn: Turn  # tells the stretches
     chances: NDArray[np.float64]  # of X, Y and Z; shape (s, 4, 3)
+    whole: NDArray[np.float64]  # both together, shape (s, 4, 4)
 
 
 def _of_pairs(first: Block, second: Block) -> _PairTurns | None:
@@ -124,7 +128,7 @@ def _of_pairs(first: Block, second: Block) -> _PairTurns | None:
     left = mine.quaternions[mine.stretch(starts)]
     right = theirs.quaternions[theirs.stretch(starts)] * TRANSPOSED
     whole = np.stack([product(left, right * signs) for signs in SIGNS], axis=1)
-    return _PairTurns(Turn(starts, left), whole[..., 1:] ** 2)
+    return _PairTurns(Turn(starts, left), whole[..., 1:] ** 2, whole)
 
 
 def _turn_pairs(first: Block, second: Block, outcomes: NDArray[np.uint8], draws: Draws) -> None:
@@ -140,7 +144,8 @@ def _turn_pairs(first: Block, second: Block, outcomes: NDArray[np.uint8], draws:
     chances = found.chances[found.turn.stretch(met), outcomes[met]]
     outcomes[met] ^= _chosen(chances, random.generator("own").random(met.size) * most)
     for block in (first, second):
-        block.pulses.turn, block.pulses.exact = None, False
+        block.pulses.turn = None
+        block.pulses.approximations |= twirled_turn(found.whole)
 
 
 def _chosen(chances: NDArray[np.float64], drawn: NDArray[np.float64]) -> NDArray[np.uint8]:
@@ -203,5 +208,6 @@ def _turned(angles_rad: NDArray[np.float64], flips: NDArray[np.uint8]) -> NDArra
     return (angles_rad.view(np.uint64) ^ signs).view(np.float64)
 
 
-def _forget(block: Block) -> None:
-    block.pulses.angles_rad, block.pulses.exact = None, False
+def _forget(block: Block, most_rad: float) -> None:
+    block.pulses.angles_rad = None
+    block.pulses.approximations |= twirled_phase(most_rad)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from dispatcher.approximations import EXACT, Approximations
 from dispatcher.clock import Clock
 from dispatcher.devices.hardware import Devices
 from dispatcher.layer import further
@@ -41,7 +42,7 @@ class PhysicalLayer:
     journal: Journal = field(default_factory=Journal)
     time: NetworkTime = REAL_TIME
     software: SoftwareTime = field(default_factory=SoftwareTime)
-    exact: bool = True  # False once an approximation has been in what was reported
+    approximations: Approximations = EXACT  # of all that was reported
 
     def record(
         self,
@@ -88,9 +89,14 @@ class PhysicalLayer:
 
     def count_exact(self, blocks: Sequence[Block]) -> bool:
         """Return whether the blocks hold no approximation, which is then in what is reported."""
-        exact = all(block.pulses.exact for block in blocks)
-        self.exact &= exact
-        return exact
+        for block in blocks:
+            self.approximations |= block.pulses.approximations
+        return all(block.pulses.exact for block in blocks)
+
+    @property
+    def exact(self) -> bool:
+        """Whether nothing that was reported has had an approximation in it."""
+        return not self.approximations
 
     def take_up(self, *blocks: Block) -> None:
         """Take blocks that are to be used out of their node's memory, if they are in there."""

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from dispatcher.approximations import RELAXATION, approximation
 from dispatcher.clock import Clock
 from dispatcher.devices import hardware
 from dispatcher.devices.decay import LEAST, Decay, Each, Waits, decay
@@ -221,7 +222,9 @@ class Memories:
             drift.reflect(block.pulses, paulis)
         if worst.depolarized:
             counts["depolarized"] = self._depolarize(block, memory, waits, random)
-        block.pulses.exact &= worst.exact
+        if not worst.exact:  # the twirl leaves out the shift to |0>: (1 - e^(-t / T1)) Z / 2
+            most = -float(np.expm1(-waits.longest_s / memory.t1_s)) / 2
+            block.pulses.approximations |= approximation(RELAXATION, most)
         return counts
 
     def _depolarize(self, block: Block, memory: Memory, waits: Waits, random: PhotonRandom) -> int:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dispatcher.approximations import EXACT, Approximations
 from dispatcher.fiber.turn import Turn
 from dispatcher.layer.used_names import UsedNames
 from dispatcher.refusal import denied, not_found
@@ -44,7 +45,12 @@ class Pulses:
     encoding: str = ENCODINGS[0]
     bandwidth_nm: float = 0.0  # rms of the source's spectrum
     dispersion_ps_per_nm: float = 0.0  # of all fibres so far
-    exact: bool = True  # no approximation so far
+    approximations: Approximations = EXACT  # so far
+
+    @property
+    def exact(self) -> bool:
+        """Whether there was none."""
+        return not self.approximations
 
 
 @dataclass(eq=False, slots=True)

@@ -36,7 +36,7 @@ def of_part(
         waited_s = np.zeros(block.register.size)
     own = block.draws_for(place)
     effect = model.effect(draws, block.name, what, own, time_ns, waited_s, qubits)
-    block.pulses.exact &= effect.exact
+    block.pulses.approximations |= effect.approximations
     return effect
 
 

@@ -7,6 +7,8 @@ random.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import reduce
+from operator import or_
 from typing import Any
 
 import numpy as np
@@ -28,7 +30,7 @@ def lit(block: Block) -> Mask:
 
 def pass_on(pulses: Pulses, members: Mask, effect: Effect) -> None:
     """Add what a fibre does to the pulses of members, apart from losses and Paulis."""
-    pulses.exact &= effect.exact
+    pulses.approximations |= effect.approximations
     if effect.angles_rad is not None:
         pulses.angles_rad = _added(pulses.angles_rad, effect.angles_rad, members)
     if effect.delays_ps is not None:
@@ -76,7 +78,7 @@ def part(pulses: Pulses, members: Mask) -> Pulses:
 
 def unite(pulses: Pulses, other: Pulses, members: Mask) -> None:
     """Take in the pulses of another part, whose light is in these members."""
-    pulses.exact &= other.exact
+    pulses.approximations |= other.approximations
     if other.extras is not None:
         own = np.uint8(0) if pulses.extras is None else pulses.extras
         pulses.extras = other.extras * members + own * ~members
@@ -104,7 +106,7 @@ def gather(picks: Sequence[tuple[Pulses, NDArray[np.uint32]]]) -> Pulses:
         encoding=every[0].encoding,
         bandwidth_nm=max(pulses.bandwidth_nm for pulses in every),
         dispersion_ps_per_nm=max((pulses.dispersion_ps_per_nm for pulses in every), key=abs),
-        exact=all(pulses.exact for pulses in every),
+        approximations=reduce(or_, (pulses.approximations for pulses in every)),
     )
 
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import grpc
 import numpy as np
 
+from dispatcher.approximations import SEVERAL_IN_GATES, approximation
 from dispatcher.devices import hardware
 from dispatcher.devices.source import most_further
 from dispatcher.layer import cutoff, drift, further, herald, part_noise
@@ -75,9 +76,10 @@ class PlannedGate(NamedTuple):
     def spread_approximation(self, block: Block) -> None:
         """Let an approximation in one of the two blocks be in both."""
         if self.target is not None:
-            exact = block.pulses.exact and self.target.pulses.exact
-            exact &= block.further is None and self.target.further is None
-            block.pulses.exact = self.target.pulses.exact = exact
+            both = block.pulses.approximations | self.target.pulses.approximations
+            if block.further is not None or self.target.further is not None:
+                both |= approximation(SEVERAL_IN_GATES)
+            block.pulses.approximations = self.target.pulses.approximations = both
 
 
 class Operations:
@@ -142,7 +144,7 @@ class Operations:
         layer.photons_lost += part_noise.meet(layer.sabot, layer.draws, first, effect, "made")
         lost = effect._replace(paulis=None, kraus=None)
         for other in blocks[1:]:
-            other.pulses.exact &= effect.exact
+            other.pulses.approximations |= effect.approximations
             layer.photons_lost += part_noise.meet(layer.sabot, layer.draws, other, lost, "made")
 
     def _make(self, request: CreateRequest, states: Bytes | None) -> Sequence[Register]:

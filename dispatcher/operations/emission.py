@@ -27,7 +27,7 @@ def emit_into(first: Block, second: Block, layer: PhysicalLayer) -> tuple[int, s
     more = None if emission.pairs is None else _further_pairs(emission, source, first, layer)
     for number, half in enumerate((first, second)):
         half.source_rate_hz = source.max_rate_hz
-        half.pulses.exact = emission.exact
+        half.pulses.approximations = emission.approximations
         half.pulses.delays_ps = emission.delays_ps
         if emission.pairs is not None:
             layer.sabot.lose(half.register, emission.pairs == 0)

@@ -102,7 +102,7 @@ class Heralding:
 
     def _feedback(self, link: Link, found: Heralded, rounds: int) -> Feedback:
         layer, now_ns = self._layer, self._layer.clock.now_ns()
-        layer.exact &= found.exact
+        layer.approximations |= found.approximations
         return Feedback(
             time_ns=now_ns,
             photons=found.count,
@@ -110,7 +110,7 @@ class Heralding:
             last_ns=now_ns,
             outcomes=found.told.tobytes(),
             backend=layer.sabot.backend,
-            exact=found.exact,
+            exact=not found.approximations,
             attempts=rounds * link.modes,
         )
 
@@ -181,7 +181,7 @@ class Heralding:
             came_ns = link.emitted_ns(name.half, found.rounds)
             block = Block(name, register, offer.end.node, came_ns=came_ns, lineage=lineage)
             block.first_ns, block.last_ns = came_ns[[0, -1]].tolist()
-            block.start_ns, block.pulses.exact = block.first_ns, found.exact
+            block.start_ns, block.pulses.approximations = block.first_ns, found.approximations
             layer.ownership.add(block)
             blocks.append(block)
         self._set_states(blocks, found)

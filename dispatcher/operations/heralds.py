@@ -11,6 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dispatcher.approximations import (
+    EXACT,
+    UNEQUAL_ARMS,
+    Approximations,
+    approximation,
+    twirled_phase,
+    twirled_turn,
+)
 from dispatcher.devices.heralding import phase_wrong
 from dispatcher.fiber.turn import TRANSPOSED, Turn, product
 from dispatcher.layer.layer import PhysicalLayer
@@ -34,7 +42,7 @@ class Heralded:
     kind: Bytes  # what the qubits are in: dispatcher.devices.heralding.KINDS
     told: Bytes  # the Bell state that the clicks tell
     paulis: tuple[Bytes, Bytes]  # errors of either qubit
-    exact: bool = True
+    approximations: Approximations = EXACT
 
     @property
     def count(self) -> int:
@@ -45,7 +53,11 @@ class Heralded:
         """Return some of them."""
         first, second = (each[chosen] for each in self.paulis)
         return Heralded(
-            self.rounds[chosen], self.kind[chosen], self.told[chosen], (first, second), self.exact
+            self.rounds[chosen],
+            self.kind[chosen],
+            self.told[chosen],
+            (first, second),
+            self.approximations,
         )
 
     @classmethod
@@ -64,7 +76,7 @@ class Heralded:
             np.concatenate((self.kind, more.kind)),
             np.concatenate((self.told, more.told)),
             (first, second),
-            self.exact and more.exact,
+            self.approximations | more.approximations,
         )
 
 
@@ -132,7 +144,8 @@ class Drawing:
             follower.follow(name, place, link.emitted_ns(half, rounds))
             for half, (follower, name) in enumerate(zip(self._followers, self._names, strict=True))
         ]
-        light = met[0].paulis ^ met[1].paulis ^ _rotated(met, random)
+        rotated, twirled = _rotated(met, random)
+        light = met[0].paulis ^ met[1].paulis ^ rotated
         light ^= _distinguished(link, met, random)
         first = light * (kind == 0)  # the others are entangled with no light
         second = np.zeros(count, np.uint8)
@@ -142,9 +155,11 @@ class Drawing:
             errors[at] ^= 1 + own.which("which", at.size, np.ones(3))
         told = np.where(random.coins("detector", count), PSI_MINUS, PSI_PLUS).astype(np.uint8)
         come = met[0].arrived & met[1].arrived
-        exact = link.heralds.exact and all(each.exact for each in met)
+        every = twirled | met[0].approximations | met[1].approximations
+        if link.heralds.unequal:
+            every |= approximation(UNEQUAL_ARMS, link.heralds.unequal)
         errors = first[come], second[come]
-        return Heralded(rounds[come], kind[come], told[come], errors, exact)
+        return Heralded(rounds[come], kind[come], told[come], errors, every)
 
 
 def _until(gaps: NDArray[np.int64], most: int) -> NDArray[np.int64]:
@@ -153,22 +168,24 @@ def _until(gaps: NDArray[np.int64], most: int) -> NDArray[np.int64]:
     return np.minimum(gaps[: above + 1], most + 1).cumsum()
 
 
-def _rotated(met: Sequence[Met], random: PhotonRandom) -> Bytes:
+def _rotated(met: Sequence[Met], random: PhotonRandom) -> tuple[Bytes, Approximations]:
     """Return the errors that coherent rotations of both photons amount to, twirled."""
-    paulis = np.zeros(random.photons, np.uint8)
+    paulis, twirled = np.zeros(random.photons, np.uint8), EXACT
     if any(each.angles_rad is not None for each in met):
         # In Psi the angles of both qubits count against each other.
         first, second = (0.0 if each.angles_rad is None else each.angles_rad for each in met)
         paulis ^= (random.uniform("angle") < np.sin((first - second) / 2) ** 2) * PHASE
+        twirled |= twirled_phase(float(np.abs(first - second).max(initial=0.0)))
     if any(each.turn is not None for each in met):
         every = np.arange(random.photons)
         left, right = (
             turn.quaternions[turn.stretch(every)] for turn in (each.turn or STILL for each in met)
         )
-        chances = product(left, right * TRANSPOSED)[:, 1:] ** 2
+        whole = product(left, right * TRANSPOSED)
+        chances, twirled = whole[:, 1:] ** 2, twirled | twirled_turn(whole)
         drawn = random.uniform("turn")
         paulis ^= TURNED[(drawn[:, None] >= chances.cumsum(axis=1)).sum(axis=1)]
-    return paulis
+    return paulis, twirled
 
 
 def _distinguished(link: Link, met: Sequence[Met], random: PhotonRandom) -> Bytes:

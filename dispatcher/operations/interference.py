@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dispatcher.approximations import CROWD, approximation
 from dispatcher.devices.analyser import Analyser, Analysis, Half, Mismatch
 from dispatcher.devices.beam_splitter import (
     MODES,
@@ -166,11 +167,12 @@ class Interference:
     def _note_crowds(self, count: int) -> None:
         if count:
             self._incidents["crowded"] = count
-            self._inexact()
+            self._inexact(count)
 
-    def _inexact(self) -> None:
-        for block in self._blocks:
-            block.pulses.exact = False
+    def _inexact(self, pulses: int) -> None:
+        """Note in how many pulses photons go otherwise than they are taken to."""
+        block = self._blocks[0]
+        block.pulses.approximations |= approximation(CROWD, pulses / block.register.size)
 
     def _alone(self, photons: Photons, which: str) -> Left:
         """Let photons go each for itself."""
@@ -215,16 +217,18 @@ class Interference:
             key = tuple(tuple(sorted(arm.tolist())) for arm in met)
             kinds.setdefault(key, []).append(place)
         drawn = self._random.generator("crowds").random(pulses.size)
-        left = []
+        left, unlike = [], 0
         for (one, other), places in kinds.items():
             if len(set(one)) > 1 or len(set(other)) > 1:
-                self._inexact()  # noise has met one photon of a pulse, which is then told apart
+                unlike += len(places)  # noise has met one photon, which is then told apart
             photons, chances = outputs(one, other)
             chosen = photons[np.searchsorted(chances.cumsum()[:-1], drawn[places], side="right")]
             modes = np.tile(np.arange(MODES, dtype=np.uint8), len(places))
             counts = chosen.reshape(-1)
             at = np.repeat(pulses[places], MODES)
             left.append(Left(np.repeat(at, counts), np.repeat(modes, counts)))
+        if unlike:
+            self._inexact(unlike)
         return Left(*(np.concatenate(each) for each in zip(*left, strict=True)))
 
     def _states(self, photons: Photons, which: str) -> Bytes:
@@ -235,7 +239,7 @@ class Interference:
         states = cardinal_states(register)
         bits = self._bits(register, which)
         if (unknown := states == NO_CLICK).any():
-            self._inexact()
+            self._inexact(np.unique(photons.pulses[unknown]).size)
             states = np.where(unknown, bits, states)
         return states
 

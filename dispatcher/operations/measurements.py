@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 
+from dispatcher.approximations import SEVERAL_PAIRS, approximation
 from dispatcher.devices import hardware
 from dispatcher.devices.analyser import Analyser, Analysis, Half
 from dispatcher.devices.detector import Train
@@ -71,7 +72,7 @@ class Measurements:
             timed=True,
         )
         told, wrong = imperfections.misread(layer, block, found.bits, "measure")
-        feedback.exact &= effect is None or effect.exact
+        feedback.exact = layer.count_exact((block,))
         told = part_noise.told(told, effect)
         incidents = found.incidents() | ({"misread": wrong} if wrong else {})
         detail = f"{tally(values, BASES)}: {tally(told, ('0', '1'))}" + listed(incidents)
@@ -120,7 +121,6 @@ class Measurements:
         look = self._interfere if like.kind == BEAM_SPLITTER else self._analyse
         found = look(node, (first, second), matched, apart_ns * 1e3)
         feedback.exact = layer.count_exact((first, second))
-        feedback.exact &= effect is None or effect.exact
         outcomes = part_noise.told(found.outcomes, effect, part_noise.BELL_STATE)
         if by_gates:
             outcomes, wrong = imperfections.misread(layer, first, outcomes, "Bell", bits=2)
@@ -231,7 +231,9 @@ class Measurements:
         matched = further.bell_measure(layer.sabot, first, second, layer.draws)
         if matched is None:
             return None, None
-        first.pulses.exact = second.pulses.exact = False  # photons of pairs interfere
+        # Photons of pairs interfere: what of all pulses has several, at most.
+        several = np.unique(np.concatenate((matched.pulses, *matched.alone))).size
+        first.pulses.approximations |= approximation(SEVERAL_PAIRS, several / first.register.size)
         drift.twirl_further(first, second, matched.pulses, matched.outcomes, layer.draws)
         there = matched.outcomes != NO_CLICK
         pulses, outcomes = matched.pulses[there], matched.outcomes[there]

@@ -114,7 +114,7 @@ class Resending:
         )
         drift.twirl(part, layer.sabot, layer.draws)
         _renew(block.pulses, chosen)
-        block.pulses.exact &= own.exact
+        block.pulses.approximations |= own.approximations
         return part
 
     def _replace(self, block: Block, fresh: Register, again: Mask, states: Bytes) -> None:

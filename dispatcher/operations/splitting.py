@@ -85,7 +85,7 @@ class Splitting:
             retimed=block.retimed,
             lineage=f"split off {block.name} {block.lineage}",
         )
-        block.pulses.exact &= taken.pulses.exact
+        block.pulses.approximations |= taken.pulses.approximations
         return taken
 
     def _take_further(self, block: Block, members: Mask) -> Further | None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dispatcher.approximations import EXACT, Approximations
 from dispatcher.devices.overlap import angular_width
 from dispatcher.fiber.noise import Loss, Passage, Pattern, Schedule
 from dispatcher.fiber.turn import Turn
@@ -60,7 +61,7 @@ class Met:
     angles_rad: NDArray[np.float64] | None = None
     turn: Turn | None = None
     delays_ps: NDArray[np.float64] | None = None
-    exact: bool = True
+    approximations: Approximations = EXACT
 
 
 def find_way(layer: PhysicalLayer, start: FiberEnd, frequency_mhz: int) -> StationWay:
@@ -118,7 +119,7 @@ class Follower:
             where = self._layer.draws, name, f"{place} {model_name}"
             passage = Passage(*where, schedule, history, self._width_rad_per_s)
             effect = model.effect(passage)
-            met.exact &= effect.exact
+            met.approximations |= effect.approximations
             if effect.kraus is not None:
                 raise BadConfig(
                     f"Kraus operators of noise in the fibre to {line.far.port} of {line.far.node}: "

@@ -278,6 +278,10 @@ class Service(DispatcherServicer):
             events=self.layer.history.count,
             backend=self.layer.sabot.backend,
             exact=self.layer.exact,
+            approximations=[
+                messages.Approximation(name=name, most=most)
+                for name, most in self.layer.approximations.sizes.items()
+            ],
             software=self.layer.software.message(),
         )
 

@@ -182,6 +182,10 @@ def _running(context: RunContext, facts: RunFacts, places: dict[str, Machine]) -
             yield network
         reached = status(network)
         facts["exact"] = reached.exact
+        facts["approximations"] = [
+            {"name": each.name, "most": each.most if each.HasField("most") else None}
+            for each in reached.approximations
+        ]
         early = worst(network.runtime)
         facts["acausal"] = early.to_dict() if early else None
         note_software(facts, reached.software, network.runtime.devices.values())

@@ -10,6 +10,7 @@ from qmn.reports import figures
 from qmn.reports.light_paths import fiber_name, light_paths, photons_by_port
 from qmn.reports.markup import table
 from qmn.reports.run_facts import RunFacts, read_run
+from qmn.results.result import said_size
 from qmn.results.service_result import number_text
 
 REPORT = "report.html"
@@ -119,6 +120,8 @@ def _parameters(result: Mapping[str, Any]) -> str:
     names = ("seed", "service", "topology", "handshake", "controller", "backend", "exact", "mode")
     of_time = ("time_scale", "software_share", "dominated_by_software", "acausal")
     rows = [[name, _said(result.get(name))] for name in (*names, *of_time)]
+    met = result.get("approximations", ())
+    rows += [[f"approximated: {each['name']}", said_size(each)] for each in met]
     rows += [[name, _said(value)] for name, value in result["parameters"].items()]
     rows += [
         [f"in use: {name}", _said(value)] for name, value in (result.get("in_use") or {}).items()

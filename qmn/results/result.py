@@ -10,7 +10,7 @@ from rich.console import Console
 
 from qmn.results import message_result, service_result, software_share
 from qmn.results.message_result import RECEIVED as RECEIVED
-from qmn.results.schema import RunFacts, SetUpTimes, WatchedLight
+from qmn.results.schema import Approximated, RunFacts, SetUpTimes, WatchedLight
 from topologies.runtime import EVENT_LOG
 from wire.controller_lines import read_record
 from wire.metadata import Reason
@@ -89,6 +89,19 @@ def captures(facts: RunFacts, folder: Path) -> str:
     return f"{folder}/*.pcap" + (f", {missed:,} packets missed" if missed else "")
 
 
+def approximations(facts: RunFacts) -> dict[str, str]:
+    """Return why a result is not exact, and by how much, if it is not."""
+    told = [f"{each['name']}: {said_size(each)}" for each in facts.get("approximations", ())]
+    return {"approximated": "; ".join(told)} if told else {}
+
+
+def said_size(each: Approximated) -> str:
+    """Return how large an approximation is, in words."""
+    if each["most"] is None:
+        return "size not known"
+    return f"a probability is wrong by {each['most']:.2g} at most"
+
+
 def rows_of_every_run(facts: RunFacts, folder: Path) -> dict[str, str]:
     """Return what is said of light paths, simulation and files, whatever the run was for."""
     setup = facts["path_setup_ms"]
@@ -99,6 +112,7 @@ def rows_of_every_run(facts: RunFacts, folder: Path) -> dict[str, str]:
         **watched_light(facts),
         **software_share.rows(facts),
         "quantum states": f"{facts['backend']}, {EXACTNESS[facts['exact']]}",
+        **approximations(facts),
         "captures": captures(facts, folder),
         "quantum events": f"{folder}/{EVENT_LOG}" if facts["events"] else "not written",
         "one timeline of both": facts["timeline"],

@@ -34,6 +34,13 @@ class WatchedLight(TypedDict):
     closed: list[str]  # the fibres between switches that were closed for them
 
 
+class Approximated(TypedDict):
+    """An approximation that was in what was reported."""
+
+    name: str
+    most: float | None  # that the probability of an outcome can be wrong by it; None: not known
+
+
 class NetworkResult(TypedDict, total=False):
     """What every network leaves."""
 
@@ -65,6 +72,7 @@ class RunResult(NetworkResult, total=False):
     events: Required[bool]  # whether what happened to qubits was written
     backend: Required[str]
     exact: Required[bool | None]  # None: the network did not come to say it
+    approximations: list[Approximated]  # why it is not exact; absent where that is not known
     emulation: Required[dict[str, float]]  # elapsed_s and rates by the wall clock
     path_setup_ms: Required[SetUpTimes]
     packet_in_count: Required[int]

@@ -9,6 +9,7 @@ import pytest
 import uvloop
 from dispatcher_network import Bench, JumpingClock, block, configuration, running
 
+from dispatcher.approximations import PHASE, approximation
 from dispatcher.layer.ownership import BlockName
 from wire.dispatcher_pb2 import (
     ApplyRequest,
@@ -65,14 +66,16 @@ def test_an_approximation_shows_in_replies_and_spreads_with_gates(tmp_path: Path
         for number in (0, 1, 2):
             await alice.create(4, number, ZEROS)
         (approximated,) = bench.layer.ownership.parts(BlockName(7, 0, 0))
-        approximated.pulses.exact = False
+        approximated.pulses.approximations = approximation(PHASE, 0.25)
         assert (await bench.runner.status()).exact  # nothing reported so far
         gate = Gate(name=Gate.CX, target=block(0))
         reply = await alice.feedback("Apply", ApplyRequest(block=block(1), gates=[gate]))
         assert not reply.exact
         assert not (await alice.measure(block(1))).exact
         assert (await alice.measure(block(2))).exact
-        assert not (await bench.runner.status()).exact
+        status = await bench.runner.status()
+        assert not status.exact
+        assert [(each.name, each.most) for each in status.approximations] == [(PHASE, 0.25)]
 
     attempt(tmp_path, action)
 
@@ -81,7 +84,7 @@ def test_a_bell_measurement_is_as_exact_as_both_of_its_blocks(tmp_path: Path) ->
     async def action(bench: Bench) -> None:
         await bench.alice.create(4)
         (second,) = bench.layer.ownership.parts(BlockName(7, 0, 1))
-        second.pulses.exact = False
+        second.pulses.approximations = approximation(PHASE)
         assert not (await bench.alice.bell_measure(block(0, 0), block(0, 1))).exact
 
     attempt(tmp_path, action)

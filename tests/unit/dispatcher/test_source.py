@@ -18,7 +18,7 @@ def emission(source: PairSource) -> Emission:
 
 def test_an_ideal_source_draws_nothing() -> None:
     nothing = PhotonRandom(NoDraws(), (7, 0, 0), "source", COUNT)
-    assert emit(PairSource(), nothing) == Emission(None, None, None, True)
+    assert emit(PairSource(), nothing) == Emission(None, None, None)
 
 
 @pytest.mark.parametrize("fidelity", [0.25, 0.9, 0.999])

@@ -143,7 +143,11 @@ def record_run(folder: Path, captured: bool = True, delivered: bool = True) -> P
         "file": str(folder / "message"),
         "captures": [],
         "backend": "chp",
-        "exact": True,
+        "exact": False,
+        "approximations": [
+            {"name": "one thing", "most": 0.19471},
+            {"name": "another", "most": None},
+        ],
         "network": NETWORK.to_dict(),
         "asking": done,
         "asked": {"confusion": CONFUSION},

@@ -65,6 +65,14 @@ def test_a_person_is_told_what_was_lost_and_what_was_missed(tmp_path: Path) -> N
     } <= set(lines)
 
 
+def test_a_person_is_told_what_is_approximated_and_by_how_much(tmp_path: Path) -> None:
+    met = [{"name": "one thing", "most": 0.19471}, {"name": "another", "most": None}]
+    words = "one thing: a probability is wrong by 0.19 at most; another: size not known"
+    lines = shown(tmp_path, exact=False, approximations=met)
+    assert {"quantum states chp, with approximations", f"approximated {words}"} <= set(lines)
+    assert not [line for line in shown(tmp_path) if line.startswith("approximated")]
+
+
 @pytest.mark.parametrize("received", [None, b"two bit!", b"two bits "])
 def test_a_person_is_told_what_was_not_delivered(tmp_path: Path, received: bytes | None) -> None:
     assert "message 8 bytes, NOT DELIVERED" in shown(tmp_path, received=received)

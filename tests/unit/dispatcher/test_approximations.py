@@ -1,0 +1,106 @@
+"""Sizes of approximations, held against the differences of density matrices themselves."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import uvloop
+from dispatcher_network import Bench, JumpingClock, block, configuration, running
+from numpy.typing import NDArray
+
+from dispatcher.approximations import (
+    EXACT,
+    RELAXATION,
+    TURN,
+    UNEQUAL_ARMS,
+    approximation,
+    twirled_phase,
+    twirled_turn,
+)
+from dispatcher.devices.heralding import Arm, single_click
+from wire.dispatcher_pb2 import CreateRequest, StoreRequest
+from wire.parameters.physics import Device, Memory
+
+Matrix = NDArray[np.complex128]
+PAULIS: list[Matrix] = [
+    np.eye(2, dtype=np.complex128),
+    np.array([[0, 1], [1, 0]], dtype=np.complex128),
+    np.array([[0, -1j], [1j, 0]], dtype=np.complex128),
+    np.array([[1, 0], [0, -1]], dtype=np.complex128),
+]
+
+
+def furthest(quaternion: NDArray[np.float64]) -> float:
+    """Return the largest trace distance of a turned state from that which its Paulis make."""
+    turn = sum(
+        (part * (1 if not n else -1j) * PAULIS[n] for n, part in enumerate(quaternion)),
+        np.zeros((2, 2), np.complex128),
+    )
+    most = 0.0
+    for theta in np.linspace(0, np.pi, 41):
+        for phi in np.linspace(0, 2 * np.pi, 81):
+            state = np.array([np.cos(theta / 2), np.exp(1j * phi) * np.sin(theta / 2)])
+            pure = np.outer(state, state.conj())
+            mixed = sum(
+                part**2 * pauli @ pure @ pauli.conj().T
+                for part, pauli in zip(quaternion, PAULIS, strict=True)
+            )
+            apart = np.linalg.eigvalsh(turn @ pure @ turn.conj().T - mixed)
+            most = max(most, float(np.abs(apart).sum()) / 2)
+    return most
+
+
+@pytest.mark.parametrize("angle_rad", [0.1, 0.4, 1.2, np.pi / 2])
+def test_flips_for_a_phase_are_wrong_by_half_the_sine_of_its_angle(angle_rad: float) -> None:
+    turned = np.array([np.cos(angle_rad / 2), 0, 0, np.sin(angle_rad / 2)])
+    ((_name, size),) = twirled_phase(angle_rad).sizes.items()
+    assert size == pytest.approx(furthest(turned), rel=2e-3)
+
+
+def test_no_state_is_further_from_its_twirled_turn_than_is_said() -> None:
+    generator = np.random.default_rng(1)
+    for _ in range(12):
+        turned = generator.standard_normal(4)
+        turned /= np.linalg.norm(turned)
+        size = twirled_turn(turned[None]).sizes[TURN]
+        assert size is not None
+        assert furthest(turned) <= size <= 0.75
+
+
+def test_the_largest_of_a_kind_is_kept_and_what_is_not_known_stays_so() -> None:
+    small, large, unknown = (approximation("it", most) for most in (0.1, 0.2, None))
+    assert (small | large | EXACT | small).sizes == {"it": 0.2}
+    assert (large | unknown | large).sizes == {"it": None}
+    assert not EXACT
+
+
+def test_relaxation_by_paulis_is_wrong_by_half_of_what_has_relaxed(tmp_path: Path) -> None:
+    """|1> after .3 T1 is |1> with e^-.3, twirled with (1 + e^-.3) / 2: half of what has relaxed."""
+
+    async def inside() -> None:
+        clock = JumpingClock()
+        device = Device(memory=Memory(t1_s=1.0, t2_s=2.0))
+        config = configuration(tmp_path, devices={"alice": device})
+        async with running(config, clock) as bench:
+            await wait_and_measure(bench, clock)
+            status = await bench.runner.status()
+            (met,) = status.approximations
+            assert met.name == RELAXATION
+            assert met.most == pytest.approx((1 - np.exp(-0.3)) / 2)
+
+    uvloop.run(inside())
+
+
+async def wait_and_measure(bench: Bench, clock: JumpingClock) -> None:
+    await bench.alice.create(10, state=CreateRequest.ZEROS)
+    await bench.alice.feedback("Store", StoreRequest(block=block(0)))
+    clock.time_ns += 3 * 10**8
+    await bench.alice.measure(block(0))
+
+
+def test_unequal_arms_herald_a_qubit_that_is_rather_in_one_state() -> None:
+    """sqrt(.8) |01> + sqrt(.2) |10>: either qubit is .3 away from one half."""
+    arms = Arm(0.4, 0.01), Arm(0.1, 0.01)
+    assert single_click(arms, 0.0, 1.0).unequal == pytest.approx(0.3)
+    assert single_click((arms[0], arms[0]), 0.0, 1.0).unequal == 0
+    assert approximation(UNEQUAL_ARMS, 0.3)
