@@ -280,8 +280,8 @@ class Qnic(Protocol):
     async def outcomes(self, block: BlockName, bases: Symbols) -> Outcomes:
         """Measure photons as `measure` does; also say when."""
 
-    async def measure_along(self, block: BlockName, directions: Directions) -> Symbols:
-        """Turn photons at this host so that their directions become |0>, and measure them.
+    async def measure_along(self, block: BlockName, directions: Directions) -> Outcomes:
+        """Turn photons at this host so that their directions become |0>; measure them, say when.
 
         Return 0 for one found in its direction and 1 for the opposite, 255 where no detector
         clicked; the photons are used up.

@@ -344,14 +344,15 @@ class SimulatedQnic:
         (feedback,) = await self._orders.perform(Step(measure=_measure(_named(block), bases)))
         return Outcomes(_outcomes(feedback), feedback.time_ns)
 
-    async def measure_along(self, block: BlockName, directions: Directions) -> Symbols:
-        """Measure photons at this host, each along a direction."""
+    async def measure_along(self, block: BlockName, directions: Directions) -> Outcomes:
+        """Measure photons at this host, each along a direction; also say when."""
         theta, phi = -directions.theta_rad, -directions.phi_rad
         turns = [Gate(name=Gate.RZ, angles_rad=phi), Gate(name=Gate.RY, angles_rad=theta)]
         apply = ApplyRequest(block=_named(block), gates=turns)
         measure = MeasureRequest(block=_named(block), basis=MeasureRequest.Z)
         feedbacks = await self._orders.perform(Step(apply=apply), Step(measure=measure))
-        return np.frombuffer(feedbacks[-1].outcomes, dtype=np.uint8)
+        found = np.frombuffer(feedbacks[-1].outcomes, dtype=np.uint8)
+        return Outcomes(found, feedbacks[-1].time_ns)
 
     async def sense(self, block: BlockName) -> None:
         """Let photons at this host take the phase of its sensor."""

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hosts.hardware.qnic import BlockName, Qnic, Symbols
+from hosts.hardware.qnic import BlockName, Outcomes, Qnic, Symbols
 from hosts.middleware.services.teleportation import qubit_states
 from hosts.middleware.services.teleportation.protocol import (
     Correct,
@@ -100,12 +100,12 @@ async def _receive_block(end: AcceptorEnd, receiver: Receiver, number: int, size
         light.cancel()
     there, waited_us, found = bool(stored.arrived.any()), 0, None
     if there:
-        corrected_ns = await end.qnic.apply(name, correct.operators)
-        waited_us = (corrected_ns - stored.since_ns) // 1000
+        await end.qnic.apply(name, correct.operators)
     look = await _next_order(end, receiver)
     assert isinstance(look, Look)
     if there:
-        found = await _measure(end.qnic, name, look.states)
+        told = await _measure(end.qnic, name, look.states)
+        found, waited_us = told.outcomes, (told.time_ns - stored.since_ns) // 1000
     return receiver.measured(found, waited_us)
 
 
@@ -116,11 +116,12 @@ async def _next_order(end: AcceptorEnd, receiver: Receiver) -> Correct | Look:
             return order
 
 
-async def _measure(qnic: Qnic, name: BlockName, states: States) -> Symbols:
+async def _measure(qnic: Qnic, name: BlockName, states: States) -> Outcomes:
     """Measure each qubit for its state: 0 as it should be, 1 orthogonal to it, 255 no click."""
     if isinstance(states, Cardinal):
-        found = await qnic.measure(name, states.bases)
-        return np.where(found <= 1, found ^ states.bits, NO_COINCIDENCE).astype(np.uint8)
+        told = await qnic.outcomes(name, states.bases)
+        agrees = np.where(told.outcomes <= 1, told.outcomes ^ states.bits, NO_COINCIDENCE)
+        return Outcomes(agrees.astype(np.uint8), told.time_ns)
     return await qnic.measure_along(name, states.directions)
 
 
