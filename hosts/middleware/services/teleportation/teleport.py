@@ -98,13 +98,12 @@ async def _receive_block(end: AcceptorEnd, receiver: Receiver, number: int, size
         stored = await end.stored(light, size)
     finally:
         light.cancel()
-    there, waited_us, found = bool(stored.arrived.any()), 0, None
-    if there:
-        await end.qnic.apply(name, correct.operators)
+    waited_us, found = 0, None
     look = await _next_order(end, receiver)
     assert isinstance(look, Look)
-    if there:
-        told = await _measure(end.qnic, name, look.states)
+    if stored.arrived.any():
+        # In one order: what is corrected is measured at once.
+        told = await _measure(end.qnic, name, correct.operators, look.states)
         found, waited_us = told.outcomes, (told.time_ns - stored.since_ns) // 1000
     return receiver.measured(found, waited_us)
 
@@ -116,13 +115,13 @@ async def _next_order(end: AcceptorEnd, receiver: Receiver) -> Correct | Look:
             return order
 
 
-async def _measure(qnic: Qnic, name: BlockName, states: States) -> Outcomes:
-    """Measure each qubit for its state: 0 as it should be, 1 orthogonal to it, 255 no click."""
+async def _measure(qnic: Qnic, name: BlockName, operators: Symbols, states: States) -> Outcomes:
+    """Correct each qubit and measure its state: 0 as it should be, 1 orthogonal, 255 no click."""
     if isinstance(states, Cardinal):
-        told = await qnic.outcomes(name, states.bases)
+        told = await qnic.outcomes(name, states.bases, operators)
         agrees = np.where(told.outcomes <= 1, told.outcomes ^ states.bits, NO_COINCIDENCE)
         return Outcomes(agrees.astype(np.uint8), told.time_ns)
-    return await qnic.measure_along(name, states.directions)
+    return await qnic.measure_along(name, states.directions, operators)
 
 
 KIND = ServiceKind(Service.TELEPORT, TeleportOptions, teleport, receive)
