@@ -96,7 +96,7 @@ unit: setup browser notebooks ## Run the unit tests (no root)
 emulation: setup strongswan q0-programs browser notebooks ## Run the emulation tests (root, Open vSwitch)
 	@$(call in_folder,$(AS_ROOT),$(APART) tests/emulation)
 
-chaos: setup ## Strike runs at random for MINUTES (3), from SEED (1): nothing may hang or stay
+chaos: setup ## Strike runs at random for MINUTES (3), from SEED (1): nothing may hang, lie or stay
 	$(AS_ROOT) $(PYTHON) tests/chaos --minutes $(or $(MINUTES),3) --seed $(or $(SEED),1) \
 	    $(if $(STRIKES),--strikes $(STRIKES)) $(if $(STANDING),--standing)
 

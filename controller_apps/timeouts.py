@@ -19,6 +19,7 @@ SWITCH_GRACE_S = 10.0  # for a switch whose agent is started again
 COUNTING_S = 1.2  # until a switch has counted what has passed; Open vSwitch does it twice a second
 DISCOVERY_S = 5.0  # until switches, fibres and hosts are known again
 HELD_UP_S = 10.0  # hosts wait so long for the answer to a set-up message
+ASKED_S = 2 * HELD_UP_S  # that a session is asked for, which then is left to its silence
 
 # Fibres
 LINK_PERIOD_S = 2.0  # between two announcements of a port
@@ -28,6 +29,7 @@ LINK_TTL_S = 120  # until who hears an announcement may forget it
 
 # Hosts' devices
 SET_TIMEOUT_S = 3.0  # until a node has changed a setting
+SILENT_S = 4.0  # without a word of a host: its links carry no relays
 DEVICE_TICK_S = 0.1  # between two looks at who must be asked again
 
 # Console

@@ -8,7 +8,7 @@ from typing import TextIO
 from dispatcher.clock import Clock
 from dispatcher.devices.hardware import Devices
 from dispatcher.layer import freed_memory
-from dispatcher.layer.history import MOST_EVENTS, WRITING_DELAY_S, EventCapture, History
+from dispatcher.layer.history import MOST_EVENTS, EventCapture, History
 from dispatcher.layer.journal import Journal
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.memory import Memories
@@ -23,6 +23,7 @@ from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.manager import Sabot
 from dispatcher.sabot.remote.client import RemoteSabot
 from dispatcher.sabot.simulation import Simulation
+from dispatcher.timeouts import WRITING_DELAY_S
 from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_service import RUNNER
 

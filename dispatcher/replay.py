@@ -145,6 +145,8 @@ def _stretches(entries: Iterator[Entry], turns: Turns) -> Iterator[Entry]:
     """Yield what begins each stretch, when the times that it reads are known."""
     begin: Entry | None = None
     for entry in chain(entries, (None,)):
+        if entry is not None and entry.HasField("ended"):
+            return  # without the last stretch, of which times may be missing
         if entry is not None and entry.HasField("clock"):
             turns.add_time(entry.clock.request, entry.clock.time_ns)
             continue

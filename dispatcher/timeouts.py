@@ -12,6 +12,9 @@ MAX_TIMEOUT_S = 60.0  # that a request may wait for light
 MAX_PAUSE_S = 1.0  # between two messages to a watcher
 RECEIVE_TIMEOUT_S = 1.0  # not needed: the light is there
 
+# Events
+WRITING_DELAY_S = 0.01  # that they are gathered for before they are written
+
 # Simulator in a process of its own
 SIMULATION_TIMEOUT_S = 60.0  # the largest blocks take seconds
 SIMULATOR_STOP_GRACE_S = 0.2  # as STOP_GRACE_S

@@ -142,13 +142,13 @@ class NodeAgent(asyncio.DatagramProtocol):
         self._changed.set()
 
     def _look(self) -> None:
-        """Report if something has changed or alarms, or if nobody asks; tell new figures."""
+        """Report if something has changed or alarms, or if nobody asks; tell new estimates."""
         now, report = time.monotonic(), self._device.report()
         alone = now > self._alone_s
         if changed(self._last, report) or alone or self._alarms(report, now - self._period_s):
             self._report()
-        for figure in self._device.new_figures():
-            self._send(figure)
+        for estimate in self._device.new_estimates():
+            self._send(estimate)
 
     async def _pause(self) -> None:
         """Wait for the next look: for that of a device at work, or until something happens.

@@ -212,7 +212,7 @@ class Stack:
                 known = self._resources.distinguishable_states
                 await end.perform(make_pairs(end.side, self.device.made, known))
             finally:
-                self._light.let_go()
+                self._light.free()
                 await release(qnic, setup.session)
 
     @contextmanager
@@ -247,10 +247,10 @@ class Stack:
             if session.answer is not None:
                 await incoming.ready(session.summary, session.answer)
             await session.ended()
-            self._light.let_go()  # before the application asks for some itself
+            self._light.free()  # before the application asks for some itself
             await incoming.finish(session.summary)
         except BaseException as error:  # whatever it is, the application must hear of it
-            self._light.let_go()
+            self._light.free()
             await incoming.fail(error)
             raise
         session.confirm()

@@ -19,6 +19,7 @@ TRY_TIMEOUT_S = 15.0  # for a command by which `qmn doctor` tries the machine
 # Sweeps
 CLUSTER_TIMEOUT_S = 10.0  # until a Dask scheduler answers
 NO_WORKER_TIMEOUT_S = 30.0  # that it may have no worker
+EMULATED_READY_S = 10.0  # until a program that only a sweep has is ready
 SWEEP_POLL_S = 0.1  # between two looks whether the sweep shall end
 
 # Labs
@@ -54,3 +55,6 @@ LIVE_DEVICES_S = 1.0  # between two questions about devices and sessions
 LIVE_ACT_S = 60.0  # for a command that a page asks for
 LIVE_START_S = 60.0  # until the page of a run can be opened
 LIVE_LAST_S = 1.0  # for the last words to those who read
+# Of a packet and its answer, by the wall, where a time scale is chosen. TCP's timers are the
+# kernel's: it sends a handshake again after 1, 3, 7, 15 and 31 s, and gives up after two minutes.
+MOST_ROUND_TRIP_S = 30.0

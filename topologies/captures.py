@@ -1,9 +1,13 @@
 """The packet captures of a network: one tcpdump for each interface, started and ended together."""
 
 import re
+import signal
 import time
 from io import BytesIO
 from pathlib import Path
+from threading import Lock
+
+from mininet.log import warn
 
 from topologies import openvswitch
 from topologies.machines.machine import Machine
@@ -32,10 +36,12 @@ class Captures:
     def __init__(self, network: Runtime) -> None:
         self._network = network
         self._files: dict[Program, Path] = {}  # of those that run
-        self._elsewhere: dict[Program, tuple[Machine, Path]] = {}  # and their files there
+        self._elsewhere: dict[Program, tuple[Machine, Path, Path]] = {}  # files there and here
         self._starting: list[Program] = []
         self.packet_bytes = MAX_PACKET_BYTES  # that those which begin take at most
         self.packets_missed = 0  # by captures that have ended
+        self.full: list[str] = []  # files that have ended before the network, as they were too long
+        self._bounding = Lock()
 
     @property
     def programs(self) -> list[Program]:
@@ -63,11 +69,27 @@ class Captures:
         file = self._network.private_file(f"{interface}.pcap")
         there = self._network.folder / file.name
         program = Program(f"tcpdump-{interface}", self._network.folder / f"tcpdump-{interface}.log")
-        self._files[program], self._elsewhere[program] = file, (machine, there)
+        self._files[program], self._elsewhere[program] = file, (machine, there, file)
         self._starting.append(program)
-        command = capture_command(interface, there, self.packet_bytes)
+        # Nobody there looks how long it is: the kernel ends it.
+        limit = ["prlimit", "--core=0", f"--fsize={self._network.settings.file_bytes}"]
+        command = [*limit, *capture_command(interface, there, self.packet_bytes)]
         program.start_elsewhere(machine, command, pid, python=False)
         return file
+
+    def bound(self) -> None:
+        """End captures whose files have become too long, and say so; all others go on."""
+        most_bytes = self._network.settings.file_bytes
+        with self._bounding:
+            for program, file in list(self._files.items()):
+                there = program in self._elsewhere and program.status == -signal.SIGXFSZ
+                if there or file.stat().st_size >= most_bytes:
+                    del self._files[program]  # nobody shall think that it has died
+                    self.full.append(file.name)
+                    gib = self._network.settings.file_gib
+                    warn(f"{file.name} has {gib:g} GiB: no more is captured there (--file-gib)\n")
+                    program.stop()
+                    self._count_missed(program)
 
     def wait(self) -> None:
         """Return when all that were begun do capture."""
@@ -81,22 +103,26 @@ class Captures:
         while (sizes := self._sizes()) != before and time.monotonic() < deadline:
             before = sizes
             time.sleep(POLL_S)
-        try:
-            stop_all(self.programs)
-        finally:
-            for program in self._files:
-                said = program.log.read_text(errors="replace")
-                self.packets_missed += packets_missed(said)
-            self._bring_back()
-            self._files.clear()
+        self.bound()
+        with self._bounding:
+            try:
+                stop_all(self.programs)
+            finally:
+                for program in self._files:
+                    self._count_missed(program)
+                self._bring_back()
+                self._files.clear()
+
+    def _count_missed(self, program: Program) -> None:
+        self.packets_missed += packets_missed(program.log.read_text(errors="replace"))
 
     def _bring_back(self) -> None:
         """Write here what was captured on other machines, by the clock of this one."""
-        for program, (machine, there) in self._elsewhere.items():
+        for machine, there, here in self._elsewhere.values():
             if machine.lost or (data := machine.get(there)) is None:
                 continue
             ahead_ns = round(1e9 * machine.clock_offset().offset_s)
-            with self._files[program].open("wb") as file:
+            with here.open("wb") as file:
                 with_clock(BytesIO(data), file, ahead_ns)
         self._elsewhere.clear()
 

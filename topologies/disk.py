@@ -1,7 +1,8 @@
 """Room on the disk: what a run writes is bounded, also by those who flood it with messages.
 
 A program's log keeps its newest lines, at most LOG_BYTES twice: in the log, and before that in
-<log>.1. Where the disk of the run's folder is nearly full, the run ends before it is.
+<log>.1. A capture that has become too long ends. Where the disk of the run's folder is
+nearly full, the run ends before it is.
 """
 
 import shutil
@@ -20,9 +21,16 @@ RESERVE_BYTES = 1 << 30  # that stay free, or a hundredth of a disk that is smal
 class DiskKeeper:
     """Looks at logs and disk once a second, also while a person thinks at the keyboard."""
 
-    def __init__(self, folder: Path, programs: Callable[[], Iterable[Program]]) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        programs: Callable[[], Iterable[Program]],
+        bound: Callable[[], None] = lambda: None,
+    ) -> None:
+        """`bound` is called to end other files that have become too long."""
         self._folder = folder
         self._programs = programs
+        self._bound = bound
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._watch, daemon=True)
         self._full = ""
@@ -43,6 +51,7 @@ class DiskKeeper:
         """Cut logs that have become long, and note if the disk is nearly full."""
         for program in list(self._programs()):
             program.cut_log(LOG_BYTES)
+        self._bound()
         self._full = nearly_full(self._folder)
 
     def check(self) -> None:

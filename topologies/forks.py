@@ -15,7 +15,7 @@ from typing import Any
 
 from topologies import fork_server
 from topologies.owners import mark
-from topologies.programs import ROOT, NetworkError, Program, python
+from topologies.programs import ENVIRONMENT, ROOT, NetworkError, Program, python
 from topologies.timeouts import END_TIMEOUT_S, FORK_TIMEOUT_S, FORK_WAITS, POLL_S
 
 MODULES = (
@@ -74,7 +74,8 @@ class Forked:
 class ForkServer:
     """Has the modules loaded that programs of a network are made of, and forks them off.
 
-    It loads them itself, unless this process has: then it is forked off this one.
+    It is a program that loads them, but for one that is forked off this process, as that has loaded
+    much of it already.
     """
 
     def __init__(self, program: Program, modules: Sequence[str] = MODULES) -> None:
@@ -86,7 +87,7 @@ class ForkServer:
         self._channel.settimeout(FORK_TIMEOUT_S)
         command = [python(), "-m", SERVER, str(theirs.fileno()), ",".join(modules), PADDING]
         with theirs:
-            this = ThisProcess() if has_loaded(modules) else None
+            this = ThisProcess() if may_fork(modules) else None
             program.start(command, descriptors=[theirs.fileno()], forks=this)
 
     def close(self) -> None:
@@ -159,7 +160,7 @@ class ForkServer:
 
 
 class ThisProcess:
-    """Forks a fork server off this process, which another has forked off: all is loaded here."""
+    """Forks a fork server off this process: what this has loaded is there then."""
 
     def serves(self, command: Sequence[str]) -> bool:
         """Whether a command starts a fork server."""
@@ -198,10 +199,18 @@ def request(
     }
 
 
-def has_loaded(modules: Sequence[str]) -> bool:
-    """Whether this process has imported all of these programs, and may fork: it has one thread."""
+def may_fork(modules: Sequence[str]) -> bool:
+    """Whether a server can be forked off this process: it has one thread, and has loaded much.
+
+    And it was started in the same environment as programs are, which C libraries read only then. So
+    have `qmn` itself and its points of sweeps, and what another has forked off; scripts of
+    others are left alone.
+    """
+    main = getattr(sys.modules["__main__"], "__spec__", None)
+    is_qmn = main is not None and main.name.startswith("qmn.")
     imported = all(fork_server.runnable(name) in sys.modules for name in modules)
-    return imported and fork_server.threads() == 1
+    alike = os.environ.items() >= ENVIRONMENT.items()
+    return (imported or (is_qmn and alike)) and fork_server.threads() == 1
 
 
 def adopt_orphans(yes: bool) -> None:

@@ -81,6 +81,7 @@ def start_key_managers(network: Network, service: KeyService) -> KeyManagers:
             authority=str(folder / AUTHORITY),
             keys_per_s=service.keys_per_s,
             withhold=service.withhold,
+            key_log=str(runtime.private_file(f"{names[host]}.keys")),
             report_to=broadcast(runtime.addresses.values(), runtime.prefix_length),
             device_key=runtime.device_key(host),
             links=links_of(host, service),

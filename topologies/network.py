@@ -24,7 +24,7 @@ from topologies.machines.errand import Errand
 from topologies.machines.node import NodeElsewhere
 from topologies.management import bridge_of
 from topologies.memory_share import groups_of_gone
-from topologies.nodes import QuantumController
+from topologies.nodes import DispatcherHost, OpticalSwitch, QuantumController, QuantumHost
 from topologies.nodes.copper import COPPER
 from topologies.nodes.stations import is_copper_switch
 from topologies.owners import Owner
@@ -43,10 +43,13 @@ from topologies.timeouts import (
     STOPPED_LOOK_S,
     STOPPED_TIMEOUT_S,
 )
+from topologies.tls import OPEN_VSWITCH, OPERATOR
 from wire.config import BadConfig
 from wire.parameters.physics import BadParameter
 
 MOST_FILES = 65_536
+CERTIFIED = QuantumHost, DispatcherHost, OpticalSwitch
+FIRST_CONTROLLER = "c0"  # Mininet's name of it
 SWITCHES = "switches"  # file in the private folder: what this run has made or will make
 
 
@@ -117,7 +120,7 @@ class Network:
         else:
             openvswitch.start(self.runtime.name)
         self._disk = self._cleanup.enter_context(
-            DiskKeeper(self.runtime.logs, lambda: self.runtime.programs)
+            DiskKeeper(self.runtime.logs, lambda: self.runtime.programs, self.captures.bound)
         )
         sweep()
         openvswitch.revive_if_ours(self.runtime.name)  # it may have ended with what was left
@@ -129,6 +132,7 @@ class Network:
         assign_copper_lengths(topo, settings.copper_km, settings.copper_mbps)
         place(topo, self.runtime.places)
         refuse_taken_names(topo)
+        require_certificates(topo, self.runtime)
         (self.runtime.folder / SWITCHES).write_text("\n".join(topo.switches()))
         # Mininet would raise kernel limits for the whole machine, which is not ours to change.
         Mininet.inited = True
@@ -280,6 +284,7 @@ class Network:
             machine.check()
         openvswitch.require_alive(self._daemons)
         self._disk.check()
+        self.captures.bound()
         programs = (*self.runtime.programs, *self.captures.programs)
         if not all(program.running for program in programs):
             self._require_daemons_for(DAEMON_END_TIMEOUT_S)
@@ -395,6 +400,25 @@ def interfaces_of(switch: str) -> list[str]:
     """Return the interfaces on this machine that a switch of this name would have."""
     names = sorted(path.name for path in Path("/sys/class/net").iterdir())
     return [name for name in names if name == switch or name.startswith(f"{switch}-eth")]
+
+
+def require_certificates(topo: Topo, network: Runtime) -> None:
+    """Raise NetworkError if certificates are given and one of a program is missing or wrong."""
+    if not network.settings.tls_from:
+        return
+    kinds = {name: topo.nodeInfo(name).get("cls") for name in (*topo.hosts(), *topo.switches())}
+    names = [
+        name
+        for name, kind in kinds.items()
+        if isinstance(kind, type) and issubclass(kind, CERTIFIED)
+    ]
+    for name in (
+        *names,
+        OPEN_VSWITCH,
+        FIRST_CONTROLLER,
+        *([OPERATOR] if network.settings.gnmi else []),
+    ):
+        network.authority().check(name)
 
 
 def refuse_taken_names(topo: Topo) -> None:

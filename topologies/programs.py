@@ -17,17 +17,11 @@ from topologies.timeouts import POLL_S, STOP_TIMEOUT_S
 ROOT = Path(__file__).resolve().parent.parent
 ENVIRONMENT = {
     "PYTHONPATH": str(ROOT),
-    "PYTHONUNBUFFERED": "1",
-    # gRPC's older I/O engine: a small message takes it half the processor time.
-    "GRPC_EXPERIMENTS": "-event_engine_client,-event_engine_listener",
-    "GRPC_VERBOSITY": "ERROR",  # the last line of a log is to say what ended the program
-    # The C library keeps what a block has used for the next: giving it back and taking it again
-    # at each block cost hosts a third of their processor time. Threads share what is kept.
-    "MALLOC_ARENA_MAX": "1",
-    "MALLOC_TRIM_THRESHOLD_": str(256 << 20),
-    "MALLOC_MMAP_THRESHOLD_": str(32 << 20),  # the largest that it takes
-    # A process with threads cannot be forked; no program of ours multiplies large matrices.
-    "OPENBLAS_NUM_THREADS": "1",
+    **dict(
+        line.split("=", 1)
+        for line in (ROOT / "topologies" / "environment").read_text().splitlines()
+        if not line.startswith("#")
+    ),
 }
 # The kernel ends it with the runner; if that has ended before it asked for this, it ends itself.
 UNLESS_ORPHANED = '[ "$PPID" = "$0" ] && exec "$@"'

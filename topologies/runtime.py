@@ -31,7 +31,7 @@ from wire.parameters.network import NetworkSettings
 from wire.parameters.physics import Device
 
 if TYPE_CHECKING:
-    from topologies.certificates import CertificateAuthority
+    from topologies.certificates import CertificateAuthority, GivenCertificates
 
 RUNTIME_ROOT = Path("/run/qmn")
 DISPATCHER = "dispatcher"  # the program, and its socket
@@ -40,6 +40,7 @@ EPHEMERAL_PORTS = Path("/proc/sys/net/ipv4/ip_local_port_range")  # of connectio
 ATTEMPTS = 100
 CONSOLE = "console"  # the controller's socket
 REST_TOKEN = "rest-token"  # noqa: S105 (the name of a file in the private folder)
+RECORD = "dispatcher.record"  # what the dispatcher was asked
 EVENT_LOG = "quantum.log"  # what happened to the qubits, a line an event
 EVENT_CAPTURE = "quantum.pcapng"  # the same for Wireshark and qmn spy
 
@@ -81,7 +82,7 @@ class Runtime:
 
     def __post_init__(self) -> None:
         self._hosts_written, self._writing_hosts = 0, Lock()
-        self._authority: CertificateAuthority | None = None
+        self._authority: CertificateAuthority | GivenCertificates | None = None
         self.time = NetworkTime(self.time_scale, time.time_ns())
         self.name = str(this_process())
         self.folder = RUNTIME_ROOT / self.name
@@ -126,12 +127,17 @@ class Runtime:
         """Whether hosts reach the dispatcher by TLS; between machines they always do."""
         return self.settings.tls or bool(self.places)
 
-    def authority(self) -> "CertificateAuthority":
-        """Return who signs the certificates of this run's programs."""
+    def authority(self) -> "CertificateAuthority | GivenCertificates":
+        """Return who signs, or has, the certificates of this run's programs."""
         if self._authority is None:
-            from topologies.certificates import CertificateAuthority  # it takes a while to load
+            from topologies import certificates  # it takes a while to load
 
-            self._authority = CertificateAuthority(self.folder / "tls", f"qmn run {self.name}")
+            folder, given = self.folder / "tls", self.settings.tls_from
+            self._authority = (
+                certificates.GivenCertificates(folder, Path(given))
+                if given
+                else certificates.CertificateAuthority(folder, f"qmn run {self.name}")
+            )
         return self._authority
 
     def device_key(self, host: str) -> str:

@@ -25,6 +25,8 @@ IPERF_TIMEOUT_S = 10.0  # until iperf3 listens, and ends beyond the time that wa
 # Open vSwitch
 OPENVSWITCH_TIMEOUT_S = 30.0  # until it is there, or gone; also for many commands of ip(8) together
 OPENVSWITCH_LOOK_S = 0.5  # between two looks whether its daemons live, while a command waits
+VSCTL_ANSWER_S = 2  # whole ones, until ovs-vsctl says that no database answers
+OPENVSWITCH_COMMAND_TIMEOUT_S = 15.0  # until another command of Open vSwitch has ended
 VSCTL_TIMEOUT_S = 10.0  # until ovs-vsctl has ended
 INTERFACE_S = 0.1  # more, of each interface that it may add or take away: in quiet it takes 0.02 s
 VSCTL_GRACE_S = 5.0  # after the time-out of its own

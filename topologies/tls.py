@@ -11,6 +11,7 @@ from topologies.runtime import Runtime
 from wire.config import EntranceConfig
 from wire.credentials import Credentials
 
+KEY_LOGS = "*.keys"  # of OpenFlow, and of each key manager
 KEY_LOG = "openflow.keys"  # file beside the captures, by which Wireshark reads OpenFlow
 ENTRANCE = "c0-tls"  # the program
 OPERATOR = "operator"  # name in the certificate of who reads telemetry

@@ -20,7 +20,7 @@ def decode_json(data: bytes, most_bytes: int, most_depth: int) -> object:
             raise MalformedPacket(f"JSON is deeper than {most_depth} lists or objects")
         return json.loads(text, object_pairs_hook=_once_each, parse_constant=_refuse)
     except ValueError as error:  # of which UnicodeDecodeError is one
-        raise MalformedPacket(f"no JSON: {error}") from error
+        raise MalformedPacket(f"not JSON: {error}") from error
 
 
 def _depth(text: str) -> int:
@@ -39,4 +39,4 @@ def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _refuse(constant: str) -> NoReturn:
-    raise ValueError(f"{constant} is no JSON")
+    raise ValueError(f"{constant} is not JSON")

@@ -10,7 +10,7 @@ DeviceQuery, Subscribe, SetDevice ->
 SwapOrder, SealOrder, GiveBack,
 SessionQuery                      ->
                               <-  Answer to SetDevice, to orders and to SessionQuery
-                              <-  SessionFigure, on its own (wire.session_figures)
+                              <-  SessionEstimate, on its own (wire.session_estimates)
 
 Key managers speak by datagrams like these (wire.key_routes), from a port of their own.
 
@@ -40,7 +40,7 @@ from wire.metadata import (
 )
 from wire.padded_name import padded_name
 from wire.seal_orders import GiveBack, SealOrder
-from wire.session_figures import SessionFigure
+from wire.session_estimates import SessionEstimate
 
 DEVICE_PORT = 9012
 MAX_DATAGRAM = 1400  # never a fragment: switches do not see the ports of those
@@ -374,7 +374,7 @@ KINDS: dict[int, type[Message]] = {
         SealOrder,
         GiveBack,
         SessionQuery,
-        SessionFigure,
+        SessionEstimate,
         KeyLinks,
         KeyRouteRequest,
         KeyRoute,

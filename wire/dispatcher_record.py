@@ -2,12 +2,14 @@
 
 import struct
 from collections.abc import Iterator
+from os import SEEK_END
+from pathlib import Path
 from typing import BinaryIO
 
 from google.protobuf.message import DecodeError
 
 from wire.dispatcher_service import MAX_MESSAGE_BYTES
-from wire.record_pb2 import Entry
+from wire.record_pb2 import Ended, Entry
 
 MAGIC = b"qmn dispatcher record 1\n"
 LENGTH = struct.Struct("!I")
@@ -23,10 +25,33 @@ def begin(file: BinaryIO) -> None:
     file.write(MAGIC)
 
 
-def write(file: BinaryIO, entry: Entry) -> None:
-    """Append an entry."""
+def write(file: BinaryIO, entry: Entry) -> int:
+    """Append an entry; return its length in the file."""
+    data = _framed(entry)
+    file.write(data)
+    return len(data)
+
+
+def end(file: BinaryIO) -> None:
+    """Write what a record ends with that has become too long."""
+    file.write(ENDED)
+
+
+def has_ended(path: Path) -> bool:
+    """Return whether a record is there that has become too long."""
+    if not path.exists() or path.stat().st_size < len(ENDED):
+        return False
+    with path.open("rb") as file:
+        file.seek(-len(ENDED), SEEK_END)
+        return file.read() == ENDED
+
+
+def _framed(entry: Entry) -> bytes:
     content = entry.SerializeToString()
-    file.write(LENGTH.pack(len(content)) + content)
+    return LENGTH.pack(len(content)) + content
+
+
+ENDED = _framed(Entry(ended=Ended()))
 
 
 def read(file: BinaryIO) -> Iterator[Entry]:

@@ -179,7 +179,7 @@ def decode_id(text: object) -> UUID:
             return found
     except ValueError:
         pass
-    raise MalformedPacket(f"{str(text)[:MAX_NAME]!r} is no UUID")
+    raise MalformedPacket(f"{str(text)[:MAX_NAME]!r} is not a UUID")
 
 
 def decode_name(text: object) -> str:

@@ -49,6 +49,7 @@ class KeyManagerConfig(Config):
     # Whether no key goes out for a host while the last session with it had too many errors.
     withhold: bool = False
     report_to: str = ""  # IPv4 address to which what is for the controller goes; empty: no relays
+    key_log: str = ""  # path of a file of secrets for Wireshark; empty: none
     device_key: str = ""  # that the host shares with the controller
     links: list[KeyLink] = field(default_factory=list)
 

@@ -364,9 +364,9 @@ class Intensities(QkdMessage):
         """Raise MalformedPacket for fields that cannot be."""
         signal, weak, vacuum = self.means
         if not (0 <= vacuum < weak and weak + vacuum < signal <= MAX_MEAN):
-            raise MalformedPacket(f"Intensities: {self.means} are no signal and decoys")
+            raise MalformedPacket(f"Intensities: {self.means} are not a signal and decoys")
         if not all(0 < share < 1 for share in self.shares) or abs(sum(self.shares) - 1) > 1e-9:
-            raise MalformedPacket(f"Intensities: {self.shares} are no shares of the pulses")
+            raise MalformedPacket(f"Intensities: {self.shares} are not shares of the pulses")
         if any(byte & byte >> 1 & 0x55 for byte in self.levels):
             raise MalformedPacket("Intensities: a level is 3")
 

@@ -51,7 +51,7 @@ class SealOrder(Message):
         if opener == acceptor:
             raise MalformedPacket(f"SealOrder: {opener} is at both ends")
         if not all(isfinite(getattr(raw, name)) for name in CHANCES):
-            raise MalformedPacket(f"SealOrder of {raw.seal:016x}: a chance that is no number")
+            raise MalformedPacket(f"SealOrder of {raw.seal:016x}: a chance that is not a number")
         return replace(raw, opener=opener, acceptor=acceptor)
 
 

@@ -18,7 +18,7 @@ from typing import Any
 
 from controller_apps.apps.host_orders import (
     EventAlarm,
-    EventFigure,
+    EventEstimate,
     EventNodeAnswered,
     EventOrder,
     EventSealOver,
@@ -31,6 +31,8 @@ from controller_apps.console.questions import EventQuestion, Refused, reply
 from controller_apps.devices.device_view import host_view, switch_view
 from controller_apps.devices.hosts_state import Hosts, Place, Told
 from controller_apps.devices.switch_state import SwitchState
+from controller_apps.dropped_lines import DroppedLines
+from controller_apps.light.optics import SwitchPort
 from controller_apps.openflow import flow_entries
 from controller_apps.openflow.framework import (
     DEAD,
@@ -100,6 +102,7 @@ class DeviceMonitor(App):
         self._waiting: list[Waiting] = []
         self._orders = HostOrders()
         self._silent: set[str] = set()
+        self._dropped_lines = DroppedLines(self.logger)
 
     def start(self) -> Any:
         """Begin to handle events; called by the framework."""
@@ -115,6 +118,7 @@ class DeviceMonitor(App):
     def time_passed(self, event: Any) -> None:
         """Do what is due."""
         now = time.monotonic()
+        self._dropped_lines.time_passed(now)
         self._give_up_waiting(now)
         self._repeat_orders(self._now())
         for device in self._due(now):
@@ -228,7 +232,8 @@ class DeviceMonitor(App):
             )
             told = self.hosts.heard(datagram.payload, place, time.monotonic())
         except MalformedPacket as error:
-            self.logger.info("dropped: %s", error)
+            at = SwitchPort(message.datapath.id, message.match["in_port"])
+            self._dropped_lines.add(at, f"dropped: {error}", time.monotonic())
             return
         self._take_in(told)
 
@@ -242,8 +247,8 @@ class DeviceMonitor(App):
             self.logger.warning("%s: %s", host, told.answer.text)
             self._settle(host, Refused(f"{host}: {told.answer.text}"))
         state = self.hosts.states[host]
-        if told.figure is not None:
-            self.send_event(METADATA, EventFigure(host, state.place.address, told.figure))
+        if told.estimate is not None:
+            self.send_event(METADATA, EventEstimate(host, state.place.address, told.estimate))
             return
         if told.alarm:
             self.send_event(METADATA, EventAlarm(told.alarm, host, state.place.address))

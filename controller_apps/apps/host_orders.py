@@ -8,7 +8,7 @@ from controller_apps.sessions.actions import HostOrder, Order, SwapsOrdered
 from controller_apps.timeouts import NODE_TIMEOUT_S
 from wire.device import DeviceReport, SessionQuery, SwapOrder
 from wire.metadata import Reason
-from wire.session_figures import SessionFigure
+from wire.session_estimates import SessionEstimate
 
 AnyOrder = SwapOrder | HostOrder
 
@@ -57,10 +57,10 @@ class EventSealOver(Event):
         self.host, self.address, self.report = host, address, report
 
 
-class EventFigure(Event):
+class EventEstimate(Event):
     """A host has told what a session has found out about its light."""
 
-    def __init__(self, host: str, address: str, told: SessionFigure) -> None:
+    def __init__(self, host: str, address: str, told: SessionEstimate) -> None:
         super().__init__()
         self.host, self.address, self.told = host, address, told
 

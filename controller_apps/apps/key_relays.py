@@ -10,8 +10,10 @@ from typing import Any
 
 from controller_apps.console.questions import EventQuestion, Refused, reply
 from controller_apps.devices.hosts_state import Place
+from controller_apps.dropped_lines import DroppedLines
 from controller_apps.keys.key_network import KeyNetwork, NoRoute, Stores, stores_of
 from controller_apps.keys.view import PPM, keys_view
+from controller_apps.light.optics import SwitchPort
 from controller_apps.openflow import flow_entries
 from controller_apps.openflow.framework import DEAD, MAIN, App, ofp_event, ofproto, on
 from controller_apps.packets.datagrams import CONTROLLER_MAC, Frame
@@ -58,6 +60,7 @@ class KeyRelays(App):
         self.network = KeyNetwork(names, read_policy(config.policy))
         self._numbers: dict[str, int] = {}  # of the last datagram that was taken, by host
         self._number = 0
+        self._dropped_lines = DroppedLines(self.logger)
 
     @on(ofp_event.EventOFPStateChange, MAIN, DEAD)
     def switch_changed(self, event: Any) -> None:
@@ -85,9 +88,16 @@ class KeyRelays(App):
                 return  # of a node agent
             heard = self._open(message, datagram)
         except MalformedPacket as error:
-            self.logger.info("dropped: %s", error)
+            self._dropped(message, str(error))
             return
-        self._take_in(heard)
+        if isinstance(heard.message, KeyLinks | KeyRouteRequest):
+            self._take_in(heard)
+        else:
+            self._dropped(message, f"{type(heard.message).__name__} of a key manager")
+
+    def _dropped(self, message: Any, what: str) -> None:
+        at = SwitchPort(message.datapath.id, message.match["in_port"])
+        self._dropped_lines.add(at, f"dropped: {what}", time.monotonic())
 
     def _open(self, message: Any, frame: Frame) -> Heard:
         host = host_of(frame.payload)
@@ -110,8 +120,6 @@ class KeyRelays(App):
                 self._note_fill(address, before, now)
             case KeyRouteRequest() as request:
                 self._send(heard, self._answer(heard.host, address, request, now))
-            case other:
-                self.logger.info("dropped: %s of a key manager", type(other).__name__)
 
     def _note_fill(self, address: str, before: dict[str, Stores], now: float) -> None:
         """Record the links of a host whose stores have another fill than before."""

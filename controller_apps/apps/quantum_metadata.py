@@ -12,7 +12,7 @@ from typing import Any
 
 from controller_apps.apps.host_orders import (
     EventAlarm,
-    EventFigure,
+    EventEstimate,
     EventNodeAnswered,
     EventOrder,
     EventSealOver,
@@ -27,6 +27,7 @@ from controller_apps.console.views import (
     paths_view,
     sessions_view,
 )
+from controller_apps.dropped_lines import DroppedLines
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Network
 from controller_apps.openflow import flow_entries, optical_messages
@@ -81,9 +82,10 @@ from controller_apps.sessions.state_folder import StateFolder
 from controller_apps.timeouts import DISCOVERY_S, SESSION_TICK_S
 from wire.config import ControllerConfig
 from wire.metadata import MalformedPacket, Reason, Setup
-from wire.session_figures import Figure
+from wire.session_estimates import Quantity
 
 DEVICE_MONITOR = "DeviceMonitor"  # the app that speaks to the hosts
+NOWHERE = SwitchPort(0, 0)  # what nobody has sent
 
 
 class EventTick(Event):
@@ -137,6 +139,7 @@ class QuantumMetadata(App):
         self._follow_policy()
         self.packet_in_count = 0
         self.dropped: Counter[str] = Counter()
+        self._dropped_lines = DroppedLines(self.logger)
         self._xids = count(1)
         # By switch and xid: entries of unfinished replies, transactions of the arbiter.
         self._listed: dict[tuple[int, int], list[Any]] = {}
@@ -175,6 +178,7 @@ class QuantumMetadata(App):
     def time_passed(self, event: Any) -> None:
         """Do what is due."""
         self.fibers.time_passed(time.monotonic())
+        self._dropped_lines.time_passed(time.monotonic())
         self._keep_hosts()
         self._do(self.arbiter.tick(self._now()))
         self._do(self.idle.tick(self._now()))
@@ -296,16 +300,17 @@ class QuantumMetadata(App):
         dpid, in_port, frame = message.datapath.id, message.match["in_port"], bytes(message.data)
         if message.table_id == flow_entries.LEARNING_TABLE:
             return
+        at = SwitchPort(dpid, in_port)
         if dpid in self.quantum_switches:
-            self._fiber_spoke(SwitchPort(dpid, in_port), frame)
+            self._fiber_spoke(at, frame)
         elif is_tcp(frame):
-            self._do(self.arbiter.segment_arrived(dpid, in_port, frame, self._now()))
+            self._do(self.arbiter.segment_arrived(dpid, in_port, frame, self._now()), at)
 
     def _fiber_spoke(self, at: SwitchPort, frame: bytes) -> None:
         try:
             news = self.fibers.spoke(at, frame, time.monotonic())
         except MalformedPacket as error:
-            self._drop(Drop("lldp", f"switch {at.dpid:#x} port {at.port}: {error}"))
+            self._drop(Drop("lldp", str(error)), at)
             return
         if news:
             self._do(self.arbiter.network_changed(self._now()))
@@ -402,17 +407,17 @@ class QuantumMetadata(App):
             end=Reason(told.seal_end).name,
         )
 
-    @on(EventFigure)
-    def figure_told(self, event: Any) -> None:
+    @on(EventEstimate)
+    def estimate_told(self, event: Any) -> None:
         """Record what an end of a session has found out about its light."""
         told = event.told
         if not self.arbiter.sessions.is_end(told.about, event.address):
             return  # it says what it likes
         self.record.write(
-            "figure",
+            "estimate",
             session=f"{told.about:016x}",
             host=event.host,
-            figure=Figure(told.figure).name.lower(),
+            quantity=Quantity(told.quantity).name.lower(),
             **told.interval._asdict(),
         )
 
@@ -489,12 +494,13 @@ class QuantumMetadata(App):
         self._keep_hosts()
         self.record.write("stopped", packet_in_count=self.packet_in_count)
 
-    def _do(self, actions: list[Action]) -> None:
+    def _do(self, actions: list[Action], at: SwitchPort = NOWHERE) -> None:
+        """Do what the arbiter says, which a segment that has come at a port has made it say."""
         for action in actions:
             if isinstance(action, Note):
                 self._note(action)
             elif isinstance(action, Drop):
-                self._drop(action)
+                self._drop(action, at)
             elif isinstance(action, Keep):
                 self._keep_hosts()
                 self.state.keep_session(action.session, action.data)
@@ -544,7 +550,8 @@ class QuantumMetadata(App):
             fields["setup_ms"] = round(note.setup_ms, 4)
         if note.detail:
             fields["detail"] = note.detail
-        if note.event == "refused" and note.detail != Reason.BUSY.name:  # so hosts ask again
+        busy = note.detail.startswith(Reason.BUSY.name)  # so hosts ask again
+        if note.event == "refused" and not busy:
             self.logger.info("session %016x: refused, %s", note.session, note.detail)
         if note.event in ("granted", "moved"):
             self.seals.granted(self.arbiter.sessions.by_number.get(note.session))
@@ -554,8 +561,8 @@ class QuantumMetadata(App):
             self.seals.forget(note.session)
         self.record.write(note.event, **fields, packet_in_count=self.packet_in_count)
 
-    def _drop(self, drop: Drop) -> None:
+    def _drop(self, drop: Drop, at: SwitchPort) -> None:
         self.dropped[drop.cause] += 1
-        self.logger.info(
-            "dropped (%s, %d so far): %s", drop.cause, self.dropped[drop.cause], drop.detail
-        )
+        number, place = self.dropped[drop.cause], f"switch {at.dpid:#x} port {at.port}"
+        text = f"dropped ({drop.cause}, {number} so far): {place}: {drop.detail}"
+        self._dropped_lines.add(at, text, time.monotonic())

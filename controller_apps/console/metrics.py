@@ -22,11 +22,11 @@ from wire.prometheus.metrics import (
     END,
     MAX_HEAD_BYTES,
     SECONDS,
-    TIMEOUT_S,
     answer,
     inherited,
     unavailable,
 )
+from wire.timeouts import METRICS_TIMEOUT_S
 
 COUNTS = {
     "pairs_made": "Bell pairs that the host has made.",
@@ -136,7 +136,7 @@ class Metrics:
 
 def _head(connection: socket.socket) -> bytes:
     """Return what comes up to the end of a request's head, or more than fits."""
-    deadline, head = time.monotonic() + TIMEOUT_S, b""
+    deadline, head = time.monotonic() + METRICS_TIMEOUT_S, b""
     while END not in head and len(head) < MAX_HEAD_BYTES:
         connection.settimeout(max(deadline - time.monotonic(), 1e-3))
         data = connection.recv(MAX_HEAD_BYTES - len(head))

@@ -20,7 +20,7 @@ from wire.device import (
     open_sealed,
 )
 from wire.metadata import Answer, MalformedPacket, Message, Reason
-from wire.session_figures import SessionFigure
+from wire.session_estimates import SessionEstimate
 
 SILENT_AFTER = 3.5  # periods without a word
 
@@ -47,7 +47,7 @@ class HostState:
 
 @dataclass(frozen=True)
 class Told:
-    """What a datagram has told: what has changed, the answer to a request, or a figure."""
+    """What a datagram has told: what has changed, the answer to a request, or an estimate."""
 
     host: str
     changed: bool = False
@@ -55,7 +55,7 @@ class Told:
     alarm: int = 0  # the session of a seal that has found somebody since the last report
     sealed: bool = False  # whether another seal of this host is over since then
     answer: Answer | None = None
-    figure: SessionFigure | None = None
+    estimate: SessionEstimate | None = None
 
 
 @dataclass
@@ -84,11 +84,11 @@ class Hosts:
             alarm = message.alarm if message.alarm != before else 0
             sealed = message.seal not in (0, known.report.seal if known is not None else 0)
             return Told(host, changed, known is None, alarm, sealed)
-        if known is None or not isinstance(message, Answer | SessionFigure):
+        if known is None or not isinstance(message, Answer | SessionEstimate):
             raise MalformedPacket(f"{host} sent {type(message).__name__} unasked")
         known.number, known.heard, known.place = datagram.number, now, place
-        if isinstance(message, SessionFigure):
-            return Told(host, figure=message)
+        if isinstance(message, SessionEstimate):
+            return Told(host, estimate=message)
         if message.reason != Reason.OK:  # it will not: want what is
             self.wanted[host] = known.report.settings
         return Told(host, answer=message)

@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from controller_apps.policy.policy import Policy
+from controller_apps.timeouts import SILENT_S
 from wire.key_routes import MAX_HOPS, KeyRouteRequest, LinkState
 
-SILENT_S = 4.0  # without a word of a host: its links carry no relays
 MAX_APPLICATIONS = 4096  # the oldest is forgotten
 
 

@@ -250,7 +250,7 @@ class Policy:
         """Whether a host may relay keys of two others."""
         return any(each.covers(host, ends) for each in self.trusted)
 
-    def objection(self, request: SessionRequest, open_wishes: Iterable[SessionRequest]) -> str:
+    def objection(self, request: SessionRequest, open_requests: Iterable[SessionRequest]) -> str:
         """Return why a request is not allowed beside those already granted, "" if it is."""
         rule, name = self._rule(request)
         if rule is None:
@@ -259,7 +259,7 @@ class Policy:
             return f"{name} denies it"
         excess = rule.excess(request)
         if not excess and rule.max_sessions is not None:
-            count = sum(self._rule(other)[0] is rule for other in open_wishes)
+            count = sum(self._rule(other)[0] is rule for other in open_requests)
             if count >= rule.max_sessions:
                 excess = f"max_sessions is {rule.max_sessions}, and as many are open"
         return excess and f"{name}: {excess}"

@@ -88,8 +88,10 @@ def admit(
             return Admission(Reason.UNKNOWN_SESSION)
     elif not _has_its_whole(setup, five_tuple, sessions):
         return Admission(Reason.UNKNOWN_SESSION)
-    elif registered is not None or len(sessions.by_number) >= sessions.max_sessions:
+    elif registered is not None:
         return Admission(Reason.BUSY)
+    elif full := sessions.no_place(five_tuple.source):
+        return Admission(Reason.BUSY, detail=full)
     return find_light(setup, five_tuple, sessions, network, budget_mdb, taps)
 
 

@@ -12,11 +12,9 @@ from dataclasses import dataclass, field
 
 from controller_apps.sessions.actions import Action, Order
 from controller_apps.sessions.sessions import Session, Sessions
-from controller_apps.timeouts import HELD_UP_S, NODE_TIMEOUT_S
+from controller_apps.timeouts import ASKED_S, HELD_UP_S, NODE_TIMEOUT_S
 from wire.device import SessionQuery
 from wire.metadata import Reason
-
-ASKED_S = 2 * HELD_UP_S  # then a session is left to its silence
 
 
 @dataclass

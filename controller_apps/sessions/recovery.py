@@ -44,7 +44,7 @@ class Recovery:
         known = known or bool(session.requests.keys() & sessions.requests.keys())
         if known or taken or len(set(ways)) < len(ways):
             raise MalformedPacket(f"session {session.number:016x} is in the way of another")
-        session.kept, session.resumed, session.confirmed = True, now, False
+        session.saved, session.resumed, session.confirmed = True, now, False
         session.lost_since = now if session.paths else None
         sessions.by_number[session.number] = session
         sessions.requests.update(session.requests)

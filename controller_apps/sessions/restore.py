@@ -13,7 +13,7 @@ def take_over(state: StateFolder, arbiter: Arbiter, logger: Logger, now: float) 
 
     What cannot be read, or cannot be beside another session, is logged and dropped.
     """
-    if state.inherited:
+    if state.restored:
         arbiter.recovery.begun = now
     try:
         for at, host_port in decode_hosts(state.hosts()).items():

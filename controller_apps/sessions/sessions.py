@@ -28,7 +28,9 @@ from wire.optical import frequency_mhz
 MAX_SESSIONS = 4096
 MAX_REQUESTS = 4 * MAX_SESSIONS
 MAX_RETIRED = 1024
-MAX_OF_ONE = MAX_REQUESTS // 8  # requests of one opener: nobody keeps all others out
+# Of one opener: nobody keeps all others out.
+MAX_OF_ONE = MAX_REQUESTS // 8
+MAX_SESSIONS_OF_ONE = MAX_SESSIONS // 8
 
 
 class Stop(NamedTuple):
@@ -176,7 +178,7 @@ class Session:
     light_owner: FiveTuple | None = None  # whose connection keeps the paths open
     stranded: bool = False  # its light is lost, and there is no other way
     lost_since: float | None = None  # when a switch that it cannot do without has gone
-    kept: bool = False  # for another controller
+    saved: bool = False  # for another controller
     resumed: float | None = None  # when it was taken over from another controller; None: judged
     confirmed: bool = True  # by a switch, since it was taken over
     missing: tuple[Hop, ...] = ()  # that switches have lost, to be opened when it is confirmed
@@ -239,6 +241,7 @@ class Sessions:
     max_requests: int = MAX_REQUESTS
     max_retired: int = MAX_RETIRED
     max_of_one: int = MAX_OF_ONE
+    max_sessions_of_one: int = MAX_SESSIONS_OF_ONE
 
     def full(self, opener: str) -> bool:
         """Whether another request of an opener, by its address, has no place."""
@@ -247,6 +250,18 @@ class Sessions:
         if len(self.requests) < self.max_of_one:
             return False
         return sum(known.source == opener for known in self.requests) >= self.max_of_one
+
+    def no_place(self, opener: str) -> str:
+        """Return why another session of an opener, by its address, has no place; "" if it has."""
+        count = len(self.by_number)
+        if count >= self.max_sessions:
+            return f"{count} sessions are under way"
+        if count < self.max_sessions_of_one:
+            return ""
+        theirs = sum(session.owner.source == opener for session in self.by_number.values())
+        if theirs < self.max_sessions_of_one:
+            return ""
+        return f"{theirs} sessions of {opener} are under way, its share"
 
     def of(self, request: Request) -> Session | None:
         """Return the session that a request belongs to, None if it has none (any more)."""

@@ -29,7 +29,7 @@ class StateFolder:
             raise PermissionError(0, "it must be its owner's alone (chmod 700)", path)
 
     @property
-    def inherited(self) -> bool:
+    def restored(self) -> bool:
         """Whether another controller has been here before."""
         return self._folder is not None and (self._folder / HOSTS).exists()
 
@@ -56,7 +56,7 @@ class StateFolder:
 
     def hosts(self) -> bytes:
         """Return what was kept of the hosts."""
-        return self._read(self._folder / HOSTS) if self._folder and self.inherited else b""
+        return self._read(self._folder / HOSTS) if self._folder and self.restored else b""
 
     def _read(self, file: Path) -> bytes:
         with file.open("rb") as stream:

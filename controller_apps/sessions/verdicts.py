@@ -87,7 +87,7 @@ class Verdicts:
         if session.light_owner == request.five_tuple:
             actions += self.light.close(session)
         self.sessions.retire(request, now)
-        kept = [keep(session)] if session.kept and request.lasts else []
+        kept = [keep(session)] if session.saved and request.lasts else []
         return [*kept, *actions]
 
     def tear_down(self, session: Session, cause: str, now: float) -> list[Action]:
@@ -97,7 +97,7 @@ class Verdicts:
     def _end(self, session: Session, now: float) -> list[Action]:
         # Forgotten first: nothing may be opened again for what has ended.
         returns = returns_of(session, self.sessions)
-        forgotten = [Forget(session.number)] if session.kept else []
+        forgotten = [Forget(session.number)] if session.saved else []
         actions = [*forgotten, *self.light.close(session)]
         members = list(session.requests.values())
         self.sessions.remove(session)

@@ -25,7 +25,6 @@ MOST_AT_ONCE = 1_000  # told to a watcher in one message
 MOST_EVENTS = 32_000_000  # written of all: some 8 GB
 WATCHED_PHOTONS = 1_000  # of a block, for a watcher who asks for them
 ELSEWHERE = "dispatcher"
-WRITING_DELAY_S = 0.01
 MOST_UNWRITTEN = 1_000
 
 

@@ -8,7 +8,7 @@ left its memory.
 
 Who has asked for something before light comes has it done as it comes. What came before its host
 asked was in the memory meanwhile, stored or not, and so was what waited for light that a memory
-elsewhere has kept. Nobody hears a herald of it. A host without a memory lets it wait in a fibre
+elsewhere has kept. Nobody hears a herald of it. A host whose memory takes none lets it wait in a fibre
 that loses nothing: an approximation, as large as what the host's delay line would lose.
 """
 
@@ -31,7 +31,7 @@ from dispatcher.sabot.capacity import GateStep
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.registers import Mask, Register
 from dispatcher.sabot.simulation import Simulation
-from wire.features import STORE
+from wire.features import ABSORB, STORE
 from wire.parameters.fiber import SPEED_IN_FIBER_M_PER_S
 from wire.parameters.physics import BellAnalyser, Memory
 
@@ -73,6 +73,8 @@ class Memories:
 
     def _put(self, block: Block, stored: dict[Block, int]) -> str:
         hardware.require(self._devices, block.node, STORE)
+        if block.fibers_passed:
+            hardware.require(self._devices, block.node, ABSORB)
         self.require_capacity(block.node, block.register.remaining)
         memory = self._devices.of(block.node).memory
         wrong = herald.meet(self._sabot, self._draws, block, memory)
@@ -118,7 +120,9 @@ class Memories:
         """
         like = self._devices.of(block.node)
         memory, noise = like.memory, self._devices.noise(block.node, "memory")
-        if memory.capacity and memory.keeps and noise is None:
+        wanted = ABSORB if block.fibers_passed and not block.kept else STORE
+        can_keep = wanted in like.features
+        if can_keep and memory.keeps and noise is None:
             return None
         if block.is_new and block.retimed:  # prepared when it is wanted
             return None
@@ -128,7 +132,7 @@ class Memories:
         waits = _waits(block, until_ns, interval_ns)
         if waits.longest_s == 0:
             return None
-        if not memory.capacity:
+        if not can_keep:
             _wait_for_free(block, waits.longest_s, like.analyser)
             return None
         waited = (waits.of(np.arange(waits.qubits)) > 0).astype(np.float64)

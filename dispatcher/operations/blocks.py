@@ -121,7 +121,7 @@ class Operations:
         else:
             told = emit_prepared(blocks[0], states, levels, layer)
         if request.state != CreateRequest.ZEROS:
-            self._own_noise_of_source(blocks)
+            self._custom_noise_of_source(blocks)
         seconds = 0.0
         if request.state == CreateRequest.ZEROS:
             blocks[0].kept, seconds = True, layer.devices.of(node).gates.initialization_s
@@ -134,7 +134,7 @@ class Operations:
         layer.record(node, "create", blocks[0], detail=text, each=each)
         return imperfections.lasts(layer.feedback(blocks[0]), seconds, blocks)
 
-    def _own_noise_of_source(self, blocks: Sequence[Block]) -> None:
+    def _custom_noise_of_source(self, blocks: Sequence[Block]) -> None:
         """Let a model of the user's own say what is wrong with new pairs, at half 0, or photons."""
         layer, first = self._layer, blocks[0]
         own = layer.devices, layer.draws, first, "source", "source", "made"

@@ -29,7 +29,7 @@ def after_gate(layer: PhysicalLayer, block: Block, mask: Mask | None = None) -> 
     """Let noise follow a gate on the photons of a block, or those of a mask; return the errors."""
     met = block.register.present if mask is None else block.register.present & mask
     errors = _hit(layer, block, *_one_qubit_errors(layer, block, met))
-    _own_noise(layer, block, 1, met)
+    _custom_noise(layer, block, 1, met)
     return errors
 
 
@@ -45,7 +45,7 @@ def after_pair_gate(layer: PhysicalLayer, first: Block, second: Block) -> int:
     if layer.devices.noise(first.node, "gates") is not None:
         both = first.register.present & second.register.present
         for block in (first, second):
-            _own_noise(layer, block, 2, both)
+            _custom_noise(layer, block, 2, both)
     return errors.size
 
 
@@ -57,7 +57,7 @@ def before_bell_measurement(layer: PhysicalLayer, first: Block, second: Block) -
     return {"gate-errors": errors} if errors else {}
 
 
-def _own_noise(layer: PhysicalLayer, block: Block, qubits: int, met: Mask) -> None:
+def _custom_noise(layer: PhysicalLayer, block: Block, qubits: int, met: Mask) -> None:
     """Let a model of the user's own say what else a gate of so many qubits does to each."""
     if layer.devices.noise(block.node, "gates") is None:
         return

@@ -306,7 +306,9 @@ class Sabot:
     @staticmethod
     def _require_pair(first: Register, second: Register) -> None:
         if first is second or first.size != second.size:
-            raise ValueError(f"registers of {first.size} and {second.size} qubits are no pairs")
+            raise ValueError(
+                f"registers of {first.size} and {second.size} qubits do not make pairs"
+            )
 
 
 def _hide(outcomes: Bytes, seen: Mask) -> Bytes:

@@ -78,7 +78,7 @@ def options_of(text: str) -> dict[str, Any]:
     """Return the options that are given as JSON; raise ValueError for anything else."""
     options = json.loads(text)
     if not isinstance(options, dict):
-        raise TypeError("no JSON object")
+        raise TypeError("not a JSON object")
     return options
 
 

@@ -103,13 +103,13 @@ class Orders:
         return list(outcome.feedbacks)
 
     def chain(self) -> Chain:
-        """Return a new chain of orders, until it is let go."""
+        """Return a new chain of orders, until it is forgotten."""
         number = next(self._numbers)
         self._chains[number] = Chain(self, number)
         return self._chains[number]
 
-    def let_go(self, chain: Chain) -> None:
-        """Hear of a chain no more."""
+    def forget_chain(self, chain: Chain) -> None:
+        """Give a chain up: nothing is heard of it any more."""
         del self._chains[chain.number]
 
     async def perform_behind(self, number: int) -> None:

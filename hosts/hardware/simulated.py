@@ -216,7 +216,7 @@ class SimulatedQnic:
         try:
             return _coincidences(await self._orders.perform(*_detection(names, ports, timeout_s)))
         except NoLight:
-            await self._let_go(names)
+            await self._discard_blocks(names)
             raise
 
     async def prepare(
@@ -437,18 +437,18 @@ class SimulatedQnic:
                 stream.cancel()
 
     async def discard(self, session: int) -> None:
-        """Let go of all photons of a session."""
+        """Discard all photons of a session."""
         if session in self._begun:
-            self._orders.let_go(self._begun.pop(session))
+            self._orders.forget_chain(self._begun.pop(session))
         if session in self._standing:
             self._standing.pop(session).end()
         await self._orders.perform(Step(discard=DiscardRequest(session=session)))
 
     async def discard_block(self, session: int, number: int) -> None:
-        """Let go of what has come of both halves of a block."""
-        await self._let_go([_half(session, number, half) for half in (0, 1)])
+        """Discard what has come of both halves of a block."""
+        await self._discard_blocks([_half(session, number, half) for half in (0, 1)])
 
-    async def _let_go(self, names: Sequence[BlockId]) -> None:
+    async def _discard_blocks(self, names: Sequence[BlockId]) -> None:
         for name in names:
             with suppress(NotHere):
                 await self._orders.perform(Step(discard=DiscardRequest(block=name)))

@@ -10,7 +10,7 @@ from collections.abc import Callable, Set
 from contextlib import suppress
 from ipaddress import IPv4Address, IPv4Network, IPv6Address, ip_address
 
-from hosts.ip_over_light.outgoing import PORTS, Outgoing, Wishes
+from hosts.ip_over_light.outgoing import PORTS, Outgoing, WantedLight
 from hosts.ip_over_light.tun import Tun
 from hosts.quantum_socket import QuantumSocket
 from hosts.stack_socket import QuantumSocketError, StackEnded
@@ -37,7 +37,7 @@ class Interface:
         self._routers = {address.version: address for address in map(ip_address, routers)}
         self._network = IPv4Network((config.address, config.prefix_length), strict=False)
         self._listeners: list[QuantumSocket] = []
-        wishes = Wishes()
+        wanted_light = WantedLight()
         outgoing = [
             Outgoing(
                 config.stack,
@@ -46,7 +46,7 @@ class Interface:
                 config.idle_s,
                 config.patience_s,
                 self.refuse,
-                wishes,
+                wanted_light,
             )
             for neighbor in config.neighbors
         ]

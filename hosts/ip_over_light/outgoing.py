@@ -37,7 +37,7 @@ ATTEMPTS = 2  # of a batch whose session breaks: the other end may just have giv
 Refuse = Callable[[Packet, Unreachable], None]
 
 
-class Wishes:
+class WantedLight:
     """The hosts for which this one waits for light, which others of its sessions may have."""
 
     def __init__(self) -> None:
@@ -54,7 +54,7 @@ class Wishes:
             self._hosts.remove(host)
 
     def others_want(self, host: str) -> bool:
-        """Return whether there is a wish for another host."""
+        """Return whether light is wanted for another host."""
         return any(other != host for other in self._hosts)
 
 
@@ -69,7 +69,7 @@ class Outgoing:
         idle_s: float,
         patience_s: float,
         refuse: Refuse,
-        elsewhere: Wishes,
+        elsewhere: WantedLight,
     ) -> None:
         self.neighbor = neighbor
         self._elsewhere = elsewhere

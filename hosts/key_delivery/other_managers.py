@@ -22,8 +22,14 @@ LEAST = ssl.TLSVersion.TLSv1_2
 
 
 def serving(config: KeyManagerConfig) -> ssl.SSLContext:
-    """Return what serves with the manager's certificate, to callers that have one."""
-    return _own(ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), config)
+    """Return what serves with the manager's certificate, to callers that have one.
+
+    Into its key log go the secrets of its connections, by which Wireshark reads them.
+    """
+    context = _own(ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), config)
+    if config.key_log:
+        context.keylog_filename = config.key_log
+    return context
 
 
 def calling(config: KeyManagerConfig) -> ssl.SSLContext:

@@ -13,11 +13,11 @@ from typing import Any, Protocol, TypeVar
 from hosts.middleware.services.superdense.coding import CODES, NAMES
 from hosts.middleware.session.ends import Watched
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.figures import Figures, figures_of
+from hosts.middleware.session.estimates import Estimates, estimates_of
 from hosts.middleware.session.options import overridden
 from wire.device import DevicePort, DeviceReport, DeviceSettings, Subscribe
 from wire.metadata import Reason, Service, Setup
-from wire.session_figures import SessionFigure
+from wire.session_estimates import SessionEstimate
 
 log = logging.getLogger("device")
 
@@ -70,7 +70,7 @@ class Device:
     _ended: Counter[str] = field(default_factory=Counter)
     _in_use: dict[str, int] = field(default_factory=dict)
     _seal: dict[str, int] = field(default_factory=dict)  # the last one, as DeviceReport names it
-    _figures: Figures = field(default_factory=Figures)
+    _estimates: Estimates = field(default_factory=Estimates)
 
     @property
     def subscribed(self) -> bool:
@@ -136,7 +136,7 @@ class Device:
         finally:
             among.remove(session)
             self._ended.update(session.counts)
-            self._note_figures(session, over=True)
+            self._note_estimates(session, over=True)
             if session.watched is not None:
                 self._sealed(session.setup.session, session.watched)
             self.changed()
@@ -186,15 +186,15 @@ class Device:
             **self._seal,
         )
 
-    def new_figures(self) -> list[SessionFigure]:
+    def new_estimates(self) -> list[SessionEstimate]:
         """Return what sessions have found out since this was asked last."""
         for session in (*self._opened, *self._accepted):
-            self._note_figures(session)
-        return self._figures.take()
+            self._note_estimates(session)
+        return self._estimates.take()
 
-    def _note_figures(self, session: Counted, over: bool = False) -> None:
-        found = figures_of(session.summary, session.counts)
-        self._figures.note(session.setup.session, found, over)
+    def _note_estimates(self, session: Counted, over: bool = False) -> None:
+        found = estimates_of(session.summary, session.counts)
+        self._estimates.note(session.setup.session, found, over)
 
     def alarming(self, before: DeviceReport, now: DeviceReport) -> bool:
         """Whether more was lost or wrong between two reports than the subscription puts up with."""

@@ -125,7 +125,7 @@ def roles_of(path: Path, ranks: int | None) -> list[str]:
     if path.is_file():
         if path.suffix != SUFFIX or ranks is None:
             text = "it is FILE.py, and --ranks says on how many hosts it runs"
-            raise BadInput(f"{path} is no folder; of a NetQMPI program {text}")
+            raise BadInput(f"{path} is not a folder; of a NetQMPI program {text}")
         return [f"{RANK}{number}" for number in range(ranks)]
     if ranks is not None:
         raise BadInput(f"--ranks {ranks} is for a NetQMPI program, FILE.py, which {path} is not")

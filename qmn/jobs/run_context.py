@@ -23,7 +23,7 @@ from qmn.network.options import settings
 from qmn.options import BadInput, option_names
 from qmn.reports.beside import Draw, report_beside
 from qmn.results.network_facts import network_facts
-from qmn.results.result import percentiles
+from qmn.results.result import note_files, percentiles
 from qmn.results.run_folder import give_to_invoker, given_at_the_end, make_folder, point_latest
 from qmn.results.schema import RunFacts
 from qmn.results.software_share import note_software
@@ -188,8 +188,8 @@ def _running(context: RunContext, facts: RunFacts, places: dict[str, Machine]) -
         ]
         early = worst(network.runtime)
         facts["acausal"] = early.to_dict() if early else None
-        note_software(facts, reached.software, network.runtime.devices.values())
-    facts["packets_not_captured"] = network.captures.packets_missed
+        note_software(facts, reached.software, network.runtime.devices.values(), chosen)
+    note_files(facts, network)
 
 
 @contextmanager

@@ -58,6 +58,7 @@ def follow_all(
     deadline = time.monotonic() + limit_s
     going = {program.name: Lines(program) for program in programs}
     last: dict[str, dict[str, Any]] = {}
+    said: dict[str, dict[str, Any]] = {}
     while going:
         for name, lines in list(going.items()):
             ended = not lines.program.running  # asked first, so that no line after it is missed
@@ -69,6 +70,7 @@ def follow_all(
                     last[name] = fields
                     break
                 if fields:
+                    said[name] = fields
                     progress(lines.program, fields)
             if name in last:
                 del going[name]
@@ -77,13 +79,33 @@ def follow_all(
                 raise TransferError(f"{name} ended: {lines.program.end()}")
         network.check()
         if going and time.monotonic() > deadline:
-            raise NetworkError(
-                f"{', '.join(going)} made no progress for {limit_s:g} s; "
-                "is the loss of the fibres too high?"
-            )
+            raise NetworkError(standing_still({name: said.get(name) for name in going}, limit_s))
         if going:
             time.sleep(POLL_S)
     return last
+
+
+def standing_still(said: Mapping[str, Mapping[str, Any] | None], limit_s: float) -> str:
+    """Return why a run ends whose programs say nothing, by the last that each has said.
+
+    Only they know whether light was lost: who has lost none may be short of anything else.
+    """
+    text = f"{', '.join(said)} made no progress for {limit_s:g} s"
+    for fields in said.values():
+        if fields and fields.get("lost_pairs"):
+            pairs = f"{fields['lost_pairs']:,} of {fields.get('bell_pairs', 0):,} pairs"
+            return f"{text}; {pairs} were lost: is the loss of the fibres too high?"
+    heard = [f"{name}: {last_word(fields)}" for name, fields in said.items()]
+    return f"{text}; none has told of lost light; last heard of {', of '.join(heard)}"
+
+
+def last_word(fields: Mapping[str, Any] | None) -> str:
+    """Return what a line says, in a few words."""
+    if not fields:
+        return "nothing yet"
+    event = str(fields.get("event", "a line"))
+    counts = [f"{name} {value:,}" for name, value in fields.items() if type(value) is int]
+    return f"{event} ({', '.join(counts[:3])})" if counts else event
 
 
 def with_elements(network: Network, text: str) -> str:

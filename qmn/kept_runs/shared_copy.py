@@ -12,7 +12,13 @@ WITHOUT_KEYS = {
     service.name.lower()
     for service in (Service.SDC, Service.TELEPORT, Service.DISTRIBUTE, Service.SWAP)
 }
-QUBITS = ("*.pcap", "*.pcapng", "quantum.*", "dispatcher.record")  # what shows what qubits were
+QUBITS = (
+    "*.pcap",
+    "*.pcapng",
+    "*.keys",
+    "quantum.*",
+    "dispatcher.record",
+)  # what shows what qubits were
 FILE_MODE, FOLDER_MODE = 0o644, 0o755
 
 

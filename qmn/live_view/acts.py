@@ -14,6 +14,7 @@ from typing import Any
 from qmn.timeouts import LIVE_ACT_S
 
 ACTS = "acts.jsonl"
+QMN = (sys.executable, "-m", "qmn")
 MOST_BYTES = 4096  # of a field
 Fields = Mapping[str, str]
 
@@ -74,9 +75,9 @@ def _is_number(text: str) -> bool:
 
 async def perform(words: list[str], folder: Path) -> tuple[int, dict[str, Any]]:
     """Run the command; return its time and what it said, which are noted in the folder, too."""
-    command = [sys.executable, "-m", "qmn", *words]
     process = await asyncio.create_subprocess_exec(
-        *command,
+        *QMN,
+        *words,
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.STDOUT,

@@ -99,12 +99,12 @@ def settings(
     events: bool = True,
 ) -> Runtime:
     """Return the settings of a network that leaves its logs in a folder; None: leaves none."""
-    paths = {name: getattr(options, name) for name in ("sabot", "policy", "keys")}
+    paths = {name: getattr(options, name) for name in ("sabot", "policy", "keys", "tls_from")}
     whole: dict[str, Any] = {
         name: str(Path(path).resolve()) for name, path in paths.items() if path
     }
     return Runtime(
-        settings=replace(options, **whole),
+        settings=replace(options, **whole, tls=options.tls or bool(options.tls_from)),
         time_scale=time_scale,
         log_folder=folder,
         record=record,

@@ -10,9 +10,11 @@ from rich.console import Console
 
 from qmn.results import message_result, service_result, software_share
 from qmn.results.message_result import RECEIVED as RECEIVED
-from qmn.results.schema import Approximated, RunFacts, SetUpTimes, WatchedLight
-from topologies.runtime import EVENT_LOG
+from qmn.results.schema import Approximated, NetworkResult, RunFacts, SetUpTimes, WatchedLight
+from topologies.network import Network
+from topologies.runtime import EVENT_LOG, RECORD
 from wire.controller_lines import read_record
+from wire.dispatcher_record import has_ended
 from wire.metadata import Reason
 
 EXACTNESS = {True: "exact", False: "with approximations", None: "exactness unknown"}
@@ -81,12 +83,27 @@ def percentiles(times: list[float]) -> SetUpTimes:
     return {"p50": hundredths[49], "p99": hundredths[98], "n": len(times)}
 
 
+def note_files(facts: NetworkResult, network: Network) -> None:
+    """Add what captures lack, and which files have ended before the network did."""
+    facts["packets_not_captured"] = network.captures.packets_missed
+    record = network.runtime.logs / RECORD
+    facts["files_ended"] = [*network.captures.full, *([RECORD] if has_ended(record) else [])]
+
+
 def captures(facts: RunFacts, folder: Path) -> str:
     """Return where packet captures are, and what they miss."""
     if not facts["captures"]:
         return "none"
     missed = facts.get("packets_not_captured", 0)
     return f"{folder}/*.pcap" + (f", {missed:,} packets missed" if missed else "")
+
+
+def files_ended(facts: RunFacts) -> dict[str, str]:
+    """Return what is said of files that have become too long, if there are any."""
+    if not facts.get("files_ended"):
+        return {}
+    names = ", ".join(facts["files_ended"])
+    return {"not whole": f"{names}: what came after --file-gib is in none, nor in the timeline"}
 
 
 def approximations(facts: RunFacts) -> dict[str, str]:
@@ -114,6 +131,7 @@ def rows_of_every_run(facts: RunFacts, folder: Path) -> dict[str, str]:
         "quantum states": f"{facts['backend']}, {EXACTNESS[facts['exact']]}",
         **approximations(facts),
         "captures": captures(facts, folder),
+        **files_ended(facts),
         "quantum events": f"{folder}/{EVENT_LOG}" if facts["events"] else "not written",
         "one timeline of both": facts["timeline"],
         "report to look at": facts["report"],

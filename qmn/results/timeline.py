@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import IO, NamedTuple
 
 from topologies.runtime import EVENT_CAPTURE
-from topologies.tls import KEY_LOG
+from topologies.tls import KEY_LOGS
 from wire.dissection.dissectors import install
 from wire.metadata import MalformedPacket
 from wire.pcapng import TRAILER_BYTES, Interface, Packet, PcapReader, Reader, Writer
@@ -130,9 +130,8 @@ def merge(run: Path, target: Path | None = None, packet_bytes: int | None = None
 
 
 def key_log(run: Path) -> bytes:
-    """Return the secrets by which Wireshark reads OpenFlow that went by TLS; empty: it did not."""
-    file = run / KEY_LOG
-    return file.read_bytes() if file.exists() else b""
+    """Return the secrets by which Wireshark reads what went by TLS; empty: nothing did."""
+    return b"".join(file.read_bytes() for file in sorted(run.glob(KEY_LOGS)))
 
 
 def _places(

@@ -5,16 +5,16 @@ with start("sdc", length_km=1.0) as network:
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
 from mininet.topo import Topo
 
 from qmn.live.controller_console import ask
-from qmn.live.dispatcher_calls import held_blocks, switch_conditions, switch_statistics
+from qmn.live.dispatcher_calls import held_blocks, status, switch_conditions, switch_statistics
 from qmn.live.metrics_targets import announce
 from qmn.live.running import announce_network
 from qmn.machines.options import MACHINES, MachineOptions, machine_facts, machines_of
@@ -31,10 +31,12 @@ from qmn.network.topologies import SIZES, TOPOLOGIES, is_known
 from qmn.options import BadInput, from_keywords
 from qmn.results.artifacts import artifacts_of
 from qmn.results.network_facts import network_facts
+from qmn.results.result import note_files
 from qmn.results.run_folder import given_at_the_end
+from qmn.results.software_share import note_software
 from qmn.scripting.exchange import Exchange, connection, exchange
 from qmn.scripting.light import FiberState, LightPath, fiber_state, light_path
-from qmn.scripting.tables import TableOf, drawn
+from qmn.scripting.tables import SIMPLE, Row, TableOf, Tabular, drawn, row_of
 from topologies.causality import worst
 from topologies.network import Network, Signals
 from topologies.nodes import QuantumHost
@@ -61,7 +63,7 @@ class SendOptions(TypedDict, total=False):
 
 
 @dataclass(frozen=True)
-class Held:
+class Held(Tabular):
     """Photons of a block that a host holds."""
 
     session: str  # 16 hexadecimal digits
@@ -72,11 +74,22 @@ class Held:
 
 
 @dataclass(frozen=True)
-class HostState:
-    """A host: what the controller knows of its device, and the blocks it holds."""
+class HostState(Tabular):
+    """A host: what the controller knows of its device, and the blocks it holds.
+
+    As a table a row for each block, behind what is told of the device; one if it holds none.
+    """
 
     device: dict[str, Any]
     blocks: tuple[Held, ...]
+
+    def rows(self) -> Sequence[Row]:
+        """Return a row for each block, behind numbers and texts of the device."""
+        device = {name: value for name, value in self.device.items() if isinstance(value, SIMPLE)}
+        held = [row_of(each) for each in self.blocks] or [
+            dict.fromkeys(each.name for each in fields(Held))
+        ]
+        return [{**device, **block} for block in held]
 
 
 class QuantumNetwork(Network):
@@ -234,5 +247,7 @@ def running(
                 if folder is not None and options.metrics:
                     facts["metrics"] = announce(runtime.metrics_addresses, folder)
                 yield network
+                software = status(network).software
+                note_software(facts, software, network.runtime.devices.values(), chosen)
         finally:
-            facts["packets_not_captured"] = network.captures.packets_missed
+            note_files(facts, network)

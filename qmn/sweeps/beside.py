@@ -21,7 +21,7 @@ from qmn.sweeps.running import estimates
 from qmn.timeouts import SWEEP_POLL_S
 from topologies.apart import apart
 from topologies.network import require_root
-from topologies.programs import ROOT, NetworkError, cause, python
+from topologies.programs import ENVIRONMENT, NetworkError, cause, python
 
 PROGRAM = "qmn.emulated.point"
 
@@ -37,7 +37,7 @@ class Networks:
         """Measure a point in a network of its own; raise SweepError, also if it was ended."""
         asked = {"name": name, "values": values, "seed": seed, "runs": str(runs.absolute())}
         with TemporaryDirectory(prefix="qmn-sweep-") as folder:  # goes also if the program cannot
-            environment = {**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": folder}
+            environment = {**os.environ, **ENVIRONMENT, "TMPDIR": folder}
             with self._lock:
                 if self._ended:
                     raise SweepError("the sweep has ended")

@@ -65,7 +65,7 @@ def read(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise BadGrid(f"cannot read {path}: {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BadGrid(f"{path} is no TOML file: {error}") from error
+        raise BadGrid(f"{path} is not a TOML file: {error}") from error
     unknown = sorted(content.keys() - set(FILE_KEYS))
     if unknown:
         raise BadGrid(f"{path}: {unknown[0]} is unknown: choose {', '.join(FILE_KEYS)}")

@@ -21,7 +21,7 @@ class GarbledReply(ValueError):
 
     def __init__(self, what: str, text: str) -> None:
         shown = text if len(text) <= 60 else f"{text[:60]}..."
-        super().__init__(f"{shown!r} are no {what}")
+        super().__init__(f"{shown!r} are not {what}")
 
 
 def channels(ports: Iterable[int]) -> str:

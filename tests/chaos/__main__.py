@@ -29,7 +29,7 @@ from random import Random
 
 import machine
 from jobs import JOBS, Job, command, whole
-from outcomes import Made, Outcome, bad, from_fields, summary, told
+from outcomes import Made, Outcome, bad, from_fields, summary, told, too_few
 from strikes import strike
 from under_way import ROOT, UnderWay, drawn
 
@@ -38,6 +38,7 @@ APART = ("setpriv", "--pdeathsig", "KILL", str(ROOT / "topologies" / "own_namesp
 STRIKES_OF_A_RUN = (1, 2, 3, 4)  # at most: it may have ended before the second
 HANG_S = 90.0  # from the last strike to the end
 LAST_WORDS = 6  # lines of a run that went wrong, which are told
+UNBOUNDED = 1_000_000  # strikes, where time alone ends them
 UNSTRUCK_S = 600.0  # that a run which nobody strikes may take on a machine that does much else
 
 
@@ -45,7 +46,7 @@ def main() -> int:
     """Strike for so long, print each strike, and return 0 if all went well."""
     parser = argparse.ArgumentParser(prog="tests/chaos", description=__doc__)
     parser.add_argument("--minutes", type=float, default=3.0, help="for so long (3)")
-    parser.add_argument("--strikes", type=int, default=1_000_000, help="so many, or a few more")
+    parser.add_argument("--strikes", type=int, help="so many, or a few more; fewer are a fault")
     parser.add_argument("--first", type=int, default=0, help="number of the first, to repeat one")
     parser.add_argument("--seed", type=int, default=1, help="repeats jobs, moments and choices (1)")
     parser.add_argument("--log", type=Path, help="a line of JSON for each strike")
@@ -57,11 +58,12 @@ def main() -> int:
     )
     parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
+    wanted, arguments.strikes = arguments.strikes, arguments.strikes or UNBOUNDED
     if arguments.standing and not arguments.worker:
         words = [*APART, sys.executable, str(Path(__file__).parent), *sys.argv[1:], "--worker"]
         return subprocess.run(words, cwd=ROOT, check=False).returncode
     if arguments.standing:
-        return strike_standing(arguments)
+        return strike_standing(arguments, wanted)
     if arguments.worker:
         strike_on(arguments)
         return 0
@@ -69,10 +71,13 @@ def main() -> int:
     print(summary(outcomes))
     if failed:
         print(f"of those who strike, {len(failed)} ended with {failed}")
-    return 1 if failed or any(bad(outcome) for outcome in outcomes) else 0
+    made = sum(len(outcome.made) for outcome in outcomes)
+    if fewer := too_few(made, wanted, arguments.minutes):
+        print(fewer)
+    return 1 if failed or fewer or any(bad(outcome) for outcome in outcomes) else 0
 
 
-def strike_standing(arguments: argparse.Namespace) -> int:
+def strike_standing(arguments: argparse.Namespace, wanted: int | None) -> int:
     """Strike one network; print each strike, and return 0 if all went well."""
     # What starts a network loads the product, which those who only watch a run do without.
     sys.path.insert(0, str(ROOT))
@@ -82,12 +87,14 @@ def strike_standing(arguments: argparse.Namespace) -> int:
     strikes = standing.strikes(arguments.strikes, arguments.seed, arguments.first)
     for each in strikes:
         print(standing.told(each), flush=True)
-        made, wrong = made + 1, wrong + bool(each.faults)
+        made, wrong = made + each.is_strike, wrong + bool(each.faults)
         if time.monotonic() > deadline:
             strikes.close()
             break
     print(f"strikes          {made} at one network\nwrong            {wrong}")
-    return 1 if wrong else 0
+    if fewer := too_few(made, wanted, arguments.minutes):
+        print(fewer)
+    return 1 if wrong or fewer else 0
 
 
 def strike_on(arguments: argparse.Namespace) -> None:
@@ -183,6 +190,8 @@ def _struck(
     moment = drawn(random)
     # Most follow soon: a run that a strike ends takes but a moment to do so.
     pauses = [random.random() ** 4 for _ in range(random.choice(STRIKES_OF_A_RUN) - 1)]
+    if job.session_s is not None:
+        lengths = lengths | {"session": job.session_s}
     run = UnderWay(command(job.words, place / "runs"))
     run.wait_until(moment, lengths)
     first, made = time.monotonic(), _made(run, random, time.monotonic())

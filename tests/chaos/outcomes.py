@@ -46,7 +46,11 @@ class Outcome:
 
     @property
     def blames_another(self) -> bool:
-        """Whether something else is named than what was struck and must have been the cause."""
+        """Whether something else is named than what was struck and must have been the cause.
+
+        Of several strikes any may be named. One that names nothing, or that need not end a run, may
+        be what another cause is of: then that may be true, too.
+        """
         suspects = self.suspects if self.cause else []
         must = [made for made in suspects if made.strike.names]
         return bool(must) and len(must) == len(suspects) and not any(map(self._names, must))
@@ -95,7 +99,16 @@ def from_fields(fields: dict[str, Any]) -> Outcome:
 def bad(outcome: Outcome) -> bool:
     """Whether something went wrong that must not, whatever was struck."""
     hangs, wrong = outcome.status is None, bool(outcome.faults or outcome.leftovers)
-    return hangs or wrong or outcome.late or outcome.unnamed
+    return hangs or wrong or outcome.late or outcome.unnamed or outcome.blames_another
+
+
+def too_few(made: int, wanted: int | None, minutes: float) -> str:
+    """Return in words that fewer strikes were made than were asked for, "" if it is not so."""
+    if wanted is None or made >= wanted:
+        return ""
+    return (
+        f"too few          {made} of {wanted} strikes in {minutes:g} minutes: allow more --minutes"
+    )
 
 
 def told(outcome: Outcome) -> str:
@@ -105,6 +118,7 @@ def told(outcome: Outcome) -> str:
     cause = f"; {outcome.named_after_s} s: {outcome.cause[:110]}" if outcome.cause else ""
     late = f"; LATE: after {outcome.limit_s:.1f} s" if outcome.late else ""
     late += "; NO CAUSE NAMED" if outcome.unnamed else ""
+    late += "; ANOTHER NAMED" if outcome.blames_another else ""
     wrong = "".join(f"; WRONG: {fault}" for fault in (*outcome.faults, *outcome.leftovers))
     if (outcome.status and not outcome.cause) or bad(outcome):
         wrong += f"; said: {' | '.join(outcome.last_words)}"

@@ -46,6 +46,7 @@ class Struck:
     said: str = ""  # by the transfer that it met, if that failed
     faults: list[str] = field(default_factory=list)
     healed_after_s: float = 0.0
+    is_strike: bool = True  # or what is left when the network is gone
 
 
 class Transfer:
@@ -213,7 +214,7 @@ def strikes(count: int, seed: int, first: int = 0) -> Generator[Struck, None, No
             for number in range(first, first + count):
                 yield one(standing, number, Random(f"{seed}/{number}"))
             network.check()
-        yield Struck(first + count, "the end", faults=machine.left(before))
+        yield Struck(first + count, "the end", faults=machine.left(before), is_strike=False)
     machine.stop_open_vswitch()
 
 

@@ -18,12 +18,17 @@ import machine
 
 ROOT = Path(__file__).resolve().parents[2]
 LOOK_S = 0.005  # between two looks whether a moment has come
-PHASES = {  # the words with which each begins
-    "loading": "",
-    "start": "starting the network",
-    "session": " from alice to bob",
-    "report": "━",  # the last of the progress; the network is taken down first
-    "end": "all facts",
+PHASES = {  # the words with which each begins, by what is done
+    "loading": ("",),
+    "start": ("starting the network",),
+    "session": (
+        " from alice to bob",
+        " of alice, bob, charlie",
+        " between alice and bob",
+        "https:",
+    ),
+    "report": ("━", "downloaded: "),  # the last of the progress; the network is taken down first
+    "end": ("all facts",),
 }
 NAMES = tuple(PHASES)
 WEIGHTS = (1, 6, 8, 6, 1)
@@ -69,7 +74,7 @@ class UnderWay:
             self.said.append((now, line.strip()))
             self.slowed = machine.slowed(self.pid) or self.slowed
             for number in range(len(self._begun), len(NAMES)):
-                if PHASES[NAMES[number]] in line:
+                if any(words in line for words in PHASES[NAMES[number]]):
                     self._begun += [now] * (number + 1 - len(self._begun))
                     break
 

@@ -1,6 +1,5 @@
 """A fork server that a loaded one forks off, and that loads a framework of the controller, too."""
 
-import logging
 import os
 import sys
 
@@ -12,6 +11,4 @@ FRAMEWORK = "QMN_CONTROLLER_FRAMEWORK"  # names what to load
 def main() -> int:
     """Serve as a fork server does; the first word names the framework."""
     os.environ[FRAMEWORK] = sys.argv.pop(1)
-    # Mininet, loaded before, has made all loggers its own, which say nothing of what happens.
-    logging.setLoggerClass(logging.Logger)
     return fork_server.main()

@@ -2,6 +2,7 @@
 
 import base64
 import json
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,10 +13,12 @@ from conftest import nothing_left, wait_until
 from fabric_scene import running
 from scapy.utils import rdpcap
 
+from qmn.results.timeline import merge
 from topologies.certificates import CertificateFiles
 from topologies.key_managers import KeyManagers, KeyService, start_key_managers
 from topologies.network import Network
 from topologies.sdc import SdcTopo
+from wire.key_delivery import KEY_DELIVERY_PORT
 from wire.key_manager import KeyLink
 
 LOW, HIGH = 8, 16
@@ -146,6 +149,26 @@ def test_no_key_is_in_the_packets(scene: Scene) -> None:
             assert key["key"].encode() not in file.read_bytes(), file
         assert base64.b64decode(key["key"]) not in packets
         assert key["key_ID"].encode() not in packets  # assignments are under TLS, too
+
+
+def test_wireshark_reads_what_managers_say_by_the_runs_key_logs(scene: Scene) -> None:
+    _status, got = scene.curl("alice", "sae-bob/enc_keys")
+    (key,) = got["keys"]
+    logs = scene.network.runtime.logs
+    for host in ("alice", "bob"):
+        assert (logs / f"kme-{host}.keys").stat().st_mode & 0o777 == 0o600
+
+    def read() -> str:
+        merged = merge(logs, logs / "merged.pcapng")
+        words = ["-d", f"tls.port=={KEY_DELIVERY_PORT},http", "-Y", "http", "-T", "fields"]
+        words += ["-e", "http.request.method", "-e", "http.file_data", "-e", "json.value.string"]
+        done = subprocess.run(
+            ["tshark", "-r", merged, *words], capture_output=True, text=True, check=True, timeout=60
+        )
+        return done.stdout
+
+    wait_until(lambda: key["key_ID"] in read(), "the assignment is read", 20.0)
+    assert key["key"] not in read()
 
 
 def test_qkdsec_finds_nothing_that_fails(scene: Scene) -> None:

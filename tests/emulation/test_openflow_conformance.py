@@ -418,3 +418,25 @@ def test_fibre_ports_are_of_fibre(switch: Switch) -> None:
         (link,) = [one for one in ports[number].properties if one.type == ofp.OFPPDPT_ETHERNET]
         assert (link.curr, link.supported) == (ofp.OFPPF_FIBER, ofp.OFPPF_FIBER)
         assert (link.curr_speed, link.max_speed) == (0, 0)
+
+
+def test_echo_comes_back_with_its_data(switch: Switch) -> None:
+    # 7.5.2, 7.5.3: the reply has the unmodified data of the request, whatever length that has.
+    for number, data in enumerate((b"", b"light", bytes(range(256)) * 16)):
+        say(switch.controller, ofp.OFPT_ECHO_REQUEST, data, 800 + number)
+        answer = switch.controller.answer(800 + number)
+        assert isinstance(answer, parser.OFPEchoReply)
+        assert answer.data == data
+
+
+def test_there_are_no_queues(switch: Switch) -> None:
+    # 7.3.5.9, 7.3.5.10, 7.5.4.10: light waits nowhere, so no port has one.
+    for request in (parser.OFPQueueStatsRequest, parser.OFPQueueDescStatsRequest):
+        switch.controller.send(request(DATAPATH, 0, ofp.OFPP_ANY, ofp.OFPQ_ALL), 5)
+        assert switch.controller.answer(5).body == []
+    failed = ofp.OFPET_QUEUE_OP_FAILED
+    missing = {(99, ofp.OFPQ_ALL): ofp.OFPQOFC_BAD_PORT, (1, 7): ofp.OFPQOFC_BAD_QUEUE}
+    for (port, queue), code in missing.items():
+        switch.controller.send(parser.OFPQueueStatsRequest(DATAPATH, 0, port, queue), 6)
+        answer = switch.controller.answer(6)
+        assert (answer.type, answer.code) == (failed, code)

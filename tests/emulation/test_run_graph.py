@@ -50,5 +50,5 @@ def test_a_hub_leaves_a_state_of_the_others(tmp_path: Path) -> None:
 def test_a_graph_that_cannot_be_is_named_before_anything_starts(tmp_path: Path) -> None:
     done = run_qmn("run", "graph", "--graph", "alice-zoe", "--runs", str(tmp_path))
     assert done.returncode != 0
-    assert "'alice-zoe' is no edge" in done.stdout + done.stderr
+    assert "'alice-zoe' is not an edge" in done.stdout + done.stderr
     assert not list(tmp_path.iterdir())

@@ -1,15 +1,18 @@
 """`qmn run sdc` from outside, over the real components."""
 
 import json
+import os
 import re
+import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import ROOT, qmn, verb
+from conftest import ROOT, qmn, qmn_command, verb
 from scapy.layers.inet import IP, TCP
 from scapy.utils import PcapReader, rdpcap
 
+from topologies.programs import ENVIRONMENT
 from wire.metadata import METADATA_PORT, SETUP_LENGTH, MalformedPacket, Setup, Verdict, decode
 
 SEQUENTIAL = "one"  # is sent by handshakes that wait for each other
@@ -112,6 +115,16 @@ def test_captures_of_headers_hold_set_up_messages_whole_and_little_else(
     assert len(setups) >= result["bell_pairs"]
 
 
+def test_qmn_by_itself_forks_off_programs_that_say_in_their_logs_what_they_do(
+    tmp_path: Path,
+) -> None:
+    environment = {**os.environ, **ENVIRONMENT}  # as bin/qmn has it
+    subprocess.run(qmn_command(tmp_path), cwd=ROOT, env=environment, check=True, timeout=100)
+    run = tmp_path / "latest"
+    assert "INFO serving on" in (run / "dispatcher.log").read_text()
+    assert "INFO bridge and controller" in (run / "q1-agent.log").read_text()
+
+
 def test_a_binary_file_of_many_blocks_arrives(tmp_path: Path) -> None:
     file = tmp_path / "file with spaces"
     file.write_bytes(bytes(range(256)) * 300)
@@ -199,6 +212,29 @@ def test_losses_and_errors_are_repaired_and_counted(tmp_path: Path) -> None:
     assert abs(result["lost_pairs"] - pairs * lost) < 5 * (pairs * lost * (1 - lost)) ** 0.5
     assert result["symbol_error_rate"] > 0
     assert result["repeated_frames"] > 0
+
+
+def test_files_that_become_too_long_end_and_the_run_goes_on(tmp_path: Path) -> None:
+    """It says which; each that has ended is whole, and the record is replayed as far as it goes."""
+    (tmp_path / "file").write_bytes(bytes(range(256)) * 128)
+    words = ["--file", str(tmp_path / "file"), "--frame-bytes", "32", "--file-gib", "1e-05"]
+    done = qmn(*words, runs=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    folder = tmp_path / "latest"
+    result = json.loads((folder / "result.json").read_text())
+    ended = result["files_ended"]
+    assert {"s1-eth1.pcap", "dispatcher.record"} <= set(ended)
+    assert f"not whole {', '.join(ended)}: " in " ".join(done.stdout.split())
+    assert "s1-eth1.pcap has 1e-05 GiB: no more is captured there (--file-gib)" in done.stderr
+    for name in ended[:-1]:
+        assert (folder / name).stat().st_size >= 1e-05 * 2**30
+        subprocess.run(
+            ["tcpdump", "-r", folder / name], check=True, capture_output=True, timeout=60
+        )
+    assert re.match(
+        r"identical: \d+ events of \d+ requests\nthe record ends there",
+        verb("replay", str(folder)).stdout,
+    )
 
 
 def test_the_captures_hold_the_metadata_and_the_traffic_to_ed(

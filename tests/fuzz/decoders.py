@@ -1,25 +1,25 @@
-"""Every decoder of bytes that come from elsewhere, with messages that are right and what must hold.
+"""Every decoder of bytes that come from elsewhere, with messages that are right.
 
-What a decoder takes has a meaning: written again and read again, it is the same. Where a format has
-one way to say a thing (`canonical`), the bytes written are those that were read. What it does not
-take it refuses with the error named, and no other.
+Those of wire/ are here, or excused; those that a program has for itself are in `of_programs`.
 """
 
 import asyncio
 import io
 import json
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from random import Random
 from typing import Any
 from uuid import UUID
 
 import netqasm_samples
+import of_programs
 import test_device_messages
 import test_metadata
 import test_pcapng
 import test_qkd
+from scapy.layers.inet6 import IPv6, IPv6ExtHdrFragment, IPv6ExtHdrHopByHop
 from spoiling import spoiled, spoiled_json
+from target import Target
 
 from controller_apps.openflow import discovery
 from controller_apps.packets import datagrams, segments
@@ -29,14 +29,17 @@ from wire import (
     announcement as host_seal,
 )
 from wire import (
+    application_lines,
     controller_lines,
     device,
     dispatcher_record,
     events,
     frames,
+    ip_packet,
     key_assignment,
     key_delivery,
     key_relay,
+    machine_channel,
     metadata,
     optical,
     pcapng,
@@ -48,49 +51,14 @@ from wire import (
 from wire.conference import ConferenceProposal
 from wire.dispatcher_pb2 import BlockId, Event
 from wire.features import EVERYTHING, NodeFeatures
-from wire.key_routes import Hop
-from wire.metadata import MalformedPacket
+from wire.key_routes import Hop, KeyLinks, LinkState
+from wire.lost_packet import Packet
+from wire.metadata import MalformedPacket, Verdict
 from wire.netqasm import messages, pair_requests, subroutine, texts
 
 KEY = "0f" * 16
 CONNECTION = ("10.0.0.1", 4711, "10.0.0.2", 9010)
 IDS = [UUID(int=number) for number in (1, 2, 3)]
-
-
-class Fault(AssertionError):
-    """A decoder has taken what does not mean what it says."""
-
-
-@dataclass(frozen=True)
-class Target:
-    """One decoder, and how it is held to account."""
-
-    samples: Sequence[bytes]
-    decode: Callable[[bytes], Any]
-    encode: Callable[[Any], bytes] | None = None  # None: nothing writes it
-    canonical: bool = True
-    spoil: Callable[[bytes, Random], bytes] = spoiled
-    refusals: tuple[type[Exception], ...] = (MalformedPacket,)
-    means: Callable[[Any], Any] = repr  # what of a value is to stay
-
-    def try_once(self, random: Random) -> bool:
-        """Feed it one spoiled sample; return whether it took it. Raise what it should not."""
-        return self.take(self.spoil(random.choice(self.samples), random))
-
-    def take(self, data: bytes) -> bool:
-        """Decode, and compare what was read with what is written of it; return whether it is."""
-        try:
-            value = self.decode(data)
-        except self.refusals:
-            return False
-        if self.encode is None:
-            return True
-        again = self.encode(value)
-        if self.canonical and again != data:
-            raise Fault(f"reads {value!r}, which is written {again.hex()}")
-        if self.means(self.decode(again)) != self.means(value):
-            raise Fault(f"reads {value!r}, but what it writes of that as another")
-        return True
 
 
 def _golden(pairs: Any) -> list[bytes]:
@@ -139,6 +107,29 @@ def _frame(data: bytes) -> bytes:
     return asyncio.run(read())
 
 
+def _packet(data: bytes) -> Packet:
+    packet = ip_packet.decode(data, MOST_IP_BYTES)
+    # Whatever comes in pieces, and more than one behind the other, is cut as one that comes whole.
+    stream = ip_packet.PacketStream(MOST_IP_BYTES)
+    found = [each for byte in data + data for each in stream.feed(bytes((byte,)))]
+    assert found == [packet, packet], found
+    assert 0 < packet.header_bytes <= len(data) + MOST_EXTENSION, packet
+    return packet
+
+
+def _of_machine(data: bytes) -> tuple[dict[str, Any], bytes]:
+    async def read() -> tuple[dict[str, Any], bytes]:
+        stream = asyncio.StreamReader()
+        stream.feed_data(data)
+        stream.feed_eof()
+        message = await machine_channel.receive(stream)
+        if message is None:
+            raise MalformedPacket("no whole message")
+        return message
+
+    return asyncio.run(read())
+
+
 def _call(data: bytes) -> tuple[socket_calls.Call, int]:
     return socket_calls.decode_header(data[:5].ljust(5, b"\0"))
 
@@ -174,6 +165,14 @@ SEGMENT = bytes(
     / netqasm_samples.TCP(sport=4711, dport=9010)
     / b"payload"
 )
+MOST_IP_BYTES, MOST_EXTENSION = 1500, 8 * 256
+IP_PACKETS = [
+    bytes(netqasm_samples.IP(src="10.1.0.1", dst="10.1.0.2") / netqasm_samples.TCP() / b"data"),
+    bytes(netqasm_samples.IP(dst="10.1.0.2", options=b"\1" * 4, frag=9) / b"fragment"),
+    bytes(netqasm_samples.IP(dst="10.1.0.2", proto=1) / b"\3\1\0\0"),
+    bytes(IPv6(dst="fd71::2") / IPv6ExtHdrHopByHop() / IPv6ExtHdrFragment() / b"fragment"),
+    bytes(IPv6(dst="fd71::2") / netqasm_samples.TCP() / b"data"),
+]
 PROPOSAL = ConferenceProposal(5, qkd.Bound.FINITE, 1e-10, 1e-15, ("alice", "bob"))
 VERDICT = verdict.seal(test_metadata.SETUP.encode(), KEY, CONNECTION)
 LLDP = announcement(
@@ -199,9 +198,11 @@ RELAY = key_relay.Relay(
     b"mm",
 )
 EVENT = Event(time_ns=5, node="bob", kind="receive", block=BlockId(session=7), photons=9)
+JUDGED = [replace(test_metadata.SETUP, verdict=each).encode() for each in Verdict]
+KEY_LINKS = KeyLinks(0, (LinkState("10.0.0.2", 9, 8, 4096, 12_300), LinkState("10.0.0.3", 0, 0, 0)))
 DATAGRAMS = [
     device.Datagram(message, "alice", 9).seal(KEY, device.Datagram.FROM_HOST)[: -device.TAG_BYTES]
-    for message in test_device_messages.GOLDEN
+    for message in (*test_device_messages.GOLDEN, KEY_LINKS)
 ]
 PROPERTIES: dict[str, tuple[type[optical.OpticalProperty], int]] = {
     "optical port description": (optical.PortOptics, 9),
@@ -210,7 +211,9 @@ PROPERTIES: dict[str, tuple[type[optical.OpticalProperty], int]] = {
 }
 
 TARGETS: dict[str, Target] = {
-    "metadata": Target(_golden(test_metadata.GOLDEN), metadata.decode, lambda m: m.encode()),
+    "metadata": Target(
+        [*_golden(test_metadata.GOLDEN), *JUDGED], metadata.decode, lambda m: m.encode()
+    ),
     "key distribution": Target(
         [test_qkd.whole(message) for message, _golden in test_qkd.GOLDEN],
         lambda data: (sealed := qkd.unframe(data), sealed.open()),
@@ -228,6 +231,12 @@ TARGETS: dict[str, Target] = {
         lambda d: d.seal(KEY, device.Datagram.FROM_HOST),
         spoil=_sealed,
         canonical=False,  # names are padded
+    ),
+    "device, sealed": Target(
+        [data + device._tag(KEY, device.Datagram.FROM_HOST, data) for data in DATAGRAMS],
+        _open,
+        lambda d: d.seal(KEY, device.Datagram.FROM_HOST),
+        canonical=False,
     ),
     "device, of another": Target(
         [data + bytes(device.TAG_BYTES) for data in DATAGRAMS], _open, lambda _d: b"forged"
@@ -271,6 +280,21 @@ TARGETS: dict[str, Target] = {
         ),
     ),
     "record": Target([_written_record()], _entries, refusals=(dispatcher_record.BadRecord,)),
+    "IP packet": Target(IP_PACKETS, _packet, lambda packet: packet.data),
+    "machine": Target(
+        [machine_channel.encode({"do": "start", "names": ["q1"]}, b"body")],
+        _of_machine,
+        lambda message: machine_channel.encode(*message),
+        canonical=False,  # JSON, and what comes behind
+    ),
+    "line of an application": Target(
+        _key_texts({"event": "key", "key_ID": str(IDS[0]), "seconds": 0.5}),
+        application_lines.fields_of,
+        lambda fields: json.dumps(fields).encode(),
+        False,
+        spoiled_json,
+        refusals=(),
+    ),
     "pcapng": Target([test_pcapng.written()], _packets),
     "pcap": Target([netqasm_samples.pcap(SEGMENT)], _pcap_packets),
     "frame": Target(
@@ -375,4 +399,9 @@ TARGETS: dict[str, Target] = {
         [kind(*range(1, count + 1)).encode()], kind.decode, lambda p: p.encode(), canonical=False
     )
     for name, (kind, count) in PROPERTIES.items()
+}
+TARGETS |= of_programs.TARGETS
+
+EXCUSED = {  # what decodes or parses in wire/ and is not fed, and why
+    "wire.dissection.scapy_layers.decode_layers": "for people, who look at captures of their own",
 }

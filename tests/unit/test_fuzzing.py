@@ -1,12 +1,20 @@
 """A few of the inputs of `make fuzz`, and whether it would notice."""
 
+import importlib
+import pkgutil
+import sys
+from collections.abc import Iterator
 from random import Random
+from types import CodeType, FrameType, FunctionType, ModuleType
 
 import pytest
-from decoders import TARGETS, Fault, Target
-from feed import DISPATCHER, Piece, pieces, run
+from decoders import EXCUSED, TARGETS
+from feed import SERVERS, Piece, pieces, run
 from requests_to_dispatcher import Dispatcher
+from requests_to_sabot import SabotServer
+from target import Fault, Target
 
+import wire
 from dispatcher.layer.ownership import Ownership
 from dispatcher.refusal import invalid
 from wire.metadata import MalformedPacket
@@ -20,14 +28,64 @@ def test_spoiled_messages_are_refused_or_mean_what_they_say(name: str) -> None:
     assert (result.inputs, result.fault) == (INPUTS, "")
 
 
+def test_every_decoder_of_wire_is_fed_or_excused_with_a_reason() -> None:
+    decoders = {name: code for module in modules_of_wire() for name, code in decoders_of(module)}
+    assert len(decoders) > 40
+    reached = run_by_samples()
+    assert {name for name, code in decoders.items() if code not in reached} == set(EXCUSED)
+    assert all(EXCUSED.values())
+
+
+def modules_of_wire() -> Iterator[ModuleType]:
+    for found in pkgutil.walk_packages(wire.__path__, "wire."):
+        if "_pb2" not in found.name:
+            yield importlib.import_module(found.name)
+
+
+def decoders_of(module: ModuleType) -> Iterator[tuple[str, CodeType]]:
+    """Yield the public functions and methods of a module that decode or parse, with their code."""
+    classes = [each for each in vars(module).values() if isinstance(each, type)]
+    for holder in (module, *classes):
+        for name, member in vars(holder).items():
+            function = getattr(member, "__func__", member)
+            ours = isinstance(function, FunctionType) and function.__module__ == module.__name__
+            if ours and name.startswith(("decode", "parse")):
+                yield f"{module.__name__}.{function.__qualname__}", function.__code__
+
+
+def run_by_samples() -> set[CodeType]:
+    """Return the code of all that runs while each target decodes what is right."""
+    reached: set[CodeType] = set()
+
+    def note(frame: FrameType, event: str, _value: object) -> None:
+        if event == "call":
+            reached.add(frame.f_code)
+
+    before = sys.getprofile()
+    sys.setprofile(note)
+    try:
+        for target in TARGETS.values():
+            for sample in target.samples:
+                target.take(sample)
+    finally:
+        sys.setprofile(before)
+    return reached
+
+
 def test_spoiled_requests_change_nothing_of_others() -> None:
     done, fault = Dispatcher(Random(7)).feed(500)
     assert fault == ""
     assert 50 < done < 450
 
 
+def test_spoiled_requests_to_sabot_change_no_other_workspace_and_refused_ones_nothing() -> None:
+    done, fault = SabotServer(Random(7)).feed(500)
+    assert fault == ""
+    assert 50 < done < 450
+
+
 def test_every_input_is_fed_once() -> None:
-    work = pieces(1_000_000, 1, [*TARGETS, DISPATCHER])
+    work = pieces(1_000_000, 1, [*TARGETS, *SERVERS])
     assert len(set(work)) == len(work)
     assert 999_000 < sum(piece.inputs for piece in work) <= 1_000_000
 

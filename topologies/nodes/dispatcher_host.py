@@ -4,7 +4,7 @@ from topologies.causality import ways_of_news
 from topologies.launching import launch
 from topologies.nodes.classical_host import ClassicalHost
 from topologies.nodes.copper import COPPER
-from topologies.runtime import DISPATCHER, EVENT_CAPTURE, EVENT_LOG
+from topologies.runtime import DISPATCHER, EVENT_CAPTURE, EVENT_LOG, RECORD
 from topologies.tls import credentials
 from wire.config import DISPATCHER_PORT, DispatcherConfig
 from wire.credentials import Credentials
@@ -35,7 +35,7 @@ class DispatcherHost(ClassicalHost):
             fibers=network.fibers,
             switches=list(network.switches.values()),
             event_log=str(network.private_file(EVENT_LOG)) if network.events else "",
-            record=str(network.logs / "dispatcher.record") if network.record else "",
+            record=str(network.logs / RECORD) if network.record else "",
             qasm=str(network.private_file("quantum.qasm")) if network.qasm else "",
             devices=network.devices,
             event_capture=str(network.private_file(EVENT_CAPTURE)) if network.events else "",

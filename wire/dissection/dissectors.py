@@ -12,7 +12,16 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from wire import device, dispatcher_pb2, events, key_routes, metadata, optical, qkd, session_figures
+from wire import (
+    device,
+    dispatcher_pb2,
+    events,
+    key_routes,
+    metadata,
+    optical,
+    qkd,
+    session_estimates,
+)
 from wire.config import DISPATCHER_PORT
 from wire.dispatcher_pb2 import Event
 from wire.dissection.layout import (
@@ -99,7 +108,7 @@ def tables() -> dict[str, Any]:
                 "hops": {"least": 2, "most": key_routes.MAX_HOPS},
             },
             "max_repeaters": device.MAX_REPEATERS,
-            "most_figure": session_figures.MOST,
+            "most_estimate": session_estimates.MOST,
             "max_level_rounds": device.MAX_LEVEL_ROUNDS,
             "max_under_way": device.MAX_UNDER_WAY,
             "trailer": device.TRAILER.size,

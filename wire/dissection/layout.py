@@ -17,7 +17,7 @@ from wire.device import DeviceReport, DeviceSettings
 from wire.key_routes import HOP, LINK, KeyLinks, KeyRoute, LinkState
 from wire.metadata import Answer, Block, Envelope, Frame, Message, Report, Values
 from wire.qkd import QkdMessage
-from wire.session_figures import Figure
+from wire.session_estimates import Quantity
 
 Enums = Mapping[str, type[IntEnum]]
 ENUMS: Enums = MappingProxyType(
@@ -29,7 +29,7 @@ ENUMS: Enums = MappingProxyType(
         "reason": metadata.Reason,
         "seal_end": metadata.Reason,
         "topic": metadata.Topic,
-        "figure": Figure,
+        "quantity": Quantity,
     }
 )
 KEY_ENUMS: Enums = MappingProxyType(

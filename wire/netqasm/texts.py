@@ -74,6 +74,6 @@ def take_text(data: bytearray) -> str | None:
     try:
         text = body.decode()
     except UnicodeDecodeError as error:
-        raise MalformedPacket(f"a text that is no UTF-8: {error}") from error
+        raise MalformedPacket(f"a text that is not UTF-8: {error}") from error
     del data[:end]
     return text

@@ -32,7 +32,19 @@ class DispatcherSettings:
         const=1000,
         range=(0, 1_000_000),
     )
+    # Which then ends, and the run goes on: a capture, and the record of the dispatcher.
+    file_gib: float = option(
+        8.0,
+        "GiB of each capture, and of the record, at most (8); the run goes on without more of it",
+        metavar="GIB",
+        range=(1e-6, 1e6),
+    )
     looking: bool = False  # whether hosts may look at states, which no hardware lets them do
+
+    @property
+    def file_bytes(self) -> int:
+        """Return what a capture, or the record, has at most."""
+        return int(self.file_gib * (1 << 30))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,6 +106,10 @@ class NetworkSettings(DispatcherSettings, ControllerSettings):
     metrics: bool = option(False, "metrics for Prometheus (docs/metrics.md)")
     gnmi: bool = option(False, "telemetry of quantum switches by gNMI (docs/telemetry.md)")
     tls: bool = option(False, "for gRPC of hosts and OpenFlow, with both ends certified")
+    # Path of a folder of PEM files; empty: the run makes them.
+    tls_from: str = option(
+        "", "the same by certificates of your own (docs/openflow.md)", metavar="FOLDER"
+    )
 
 
 def part(kind: type[Any], settings: NetworkSettings) -> dict[str, Any]:

@@ -15,7 +15,6 @@ from prometheus_client import (
 
 PATH = "/metrics"
 MAX_HEAD_BYTES = 8192  # of a request
-TIMEOUT_S = 5.0  # from connecting to the last byte of the answer
 END = b"\r\n\r\n"
 # A light path takes milliseconds, a call of the dispatcher some hundred microseconds.
 SECONDS = tuple(digit * 10.0**power for power in range(-5, 1) for digit in (1, 2, 5))

@@ -8,7 +8,8 @@ from functools import partial
 
 from prometheus_client import CollectorRegistry
 
-from wire.prometheus.metrics import END, MAX_HEAD_BYTES, TIMEOUT_S, answer
+from wire.prometheus.metrics import END, MAX_HEAD_BYTES, answer
+from wire.timeouts import METRICS_TIMEOUT_S
 
 
 async def serve(listener: socket.socket, registry: CollectorRegistry) -> asyncio.Server:
@@ -21,7 +22,7 @@ async def _answer(registry: CollectorRegistry, reader: StreamReader, writer: Str
     """Answer one request; who is slow, or goes away, gets nothing."""
     with closing(writer):
         try:
-            async with asyncio.timeout(TIMEOUT_S):
+            async with asyncio.timeout(METRICS_TIMEOUT_S):
                 writer.write(answer(await _head(reader), registry))
                 await writer.drain()
         except OSError:  # TimeoutError is one

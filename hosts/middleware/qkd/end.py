@@ -373,9 +373,9 @@ class End(ABC):
 
     def _abort(self, reason: AbortReason, text: str, *first: QkdMessage) -> list[bytes]:
         self._end(Failure(reason, text, by_peer=False))
-        room = max(0, self._signer.messages_left - 1)
+        capacity = max(0, self._signer.messages_left - 1)
         last = [Abort(reason, text)] if self._signer.messages_left else []
-        return [self._seal(message) for message in [*first[:room], *last]]
+        return [self._seal(message) for message in [*first[:capacity], *last]]
 
     def _end(self, failure: Failure) -> None:
         self.state, self.failure, self.key = State.ABORTED, failure, None

@@ -90,7 +90,7 @@ class KeyStore:
         """How many of them the other end hands out first."""
         return sum(1 for _ in key_files.names(self._second))
 
-    def require_room(self, count: int) -> None:
+    def require_capacity(self, count: int) -> None:
         """Raise StoreFull unless so many keys more may be put."""
         if self.stored + count > self.capacity:
             raise self._full()
@@ -113,7 +113,7 @@ class KeyStore:
 
     def put_all(self, keys: Sequence[StoredKey], *, first: bool) -> None:
         """Add keys, on disk when this returns; StoreFull or DuplicateKey: none is added."""
-        self.require_room(len(keys))
+        self.require_capacity(len(keys))
         by_name = {str(key.key_id): key.key for key in keys}
         if twice := [name for name in by_name if self.has(name)]:
             raise DuplicateKey(f"key {min(twice)} is in the store already")

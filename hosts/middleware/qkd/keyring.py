@@ -102,7 +102,7 @@ class Keyring:
         """
         keys, store = cut(session, final), self.store(other)
         try:
-            store.require_room(len(keys))
+            store.require_capacity(len(keys))
             self._keep_halves(store, other, keys, opened)
         except OSError as error:
             raise KeyStoreError(f"keys cannot be kept in {self._folder}: {error}") from error

@@ -34,9 +34,9 @@ from wire.metadata import (
 class Light:
     """The light of a host, which its sessions have one after the other."""
 
-    freed_s: float = -math.inf  # when a session last let go of it, of the network's clock
+    freed_s: float = -math.inf  # when a session last freed it, of the network's clock
 
-    def let_go(self) -> None:
+    def free(self) -> None:
         """Note that a session which this host took part in is over."""
         self.freed_s = now_s()
 
@@ -171,4 +171,4 @@ class Arrangement:
             self._pairs.close()
         if hasattr(self, "channel"):
             self.channel.close()
-            self._light.let_go()
+            self._light.free()

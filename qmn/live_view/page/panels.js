@@ -51,14 +51,14 @@ const unknown = (each) => (each.over ? "not measured" : "not yet known");
 
 // What is known of how good a session's pairs are; S tells that, too.
 function fidelity(each) {
-  const { fidelity, chsh } = each.figures, texts = [];
+  const { fidelity, chsh } = each.estimates, texts = [];
   if (fidelity) texts.push(estimate(fidelity, 4));
   if (chsh) texts.push(`S ${estimate(chsh, 3)}`);
   return texts.join("; ") || unknown(each);
 }
 
 function errors(each) {
-  const { qber, error_rate } = each.figures, texts = [];
+  const { qber, error_rate } = each.estimates, texts = [];
   if (qber) texts.push(`QBER ${estimate(qber, 2, 100)}`);
   if (error_rate) texts.push(estimate(error_rate, 2, 100));
   return texts.join("; ") || unknown(each);

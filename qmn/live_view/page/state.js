@@ -171,7 +171,7 @@ function session(state, id, t) {
     if (state.sessions.size >= MOST_SESSIONS) forgetSessions(state);
     state.sessions.set(id, {
       id, nodes: new Set(), says: "", since: t, last: t, pairs: 0, arrived: 0, lost: 0, measured: 0, told: {},
-      figures: {}, // what its ends have estimated: name -> {value, low, high} of 95 %
+      estimates: {}, // what its ends have estimated: name -> {value, low, high} of 95 %
     });
   }
   const found = state.sessions.get(id);
@@ -180,8 +180,8 @@ function session(state, id, t) {
 }
 
 function controller(state, m, names) {
-  if (m.event === "figure") {
-    session(state, m.session, m.t).figures[m.figure] = { value: m.value, low: m.low, high: m.high };
+  if (m.event === "estimate") {
+    session(state, m.session, m.t).estimates[m.quantity] = { value: m.value, low: m.low, high: m.high };
     return;
   }
   if (m.event === "key_link") {

@@ -324,6 +324,23 @@ def test_one_host_does_not_take_the_places_of_all_others() -> None:
     assert answer(other).reason != Reason.BUSY
 
 
+def test_one_host_does_not_have_all_sessions_with_few_requests() -> None:
+    """Of 4,096 it has an eighth: 512 at a time, and nobody else is refused by that."""
+    state = arbiter()
+    assert state.sessions.max_sessions_of_one == 512
+    state.sessions.max_sessions_of_one = 2
+    for number in (1, 2):
+        assert answer(ask(state, replace(PER_PAIR, session=number), sport=number)).reason == 0
+    refused = ask(state, replace(PER_PAIR, session=3), sport=3)
+    assert answer(refused).reason == Reason.BUSY
+    (note,) = [action for action in refused if isinstance(action, Note)]
+    assert note.detail == f"BUSY: 2 sessions of {ALICE} are under way, its share"
+    other = ask(state, replace(PER_PAIR, session=4), sport=4, source=BOB, destination=ALICE)
+    assert answer(other).reason != Reason.BUSY
+    arrive(state, fin(seq=100 + SETUP_LENGTH, sport=2))
+    assert answer(ask(state, replace(PER_PAIR, session=5), sport=5)).reason == 0
+
+
 def test_the_hold_has_a_deadline() -> None:
     state = arbiter()
     transaction = opened(ask(state, FRAMED, 1.0)).transaction

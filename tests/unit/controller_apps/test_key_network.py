@@ -5,9 +5,10 @@ from itertools import pairwise, permutations
 
 import pytest
 
-from controller_apps.keys.key_network import SILENT_S, KeyNetwork, NoRoute
+from controller_apps.keys.key_network import KeyNetwork, NoRoute
 from controller_apps.keys.view import identifier, keys_view
 from controller_apps.policy.policy import Policy, Trusted, parse_policy
+from controller_apps.timeouts import SILENT_S
 from wire.key_routes import KeyRouteRequest, LinkState
 
 NODES = [f"10.0.0.{number}" for number in range(1, 8)]

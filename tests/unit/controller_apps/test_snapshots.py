@@ -140,13 +140,13 @@ def test_hosts_are_read_back_as_they_were() -> None:
 def test_files_are_replaced_and_removed(tmp_path: Path) -> None:
     path = tmp_path / "state"
     folder = StateFolder(str(path))
-    assert not folder.inherited
+    assert not folder.restored
     folder.keep_session(7, b"one")
     folder.keep_session(7, b"other")
     folder.keep_session(8, b"more")
     folder.keep_hosts(b"hosts")
     again = StateFolder(str(path))
-    assert again.inherited
+    assert again.restored
     assert list(again.sessions()) == [(7, b"other"), (8, b"more")]
     assert again.hosts() == b"hosts"
     again.forget_session(7)
@@ -172,4 +172,4 @@ def test_without_a_folder_nothing_is_kept() -> None:
     folder = StateFolder("")
     folder.keep_session(7, b"one")
     folder.forget_session(7)
-    assert (list(folder.sessions()), folder.hosts(), folder.inherited) == ([], b"", False)
+    assert (list(folder.sessions()), folder.hosts(), folder.restored) == ([], b"", False)

@@ -37,7 +37,7 @@ from wire.device import (
 )
 from wire.metadata import Answer, Fec, Handshake, Message, Reason, Service, Setup
 from wire.seal_orders import GiveBack, SealOrder
-from wire.session_figures import Figure, SessionFigure
+from wire.session_estimates import Quantity, SessionEstimate
 
 KEY = "00112233445566778899aabbccddeeff"
 SETUP = Setup(7, Service.SDC, Handshake.FRAMED, "10.0.0.3", 65_536, 256, 50_000_000)
@@ -418,10 +418,10 @@ def test_what_a_session_has_found_out_is_told_while_it_lasts_and_in_the_end() ->
             with device.opens(session):
                 assert isinstance(await peer.next(), DeviceReport)
                 session.summary = {"fidelity": 0.9, "fidelity_low": 0.85, "fidelity_high": 0.94}
-                first = SessionFigure(0, 7, Figure.FIDELITY, 0.9, 0.85, 0.94)
+                first = SessionEstimate(0, 7, Quantity.FIDELITY, 0.9, 0.85, 0.94)
                 assert await peer.next() == first
                 session.summary |= {"fidelity": 0.91}
             told = [await peer.next(), await peer.next()]
-            assert SessionFigure(0, 7, Figure.FIDELITY, 0.91, 0.85, 0.94) in told
+            assert SessionEstimate(0, 7, Quantity.FIDELITY, 0.91, 0.85, 0.94) in told
 
     network_loop.run(scene())

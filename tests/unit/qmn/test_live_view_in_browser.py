@@ -1,6 +1,7 @@
 """The live view as Chromium shows it: large and small, by mouse and keyboard, to its end."""
 
 import re
+import sys
 from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -12,6 +13,7 @@ from playwright.sync_api import Browser, Page, expect
 from recorded_run import START_NS, record_run
 
 from qmn.live.key_links import KeyLink
+from qmn.live_view import acts
 from qmn.live_view.layout import described
 from qmn.live_view.server import View
 from qmn.live_view.sources import timeline_of_run
@@ -143,9 +145,9 @@ def test_the_fill_of_key_stores_is_shown(
         page.close()
 
 
-def told_by_hosts(view: View, t: float, **figure: Any) -> None:
+def told_by_hosts(view: View, t: float, **estimate: Any) -> None:
     """Let the controller record what an end of the session has found out."""
-    fact = {"event": "figure", "session": SESSION, "host": "bob", **figure}
+    fact = {"event": "estimate", "session": SESSION, "host": "bob", **estimate}
     view.timeline.add("controller", START_NS + round(t * 1e9), fact)
 
 
@@ -162,13 +164,13 @@ def test_what_is_known_of_a_sessions_pairs_is_in_its_row(
         fidelity, errors = (page.locator("#sessions tbody td").nth(n) for n in (9, 10))
         expect(fidelity).to_have_text("not yet known")
         expect(errors).to_have_text("not yet known")
-        told_by_hosts(view, 1.1, figure="error_rate", value=0.03125, low=0.02, high=0.045)
+        told_by_hosts(view, 1.1, quantity="error_rate", value=0.03125, low=0.02, high=0.045)
         expect(errors).to_have_text("3.13 (2.00 to 4.50)")
         expect(fidelity).to_have_text("not yet known")
-        told_by_hosts(view, 1.2, figure="fidelity", value=0.9512, low=0.94, high=0.962)
+        told_by_hosts(view, 1.2, quantity="fidelity", value=0.9512, low=0.94, high=0.962)
         expect(fidelity).to_have_text("0.9512 (0.9400 to 0.9620)")
-        told_by_hosts(view, 1.3, figure="qber", value=0.0123, low=0.01, high=0.015)
-        told_by_hosts(view, 1.3, figure="chsh", value=2.71, low=2.6, high=2.82)
+        told_by_hosts(view, 1.3, quantity="qber", value=0.0123, low=0.01, high=0.015)
+        told_by_hosts(view, 1.3, quantity="chsh", value=2.71, low=2.6, high=2.82)
         expect(errors).to_have_text("QBER 1.23 (1.00 to 1.50); 3.13 (2.00 to 4.50)")
         expect(fidelity).to_have_text("0.9512 (0.9400 to 0.9620); S 2.710 (2.600 to 2.820)")
         expect(page.locator("#decisions li")).to_have_count(0)  # it is no decision
@@ -271,9 +273,23 @@ def test_a_network_that_is_gone_is_told(chromium: Browser, tmp_path: Path) -> No
     page.close()
 
 
+# `qmn` as if networks had their files elsewhere: this machine may run some. No root is asked for.
+QMN_ELSEWHERE = """import sys
+from pathlib import Path
+from topologies import runtime
+runtime.RUNTIME_ROOT = Path({folder!r})
+from qmn import __main__
+__main__.become_root = lambda words: None
+sys.exit(__main__.main())
+"""
+
+
 def test_an_act_shows_its_command_and_what_came_of_it(
-    chromium: Browser, tmp_path: Path, said: list[str]
+    chromium: Browser, tmp_path: Path, said: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    (tmp_path / "run").mkdir()
+    code = QMN_ELSEWHERE.format(folder=str(tmp_path / "run"))
+    monkeypatch.setattr(acts, "QMN", (sys.executable, "-c", code))
     view = live(tmp_path)
     with served(view) as url:
         page = opened(chromium, url, said)

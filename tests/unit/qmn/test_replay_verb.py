@@ -1,6 +1,7 @@
 """qmn replay, as a user types it."""
 
 import asyncio
+import re
 import subprocess
 import sys
 from contextlib import ExitStack
@@ -14,6 +15,7 @@ from dispatcher.clock import NetworkClock
 from dispatcher.server.server import build_service
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import BlockId, CreateRequest, Launch, MeasureRequest, SendRequest
+from wire.dispatcher_record import MAGIC
 from wire.parameters.physics import Device, PairSource
 
 DEADLINE_S = 30
@@ -28,7 +30,9 @@ def run_folder(tmp_path: Path) -> Path:
 IDEAL = Device()
 
 
-def recorded_run(tmp_path: Path, alice: Device = IDEAL, **optics: str) -> Path:
+def recorded_run(
+    tmp_path: Path, alice: Device = IDEAL, record_bytes: float = 1e9, **optics: str
+) -> Path:
     """Have a small network do something; return the folder of the run."""
     fiber = Fiber(FiberEnd("alice", "a0"), FiberEnd("bob", "b0"), depolarizing=0.2, **optics)  # type: ignore[arg-type]
     config = DispatcherConfig(
@@ -41,6 +45,7 @@ def recorded_run(tmp_path: Path, alice: Device = IDEAL, **optics: str) -> Path:
         devices={"alice": alice},
         event_log=str(tmp_path / "quantum.log"),
         record=str(tmp_path / "dispatcher.record"),
+        file_gib=record_bytes / 2**30,
     )
 
     async def act() -> None:
@@ -128,6 +133,27 @@ def test_a_folder_without_a_record_is_named(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert f"cannot read {tmp_path / 'dispatcher.record'}" in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+def test_a_record_that_became_too_long_is_replayed_as_far_as_it_goes(tmp_path: Path) -> None:
+    """Wherever its bound is, what it has is whole."""
+    folders = [tmp_path / f"{number}" for number in range(5)]
+    folders[0].mkdir()
+    record = (recorded_run(folders[0]) / "dispatcher.record").read_bytes()
+    begin = len(MAGIC) + 4 + int.from_bytes(record[len(MAGIC) :][:4])  # MAGIC and the header
+    told = []
+    for number, folder in enumerate(folders[1:], 1):
+        folder.mkdir()
+        most = begin + (len(record) - begin) * number // 5
+        recorded_run(folder, record_bytes=most)
+        done = replay(folder)
+        assert (done.returncode, done.stderr) == (0, "")
+        told.append(re.fullmatch(r"identical: (\d) events of (\d) requests\n(.*)\n", done.stdout))
+    assert all(each and "has become too long (--file-gib)" in each[3] for each in told)
+    counts = [(int(each[1]), int(each[2])) for each in told if each]
+    assert counts == sorted(counts)
+    assert counts[0] == (0, 0)
+    assert counts[-1] > (0, 0)
 
 
 def test_a_record_that_was_cut_off_is_said_to_be_so(run_folder: Path) -> None:

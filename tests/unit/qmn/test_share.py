@@ -12,7 +12,7 @@ from qmn.results.run_folder import make_folder
 
 FILES = (
     "result.json", "report.html", "c0.log", "s1-eth1.pcap", "all.pcapng", "quantum.log",
-    "quantum.pcapng", "quantum.qasm", "dispatcher.record",
+    "quantum.pcapng", "quantum.qasm", "dispatcher.record", "kme-alice.keys",
 )  # fmt: skip
 
 

@@ -4,7 +4,8 @@ CHSH of Werner pairs is 2 sqrt 2 (4F - 1)/3 (Horodecki et al. 1995), Hong-Ou-Man
 Gaussian spectra are 1/2 (1 - V exp(-(sigma tau)^2)). Bounds are five standard errors of these.
 """
 
-from math import exp, log2, sqrt
+from itertools import product
+from math import cos, exp, log2, pi, prod, sqrt
 
 import pytest
 
@@ -124,21 +125,85 @@ def test_pairs_are_seen_as_often_and_err_as_often_as_an_enumeration_has_it(proto
     given = EXPERIMENTS["pair-keys"].complete(values)
     assert theory_of["gain"](given) == pytest.approx(gain, rel=1e-9)
     assert theory_of["qber"](given) == pytest.approx(qber, rel=1e-9)
+    single = theory.several_pairs("single", 1.0, (seen, seen), dark, error)
+    assert single == pytest.approx((qber, gain), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("experiment", "given"),
+    [
+        ("multi-pair", {"statistics": "single", "dark_count": 0.02, "loss_db": 10.0}),
+        ("multi-pair", {"statistics": "thermal", "dark_count": 0.02, "mean_pairs": 0.3}),
+        ("pair-keys", {"statistics": "poisson", "mean_pairs": 0.3}),
+        ("pair-keys", {"statistics": "thermal", "mean_pairs": 0.3, "length_km": 10.0}),
+    ],
+)
+def test_dark_counts_and_several_pairs_err_as_the_closed_form_has_it(
+    experiment: str, given: dict[str, Value]
+) -> None:
+    """That form is held against all numbers of pairs in tests/unit/qmn/test_sweep_theory.py."""
+    values = EXPERIMENTS[experiment].complete({**given, "pairs": 400_000})
+    (qber,) = (each for each in EXPERIMENTS[experiment].measures if each.name == "qber")
+    expected = qber.theory(values)
+    assert expected is not None
+    assert Estimate(*measure(experiment, values, SEED)["qber"]).agrees(expected)
 
 
 def test_a_relay_tells_as_much_of_lasers_as_the_published_forms_say() -> None:
-    """Lo, Curty and Qi's relay 40 km from either end; numbers are of Ma and Razavi's formulas."""
+    """Lo, Curty and Qi's relay 40 km from either end; by a sum over phases and clicks.
+
+    Ma and Razavi's formulas, as they are in relay_theory, have to give the same.
+    """
     found = measure("mdi", complete("mdi", {"length_km": 40.0, "pairs": 100_000}), SEED)
     seen, signals = 0.4 * 0.9 * 10**-0.4, 0.5**2 * 100_000 / 4
-    gain, wrong = relay_theory.rectilinear(seen, seen, 1e-6, 0.015)
+    gain, wrong = relayed(seen, (1, 0), (0, 1), {"Psi+": 1, "Psi-": 1})
+    formula = relay_theory.rectilinear(seen, seen, DARK, MISALIGNED)
+    assert formula == pytest.approx((gain, wrong), rel=1e-9)
     assert gain == pytest.approx(2 * exp(-seen) * (1 - exp(-seen / 2)) ** 2, rel=1e-3)
     assert abs(found["gain"][0] - gain) < 5 * sqrt(gain / signals)
     qber = wrong / gain
     assert abs(found["qber"][0] - qber) < 5 * sqrt(qber / (gain * signals))
-    told, errs = relay_theory.diagonal(seen, seen, 1e-6, 0.015)
+    half = sqrt(0.5)
+    told, errs = relayed(seen, (half, half), (half, -half), {"Psi+": 0, "Psi-": 1})
+    formula = relay_theory.diagonal(seen, seen, DARK, MISALIGNED)
+    assert formula == pytest.approx((told, errs), rel=1e-9)
     qber = errs / told
     assert 0.24 < qber < 0.25  # a quarter by pairs of one end, and of the others few
     assert abs(found["qber_x"][0] - qber) < 5 * sqrt(qber / (told * signals))
+
+
+DARK, MISALIGNED, PHASES = 1e-6, 0.015, 48
+# Which detectors alone have to click: c H, c V, d H, d V behind the beam splitter.
+CLICKS = {"Psi+": ((0, 1), (2, 3)), "Psi-": ((0, 3), (2, 1))}
+
+
+def relayed(
+    seen: float, zero: tuple[float, float], one: tuple[float, float], differ: dict[str, int]
+) -> tuple[float, float]:
+    """Return how likely a state is told, and with bits that do not differ as they should there.
+
+    Of pulses of `seen` photons in these amplitudes of H and V; MISALIGNED of the right are wrong,
+    and of the wrong right. The phase between pulses is anything.
+    """
+    right = wrong = 0.0
+    for (state, ways), her, his in product(CLICKS.items(), (0, 1), (0, 1)):
+        for number in range(PHASES):
+            turn = cos(2 * pi * number / PHASES)
+            light = [
+                seen * ((h * h + v * v) / 2 + sign * h * v * turn)
+                for sign in (1, -1)
+                for h, v in zip((zero, one)[her], (zero, one)[his], strict=True)
+            ]
+            silent = [(1 - DARK) * exp(-each) for each in light]
+            chance = sum(
+                prod(1 - silent[mode] if mode in way else silent[mode] for mode in range(4))
+                for way in ways
+            )
+            if (her != his) == bool(differ[state]):
+                right += chance / 4 / PHASES
+            else:
+                wrong += chance / 4 / PHASES
+    return right + wrong, MISALIGNED * right + (1 - MISALIGNED) * wrong
 
 
 def told_by(photon: int, dark: float) -> tuple[float, float]:

@@ -113,7 +113,7 @@ def test_a_file_says_what_to_sweep(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("sweep = ", "is no TOML file"),
+        ("sweep = ", "is not a TOML file"),
         ("seed = 1", "does not say what to sweep"),
         ("sweep = 3", "does not say what to sweep"),
         ('sweep = "sdc"\ngrids = 1', "grids is unknown: choose sweep, seed, grid"),

@@ -11,6 +11,7 @@ from qmn.reports.drawing import VARIABLES
 from qmn.reports.page import STYLE
 from qmn.scripting.exchange import Exchange
 from qmn.scripting.light import Hop, LightPath
+from qmn.scripting.network import Held, HostState
 from qmn.scripting.tables import TableOf, drawn
 from qmn.sweeps.catalogue import EXPERIMENTS
 from qmn.sweeps.estimates import Estimate
@@ -44,6 +45,21 @@ def test_a_light_path_is_a_row_for_each_hop() -> None:
         ("bb", "fibre", "I"),
         ("bb", "q1", "X"),
     ]
+
+
+def test_a_host_is_a_row_for_each_block_that_it_holds() -> None:
+    device = {"name": "bob", "memory": 64, "settings": {"fec": "golay"}}
+    blocks = Held("00000000000000aa", 1, 0, 100, "memory"), Held("00000000000000aa", 2, 1, 9, "q0")
+    state = HostState(device, blocks)
+    assert list(state.to_dataframe()["photons"]) == [100, 9]
+    assert [(row["name"], row["memory"], row["place"]) for row in state.rows()] == [
+        ("bob", 64, "memory"),
+        ("bob", 64, "q0"),
+    ]
+    assert "<td>memory</td>" in state._repr_html_()
+    assert blocks[0].rows() == [{**vars(blocks[0])}]
+    (row,) = HostState(device, ()).rows()
+    assert (row["name"], row["photons"]) == ("bob", None)
 
 
 def test_a_notebook_shows_a_table_and_no_html_of_others() -> None:

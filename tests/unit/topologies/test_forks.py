@@ -258,3 +258,24 @@ def test_a_server_that_a_signal_has_stopped_is_waited_for_once(
     finally:
         server.close()
         program.stop()
+
+
+def test_the_command_itself_has_the_environment_of_programs() -> None:
+    """Else none could be forked off it."""
+    told = subprocess.run(
+        ["bash", "-c", f"exec() {{ env; }}; source {ROOT}/bin/qmn"],
+        env={"PATH": os.environ["PATH"]},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert {f"{name}={value}" for name, value in ENVIRONMENT.items()} <= set(
+        told.stdout.splitlines()
+    )
+
+
+def test_loggers_of_what_is_loaded_beside_mininet_are_not_mininets() -> None:
+    """All would be Mininet's that are made after it is loaded, and say nothing of what happens."""
+    script = "import topologies.forks, mininet.net, logging; print(type(logging.getLogger('ours')))"
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, check=True)
+    assert done.stdout == b"<class 'logging.Logger'>\n"

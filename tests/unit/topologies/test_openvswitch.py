@@ -28,6 +28,34 @@ def test_one_that_cannot_start_says_why(tmp_path: Path, monkeypatch: pytest.Monk
         openvswitch.start("test")
 
 
+def test_it_is_started_again_where_a_daemon_was_just_ending(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Then ovs-ctl has taken that for one that runs, and started nothing."""
+    control, starts = tmp_path / "ovs-ctl", tmp_path / "starts"
+    control.write_text(f"#!/bin/sh\necho start >>{starts}\n")
+    control.chmod(0o755)
+    monkeypatch.setattr(openvswitch, "CONTROL", str(control))
+    monkeypatch.setattr(openvswitch, "RUNTIME_ROOT", tmp_path)
+    monkeypatch.setattr(openvswitch, "daemons", dict)
+    monkeypatch.setattr(openvswitch, "OPENVSWITCH_TIMEOUT_S", 5.0)
+    starts.touch()
+    monkeypatch.setattr(openvswitch, "running", lambda: starts.read_text().count("start") > 1)
+    watched = iter(
+        [{openvswitch.SWITCH_DAEMON}] * 3
+    )  # its monitor starts it again: no one else may
+    asked = []
+
+    def watched_over() -> set[str]:
+        asked.append(starts.read_text())
+        return next(watched, set())
+
+    monkeypatch.setattr(openvswitch, "_watched_over", watched_over)
+    openvswitch.start("test")
+    assert asked == ["", "", "", "", "start\n"]
+    assert (tmp_path / openvswitch.STARTED).read_text() == "test"
+
+
 def test_a_command_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "/nowhere")
     with pytest.raises(NetworkError, match="not installed"):

@@ -20,12 +20,12 @@ def test_what_is_json_is_read() -> None:
         (b"[" * 4 + b"]" * 4, "deeper than 3"),
         (b"[" * 900, "deeper than 3"),
         (b'{"a": 1, "a": 2}', "twice"),
-        (b"NaN", "NaN is no JSON"),
-        (b"[-Infinity]", "no JSON"),
-        (b'"\xff"', "no JSON"),
-        (b"", "no JSON"),
+        (b"NaN", "NaN is not JSON"),
+        (b"[-Infinity]", "not JSON"),
+        (b'"\xff"', "not JSON"),
+        (b"", "not JSON"),
         (b"1" * 999, None),
-        (b"{} {}", "no JSON"),
+        (b"{} {}", "not JSON"),
     ],
 )
 def test_what_is_not_is_refused(data: bytes, why: str | None) -> None:

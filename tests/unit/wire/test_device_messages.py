@@ -33,7 +33,7 @@ from wire.key_routes import (
 )
 from wire.metadata import HEADER, Answer, MalformedPacket, Message, Reason, Setup
 from wire.seal_orders import GiveBack, SealOrder
-from wire.session_figures import Figure, SessionFigure
+from wire.session_estimates import Quantity, SessionEstimate
 
 KEY, OTHER_KEY = "00112233445566778899aabbccddeeff", "ff" * 16
 HOST, CONTROLLER = Datagram.FROM_HOST, Datagram.FROM_CONTROLLER
@@ -88,7 +88,7 @@ GOLDEN = {
         "3fe0000000000000 3fd0000000000000 3fc0000000000000 3fb0000000000000"
     ),
     SessionQuery(12, 7): "514d 05 2a 00000018 000000000000000c 0000000000000007",
-    SessionFigure(0, 7, Figure.CHSH, 2.5, 2.25, 2.75): "514d 05 2b 00000031 0000000000000000"
+    SessionEstimate(0, 7, Quantity.CHSH, 2.5, 2.25, 2.75): "514d 05 2b 00000031 0000000000000000"
     "0000000000000007 03 4004000000000000 4002000000000000 4006000000000000",
     GiveBack(11, 7): "514d 05 29 00000018 000000000000000b 0000000000000007",
     REPORT: "514d 05 23 000000bb 0000000000000005 0001 0002 0003"
@@ -180,13 +180,13 @@ def test_another_key_and_the_other_direction_are_refused() -> None:
         SealOrder(1, 7, "10.0.0.1", "10.0.0.1", 1, 1, 1, 0.1, 0.1, 0.1, 0.1),
         SealOrder(1, 7, "10.0.0.1", "10.0.0.2", 1, 1, 1, 0.1, 0.1, nan, 0.1),
         SealOrder(1, 7, "10.0.0.1", "10.0.0.2", 1, 1, 1, 0.1, 0.1, 0.1, -inf),
-        SessionFigure(0, 7, 0, 0.5, 0.4, 0.6),
-        SessionFigure(0, 7, 5, 0.5, 0.4, 0.6),
-        SessionFigure(0, 7, Figure.QBER, nan, 0.4, 0.6),
-        SessionFigure(0, 7, Figure.QBER, 0.5, nan, 0.6),
-        SessionFigure(0, 7, Figure.QBER, 0.5, 0.4, inf),
-        SessionFigure(0, 7, Figure.FIDELITY, 0.5, 0.6, 0.7),
-        SessionFigure(0, 7, Figure.CHSH, 4.5, 4.4, 4.6),
+        SessionEstimate(0, 7, 0, 0.5, 0.4, 0.6),
+        SessionEstimate(0, 7, 5, 0.5, 0.4, 0.6),
+        SessionEstimate(0, 7, Quantity.QBER, nan, 0.4, 0.6),
+        SessionEstimate(0, 7, Quantity.QBER, 0.5, nan, 0.6),
+        SessionEstimate(0, 7, Quantity.QBER, 0.5, 0.4, inf),
+        SessionEstimate(0, 7, Quantity.FIDELITY, 0.5, 0.6, 0.7),
+        SessionEstimate(0, 7, Quantity.CHSH, 4.5, 4.4, 4.6),
         replace(REPORT, ports=(DevicePort("q", True),) * (MAX_PORTS + 1)),
         replace(REPORT, seal_end=200),
         replace(REPORT, ports=(DevicePort("", True),)),

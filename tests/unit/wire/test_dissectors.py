@@ -56,7 +56,7 @@ from wire.metadata import (
     message_length,
 )
 from wire.seal_orders import GiveBack, SealOrder
-from wire.session_figures import Figure, SessionFigure
+from wire.session_estimates import Quantity, SessionEstimate
 
 SEED = 7
 KEY = "00" * 32
@@ -138,7 +138,7 @@ DEVICES: list[Message] = [
     SealOrder(8, 1 << 63, "10.0.0.1", "10.0.0.2", 2000, 1024, 100_000, 0.5, 0.25, 0.125, 0.0625),
     GiveBack(9, 7),
     SessionQuery(10, 8),
-    SessionFigure(0, 8, Figure.FIDELITY, 0.875, 0.75, 0.9375),
+    SessionEstimate(0, 8, Quantity.FIDELITY, 0.875, 0.75, 0.9375),
     REPORT,
     KeyLinks(5, (LinkState("10.0.0.2", 1, 2, 3, 4, True), LinkState("10.0.0.3", 5, 6, 7, 8))),
     KeyRouteRequest(6, "10.0.0.3", 9, "sae-alice", "web"),

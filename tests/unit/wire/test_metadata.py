@@ -142,6 +142,16 @@ class ScapySetup(Packet):
     ]
 
 
+@pytest.mark.parametrize(("number", "name"), [(0, "PENDING"), (1, "GRANTED"), (2, "REFUSED")])
+def test_a_verdict_is_read_as_its_number_says(number: int, name: str) -> None:
+    data = bytearray(SETUP.encode())
+    data[-20] = number  # before rotation, reason and the 16 bytes of the seal
+    setup = decode(bytes(data))
+    assert isinstance(setup, Setup)
+    assert setup.verdict == Verdict[name]
+    assert setup.encode() == bytes(data)
+
+
 @pytest.mark.parametrize(("message", "golden"), GOLDEN, ids=lambda value: type(value).__name__)
 def test_golden_bytes_both_ways(message: Message, golden: str) -> None:
     assert message.encode().hex() == golden

@@ -56,7 +56,7 @@ def test_what_is_no_question_gets_a_status(
 def test_a_server_answers_on_the_socket_that_it_is_handed(
     registry: CollectorRegistry, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(metrics_server, "TIMEOUT_S", 0.2)
+    monkeypatch.setattr(metrics_server, "METRICS_TIMEOUT_S", 0.2)
 
     async def run() -> None:
         with socket.create_server(("127.0.0.1", 0)) as opened:

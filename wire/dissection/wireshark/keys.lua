@@ -43,13 +43,13 @@ end
 
 local function check_proposal(values)
     for _, name in ipairs({ "test_fraction", "max_qber", "eps_sec", "eps_cor" }) do
-        if not (values[name] > 0 and values[name] < 1) then return name .. " is no fraction" end
+        if not (values[name] > 0 and values[name] < 1) then return name .. " is not a fraction" end
     end
     if not (values.multi_photon >= 0 and values.multi_photon < 1) then
-        return "multi_photon is no fraction"
+        return "multi_photon is not a fraction"
     end
     for _, name in ipairs({ "chsh_fraction", "chsh_margin" }) do
-        if not (values[name] >= 0 and values[name] < 1) then return name .. " is no fraction" end
+        if not (values[name] >= 0 and values[name] < 1) then return name .. " is not a fraction" end
     end
     return nil
 end
@@ -63,14 +63,14 @@ local function check_intensities(values)
     local signal, weak, vacuum = values.signal_mean, values.weak_mean, values.vacuum_mean
     if not (vacuum >= 0 and vacuum < weak and weak + vacuum < signal
             and signal <= format.max_mean) then
-        return "means are no signal and decoys"
+        return "means are not a signal and decoys"
     end
     local sum = 0
     for _, name in ipairs({ "signal_share", "weak_share", "vacuum_share" }) do
-        if not (values[name] > 0 and values[name] < 1) then return name .. " is no share" end
+        if not (values[name] > 0 and values[name] < 1) then return name .. " is not a share" end
         sum = sum + values[name]
     end
-    if math.abs(sum - 1) > 1e-9 then return "shares are no whole" end
+    if math.abs(sum - 1) > 1e-9 then return "shares do not add up to 1" end
     return nil
 end
 

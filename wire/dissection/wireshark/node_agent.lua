@@ -155,14 +155,14 @@ local function check_seal(values, fields, range)
     if at.opener:uint() == at.acceptor:uint() then return "one host at both ends" end
     for _, name in ipairs({ "whole_error", "fraction", "false_alarm", "missed" }) do
         local value = values[name]
-        if value ~= value or math.abs(value) == math.huge then return name .. " is no number" end
+        if value ~= value or math.abs(value) == math.huge then return name .. " is not a number" end
     end
     return nil
 end
 
 -- Returns why the estimate of a session cannot be, or nil.
-local function check_figure(values)
-    local low, value, high, most = values.low, values.value, values.high, format.most_figure
+local function check_estimate(values)
+    local low, value, high, most = values.low, values.value, values.high, format.most_estimate
     local right = low <= value and value <= high and -most <= low and high <= most
     return not right and "no estimate" or nil
 end
@@ -186,7 +186,7 @@ local function add_body(tree, kind, range)
         end
         problem = problem or check_order(values, range, right, station)
     end
-    if kind.name == "SessionFigure" then problem = problem or check_figure(values) end
+    if kind.name == "SessionEstimate" then problem = problem or check_estimate(values) end
     if kind.name == "SealOrder" then problem = problem or check_seal(values, plain, range) end
     if settings then
         local place = range:range(settings.offset, settings.size)

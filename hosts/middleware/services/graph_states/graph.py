@@ -191,7 +191,7 @@ def _edge(word: str, names: Collection[str]) -> Edge:
     for (a, first), (b, second) in combinations(enumerate(names), 2):
         if word in (f"{first}-{second}", f"{second}-{first}"):
             return a, b
-    text = f"{word!r} is no edge of two of {', '.join(names)}"
+    text = f"{word!r} is not an edge between two of {', '.join(names)}"
     raise ValueError(f"{text}: write {', '.join(NAMED)}, or edges as A-B,B-C")
 
 

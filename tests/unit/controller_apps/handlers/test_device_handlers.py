@@ -17,7 +17,7 @@ from scapy.packet import Packet
 from controller_apps.apps.device_monitor import DeviceMonitor
 from controller_apps.apps.host_orders import (
     EventAlarm,
-    EventFigure,
+    EventEstimate,
     EventOrder,
     EventSealOver,
     EventSessionTold,
@@ -50,7 +50,7 @@ from wire.device import (
 from wire.metadata import Answer, Message, Reason
 from wire.optical import ALL_VALID, TUNABLE, PortLight, PortOptics
 from wire.seal_orders import GiveBack, SealOrder
-from wire.session_figures import Figure, SessionFigure
+from wire.session_estimates import Quantity, SessionEstimate
 
 KEYS = {"alice": "aa" * 16, "bob": "bb" * 16}
 CONTROLLER, ALICE = "10.0.0.254", "10.0.0.1"
@@ -508,16 +508,16 @@ def test_what_a_host_has_found_out_of_a_session_is_passed_on(
 ) -> None:
     sent: list[tuple[str, Any]] = []
     monkeypatch.setattr(scene.monitor, "send_event", lambda app, event: sent.append((app, event)))
-    figure = SessionFigure(0, 7, Figure.FIDELITY, 0.9, 0.8, 0.95)
-    scene.says(figure)  # nobody has heard of the host yet
+    estimate = SessionEstimate(0, 7, Quantity.FIDELITY, 0.9, 0.8, 0.95)
+    scene.says(estimate)  # nobody has heard of the host yet
     assert sent == []
     scene.says(SET)
-    scene.says(figure)
+    scene.says(estimate)
     ((app, event),) = sent
-    assert isinstance(event, EventFigure)
+    assert isinstance(event, EventEstimate)
     assert (app, event.host, event.address, event.told) == (
         "QuantumMetadata",
         "alice",
         ALICE,
-        figure,
+        estimate,
     )

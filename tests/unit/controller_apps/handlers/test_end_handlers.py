@@ -27,7 +27,7 @@ from metadata_scene import (
     payload_of,
 )
 
-from controller_apps.apps.host_orders import EventFigure
+from controller_apps.apps.host_orders import EventEstimate
 from controller_apps.openflow.framework import ofproto, parser
 from wire.metadata import (
     METADATA_PORT,
@@ -36,7 +36,7 @@ from wire.metadata import (
     Setup,
     decode,
 )
-from wire.session_figures import Figure, SessionFigure
+from wire.session_estimates import Quantity, SessionEstimate
 
 scene, ready = handlers_scene.scene, handlers_scene.ready  # fixtures
 
@@ -137,19 +137,19 @@ def test_the_end_is_recorded_with_all_packets_counted(ready: Scene) -> None:
 def test_what_an_end_has_found_out_is_recorded_also_when_the_session_is_over(
     ready: Scene,
 ) -> None:
-    def figures() -> list[dict[str, Any]]:
-        return [fact for fact in ready.recorded() if fact["event"] == "figure"]
+    def estimates() -> list[dict[str, Any]]:
+        return [fact for fact in ready.recorded() if fact["event"] == "estimate"]
 
-    told = SessionFigure(0, FRAMED.session, Figure.FIDELITY, 0.9, 0.8, 0.95)
-    ready.quantum.figure_told(EventFigure("alice", ALICE, told))  # there is no such session yet
+    told = SessionEstimate(0, FRAMED.session, Quantity.FIDELITY, 0.9, 0.8, 0.95)
+    ready.quantum.estimate_told(EventEstimate("alice", ALICE, told))  # there is no such session yet
     grant(ready)
-    ready.quantum.figure_told(EventFigure("charlie", CHARLIE, told))  # at none of its ends
-    assert figures() == []
-    ready.quantum.figure_told(EventFigure("alice", ALICE, told))
+    ready.quantum.estimate_told(EventEstimate("charlie", CHARLIE, told))  # at none of its ends
+    assert estimates() == []
+    ready.quantum.estimate_told(EventEstimate("alice", ALICE, told))
     ready.packet_in(ready.s1, 1, frame(seq=100 + len(FRAMED.encode()), flags="FA"))
     assert ready.recorded()[-1]["event"] == "torn_down"
-    ready.quantum.figure_told(EventFigure("bob", BOB, replace(told, figure=Figure.QBER)))
-    found = [(fact["session"], fact["host"], fact["figure"]) for fact in figures()]
+    ready.quantum.estimate_told(EventEstimate("bob", BOB, replace(told, quantity=Quantity.QBER)))
+    found = [(fact["session"], fact["host"], fact["quantity"]) for fact in estimates()]
     session = f"{FRAMED.session:016x}"
     assert found == [(session, "alice", "fidelity"), (session, "bob", "qber")]
-    assert [figures()[0][name] for name in ("value", "low", "high")] == [0.9, 0.8, 0.95]
+    assert [estimates()[0][name] for name in ("value", "low", "high")] == [0.9, 0.8, 0.95]

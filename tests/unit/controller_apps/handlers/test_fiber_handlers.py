@@ -1,5 +1,6 @@
 """Where fibres lead: LLDP of hosts and of switches, cuts, and what nobody may claim."""
 
+import logging
 import random
 import struct
 from dataclasses import replace
@@ -9,7 +10,15 @@ from typing import Any
 
 import handlers_scene
 import pytest
-from handlers_scene import Datapath, Scene, announcement, fiber_port, instructions, reconnect
+from handlers_scene import (
+    Datapath,
+    Scene,
+    announcement,
+    fiber_port,
+    instructions,
+    reconnect,
+    shift_clock,
+)
 from metadata_scene import (
     ALICE,
     BOB,
@@ -17,6 +26,7 @@ from metadata_scene import (
     FIBERS,
     MACS,
     Q1,
+    frame,
 )
 from scapy.contrib.lldp import (
     LLDPDUChassisID,
@@ -233,6 +243,27 @@ def test_malformed_lldp_is_counted_and_changes_nothing(scene: Scene) -> None:
     assert not scene.quantum.network.hosts
 
 
+def test_who_floods_a_port_leaves_room_in_the_log_for_others(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    shift_clock(monkeypatch, 0)  # it stands still
+    caplog.set_level(logging.INFO, logger=scene.quantum.logger.name)
+    for _ in range(1000):
+        scene.packet_in(scene.q1, 1, b"\xff" * 40)
+    scene.packet_in(scene.q1, 2, b"\xff" * 40)
+    scene.packet_in(scene.s1, 1, frame(b"no magic"))
+    lines = [line for line in caplog.messages if line.startswith("dropped (")]
+    assert [line.split(": ")[1] for line in lines] == [
+        *["switch 0x2 port 1"] * 5,
+        "switch 0x2 port 2",
+        "switch 0x1 port 1",
+    ]
+    assert scene.quantum.dropped == {"lldp": 1001, "malformed": 1}
+    shift_clock(monkeypatch, 1)
+    scene.quantum.time_passed(None)
+    assert caplog.messages[-1] == "dropped: switch 0x2 port 1: 995 more, whose lines are left out"
+
+
 def test_hosts_say_what_they_can_do_or_what_they_say_is_not_heard(scene: Scene) -> None:
     able = replace(FIBERS[1], node_features=NodeFeatures(EVERYTHING, 32))
     data = announcement(able)
@@ -253,5 +284,5 @@ def test_hosts_say_what_they_can_do_or_what_they_say_is_not_heard(scene: Scene) 
     assert scene.quantum.network.node_features_of(able.address) == able.node_features
     question = EventQuestion("node_features", {})
     scene.quantum.asked(question)
-    features = ["emit", "store", "gate", "measure", "herald", "interfere"]
+    features = ["emit", "store", "gate", "measure", "herald", "interfere", "absorb"]
     assert question.wait() == {"alice": {"features": features, "memory_qubits": 32}}

@@ -1,12 +1,12 @@
-"""Figures that sessions tell of their light: from their summaries, and how often."""
+"""Estimates that sessions tell of their light: from their summaries, and how often."""
 
 from math import nan, sqrt
 from typing import Any
 
 import pytest
 
-from hosts.middleware.session.figures import MOST_UNTOLD, Figures, figures_of
-from wire.session_figures import Figure, Interval, SessionFigure
+from hosts.middleware.session.estimates import MOST_UNTOLD, Estimates, estimates_of
+from wire.session_estimates import Interval, Quantity, SessionEstimate
 
 Z = 1.959964  # of a normal distribution 95 % are within so many standard deviations
 
@@ -20,56 +20,56 @@ def wilson(wrong: int, number: int) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(
-    ("summary", "counts", "figure", "interval"),
+    ("summary", "counts", "quantity", "interval"),
     [
         (  # of pairs, with the interval that the service gives
             {"fidelity": 0.9, "fidelity_low": 0.8, "fidelity_high": 0.95, "compared": 7},
             {},
-            Figure.FIDELITY,
+            Quantity.FIDELITY,
             (0.9, 0.8, 0.95),
         ),
         (  # of teleported or GHZ states, with its standard error
             {"fidelity": 0.9, "fidelity_error": 0.01},
             {},
-            Figure.FIDELITY,
+            Quantity.FIDELITY,
             (0.9, 0.9 - Z * 0.01, 0.9 + Z * 0.01),
         ),
         (
             {"qber": 0.02, "qber_low": 0.01, "qber_high": 0.04, "chsh": nan},
             {},
-            Figure.QBER,
+            Quantity.QBER,
             (0.02, 0.01, 0.04),
         ),
-        ({"chsh": 2.7, "chsh_error": 0.1}, {}, Figure.CHSH, (2.7, 2.7 - Z * 0.1, 2.7 + Z * 0.1)),
+        ({"chsh": 2.7, "chsh_error": 0.1}, {}, Quantity.CHSH, (2.7, 2.7 - Z * 0.1, 2.7 + Z * 0.1)),
         (  # of a conference key
             {"qber_x": 0.05, "tests_in_x": 200},
             {},
-            Figure.QBER,
+            Quantity.QBER,
             (0.05, *wilson(10, 200)),
         ),
         (  # of a seal
             {"error_rate": 0.01, "compared": 1000},
             {},
-            Figure.ERROR_RATE,
+            Quantity.ERROR_RATE,
             (0.01, *wilson(10, 1000)),
         ),
         (  # of superdense coding, while it lasts
             {},
             {"pairs_received": 400, "pairs_lost": 3, "symbol_errors": 12},
-            Figure.ERROR_RATE,
+            Quantity.ERROR_RATE,
             (0.03, *wilson(12, 400)),
         ),
     ],
 )
-def test_figures_are_those_of_the_summary(
+def test_estimates_are_those_of_the_summary(
     summary: dict[str, Any],
     counts: dict[str, int],
-    figure: Figure,
+    quantity: Quantity,
     interval: tuple[float, float, float],
 ) -> None:
-    found = figures_of(summary, counts)
-    assert found.keys() == {figure}
-    assert found[figure] == pytest.approx(interval, abs=1e-6)
+    found = estimates_of(summary, counts)
+    assert found.keys() == {quantity}
+    assert found[quantity] == pytest.approx(interval, abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -83,38 +83,38 @@ def test_figures_are_those_of_the_summary(
     ],
 )
 def test_what_is_not_known_is_not_told(summary: dict[str, Any]) -> None:
-    assert figures_of(summary, {"pairs_received": 0, "symbol_errors": 0}) == {}
-    assert figures_of(summary, {"pairs_sent": 10, "symbol_errors": 1}) == {}
+    assert estimates_of(summary, {"pairs_received": 0, "symbol_errors": 0}) == {}
+    assert estimates_of(summary, {"pairs_sent": 10, "symbol_errors": 1}) == {}
 
 
 def test_no_estimate_is_outside_its_interval() -> None:
     """Where nothing was wrong, rounding would put the lower end above 0."""
     for number in range(1, 2000):
-        found = figures_of({"error_rate": 0.0, "compared": number}, {})[Figure.ERROR_RATE]
+        found = estimates_of({"error_rate": 0.0, "compared": number}, {})[Quantity.ERROR_RATE]
         assert found.low <= found.value <= found.high
 
 
-def test_a_figure_is_told_again_when_it_says_something_new() -> None:
-    figures = Figures()
+def test_an_estimate_is_told_again_when_it_says_something_new() -> None:
+    estimates = Estimates()
 
-    def told(value: float, low: float, high: float, over: bool = False) -> list[SessionFigure]:
-        figures.note(7, {Figure.QBER: Interval(value, low, high)}, over)
-        return figures.take()
+    def told(value: float, low: float, high: float, over: bool = False) -> list[SessionEstimate]:
+        estimates.note(7, {Quantity.QBER: Interval(value, low, high)}, over)
+        return estimates.take()
 
-    assert told(0.05, 0.01, 0.09) == [SessionFigure(0, 7, Figure.QBER, 0.05, 0.01, 0.09)]
+    assert told(0.05, 0.01, 0.09) == [SessionEstimate(0, 7, Quantity.QBER, 0.05, 0.01, 0.09)]
     assert told(0.05, 0.01, 0.09) == []
     assert told(0.06, 0.03, 0.09) == []  # within what was told, and hardly sharper
-    assert told(0.06, 0.04, 0.08) == [SessionFigure(0, 7, Figure.QBER, 0.06, 0.04, 0.08)]
-    assert told(0.09, 0.07, 0.11) == [SessionFigure(0, 7, Figure.QBER, 0.09, 0.07, 0.11)]
+    assert told(0.06, 0.04, 0.08) == [SessionEstimate(0, 7, Quantity.QBER, 0.06, 0.04, 0.08)]
+    assert told(0.09, 0.07, 0.11) == [SessionEstimate(0, 7, Quantity.QBER, 0.09, 0.07, 0.11)]
     assert told(0.089, 0.07, 0.11, over=True) == [
-        SessionFigure(0, 7, Figure.QBER, 0.089, 0.07, 0.11)
+        SessionEstimate(0, 7, Quantity.QBER, 0.089, 0.07, 0.11)
     ]
-    assert figures.take() == []
+    assert estimates.take() == []
 
 
 def test_what_nobody_takes_does_not_grow_without_end() -> None:
-    figures = Figures()
+    estimates = Estimates()
     for session in range(2 * MOST_UNTOLD):
-        figures.note(session, {Figure.QBER: Interval(0.0, 0.0, 0.1)}, over=True)
-    told = figures.take()
+        estimates.note(session, {Quantity.QBER: Interval(0.0, 0.0, 0.1)}, over=True)
+    told = estimates.take()
     assert [each.about for each in told] == list(range(MOST_UNTOLD, 2 * MOST_UNTOLD))

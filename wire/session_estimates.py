@@ -1,7 +1,7 @@
 """Estimates that hosts have made of the light of their sessions, in the envelope of wire.device.
 
 node agent                   controller
-SessionFigure ->             unasked (its session field is 0), when a figure has changed
+SessionEstimate ->           unasked (its session field is 0), when an estimate has changed
 """
 
 import struct
@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 from wire.metadata import MalformedPacket, Message
 
-MOST = 4  # of any figure: S of CHSH is a sum of four correlations
+MOST = 4  # of any estimate: S of CHSH is a sum of four correlations
 
 
-class Figure(IntEnum):
+class Quantity(IntEnum):
     """What was estimated; rates are from 0 to 1."""
 
     FIDELITY = 1  # of pairs or states to those that were wanted
@@ -33,14 +33,14 @@ class Interval(NamedTuple):
 
 
 @dataclass(frozen=True)
-class SessionFigure(Message):
+class SessionEstimate(Message):
     """Tell an estimate that a session has made of its light, with its 95 % interval."""
 
     KIND = 43
     FIELDS = struct.Struct("!QBddd")
 
     about: int  # the session
-    figure: int
+    quantity: int
     value: float
     low: float
     high: float
@@ -51,13 +51,13 @@ class SessionFigure(Message):
         return Interval(self.value, self.low, self.high)
 
     @classmethod
-    def parse(cls, session: int, body: bytes) -> "SessionFigure":
+    def parse(cls, session: int, body: bytes) -> "SessionEstimate":
         """Build the message from its body; raise MalformedPacket if it does not fit."""
         raw = super().parse(session, body)
-        assert isinstance(raw, SessionFigure)
-        if raw.figure not in set(Figure):
-            raise MalformedPacket(f"SessionFigure: unknown figure {raw.figure}")
+        assert isinstance(raw, SessionEstimate)
+        if raw.quantity not in set(Quantity):
+            raise MalformedPacket(f"SessionEstimate: unknown quantity {raw.quantity}")
         inside = all(isfinite(each) and abs(each) <= MOST for each in raw.interval)
         if not inside or not raw.low <= raw.value <= raw.high:
-            raise MalformedPacket(f"SessionFigure: {raw.interval} is no estimate")
-        return replace(raw, figure=Figure(raw.figure))
+            raise MalformedPacket(f"SessionEstimate: {raw.interval} is not an estimate")
+        return replace(raw, quantity=Quantity(raw.quantity))

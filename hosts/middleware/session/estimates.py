@@ -1,6 +1,6 @@
-"""Figures of sessions: estimates of their light, as the controller is told (wire.session_figures).
+"""Estimates that sessions make of their light, as the controller is told (wire.session_estimates).
 
-A figure is told again when it has left the interval told before, or when the interval is half as
+An estimate is told again when it has left the interval told before, or when the interval is half as
 wide: so the longer a session lasts, the less it says. What it has found in the end is told in any
 case.
 """
@@ -11,29 +11,29 @@ from statistics import NormalDist
 from typing import Any
 
 from hosts.middleware.qkd.estimation import Estimate
-from wire.session_figures import Figure, Interval, SessionFigure
+from wire.session_estimates import Interval, Quantity, SessionEstimate
 
 NORMAL_95 = NormalDist().inv_cdf(0.975)  # 95 % are within so many standard errors
-MOST_UNTOLD = 1000  # figures; the oldest go
+MOST_UNTOLD = 1000  # estimates; the oldest go
 
-Found = dict[Figure, Interval]
+Found = dict[Quantity, Interval]
 
 
-def figures_of(summary: Mapping[str, Any], counts: Mapping[str, int]) -> Found:
+def estimates_of(summary: Mapping[str, Any], counts: Mapping[str, int]) -> Found:
     """Return what a session knows, from what its application and the device are told."""
     told = {
-        Figure.FIDELITY: _estimate(summary, "fidelity"),
-        Figure.QBER: _estimate(summary, "qber")
+        Quantity.FIDELITY: _estimate(summary, "fidelity"),
+        Quantity.QBER: _estimate(summary, "qber")
         or _share(summary.get("qber_x"), summary.get("tests_in_x", 0)),
-        Figure.CHSH: _estimate(summary, "chsh"),
-        Figure.ERROR_RATE: _share(summary.get("error_rate"), summary.get("compared", 0))
+        Quantity.CHSH: _estimate(summary, "chsh"),
+        Quantity.ERROR_RATE: _share(summary.get("error_rate"), summary.get("compared", 0))
         or _symbol_errors(counts),
     }
-    return {figure: interval for figure, interval in told.items() if interval is not None}
+    return {quantity: interval for quantity, interval in told.items() if interval is not None}
 
 
 def _estimate(summary: Mapping[str, Any], name: str) -> Interval | None:
-    """Return a figure with its interval, or with that which its standard error makes."""
+    """Return an estimate with its interval, or with that which its standard error makes."""
     value = summary.get(name)
     if value is None or not isfinite(value):
         return None
@@ -58,32 +58,32 @@ def _symbol_errors(counts: Mapping[str, int]) -> Interval | None:
     return None if wrong is None or not seen else _share(min(wrong / seen, 1.0), seen)
 
 
-class Figures:
+class Estimates:
     """What there is to be told of the sessions of a host."""
 
     def __init__(self) -> None:
         """Begin with nothing."""
-        self._told: dict[tuple[int, Figure], Interval] = {}  # of sessions that go on
-        self._untold: dict[tuple[int, Figure], Interval] = {}
+        self._told: dict[tuple[int, Quantity], Interval] = {}  # of sessions that go on
+        self._untold: dict[tuple[int, Quantity], Interval] = {}
 
     def note(self, session: int, found: Found, over: bool = False) -> None:
         """Take what a session knows now, for the last time if it is over."""
-        for figure, interval in found.items():
-            before = self._told.get((session, figure))
+        for quantity, interval in found.items():
+            before = self._told.get((session, quantity))
             if before is None or (over and interval != before) or _is_news(before, interval):
-                self._told[session, figure] = self._untold[session, figure] = interval
+                self._told[session, quantity] = self._untold[session, quantity] = interval
         while len(self._untold) > MOST_UNTOLD:
             del self._untold[next(iter(self._untold))]
         if over:
-            for figure in Figure:
-                self._told.pop((session, figure), None)
+            for quantity in Quantity:
+                self._told.pop((session, quantity), None)
 
-    def take(self) -> list[SessionFigure]:
+    def take(self) -> list[SessionEstimate]:
         """Return what has not been told yet."""
         untold, self._untold = self._untold, {}
         return [
-            SessionFigure(0, session, figure, *interval)
-            for (session, figure), interval in untold.items()
+            SessionEstimate(0, session, quantity, *interval)
+            for (session, quantity), interval in untold.items()
         ]
 
 

@@ -1,0 +1,128 @@
+"""Networks whose programs speak by TLS with certificates that somebody else has made: openssl."""
+
+import shutil
+import socket
+import ssl
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from qmn.scripting.network import start
+from topologies.interfaces import network_of
+from topologies.programs import NetworkError
+from wire.config import DISPATCHER_PORT
+
+ALTERNATIVES = {
+    "alice": "DNS:alice",
+    "bob": "DNS:bob",
+    "charlie": "DNS:charlie",
+    "ed": "DNS:ed,IP:10.0.0.4",
+    "q1": "DNS:q1,DNS:localhost,IP:127.0.0.1",
+    "open-vswitch": "DNS:s1",
+    "c0": "DNS:c0,IP:198.18.1.1,IP:198.18.2.1",
+}
+NEW_KEY = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes")
+
+
+def openssl(folder: Path, *words: str) -> None:
+    subprocess.run(["openssl", *words], cwd=folder, check=True, capture_output=True, timeout=30)
+
+
+def authority(folder: Path) -> None:
+    folder.mkdir()
+    words = "-keyout ca.key -out ca.pem -subj /CN=us"
+    openssl(folder, "req", "-x509", *NEW_KEY, *words.split())
+
+
+def certify(folder: Path, name: str, *more: str) -> None:
+    """Let the authority of a folder sign a new key."""
+    words = f"-keyout {name}.key -out {name}.csr -subj /CN={name}"
+    names = f"subjectAltName={ALTERNATIVES[name]}"
+    openssl(folder, "req", "-new", *NEW_KEY, *words.split(), "-addext", names)
+    words = f"-in {name}.csr -CA ca.pem -CAkey ca.key -CAcreateserial -copy_extensions copy"
+    openssl(folder, "x509", "-req", *words.split(), "-out", f"{name}.pem", *more)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of certificates for everybody in `sdc`, of an authority of its own."""
+    folder = tmp_path_factory.mktemp("made") / "tls"
+    authority(folder)
+    for name in ALTERNATIVES:
+        certify(folder, name)
+    return folder
+
+
+def test_programs_show_the_certificates_that_are_given(made: Path) -> None:
+    with start("sdc", tls_from=str(made)) as network:
+        assert network.send("alice", "bob", b"hello").data == b"hello"
+        context = ssl.create_default_context(cafile=made / "ca.pem")
+        context.load_cert_chain(made / "alice.pem", made / "alice.key")
+        with network_of(network.net.get("alice")):
+            plain = socket.create_connection(("10.0.0.4", DISPATCHER_PORT), 5)
+        with context.wrap_socket(plain, server_hostname="10.0.0.4") as connection:
+            shown = connection.getpeercert(binary_form=True)
+    assert shown == ssl.PEM_cert_to_DER_cert((made / "ed.pem").read_text())
+
+
+def lost(folder: Path) -> None:
+    (folder / "bob.key").unlink()
+
+
+def anothers_key(folder: Path) -> None:
+    shutil.copy(folder / "alice.key", folder / "bob.key")
+
+
+def anothers_certificate(folder: Path) -> None:
+    for end in ("pem", "key"):
+        shutil.copy(folder / f"alice.{end}", folder / f"bob.{end}")
+
+
+def of_another_authority(folder: Path) -> None:
+    authority(folder / "other")
+    certify(folder / "other", "bob")
+    for end in ("pem", "key"):
+        shutil.copy(folder / "other" / f"bob.{end}", folder / f"bob.{end}")
+
+
+def no_certificate(folder: Path) -> None:
+    (folder / "bob.pem").write_text("what is this?")
+
+
+def from_yesterday(folder: Path) -> None:
+    certify(folder, "bob", "-days", "-1")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "told"),
+    [
+        (lost, r"cannot read .*/bob\.key: No such file"),
+        (anothers_key, r"/bob\.key is not the key of .*/bob\.pem"),
+        (anothers_certificate, r"/bob\.pem does not name 'bob'"),
+        (of_another_authority, r"/bob\.pem is not signed by .*/ca\.pem"),
+        (no_certificate, r"/bob\.pem is not a certificate as PEM"),
+        (from_yesterday, r"/bob\.pem holds from .* not now"),
+    ],
+)
+def test_one_that_is_missing_or_wrong_is_named_before_anything_starts(
+    made: Path, tmp_path: Path, spoil: Callable[[Path], None], told: str
+) -> None:
+    folder = tmp_path / "tls"
+    shutil.copytree(made, folder)
+    spoil(folder)
+    with pytest.raises(NetworkError, match=told), start("sdc", tls_from=str(folder)) as network:
+        pytest.fail(f"{network} has started")
+
+
+def test_an_address_that_a_certificate_lacks_is_named(made: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "tls"
+    shutil.copytree(made, folder)
+    words = "-in ed.csr -CA ca.pem -CAkey ca.key -CAcreateserial -out ed.pem"
+    openssl(folder, "x509", "-req", *words.split())
+    with (
+        pytest.raises(NetworkError, match=r"/ed\.pem lacks 10\.0\.0\.4 in its subjectAltName"),
+        start("sdc", tls_from=str(folder)) as network,
+    ):
+        pytest.fail(f"{network} has started")

@@ -1,0 +1,72 @@
+"""Faults that `make chaos` finds: the runs that were struck are made up here."""
+
+from pathlib import Path
+
+import pytest
+from jobs import keys_differ
+from outcomes import Made, Outcome, bad, told, too_few
+from strikes import Strike
+from under_way import Moment
+
+KILLED_BOB = Strike("bob", "SIGKILL", ("bob",))
+KILLED_C0 = Strike("c0", "SIGTERM", ("c0",))
+CUT = Strike("fibre q1-eth2", "down", (), stalls=True)
+
+
+def outcome(cause: str, *strikes: tuple[Strike, float], at_s: float = 2.0) -> Outcome:
+    """Return what a run says that was struck at such times and has named a cause."""
+    made = [Made(strike, "session", after_s) for strike, after_s in strikes]
+    return Outcome(1, "sdc", Moment("session", 0.5), made, 1, cause, at_s)
+
+
+def test_a_run_that_names_what_was_struck_is_right() -> None:
+    assert not bad(outcome("qmn: bob died in mid-run: signal 9", (KILLED_BOB, 0.0)))
+
+
+def test_a_run_that_blames_another_is_wrong_and_says_so() -> None:
+    found = outcome("qmn: dispatcher died in mid-run", (KILLED_BOB, 0.0))
+    assert bad(found)
+    assert "ANOTHER NAMED" in told(found)
+
+
+def test_of_several_strikes_any_may_be_named() -> None:
+    struck = (KILLED_BOB, 0.0), (KILLED_C0, 0.5)
+    for cause in ("qmn: bob died in mid-run", "qmn: c0 died in mid-run"):
+        assert not bad(outcome(cause, *struck))
+    assert bad(outcome("qmn: dispatcher died in mid-run", *struck))
+
+
+def test_a_strike_after_the_cause_was_named_is_not_it() -> None:
+    assert bad(outcome("qmn: c0 died in mid-run", (KILLED_BOB, 0.0), (KILLED_C0, 3.0)))
+
+
+def test_a_strike_with_no_name_of_its_own_may_be_what_any_cause_is_of() -> None:
+    """Without light a session ends for reasons of its own."""
+    cut = outcome("qmn: no light path from alice to bob", (CUT, 0.0), at_s=4.0)
+    assert not bad(cut)
+    assert not bad(outcome(cut.cause, (KILLED_BOB, 0.0), (CUT, 0.1)))
+
+
+def test_fewer_strikes_than_were_asked_for_are_a_fault() -> None:
+    assert too_few(7, 12, 0.5).endswith("7 of 12 strikes in 0.5 minutes: allow more --minutes")
+    assert too_few(12, 12, 0.5) == too_few(13, 12, 0.5) == too_few(0, None, 0.5) == ""
+
+
+@pytest.mark.parametrize(
+    ("theirs", "faults"),
+    [
+        ({"a": b"1", "b": b"2"}, []),
+        ({"a": b"1"}, []),  # the other host was struck before it kept the second
+        ({"a": b"3"}, ["key a differs"]),
+        ({}, ["delivered, but no key is kept by two hosts"]),
+    ],
+)
+def test_keys_are_compared_by_id_whoever_hands_them_out_first(
+    tmp_path: Path, theirs: dict[str, bytes], faults: list[str]
+) -> None:
+    stores = {"alice/bob/first": {"a": b"1", "b": b"2"}, "bob/alice/second": theirs}
+    for store, keys in stores.items():
+        (tmp_path / store).mkdir(parents=True)
+        for name, key in keys.items():
+            (tmp_path / store / name).write_bytes(key)
+    assert keys_differ(tmp_path, 0) == faults
