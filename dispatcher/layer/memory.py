@@ -8,8 +8,8 @@ left its memory.
 
 Who has asked for something before light comes has it done as it comes. What came before its host
 asked was in the memory meanwhile, stored or not, and so was what waited for light that a memory
-elsewhere has kept. Nobody hears a herald of it. A host whose memory takes none lets it wait in a fibre
-that loses nothing: an approximation, as large as what the host's delay line would lose.
+elsewhere has kept. Nobody hears a herald of it. A host whose memory takes none
+lets it wait in a fibre that loses nothing: an approximation, as large as what the host's delay line would lose.
 """
 
 from collections.abc import Sequence
@@ -120,8 +120,8 @@ class Memories:
         """
         like = self._devices.of(block.node)
         memory, noise = like.memory, self._devices.noise(block.node, "memory")
-        wanted = ABSORB if block.fibers_passed and not block.kept else STORE
-        can_keep = wanted in like.features
+        light_of_others = block.fibers_passed and not block.kept
+        can_keep = memory.capacity and not (light_of_others and memory.kind == "emissive")
         if can_keep and memory.keeps and noise is None:
             return None
         if block.is_new and block.retimed:  # prepared when it is wanted
