@@ -185,19 +185,39 @@ def start(owner: str) -> None:
         _refuse_half(daemons())
     marked = {**os.environ, STARTER: owner}
     deadline = time.monotonic() + OPENVSWITCH_TIMEOUT_S
-    while True:  # ovs-ctl takes a daemon that is just ending for one that runs
+    # ovs-ctl takes a daemon that is just ending for one that runs, and stands in the way of a
+    # monitor that starts one again.
+    while not running():
+        if time.monotonic() > deadline:
+            raise NetworkError(f"Open vSwitch did not start in {OPENVSWITCH_TIMEOUT_S:g} s")
+        missing = set(DAEMONS) - set(daemons())
+        if missing & _watched_over():
+            time.sleep(POLL_S)
+            continue
         _run(
             *(CONTROL, "start", "--system-id=random"),
             timeout_s=OPENVSWITCH_TIMEOUT_S,
             check=_refuse_stopped,
             environment=marked,
         )
-        if running():
-            break
-        if time.monotonic() > deadline:
-            raise NetworkError(f"Open vSwitch did not start in {OPENVSWITCH_TIMEOUT_S:g} s")
-        time.sleep(POLL_S)
     _note_starter(owner)
+
+
+def _watched_over() -> set[str]:
+    """Return the daemons whose monitors run, which start again what has crashed.
+
+    Those of other containers and the like have other files, and are another Open vSwitch.
+    """
+    found, ours = set(), os.readlink("/proc/self/ns/mnt")
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            command = (process / "cmdline").read_bytes().decode(errors="replace")
+            name, _, words = command.partition(": ")
+            if words.startswith("monitoring") and os.readlink(process / "ns/mnt") == ours:
+                found.add(name)
+        except OSError:
+            continue  # it has ended
+    return found
 
 
 def _refuse_half(found: Mapping[str, Owner]) -> None:

@@ -26,7 +26,7 @@ from dispatcher.sabot.capacity import GateStep
 from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.registers import Mask, Register
 from dispatcher.sabot.simulation import Simulation
-from wire.features import STORE
+from wire.features import ABSORB, STORE
 from wire.parameters.physics import Memory
 
 PHASE = np.uint8(2)  # flips it: Z
@@ -67,6 +67,8 @@ class Memories:
 
     def _put(self, block: Block, stored: dict[Block, int]) -> str:
         hardware.require(self._devices, block.node, STORE)
+        if block.fibers_passed:
+            hardware.require(self._devices, block.node, ABSORB)
         self.require_capacity(block.node, block.register.remaining)
         memory = self._devices.of(block.node).memory
         wrong = herald.meet(self._sabot, self._draws, block, memory)

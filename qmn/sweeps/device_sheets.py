@@ -149,6 +149,26 @@ DEVICE_SHEETS = (
         ],
     ),
     Sheet(
+        "dark-counts",
+        "multi-pair",
+        {
+            "dark_count": "1e-4:0.1:7:log",
+            "statistics": "single",
+            "loss_db": [0.0, 10.0, 20.0],
+            "pairs": 1_000_000,
+        },
+        [
+            Curve(
+                "dark-counts",
+                "Error rate by dark counts, of single pairs: 1/2 where they are all that is seen",
+                "dark_count",
+                "dark counts of a detector in a gate",
+                "qber",
+                by=["loss_db"],
+            )
+        ],
+    ),
+    Sheet(
         "weak-pulses",
         "weak-pulses",
         {"loss_db": "0:20:6", "mean_photons": [0.01, 0.1, 0.5], "pairs": 1_000_000},

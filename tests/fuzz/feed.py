@@ -1,4 +1,4 @@
-"""Feeds spoiled messages to every decoder, and spoiled requests to the dispatcher.
+"""Feeds spoiled messages to every decoder, and spoiled requests to the dispatcher and to Sabot.
 
 python tests/fuzz/feed.py --inputs 10000000 --seed 1      (`make fuzz INPUTS=10000000 SEED=1`)
 
@@ -22,10 +22,14 @@ sys.path[:0] = [str(ROOT / folder) for folder in ("", "tests/fuzz", *SCENES)]
 
 from decoders import TARGETS  # noqa: E402
 from requests_to_dispatcher import Dispatcher  # noqa: E402
+from requests_to_sabot import SabotServer  # noqa: E402
 
 PIECE = 2_000  # inputs, between looks at the time
-DISPATCHER = "dispatcher"
-SHARE_OF_DISPATCHER = 50  # one input in so many: each is a request that is done
+SERVERS: dict[str, type[Dispatcher | SabotServer]] = {
+    "dispatcher": Dispatcher,
+    "Sabot": SabotServer,
+}
+SHARE_OF_SERVERS = 50  # one input in so many: each is a request that is done
 
 
 class Piece(NamedTuple):
@@ -48,8 +52,8 @@ class Result(NamedTuple):
 def run(piece: Piece) -> Result:
     """Feed one piece; stop at the first fault."""
     random = Random(f"{piece.target} {piece.seed}")
-    if piece.target == DISPATCHER:
-        taken, fault = Dispatcher(random).feed(piece.inputs)
+    if piece.target in SERVERS:
+        taken, fault = SERVERS[piece.target](random).feed(piece.inputs)
         return Result(*piece[::2], taken, fault)
     target, taken = TARGETS[piece.target], 0
     for number in range(piece.inputs):
@@ -65,10 +69,14 @@ def run(piece: Piece) -> Result:
 def pieces(inputs: int, seed: int, names: list[str]) -> list[Piece]:
     """Return what is to be fed: each decoder as often as every other."""
     shares = {name: inputs // len(names) for name in names}
-    if len(names) > 1 and DISPATCHER in shares:
-        spared = shares[DISPATCHER] - shares[DISPATCHER] // SHARE_OF_DISPATCHER
-        shares = {name: share + spared // (len(names) - 1) for name, share in shares.items()}
-        shares[DISPATCHER] = inputs // len(names) // SHARE_OF_DISPATCHER
+    servers = [name for name in names if name in SERVERS]
+    if len(names) > len(servers):
+        few = inputs // len(names) // SHARE_OF_SERVERS
+        spared = sum(shares[name] - few for name in servers)
+        shares = {
+            name: share + spared // (len(names) - len(servers)) for name, share in shares.items()
+        }
+        shares |= dict.fromkeys(servers, few)
     return [
         Piece(name, seed * 1_000_000 + start // PIECE, min(PIECE, share - start))
         for name, share in shares.items()
@@ -81,9 +89,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python tests/fuzz/feed.py", description=__doc__)
     parser.add_argument("--inputs", type=int, default=200_000)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", choices=[*TARGETS, DISPATCHER], action="append")
+    parser.add_argument("--only", choices=[*TARGETS, *SERVERS], action="append")
     arguments = parser.parse_args()
-    work = pieces(arguments.inputs, arguments.seed, arguments.only or [*TARGETS, DISPATCHER])
+    work = pieces(arguments.inputs, arguments.seed, arguments.only or [*TARGETS, *SERVERS])
     fed: Counter[str] = Counter()
     taken: Counter[str] = Counter()
     faults: dict[str, str] = {}

@@ -9,8 +9,9 @@ from types import CodeType, FrameType, FunctionType, ModuleType
 
 import pytest
 from decoders import EXCUSED, TARGETS
-from feed import DISPATCHER, Piece, pieces, run
+from feed import SERVERS, Piece, pieces, run
 from requests_to_dispatcher import Dispatcher
+from requests_to_sabot import SabotServer
 from target import Fault, Target
 
 import wire
@@ -77,8 +78,14 @@ def test_spoiled_requests_change_nothing_of_others() -> None:
     assert 50 < done < 450
 
 
+def test_spoiled_requests_to_sabot_change_no_other_workspace_and_refused_ones_nothing() -> None:
+    done, fault = SabotServer(Random(7)).feed(500)
+    assert fault == ""
+    assert 50 < done < 450
+
+
 def test_every_input_is_fed_once() -> None:
-    work = pieces(1_000_000, 1, [*TARGETS, DISPATCHER])
+    work = pieces(1_000_000, 1, [*TARGETS, *SERVERS])
     assert len(set(work)) == len(work)
     assert 999_000 < sum(piece.inputs for piece in work) <= 1_000_000
 

@@ -243,6 +243,25 @@ def test_no_more_than_the_capacity_is_stored(tmp_path: Path) -> None:
     run(tmp_path, act, capacity=100)
 
 
+def test_a_memory_that_emits_keeps_its_own_halves_and_no_light_from_elsewhere(
+    tmp_path: Path,
+) -> None:
+    async def act(bench: Bench, _clock: JumpingClock) -> None:
+        await bench.bob.create(10)
+        await bench.bob.send((block(0, 1), "bob-q9"))
+        await bench.alice.receive(block(0, 1), "alice-q9")
+        with pytest.raises(
+            grpc.aio.AioRpcError, match=r"ABSORB is needed: alice .* let a station herald"
+        ) as no:
+            await store(bench.alice, 1)
+        assert no.value.code() == grpc.StatusCode.FAILED_PRECONDITION
+        await bench.alice.measure(block(0, 1))  # nothing has changed: it is there still
+        await bench.alice.create(10, number=1)
+        await store(bench.alice, 0, number=1)
+
+    run(tmp_path, act, kind="emissive")
+
+
 def test_discarding_frees_the_memory(tmp_path: Path) -> None:
     async def act(bench: Bench, _clock: JumpingClock) -> None:
         await bench.alice.create(100)

@@ -39,8 +39,20 @@ def test_it_is_started_again_where_a_daemon_was_just_ending(
     monkeypatch.setattr(openvswitch, "RUNTIME_ROOT", tmp_path)
     monkeypatch.setattr(openvswitch, "daemons", dict)
     monkeypatch.setattr(openvswitch, "OPENVSWITCH_TIMEOUT_S", 5.0)
+    starts.touch()
     monkeypatch.setattr(openvswitch, "running", lambda: starts.read_text().count("start") > 1)
+    watched = iter(
+        [{openvswitch.SWITCH_DAEMON}] * 3
+    )  # its monitor starts it again: no one else may
+    asked = []
+
+    def watched_over() -> set[str]:
+        asked.append(starts.read_text())
+        return next(watched, set())
+
+    monkeypatch.setattr(openvswitch, "_watched_over", watched_over)
     openvswitch.start("test")
+    assert asked == ["", "", "", "", "start\n"]
     assert (tmp_path / openvswitch.STARTED).read_text() == "test"
 
 
