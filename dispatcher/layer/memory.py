@@ -9,7 +9,8 @@ left its memory.
 Who has asked for something before light comes has it done as it comes. What came before its host
 asked was in the memory meanwhile, stored or not, and so was what waited for light that a memory
 elsewhere has kept. Nobody hears a herald of it. A host whose memory takes none
-lets it wait in a fibre that loses nothing: an approximation, as large as what the host's delay line would lose.
+lets it wait in a fibre that loses nothing: an approximation, as large as what the host's delay
+line would lose.
 """
 
 from collections.abc import Sequence
