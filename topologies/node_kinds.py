@@ -1,5 +1,7 @@
 """Kinds of nodes by what they are made of: what the device of a host of each kind is like.
 
+What no paper states of them is named in docs/nodes.md ("Estimates").
+
 qmn run distribute --node ion-trap --node charlie=station --count 20
 sudo PYTHONPATH=. mn --custom topologies/repeaters.py --topo repeaters,node=ion-trap,stations=True
 
@@ -23,9 +25,8 @@ from wire.parameters.physics import (
 
 # Ions in a trap that emit photons, keep qubits, and do gates on them. No source: what an ion emits
 # is a pair with another ion only if a station heralds it, the slower the longer the fibres. Memory:
-# an entangled ion of fidelity .81(4) after 10 s (arXiv:2210.11447), of which T2 = 30 s is our
-# estimate; registers of ten ions, each entangled with a photon, are shown in arXiv:2406.09480, 32
-# of them are our estimate for a few zones of a trap. Emitter: entanglement of two ions by two
+# an entangled ion of fidelity .81(4) after 10 s (arXiv:2210.11447); registers of ten ions, each
+# entangled with a photon, are shown in arXiv:2406.09480. Emitter: entanglement of two ions by two
 # clicks with fidelity .94, 182 times a second, of 2.18e-4 of the attempts (Stephenson et al., Phys.
 # Rev. Lett. 124, 110501): from there follow the time of an attempt, 1.2 us, and the light of either
 # ion that clicks, sqrt(2 x 2.18e-4), in which losses of detectors are. The fidelity of each ion and
@@ -36,7 +37,7 @@ from wire.parameters.physics import (
 # al., Phys. Rev. Lett. 100, 200502).
 ION_TRAP = Device(
     source=PairSource("none"),
-    memory=Memory(t1_s=1e6, t2_s=30.0, capacity=32),
+    memory=Memory(t1_s=1e6, t2_s=30.0, kind="emissive", capacity=32),
     analyser=BellAnalyser("gates"),
     gates=Gates(
         "any",
@@ -53,16 +54,15 @@ ION_TRAP = Device(
 # Nitrogen-vacancy centres in diamond, whose electron spins emit: up to 39 pairs a second by single
 # clicks over 2 m, which decohere with 5 Hz (Humphreys et al., Nature 558, 268; arXiv:1712.07567).
 # Attempts of 5.5 us, 4e-4 of the photons clicking, a visibility of .9 and an rms phase of 14.3
-# degrees are of that experiment, too, as we remember it; phase_rad stands for both of the latter,
-# half of them for either host. A bright state of .3 makes 2 x .3 x 4e-4 / 5.5 us = 44 a second.
+# degrees are of that experiment, too; phase_rad stands for both of the latter, half of them for
+# either host. A bright state of .3 makes 2 x .3 x 4e-4 / 5.5 us = 44 a second.
 # T2 = .4 s of either spin makes the 5 Hz. Ten qubits are those of the register of Bradley et al.,
-# Phys. Rev. X 9, 031045; gates of .5 % and 1 % are our estimate. Gates on two spins of 500 us, a
-# readout of 3.7 us that is wrong for |0> with .05 and for |1> with .005, of which this is the mean,
-# and initialisation of a nuclear spin in 310 us are those of Dahlberg et al., arXiv:1903.09778, as
-# we remember their table; so is that of 20 us for gates on one such spin.
+# Phys. Rev. X 9, 031045. Gates on two spins of 500 us and on one nuclear spin of 20 us, a readout
+# of 3.7 us that is wrong for |0> with .05 and for |1> with .005, of which this is the mean, and
+# initialisation of a nuclear spin in 310 us are those of Dahlberg et al., arXiv:1903.09778.
 NV_CENTRE = Device(
     source=PairSource("none"),
-    memory=Memory(t1_s=3600.0, t2_s=0.4, capacity=10),
+    memory=Memory(t1_s=3600.0, t2_s=0.4, kind="emissive", capacity=10),
     analyser=BellAnalyser("gates"),
     gates=Gates(
         "any",
@@ -85,8 +85,7 @@ NV_CENTRE = Device(
 
 # Crystals that keep one photon of a pair, with 62 modes in time, for up to 25 us, while the other
 # makes a click at the station, 1,400 times a second (Lago-Rivera et al., Nature 594, 37;
-# arXiv:2101.05097). That a mode has a pair, .02, and the efficiency that makes this rate at 25 us
-# for each train of modes are our estimates; so is the read-out, .3.
+# arXiv:2101.05097).
 ATOMIC_ENSEMBLE = Device(
     source=PairSource("none"),
     memory=Memory(t2_s=25e-6, efficiency=0.3, capacity=62),

@@ -22,16 +22,17 @@ class Feature(Flag):
     """What a node can do with qubits."""
 
     EMIT = 1  # make photons, entangled with each other or with what it keeps
-    STORE = 2  # take light into a memory, and keep qubits there
+    STORE = 2  # keep qubits in a memory
     GATE = 4  # do gates on qubits that it holds, also between two; Pauli operators need no feature
     MEASURE = 8  # measure qubits that it holds, and light that arrives; also in the Bell basis
     HERALD = 16  # keep qubits that emit photons entangled with them, which a station may herald
     INTERFERE = 32  # be that station: let light from two hosts interfere, and tell what clicked
+    ABSORB = 64  # take light that comes from elsewhere into the memory
 
 
-EMIT, STORE, GATE, MEASURE, HERALD, INTERFERE = Feature
+EMIT, STORE, GATE, MEASURE, HERALD, INTERFERE, ABSORB = Feature
 NOTHING = Feature(0)
-EVERYTHING = EMIT | STORE | GATE | MEASURE | HERALD | INTERFERE
+EVERYTHING = EMIT | STORE | GATE | MEASURE | HERALD | INTERFERE | ABSORB
 
 
 @dataclass(frozen=True)

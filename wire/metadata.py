@@ -167,6 +167,7 @@ class Reason(IntEnum):
     TOO_LATE = 28  # no light by the deadline that the set-up message names
     NO_ANSWER = 29  # the other end was silent for too long
     PEER_GONE = 30  # it has closed the connection, or lost it
+    CANNOT_ABSORB = 31  # written by the controller, with the address of the node as source
 
 
 class Pauli(IntEnum):

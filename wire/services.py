@@ -10,7 +10,7 @@ from enum import Enum
 from types import MappingProxyType
 from typing import NamedTuple
 
-from wire.features import EMIT, GATE, HERALD, INTERFERE, MEASURE, NOTHING, STORE, Feature
+from wire.features import ABSORB, EMIT, GATE, HERALD, INTERFERE, MEASURE, NOTHING, STORE, Feature
 from wire.metadata import MemoryState, Reason, Service, Setup
 
 
@@ -111,23 +111,27 @@ NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
     {
         Service.SDC: {SOURCE: EMIT, ACCEPTOR: MEASURE},
         Service.SDC_RETURN: {SOURCE: EMIT, ACCEPTOR: MEASURE},
-        Service.DISTRIBUTE: {SOURCE: EMIT, OPENER: STORE, ACCEPTOR: STORE},
-        Service.TELEPORT: {SOURCE: EMIT, OPENER: STORE | MEASURE, ACCEPTOR: STORE | MEASURE},
+        Service.DISTRIBUTE: {SOURCE: EMIT, OPENER: ABSORB | STORE, ACCEPTOR: ABSORB | STORE},
+        Service.TELEPORT: {
+            SOURCE: EMIT,
+            OPENER: ABSORB | STORE | MEASURE,
+            ACCEPTOR: ABSORB | STORE | MEASURE,
+        },
         Service.BBM92: {SOURCE: EMIT, OPENER: MEASURE, ACCEPTOR: MEASURE},
         Service.SEAL: {SOURCE: EMIT, OPENER: MEASURE, ACCEPTOR: MEASURE},
         Service.E91: {SOURCE: EMIT, OPENER: MEASURE, ACCEPTOR: MEASURE},
         Service.BB84: {OPENER: EMIT, ACCEPTOR: MEASURE},
         Service.MDI: {SOURCE: INTERFERE, OPENER: EMIT, ACCEPTOR: EMIT},
-        Service.GHZ: {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: STORE | MEASURE},
-        Service.GRAPH: {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: STORE | MEASURE},
-        Service.SENSE: {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: STORE | MEASURE},
-        Service.CONFERENCE: {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: STORE | MEASURE},
+        Service.GHZ: {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: ABSORB | STORE | MEASURE},
+        Service.GRAPH: {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: ABSORB | STORE | MEASURE},
+        Service.SENSE: {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: ABSORB | STORE | MEASURE},
+        Service.CONFERENCE: {OPENER: EMIT | STORE | MEASURE, ACCEPTOR: ABSORB | STORE | MEASURE},
         Service.SWAP: {
             OPENER: EMIT | STORE,
-            ACCEPTOR: STORE,
-            REPEATER: EMIT | STORE | MEASURE,
+            ACCEPTOR: ABSORB | STORE,
+            REPEATER: ABSORB | EMIT | STORE | MEASURE,
         },
-        Service.LINK: {OPENER: EMIT | STORE, ACCEPTOR: STORE},
+        Service.LINK: {OPENER: EMIT | STORE, ACCEPTOR: ABSORB | STORE},
     }
 )
 HERALDED_NEEDS: Mapping[Service, Mapping[Role, Feature]] = MappingProxyType(
@@ -159,6 +163,7 @@ WANT_OF: Mapping[Feature, Reason] = MappingProxyType(
         MEASURE: Reason.CANNOT_MEASURE,
         HERALD: Reason.CANNOT_HERALD,
         INTERFERE: Reason.CANNOT_INTERFERE,
+        ABSORB: Reason.CANNOT_ABSORB,
     }
 )
 
@@ -192,7 +197,9 @@ def uses_source(service: Service, by: Making = Making.SOURCE) -> bool:
 def needs(service: Service, role: Role, by: Making = Making.SOURCE) -> Feature:
     """Return what the host in a role must be able to."""
     table = HERALDED_NEEDS if by == Making.STATION else NEEDS
-    return table.get(service, {}).get(role, NOTHING)
+    needed = table.get(service, {}).get(role, NOTHING)
+    keeps_its_own = by == Making.OPENER and role == OPENER
+    return needed & ~ABSORB if keeps_its_own else needed
 
 
 def fibers_needed(service: Service, role: Role, by: Making = Making.SOURCE) -> int:

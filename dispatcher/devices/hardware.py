@@ -5,12 +5,14 @@ from collections.abc import Mapping
 from dispatcher.devices.detectors import DetectorPair
 from dispatcher.devices.part_noise import PartNoise
 from dispatcher.refusal import precondition
-from wire.features import EMIT, GATE, HERALD, INTERFERE, MEASURE, STORE, Feature
+from wire.features import ABSORB, EMIT, GATE, HERALD, INTERFERE, MEASURE, STORE, Feature
 from wire.parameters.physics import Device
 
 IDEAL = Device()
 WANTING = {
     EMIT: "has no source of light: let another host make it",
+    ABSORB: "has a memory that emits and takes in no light from elsewhere (memory.kind emissive): "
+    "use the light as it comes, let a station herald pairs, or give it one of kind absorptive",
     STORE: "has no memory: use the light as it comes, or give it a memory.capacity",
     GATE: "does Pauli operators alone (gates.kind paulis): send Paulis, or give it other gates",
     MEASURE: "has no detectors that click: let another host measure",

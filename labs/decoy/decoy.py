@@ -6,12 +6,13 @@ import numpy as np
 
 from hosts.middleware.qkd.decoy import SHARES
 from hosts.middleware.qkd.key_length import binary_entropy
+from qmn.labs import finite_reach
 from qmn.labs.lab import Chart, Finding, Lab, Published, PublishedRow, Runs
 from qmn.sweeps import decoy_states as paper
 from qmn.sweeps import finite_keys, theory
 from qmn.sweeps.estimates import Estimate, proportion
 
-PAPER = "arXiv:1311.7129"
+PAPER = finite_reach.PAPER
 MORE = Published(1.75, 0.025, "section IV: about 1.75 times")
 MEANS = (0.5, paper.WEAK, 0.0)
 SIFTED = {0: 100_000, 10: 60_000, 25: 40_000, 50: 20_000}  # by distance (km)
@@ -90,7 +91,11 @@ LAB = Lab(
         for km, sifted in SIFTED.items()
     },
     findings=findings,
-    rows=[PublishedRow(PAPER, "key at 100 km, of n_X = 10^9 bits over that of 10^7", MORE, more)],
+    rows=[
+        PublishedRow(PAPER, "key at 100 km, of n_X = 10^9 bits over that of 10^7", MORE, more),
+        finite_reach.ROW,
+    ],
+    files=finite_reach.draw_finite,
     charts=(
         Chart("gain", "pulses of three intensities", "distance (km)", "pulses seen", gain, True),
         Chart("qber", "their errors", "distance (km)", "error rate", qber),

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from qmn.emulated.datagrams import LEAST_FRAME_BYTES, MOST_FRAME_BYTES
+from qmn.emulated.of_time import SOFTWARE, TIME_SCALE, of_software
 from qmn.emulated.teleportation import WAITED
 from qmn.emulated.using import network_for, session
 from qmn.sweeps import theory
@@ -40,9 +41,11 @@ PROGRAM = "qmn.emulated.datagrams"
 def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome:
     """Teleport block after block while datagrams pass."""
     rate, share, size = (number(values, each.name) for each in (MBPS, SHARE, FRAME))
+    scale = number(values, TIME_SCALE.name)
     frame_s = size * 8e-6 / rate
     options = {
         "seed": seed,
+        "time_scale": scale,
         "copper_mbps": rate,
         "device": (f"bob.memory.t2_s={values[T2.name]}",),
     }
@@ -50,20 +53,25 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
         heard = network.run_on("bob", HEAR, [python(), "-m", PROGRAM, "hear"])
         heard.wait_for("ready", EMULATED_READY_S)
         if share:
-            words = ["say", network.host("bob").IP(), "--per-s", f"{share / frame_s}"]
+            words = ["say", network.host("bob").IP(), "--per-s", f"{share / frame_s / scale}"]
             words += ["--frame-bytes", f"{size:.0f}", "--seed", f"{seed}"]
             network.run_on("alice", "datagrams.said", [python(), "-m", PROGRAM, *words])
-            time.sleep(number(values, ALONE.name))
+            time.sleep(number(values, ALONE.name) * scale)
         alone = heard.log.read_text().splitlines()[1:]
         count = int(values[BLOCKS.name]) * BLOCK_STATES
         wanted = {"count": count, "block_pairs": BLOCK_STATES}
         with session(network, "teleport", ("alice", "bob"), **wanted) as asked:
             told = list(asked.results)
-    return outcome(told, alone, frame_s, number(values, T2.name))
+    measured = outcome(told, alone, frame_s, number(values, T2.name), scale)
+    return {**measured, **of_software(network.runtime.logs)}
 
 
 def outcome(
-    told: Sequence[dict[str, Any]], alone: Sequence[str], frame_s: float, t2_s: float
+    told: Sequence[dict[str, Any]],
+    alone: Sequence[str],
+    frame_s: float,
+    t2_s: float,
+    scale: float,
 ) -> Outcome:
     """Return what was measured: of cumulated results of teleportation, and times of datagrams.
 
@@ -71,7 +79,8 @@ def outcome(
     """
     waits = waits_of(told)
     last = told[-1]
-    delays = [(came - sent) * 1e-9 for sent, came in (map(int, line.split()) for line in alone)]
+    times_ns = [tuple(map(int, line.split())) for line in alone]  # of the wall
+    delays = [(came - sent) * 1e-9 / scale for sent, came in times_ns]
     return {
         "queued": mean_of_series([each - 2 * frame_s for each in delays]),
         "wait": mean_of_series(waits),
@@ -111,7 +120,7 @@ def teleported(values: Values) -> float | None:
 CONGESTION = Experiment(
     "congestion",
     "teleportation whose two bits queue on congested copper",
-    (SHARE, MBPS, FRAME, T2, BLOCKS, ALONE),
+    (SHARE, MBPS, FRAME, T2, BLOCKS, ALONE, TIME_SCALE),
     (
         Measure("queued", "mean time that datagrams queue for the copper (s): M/D/1", queued),
         Measure("wait", "mean wait of halves in memory for their two bits (s)"),
@@ -119,4 +128,5 @@ CONGESTION = Experiment(
         Measure("fidelity", "average fidelity of the teleported state"),
         Measure("teleported", "average fidelity of the teleported state", teleported, over=WAITED),
     ),
+    circumstances=SOFTWARE,
 )

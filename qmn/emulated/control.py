@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from hosts.service_socket import ServiceSocket
+from qmn.emulated.of_time import SOFTWARE, TIME_SCALE, of_software
 from qmn.emulated.using import network_for, session
 from qmn.scripting.network import QuantumNetwork
 from qmn.sweeps.estimates import Estimate, mean_of_series, proportion
@@ -53,6 +54,7 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
         "hosts": HOSTS,
         "switches": 1,  # hosts share no fibres, and light is never taken
         "seed": seed,
+        "time_scale": number(values, TIME_SCALE.name),
         "control_km": values[KM.name],
         "control_loss": values[LOSS.name],
         "device": tuple(f"{host}.memory.t2_s={t2_s}" for host in ("alice", "bob")),
@@ -61,7 +63,8 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
         begin_requests(network, int(values[REQUESTERS.name]))
         rounds = [_round(network) for _ in range(int(values[ROUNDS.name]))]
         folder = network.runtime.logs
-    return outcome(rounds, t2_s, folder)
+    measured = outcome(rounds, t2_s, folder, number(values, TIME_SCALE.name))
+    return {**measured, **of_software(folder)}
 
 
 def begin_requests(network: QuantumNetwork, requesters: int) -> None:
@@ -106,14 +109,14 @@ def agreeing(ends: tuple[ServiceSocket, ServiceSocket], place: int) -> int:
     return sum((a == b) == AGREE[basis] for a, b in zip(ours, theirs, strict=True))
 
 
-def outcome(rounds: Sequence[Round], t2_s: float, folder: Path) -> Outcome:
+def outcome(rounds: Sequence[Round], t2_s: float, folder: Path, scale: float) -> Outcome:
     """Return what was measured, with the waits that the dispatcher tells of each memory."""
     ready_ns = {
         line["session"]: line["time_ns"]
         for line in read_record(folder)
         if line["event"] == "path_ready"
     }
-    setups_s = [(ready_ns[each.link] - each.asked_ns) / 1e9 for each in rounds]
+    setups_s = [(ready_ns[each.link] - each.asked_ns) / 1e9 / scale for each in rounds]
     waits = waits_of((folder / "quantum.log").read_text().splitlines())
     kept = [kept_of(waits[each.pairs], t2_s) for each in rounds]
     size = PAIRS // len(AGREE) * len(rounds)
@@ -169,11 +172,12 @@ def expected(values: Values) -> float:
 CONTROL = Experiment(
     "control",
     "pairs in memories, and a controller that is far or busy",
-    (KM, LOSS, REQUESTERS, T2, ROUNDS),
+    (KM, LOSS, REQUESTERS, T2, ROUNDS, TIME_SCALE),
     (
         Measure("setup_s", "from the request for the next link to its light path (s)"),
         Measure(WAITED.name, "wait of both halves in memory, as dephasing averages it (s)"),
         Measure("fidelity", "fidelity of the pairs that wait"),
         Measure("kept", "fidelity of the pairs that wait", expected, over=WAITED),
     ),
+    circumstances=SOFTWARE,
 )

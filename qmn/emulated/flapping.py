@@ -17,6 +17,7 @@ from threading import Event as Flag
 from threading import Thread
 from typing import Any
 
+from qmn.emulated.of_time import SOFTWARE, TIME_SCALE, of_software
 from qmn.emulated.using import network_for, session
 from qmn.live.event_sources import recorded
 from qmn.scripting.network import QuantumNetwork
@@ -45,8 +46,10 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
     wanted |= {"block_pairs": BLOCK_PAIRS, "rate_hz": RATE_HZ}
     emitted = shared = 0
     times_s = []
-    with network_for(FLAPPING, values, runs, "ring", switches=5, seed=seed) as network:
-        with flapping(network, number(values, PERIOD.name)):
+    scale = number(values, TIME_SCALE.name)
+    options = {"switches": 5, "seed": seed, "time_scale": scale}
+    with network_for(FLAPPING, values, runs, "ring", **options) as network:
+        with flapping(network, number(values, PERIOD.name) * scale):
             for _ in range(int(values[SESSIONS.name])):
                 with session(network, "distribute", ENDS, **wanted) as asked:
                     list(asked.results)
@@ -58,15 +61,16 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
     lost = proportion(emitted - shared, emitted)
     return {
         "lost": lost,
-        DARK.name: Estimate(dark_share(events, fibers), 0.0),
+        DARK.name: Estimate(dark_share(events, fibers, scale), 0.0),
         "lost_in_the_dark": lost,
         "session_s": mean_of_series(times_s),
+        **of_software(folder),
     }
 
 
 @contextmanager
 def flapping(network: QuantumNetwork, period_s: float) -> Iterator[None]:
-    """Let the fibre go down and up again meanwhile, and leave it up."""
+    """Let the fibre go down and up again meanwhile, by the wall, and leave it up."""
     enough = Flag()
 
     def flap() -> None:
@@ -85,11 +89,14 @@ def flapping(network: QuantumNetwork, period_s: float) -> Iterator[None]:
         thread.join()
 
 
-def dark_share(events: Sequence[Event], fibers: Sequence[Fiber]) -> float:
-    """Return the share of the light's time in which no path stood from one end to the other."""
+def dark_share(events: Sequence[Event], fibers: Sequence[Fiber], scale: float = 1.0) -> float:
+    """Return the share of the light's time in which no path stood from one end to the other.
+
+    Events have times of the wall, where a second of the network takes `scale` seconds.
+    """
     spans = dark_spans(events, fibers, ENDS)
     light = [
-        (event.time_ns, event.time_ns + round(event.photons / RATE_HZ * 1e9))
+        (event.time_ns, event.time_ns + round(event.photons / RATE_HZ * scale * 1e9))
         for event in events
         if event.kind == "send" and event.node == ENDS[0]
     ]
@@ -149,11 +156,12 @@ def lost_in_the_dark(values: Values) -> float:
 FLAPPING = Experiment(
     "flapping",
     "sessions over a fibre that flaps, and a way round it",
-    (PERIOD, PAIRS, SESSIONS),
+    (PERIOD, PAIRS, SESSIONS, TIME_SCALE),
     (
         Measure("lost", "pairs that are lost"),
         Measure(DARK.name, "share of the light's time without a path"),
         Measure("lost_in_the_dark", "pairs that are lost", lost_in_the_dark, over=DARK),
         Measure("session_s", "time that a session takes (s)"),
     ),
+    circumstances=SOFTWARE,
 )

@@ -14,6 +14,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+from qmn.emulated.of_time import SOFTWARE, TIME_SCALE, of_software
 from qmn.emulated.using import network_for
 from qmn.sweeps.estimates import Estimate, mean_of_series
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, number
@@ -56,11 +57,12 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
     """Have sessions ask for the fibre, and wait for it."""
     sides = [[f"{side}{place}" for place in range(1, HOSTS + 1)] for side in "ab"]
     wanted = Wanted("distribute", {"count": PAIRS, "sample": 0.0}, own_source=True)
-    options = {"seed": seed, "contention": "queue"}
+    scale = number(values, TIME_SCALE.name)
+    options = {"seed": seed, "contention": "queue", "time_scale": scale}
     with network_for(HEAD_OF_LINE, values, runs, OneFiber, **options) as network:
         stacks = {host: network.runtime.socket(host) for host in network.runtime.devices}
         groups = sides[0], sides[1]
-        driver = Driver(planned(values, seed), wanted, stacks, groups, seed, 1.0)
+        driver = Driver(planned(values, seed), wanted, stacks, groups, seed, scale)
         asyncio.run(driver.run(network.check))
         folder = network.runtime.logs
     others = [each.reason for each in driver.outcomes if each.outcome != ACCEPTED]
@@ -69,7 +71,8 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
         text = f"{len(others)} sessions had no light: {said}"
         raise SweepError(f"{HEAD_OF_LINE.place(values)}: {text}")
     short = [each.summary["session"] for each in driver.outcomes if not each.planned.priority]
-    return outcome(lights(read_record(folder)), short)
+    measured = outcome(lights(read_record(folder), scale), short)
+    return {**measured, **of_software(folder)}
 
 
 def planned(values: Values, seed: int) -> list[Planned]:
@@ -85,12 +88,13 @@ def planned(values: Values, seed: int) -> list[Planned]:
     return found
 
 
-def lights(record: Iterable[dict[str, Any]]) -> dict[str, Light]:
+def lights(record: Iterable[dict[str, Any]], scale: float = 1.0) -> dict[str, Light]:
     """Return when each session came, had light and gave it back, by the controller's record."""
     at: dict[str, dict[str, float]] = {}
     for line in record:
         if "session" in line:
-            at.setdefault(line["session"], {}).setdefault(line["event"], line["time_ns"] / 1e9)
+            time_s = line["time_ns"] / 1e9 / scale
+            at.setdefault(line["session"], {}).setdefault(line["event"], time_s)
     return {
         name: (events.get("queued", ready_s), ready_s, events["torn_down"])
         for name, events in at.items()
@@ -127,11 +131,12 @@ def expected(values: Values) -> float:
 HEAD_OF_LINE = Experiment(
     "head-of-line",
     "short sessions behind long ones, on one fibre",
-    (LONG, SHORT, SHARE, LOAD, SESSIONS),
+    (LONG, SHORT, SHARE, LOAD, SESSIONS, TIME_SCALE),
     (
         Measure("short_wait", "mean wait of short sessions for light (s)"),
         Measure(EXPECTED.name, "M/G/1 with the holding times that were measured (s)"),
         Measure("wait", "mean wait for light (s)", expected, over=EXPECTED),
         Measure("held", "mean time that light was held (s)"),
     ),
+    circumstances=SOFTWARE,
 )

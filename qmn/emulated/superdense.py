@@ -11,8 +11,8 @@ from rich.console import Console
 
 from hosts.middleware.services.superdense.options import SuperdenseOptions
 from qmn.emulated import places
+from qmn.emulated.of_time import SOFTWARE, TIME_SCALE, of_software
 from qmn.emulated.places import PLACES, RECEIVER, SENDER, are_plain, left_to_network, said_of_fibers
-from qmn.emulated.teleportation import TIME_SCALE
 from qmn.jobs import runner, superdense
 from qmn.jobs.run_options import RunOptions
 from qmn.jobs.superdense import SuperdenseRequest
@@ -54,7 +54,8 @@ def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
             runner.run(job, context)
         except (NetworkError, TransferError, BadInput, BadTopology) as error:
             raise SweepError(f"{SUPERDENSE.place(values)} failed: {error}") from error
-    return outcome(json.loads((context.folder / "result.json").read_text()))
+    told = json.loads((context.folder / "result.json").read_text())
+    return {**outcome(told), **of_software(context.folder)}
 
 
 def request(values: Values, seed: int, message: Path, runs: Path) -> SuperdenseRequest:
@@ -138,4 +139,5 @@ SUPERDENSE = Experiment(
     ),
     implied=fiber_implied,
     unsaid=partial(left_to_network, FIBER),
+    circumstances=SOFTWARE,
 )

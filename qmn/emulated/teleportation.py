@@ -14,6 +14,7 @@ from rich.console import Console
 
 from hosts.middleware.services.teleportation.teleport import TeleportOptions
 from qmn.emulated import places
+from qmn.emulated.of_time import SOFTWARE, TIME_SCALE, of_software
 from qmn.emulated.places import PLACES, RECEIVER, SENDER, are_plain, left_to_network, said_of_fibers
 from qmn.jobs import counted_service, runner
 from qmn.jobs.counted_service import ServiceRequest
@@ -30,7 +31,6 @@ from qmn.sweeps.link import FIBER
 from qmn.sweeps.parameters import Parameter, Values, of_dataclass
 from topologies.network import Signals
 from topologies.programs import NetworkError
-from wire.network_time import LEAST_SCALE, MOST_SCALE
 from wire.parameters.network import LEAST_MBPS, MOST_MBPS
 from wire.parameters.physics import Memory
 
@@ -41,7 +41,6 @@ MEMORY = {each.name: each for each in of_dataclass("memory_", Memory())}
 T1, T2 = MEMORY["memory_t1_s"], MEMORY["memory_t2_s"]
 STATE = Parameter("state", "random", choices=("random", "haar"))
 STATES = Parameter("states", 16_384, 100, 262_144)
-TIME_SCALE = Parameter("time_scale", LEAST_SCALE, LEAST_SCALE, MOST_SCALE)
 WAITED = Parameter("measured_wait_s", 0.0)
 
 
@@ -54,7 +53,8 @@ def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
         runner.run(job, context)
     except (NetworkError, TransferError, BadInput, BadTopology) as error:
         raise SweepError(f"{TELEPORT.place(values)} failed: {error}") from error
-    return outcome(json.loads((context.folder / "result.json").read_text())["asking"])
+    told = json.loads((context.folder / "result.json").read_text())
+    return {**outcome(told["asking"]), **of_software(context.folder)}
 
 
 def request(values: Values, seed: int, runs: Path) -> ServiceRequest:
@@ -111,4 +111,5 @@ TELEPORT = Experiment(
         Measure("teleported", "average fidelity of the teleported state", teleported, over=WAITED),
     ),
     unsaid=partial(left_to_network, (DEPOLARIZING,)),
+    circumstances=SOFTWARE,
 )

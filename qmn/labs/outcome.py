@@ -13,7 +13,7 @@ from qmn.labs.lab import Finding, Lab, Published, Run
 
 COLUMNS = (
     *("what", "at", "ours", "error", "error_of_inputs"),
-    *("published", "published_error", "published_half_range", "difference", "source"),
+    *("published", "published_error", "published_half_range", "difference", "source", "differs"),
 )
 
 
@@ -32,6 +32,7 @@ def line(finding: Finding) -> dict[str, str | float | None]:
         # JSON has no infinity: what differs although neither has an error.
         "difference": None if difference is None or math.isinf(difference) else difference,
         "source": published.source if published else "",
+        "differs": published.differs if published else "",
     }
 
 
@@ -71,7 +72,10 @@ def show(
             other = stated(each.published)
             ours = number(each.ours.value, each.error)
             apart = difference(each, tolerance)
-            table.add_row(each.what, ours, other, apart, each.published.source)
+            where = each.published.source
+            if each.published.differs:
+                where += f"; {each.published.differs}"
+            table.add_row(each.what, ours, other, apart, where)
     console.print(table)
 
 
@@ -81,6 +85,8 @@ def difference(finding: Finding, tolerance: float) -> str:
     if apart is None:
         return ""
     text = f"{apart:+.1f}" if math.isfinite(apart) else "differs"
+    if finding.published is not None and finding.published.differs:
+        return f"{text} KNOWN"
     return text if finding.agrees(tolerance) else f"{text} TOO FAR"
 
 

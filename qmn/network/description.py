@@ -16,9 +16,11 @@ from qmn.network.custom_topology import BadTopology, is_custom
 from qmn.network.device_options import base_device, differences
 from qmn.network.options import MAP, NetworkOptions
 from qmn.network.part_options import PartOptions
-from qmn.network.time_scale import Scale, scale_of
+from qmn.network.time_scale import AUTO, Scale, scale_of
 from qmn.network.topologies import builder
 from topologies.clashes import refuse_clashes
+from topologies.copper_lengths import assign_copper_lengths, longest_way_s
+from topologies.copper_link import delay_s
 from topologies.description import Description, describe
 from topologies.fabric import fiber_of
 from topologies.fiber import resolved
@@ -109,10 +111,18 @@ def _described(
         options,
         topo,
         parts,
-        scale_of(options.time_scale, parts),
+        scale_of(options.time_scale, parts, round_trip_s(topo, options)),
         None if own or options.topology == MAP else every,
         parts.hosts if own else {"every": base, **named},
     )
+
+
+def round_trip_s(topo: Topo, options: NetworkOptions) -> float:
+    """Return how long a packet and its answer take at most; 0 where nobody asks."""
+    if options.time_scale != AUTO:
+        return 0.0
+    assign_copper_lengths(topo, options.copper_km, options.copper_mbps)
+    return 2 * max(longest_way_s(topo), delay_s(options.control_km or 0.0))
 
 
 def part_options(options: NetworkOptions) -> PartOptions:

@@ -4,9 +4,11 @@ import argparse
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import inf
 
+from qmn.timeouts import MOST_ROUND_TRIP_S
 from topologies.description import Description
-from wire.network_time import NetworkTime
+from wire.network_time import MOST_SCALE, NetworkTime
 
 REAL, AUTO = 1.0, "auto"
 # What programs need from the arrival of a photon to what a host does next with it, and the bits
@@ -21,6 +23,7 @@ class Scale:
 
     scale: float
     reason: str = ""  # empty: somebody has named it
+    shortest: tuple[str, float] | None = None  # of the network's times, and its name
 
 
 def scale(text: str) -> float | str:
@@ -33,20 +36,32 @@ def scale(text: str) -> float | str:
         raise argparse.ArgumentTypeError(f"{text}: {error}, or {AUTO}") from error
 
 
-def scale_of(given: float | str, network: Description) -> Scale:
-    """Return the time scale of a network; `auto` goes by the shortest of its times."""
+def scale_of(given: float | str, network: Description, round_trip_s: float = 0.0) -> Scale:
+    """Return the time scale of a network; `auto` goes by the shortest of its times.
+
+    `round_trip_s` is the longest of packets along its copper: TCP is to live through it.
+    """
+    name, shortest_s = min(times(network), key=lambda each: each[1], default=("", inf))
+    shortest = None if shortest_s == inf else (name, shortest_s)
     if isinstance(given, float):
-        return Scale(given)
-    name, shortest_s = min(times(network), key=lambda each: each[1], default=("", float("inf")))
-    if shortest_s == float("inf"):
+        return Scale(given, shortest=shortest)
+    if shortest is None:
         return Scale(REAL, "nothing in this network has a time of its own")
-    busy = max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
-    needed = max(REAL, busy * SOFTWARE_S / (SHARE * shortest_s))
+    software_s = SOFTWARE_S * max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
+    needed = max(REAL, software_s / (SHARE * shortest_s))
+    most = max(REAL, min(MOST_SCALE, MOST_ROUND_TRIP_S / round_trip_s if round_trip_s else inf))
     reason = (
-        f"{busy * SOFTWARE_S * 1e3:.3g} ms of software are {SHARE:.0%} of {name}, "
+        f"{software_s * 1e3:.3g} ms of software are {SHARE:.0%} of {name}, "
         f"{shortest_s:.3g} s, the shortest time of this network"
     )
-    return Scale(float(f"{needed:.3g}"), reason)
+    if needed > most:
+        reason = (
+            f"{SHARE:.0%} cannot be reached: {software_s * 1e3:.3g} ms of software are "
+            f"{100 * software_s / most / shortest_s:.3g}% of {name}, {shortest_s:.3g} s; that "
+            f"takes {needed:.3g}, and up to {most:.3g} a packet and its answer take no more than "
+            f"the {MOST_ROUND_TRIP_S:g} s here that TCP lives through"
+        )
+    return Scale(float(f"{min(needed, most):.3g}"), reason, shortest)
 
 
 def times(network: Description) -> Iterator[tuple[str, float]]:

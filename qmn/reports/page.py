@@ -118,7 +118,13 @@ def _fibers(run: RunFacts) -> str:
 
 def _parameters(result: Mapping[str, Any]) -> str:
     names = ("seed", "service", "topology", "handshake", "controller", "backend", "exact", "mode")
-    of_time = ("time_scale", "software_share", "dominated_by_software", "acausal")
+    of_time = (
+        "time_scale",
+        "software_share",
+        "dominated_by_software",
+        "time_scale_kept",
+        "acausal",
+    )
     rows = [[name, _said(result.get(name))] for name in (*names, *of_time)]
     met = result.get("approximations", ())
     rows += [[f"approximated: {each['name']}", said_size(each)] for each in met]

@@ -59,6 +59,13 @@ class NetworkResult(TypedDict, total=False):
     gnmi: dict[str, str]  # quantum switch to address
     machines: dict[str, Any]  # others than m1: address, hosts, and how far the clock is ahead
     acausal: dict[str, Any] | None  # news that can outrun light: from, to, early_s
+    software_share: float | None  # of the wait in memory of which it was the largest part
+    software_s: float | None
+    software_share_of_run: float
+    dominated_by_software: bool
+    shortest_time: dict[str, Any] | None  # of the network: name, s
+    software_of_shortest: float | None  # software_s as a share of it
+    time_scale_kept: bool | None  # that is less than `auto` means; None: nothing waited, or no auto
     packets_not_captured: int
     files_ended: list[str]  # captures, and the record, that became too long (--file-gib)
 
@@ -78,10 +85,6 @@ class RunResult(NetworkResult, total=False):
     path_setup_ms: Required[SetUpTimes]
     packet_in_count: Required[int]
     watched: WatchedLight  # absent: no light was
-    software_share: float | None  # of the wait in memory of which it was the largest part
-    software_s: float | None
-    software_share_of_run: float
-    dominated_by_software: bool
     eve: dict[str, Any]  # what she saw
     # Of a service that carries bytes
     handshake: str

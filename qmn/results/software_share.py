@@ -3,32 +3,37 @@
 from collections.abc import Iterable
 from math import inf
 
-from qmn.results.schema import RunFacts
+from qmn.network.time_scale import SHARE, Scale
+from qmn.results.schema import NetworkResult
 from wire.dispatcher_pb2 import SoftwareTime
-from wire.parameters.physics import Device, Memory
+from wire.parameters.physics import Device
 
 DOMINATED = 0.5  # of a wait
-MATTERS = 0.01  # of the shortest T1 or T2
+MATTERS = 0.01  # of the shortest time in which waiting does something
 
 
-def note_software(facts: RunFacts, software: SoftwareTime, devices: Iterable[Device]) -> None:
+def note_software(
+    facts: NetworkResult, software: SoftwareTime, devices: Iterable[Device], scale: Scale
+) -> None:
     """Add how much was software; None where no qubit waited in a memory."""
     waited = software.largest_wait_share > 0 or software.longest_ns > 0
     longest_s = software.longest_ns / 1e9
-    shortest_s = min((coherence_s(device.memory) for device in devices), default=inf)
+    coherent_s = min((device.memory.shortest_s for device in devices), default=inf)
     facts["software_share"] = software.largest_wait_share if waited else None
     facts["software_s"] = longest_s if waited else None
     facts["software_share_of_run"] = software.run_share
     decayed = software.largest_decaying_share > DOMINATED
-    facts["dominated_by_software"] = decayed and longest_s > MATTERS * shortest_s
+    facts["dominated_by_software"] = decayed and longest_s > MATTERS * coherent_s
+    facts["shortest_time"] = facts["software_of_shortest"] = facts["time_scale_kept"] = None
+    if scale.shortest is not None:
+        name, shortest_s = scale.shortest
+        facts["shortest_time"] = {"name": name, "s": shortest_s}
+        if waited:
+            facts["software_of_shortest"] = share = longest_s / shortest_s
+            facts["time_scale_kept"] = share < SHARE if scale.reason else None
 
 
-def coherence_s(memory: Memory) -> float:
-    """Return the shortest time in which waiting does something, T1 and T2 among others."""
-    return memory.shortest_s
-
-
-def rows(facts: RunFacts) -> dict[str, str]:
+def rows(facts: NetworkResult) -> dict[str, str]:
     """Return what is said of time, for a person to read."""
     scale = facts["time_scale"]
     told = {"time": f"1 s of the network took {scale:g} s here"}
@@ -40,9 +45,22 @@ def rows(facts: RunFacts) -> dict[str, str]:
         told["ACAUSAL"] = (
             f"news of {early['from']} can be at {early['to']} {early['early_s']:.3g} s before light"
         )
+    if facts.get("time_scale_kept") is False:
+        told["BEWARE"] = _missed(facts)
     if facts.get("dominated_by_software"):
         told["BEWARE"] = (
             "waits were dominated by software: what they did to qubits is this machine's doing; "
             "use --time-scale auto"
         )
     return told
+
+
+def _missed(facts: NetworkResult) -> str:
+    shortest, share = facts["shortest_time"], facts["software_of_shortest"]
+    assert shortest is not None  # there is a share of it
+    assert share is not None
+    return (
+        f"software took up to {share:.2%} of {shortest['name']}, {shortest['s']:.3g} s, where "
+        f"--time-scale auto means less than {SHARE:.0%}: a scale of "
+        f"{facts['time_scale'] * share / SHARE:.3g} was needed"
+    )

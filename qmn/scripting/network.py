@@ -14,7 +14,7 @@ from typing import Any, TypedDict, Unpack
 from mininet.topo import Topo
 
 from qmn.live.controller_console import ask
-from qmn.live.dispatcher_calls import held_blocks, switch_conditions, switch_statistics
+from qmn.live.dispatcher_calls import held_blocks, status, switch_conditions, switch_statistics
 from qmn.live.metrics_targets import announce
 from qmn.live.running import announce_network
 from qmn.machines.options import MACHINES, MachineOptions, machine_facts, machines_of
@@ -33,6 +33,7 @@ from qmn.results.artifacts import artifacts_of
 from qmn.results.network_facts import network_facts
 from qmn.results.result import note_files
 from qmn.results.run_folder import given_at_the_end
+from qmn.results.software_share import note_software
 from qmn.scripting.exchange import Exchange, connection, exchange
 from qmn.scripting.light import FiberState, LightPath, fiber_state, light_path
 from qmn.scripting.tables import SIMPLE, Row, TableOf, Tabular, drawn, row_of
@@ -246,5 +247,7 @@ def running(
                 if folder is not None and options.metrics:
                     facts["metrics"] = announce(runtime.metrics_addresses, folder)
                 yield network
+                software = status(network).software
+                note_software(facts, software, network.runtime.devices.values(), chosen)
         finally:
             note_files(facts, network)

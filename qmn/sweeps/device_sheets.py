@@ -115,6 +115,26 @@ DEVICE_SHEETS = (
         ],
     ),
     Sheet(
+        "unstored",
+        "memory",
+        {
+            "rate_hz": "100:1e6:9:log",
+            "t2_s": [0.01, 0.1, 1.0],
+            "stored": [0],
+            "pairs": 100_000,
+        },
+        [
+            Curve(
+                "memory-unstored",
+                "1,000 pairs that nobody stores wait for the last: X and X, T2",
+                "rate_hz",
+                "pairs a second",
+                "xx",
+                by=["t2_s"],
+            )
+        ],
+    ),
+    Sheet(
         "fresh-outcomes",
         "fresh-outcomes",
         {"uses": [2, 3, 10, 30], "pairs": 200_000},
@@ -145,6 +165,26 @@ DEVICE_SHEETS = (
                 "mean number of pairs in a pulse",
                 "qber",
                 by=["statistics", "loss_db"],
+            )
+        ],
+    ),
+    Sheet(
+        "dark-counts",
+        "multi-pair",
+        {
+            "dark_count": "1e-4:0.1:7:log",
+            "statistics": "single",
+            "loss_db": [0.0, 10.0, 20.0],
+            "pairs": 1_000_000,
+        },
+        [
+            Curve(
+                "dark-counts",
+                "Error rate by dark counts, of single pairs: 1/2 where they are all that is seen",
+                "dark_count",
+                "dark counts of a detector in a gate",
+                "qber",
+                by=["loss_db"],
             )
         ],
     ),

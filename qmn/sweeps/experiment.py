@@ -50,6 +50,8 @@ class Experiment:
     implied: Callable[[Values], Values] = lambda _given: {}
     # Parameters that the network is not told, at their defaults here: it may have others.
     unsaid: Callable[[Values], Collection[str]] = lambda _values: ()
+    # Numbers of an outcome that tell how a point was measured: columns of their own, no figures.
+    circumstances: tuple[str, ...] = ()
 
     def parameter(self, name: str) -> Parameter:
         """Return a parameter; raise BadGrid for one that the experiment does not have."""

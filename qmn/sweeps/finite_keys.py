@@ -25,6 +25,7 @@ ROUNDS = 4  # until the key is as long as its eps_sec says
 # Where the best shares of X, signal and weak pulses and the best means are looked for.
 FAR = (0.25, 0.04, 0.52, 0.49, 0.1)  # near the best behind much loss
 LEAST, MOST, STARTS = (0.3, 0.05, 0.2, 0.4, 0.1), (0.95, 0.5, 0.5, 0.8, 0.3), 3
+FARTHEST_KM = 300.0  # by far beyond what dark counts allow
 NONE = -1e3  # what cannot be
 SOME = 100.0  # above all that is no key
 
@@ -39,6 +40,15 @@ def best_rate(block: float, length_km: float) -> float:
     found = [minimize(less, x, method="Nelder-Mead").fun for x in np.append(starts, [FAR], axis=0)]
     best = -float(min(found))
     return 2 ** (best - SOME) if best > 0 else 0.0
+
+
+def reach(block: float) -> float:
+    """Return how far (km) keys of so many bits go, to a tenth of a kilometre; from 0 km on."""
+    near, far = 0.0, FARTHEST_KM
+    while far - near > 0.1:
+        middle = (near + far) / 2
+        near, far = (middle, far) if best_rate(block, middle) else (near, middle)
+    return near
 
 
 def _merit(block: float, length_km: float, x: Floats) -> float:

@@ -129,6 +129,31 @@ KEY_SHEETS = (
         ],
     ),
     Sheet(
+        "spdc-keys",
+        "pair-keys",
+        {
+            "length_km": "0:60:4",
+            "statistics": ["poisson", "thermal"],
+            "mean_pairs": 0.05,
+            "pairs": 16_000_000,
+        },
+        [
+            Curve(
+                f"spdc-keys-{measure}",
+                f"BBM92 by down-conversion, .05 pairs a pulse, source in the middle: {text}",
+                "length_km",
+                "length of both fibres (km)",
+                measure,
+                by=["statistics"],
+                logarithmic=measure != "qber",
+            )
+            for measure, text in (
+                ("qber", "error rate by several pairs"),
+                ("key", "key of long blocks"),
+            )
+        ],
+    ),
+    Sheet(
         "mdi",
         "mdi",
         {"length_km": "0:80:5", "pairs": 6_000_000},

@@ -1,9 +1,11 @@
 """Keys of entangled pairs over distance: BBM92, and E91 with its CHSH test.
 
-A source in the middle sends half of each pair to either end. Detectors, errors and the fibres are
-those of qmn.sweeps.decoy_states; what both detectors of an end see counts as a bit at random.
+A source in the middle sends half of each pair to either end, one pair a pulse, or several (SPDC).
+Detectors, errors and the fibres are those of qmn.sweeps.decoy_states; what both detectors of an end
+see counts as a bit at random.
 """
 
+from dataclasses import replace
 from math import hypot, sqrt
 from typing import Any
 
@@ -12,7 +14,7 @@ import numpy as np
 from dispatcher.laboratory import Laboratory
 from hosts.middleware.qkd.bell_test import LOCAL, Correlations
 from hosts.middleware.qkd.key_length import asymptotic_fraction
-from qmn.sweeps import theory
+from qmn.sweeps import multi_pair, theory
 from qmn.sweeps.decoy_states import (
     DARK_COUNT,
     EFFICIENCY,
@@ -21,15 +23,17 @@ from qmn.sweeps.decoy_states import (
     LOSS_DB_PER_KM,
     detectors,
 )
-from qmn.sweeps.estimates import Estimate, proportion
+from qmn.sweeps.estimates import NOTHING, Estimate, proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, number, pairs_parameter
 from qmn.sweeps.link import configuration, fiber
+from qmn.sweeps.multi_pair import MEAN, source_of
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.sweeps.superdense import blocks
 from wire.outcomes import NO_CLICK, PAULI_BASES
 from wire.parameters.physics import Device
 
 TO_ALICE, TO_BOB = ("charlie-q0", "alice-q0"), ("charlie-q1", "bob-q0")
+STATISTICS = replace(multi_pair.STATISTICS, default="single")
 PROTOCOL = Parameter("protocol", "bbm92", choices=("bbm92", "e91"))
 TESTED = 0.2  # of bob's photons in E91
 
@@ -39,8 +43,9 @@ async def share(values: Values, seed: int) -> Outcome:
     length_km = number(values, LENGTH.name) / 2
     optics: dict[str, Any] = {"length_km": length_km, "loss_db_per_km": LOSS_DB_PER_KM}
     fibers = [fiber(*TO_ALICE, **optics), fiber(*TO_BOB, **optics, depolarizing=2 * ERROR)]
-    ends = dict.fromkeys(("alice", "bob"), Device(detectors=detectors()))
-    laboratory = Laboratory(configuration(seed, fibers, ends))
+    devices = dict.fromkeys(("alice", "bob"), Device(detectors=detectors()))
+    devices["charlie"] = Device(source=source_of(values))
+    laboratory = Laboratory(configuration(seed, fibers, devices))
     alice, charlie, bob = (laboratory.host(name) for name in ("alice", "charlie", "bob"))
     random, bell = np.random.default_rng(seed), Correlations()
     pairs, both, sifted, wrong = 0, 0, 0, 0
@@ -75,8 +80,8 @@ def outcome(
     rate = share * asymptotic_fraction(qber.value)
     by_qber = rate - share * asymptotic_fraction(qber.value + qber.error)
     error = hypot(rate * gain.error / gain.value if gain.value else 0.0, by_qber)
-    found = {"gain": gain, "qber": qber, "key": Estimate(rate, max(error, 1 / pairs))}
-    return found if values[PROTOCOL.name] == "bbm92" else {**found, "chsh": _s(bell)}
+    chsh = NOTHING if values[PROTOCOL.name] == "bbm92" else _s(bell)
+    return {"gain": gain, "qber": qber, "key": Estimate(rate, max(error, 1 / pairs)), "chsh": chsh}
 
 
 def _s(bell: Correlations) -> Estimate:
@@ -87,15 +92,30 @@ def _tested(values: Values) -> float:
     return TESTED if values[PROTOCOL.name] == "e91" else 0.0
 
 
+def _arrives(values: Values) -> float:
+    """Return how likely a photon is seen at its end."""
+    arm_db = LOSS_DB_PER_KM * number(values, LENGTH.name) / 2
+    return EFFICIENCY * theory.transmission(arm_db)
+
+
 def _clicks(values: Values) -> tuple[float, float]:
     """Return how likely a photon is seen at its end, and any click, in theory."""
-    arm_db = LOSS_DB_PER_KM * number(values, LENGTH.name) / 2
-    arrives = EFFICIENCY * theory.transmission(arm_db)
+    arrives = _arrives(values)
     return arrives, 1 - (1 - arrives) * (1 - DARK_COUNT) ** 2
 
 
+def _pulses(values: Values) -> tuple[float, float]:
+    """Return the error rate and how many pulses are seen at both ends, of several pairs in one."""
+    statistics, mean = str(values[STATISTICS.name]), number(values, MEAN.name)
+    return theory.several_pairs(statistics, mean, (_arrives(values),) * 2, DARK_COUNT, ERROR)
+
+
+def _is_single(values: Values) -> bool:
+    return values[STATISTICS.name] == STATISTICS.default
+
+
 def _gain(values: Values) -> float:
-    return _clicks(values)[1] ** 2
+    return _clicks(values)[1] ** 2 if _is_single(values) else _pulses(values)[1]
 
 
 def _correlation(values: Values) -> float:
@@ -105,15 +125,19 @@ def _correlation(values: Values) -> float:
 
 
 def _qber(values: Values) -> float:
-    return (1 - _correlation(values)) / 2
+    return (1 - _correlation(values)) / 2 if _is_single(values) else _pulses(values)[0]
 
 
 def _chsh(values: Values) -> float | None:
-    return 2 * sqrt(2) * _correlation(values) if values[PROTOCOL.name] == "e91" else None
+    if values[PROTOCOL.name] == "bbm92" or not _is_single(values):
+        return None
+    return 2 * sqrt(2) * _correlation(values)
 
 
-def _key(values: Values) -> float:
+def _key(values: Values) -> float | None:
     chsh = _chsh(values)
+    if values[PROTOCOL.name] == "e91" and chsh is None:
+        return None  # several pairs in bases between those of the key: no closed form here
     if chsh is not None and chsh <= LOCAL:
         return 0.0
     kept = (1 - _tested(values)) / 2
@@ -125,7 +149,7 @@ def _key(values: Values) -> float:
 PAIR_KEYS = Experiment(
     "pair-keys",
     "BBM92 and E91 over distance",
-    (LENGTH, PROTOCOL, pairs_parameter(2_000_000)),
+    (LENGTH, PROTOCOL, STATISTICS, MEAN, pairs_parameter(2_000_000)),
     (
         Measure("gain", "pairs seen at both ends", _gain),
         Measure("qber", "error rate (QBER)", _qber),

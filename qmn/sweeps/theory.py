@@ -90,22 +90,31 @@ def agreement_in_z(waits_s: Sequence[tuple[float, float]], t1_s: float) -> float
 
 
 def several_pairs(
-    statistics: str, mean_pairs: float, arrives: tuple[float, float]
+    statistics: str,
+    mean_pairs: float,
+    arrives: tuple[float, float],
+    dark_count: float = 0.0,
+    error: float = 0.0,
 ) -> tuple[float, float]:
     """Return the error rate, and how often both ends see something, of pulses of Phi+ pairs.
 
-    A pair has a fair bit, the same at both ends, and each half arrives with its probability.
-    The probability that no detector of a set clicks is the generating function of the number of
-    pairs at the probability that one pair hits none of them; the rest is inclusion and exclusion.
+    A pair has a fair bit, with `error` another at one end than at the other, and each half arrives
+    with its probability; each detector has a dark count with `dark_count`. The probability that no
+    detector of a set clicks is the generating function of the number of pairs (of `single`: there
+    is one) at the probability that one pair hits none of them, without dark counts; the rest is
+    inclusion and exclusion.
     """
 
     def dark(detectors: frozenset[tuple[int, int]]) -> float:
         misses = 0.0
-        for bit in (0, 1):
-            hits = (arrives[end] * ((end, bit) in detectors) for end in (0, 1))
-            misses += math.prod(1 - hit for hit in hits) / 2
-        missing = mean_pairs * (1 - misses)
-        return math.exp(-missing) if statistics == "poisson" else 1 / (1 + missing)
+        for bit, flip in product((0, 1), (0, 1)):
+            told = bit, bit ^ flip
+            hits = (arrives[end] * ((end, told[end]) in detectors) for end in (0, 1))
+            misses += math.prod(1 - hit for hit in hits) * (error if flip else 1 - error) / 2
+        none, missing = (1 - dark_count) ** len(detectors), mean_pairs * (1 - misses)
+        if statistics == "single":
+            return none * misses
+        return none * (math.exp(-missing) if statistics == "poisson" else 1 / (1 + missing))
 
     every = frozenset((end, bit) for end in (0, 1) for bit in (0, 1))
 

@@ -4,11 +4,13 @@ Commands come from the keyboard, or from a file: qmn cli sdc < commands
 """
 
 import argparse
+import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from qmn.live.event_sources import RESULT
 from qmn.live.metrics_targets import urls
 from qmn.live_view.beside import live_view
 from qmn.machines.options import MachineOptions
@@ -20,6 +22,7 @@ from qmn.network.options import NetworkOptions
 from qmn.network.q0_options import Q0Options, ip_over_light, with_both_ways
 from qmn.network.topologies import TOPOLOGIES, topology_name
 from qmn.options import BadInput, add_options, read
+from qmn.results import software_share
 from qmn.results.run_folder import give_to_invoker, make_folder, point_latest
 from qmn.scripting.network import QuantumNetwork, running
 from topologies.ip_over_light import start_ip_over_light
@@ -99,6 +102,9 @@ def start_and_obey(
     point_latest(folder)
     try:
         print(f"starting the network; its logs and quantum events: {folder}", flush=True)
+        if description.scale.reason:
+            chosen = description.scale
+            print(f"time scale {chosen.scale:g}: {chosen.reason}", flush=True)
         with running(description, folder, where) as network:
             for switch, address in network.runtime.gnmi_addresses.items():
                 print(f"gNMI of {switch}: {address}")
@@ -113,7 +119,10 @@ def start_and_obey(
                 for host, address in start_ip_over_light(network, interface).items():
                     print(f"q0 of {host}: {address}", flush=True)
             with live_view(extras.live, folder, lambda text: print(text, flush=True)):
-                return obey(network)
+                status = obey(network)
+        for name, text in software_share.rows(json.loads((folder / RESULT).read_text())).items():
+            print(f"{name}: {text}")
+        return status
     finally:
         give_to_invoker(folder)
 

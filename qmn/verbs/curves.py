@@ -147,7 +147,9 @@ def compare(
             bar.advance(task, 0 if findings else 1)
     show(console, findings, SIGMAS)
     far = [each for each in findings if not each.agrees(SIGMAS)]
-    console.print(f"{len(rows)} published figures, {len(far)} too far from ours", soft_wrap=True)
+    known = sum(each.published is not None and bool(each.published.differs) for each in findings)
+    counts = f"{len(far)} too far from ours, {known} known to differ"
+    console.print(f"{len(rows)} published figures, {counts}", soft_wrap=True)
     return [told(each) for each in far]
 
 

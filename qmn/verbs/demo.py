@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from qmn.emulated.catalogue import DEMOS
+from qmn.emulated.of_time import TIME_SCALE
+from qmn.network.time_scale import REAL
 from qmn.options import add_options, read
 from qmn.verbs import sweep
 from wire.parameters.option import option
@@ -22,6 +24,11 @@ class DemoOptions:
     """Where a demo leaves its figures."""
 
     seed: int = option(1, "of all randomness (1)")
+    time_scale: float = option(
+        REAL,
+        f"one second of each network takes K seconds here ({REAL})",
+        metavar="K",
+    )
     out: Path = option(Path("demos"), "(demos)", metavar="FOLDER")
 
 
@@ -52,7 +59,7 @@ def options_of(arguments: argparse.Namespace) -> sweep.SweepOptions:
     own = read(DemoOptions, arguments)
     return sweep.SweepOptions(
         what=DEMOS[arguments.name].experiment.name,
-        axes=DEMOS[arguments.name].axes,
+        axes={**DEMOS[arguments.name].axes, TIME_SCALE.name: str(own.time_scale)},
         emulate=True,
         seed=own.seed,
         out=own.out / arguments.name,

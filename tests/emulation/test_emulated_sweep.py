@@ -83,7 +83,7 @@ def test_a_cluster_measures_the_same_as_this_machine(two_points: Path, tmp_path:
         done = sweep(tmp_path, *TWO_POINTS, "--scheduler", there.scheduler_address)
     assert done.returncode == 0, done.stderr
     for mine, theirs in zip(lines(two_points), lines(tmp_path), strict=True):
-        timed = {name for name in mine if name.startswith("path_setup_s")}
+        timed = {name for name in mine if name.startswith(("path_setup_s", "software"))}
         assert [mine[n] for n in mine.keys() - timed] == [theirs[n] for n in mine.keys() - timed]
 
 
@@ -114,6 +114,12 @@ def test_fidelity_falls_with_the_measured_latency_of_the_two_bits_as_theory_says
         fidelity = 1 / 2 + (2 * exp(-waited_s / t2_s) + exp(-waited_s / t1_s)) / 6
         assert abs(found - fidelity) <= 5 * float(line["teleported_standard_error"])
         assert waited_s > 2 * states / (1e6 * float(line["classical_mbps"]))
+        assert float(line["time_scale"]) == 1
+        # Nothing but programs and copper of theirs is waited for.
+        assert 0.5 < float(line["software_share"]) <= 1
+        assert float(line["software_s"]) > 0
+        dominated = float(line["software_s"]) > 0.01 * t2_s
+        assert float(line["dominated_by_software"]) == dominated
     assert float(slow["measured_wait_s"]) > float(fast["measured_wait_s"])
     assert float(slow["teleported"]) < float(fast["teleported"])
     assert (tmp_path / "teleport-emulated-teleported.png").stat().st_size > 10_000

@@ -41,9 +41,13 @@ def result_of(runs: Path, *words: str) -> dict[str, Any]:
 
 
 def with_source(*hosts: str) -> list[str]:
-    """Return the words that give hosts a source of pairs, which no ion trap is by itself."""
-    named = [(host, name, value) for host in hosts for name, value in SOURCE.items()]
-    return [word for own in named for word in ("--device", "{}.source.{}={}".format(*own))]
+    """Return the words that give hosts a source of pairs, which no ion trap is by itself.
+
+    Others take in its light, which no ion does either.
+    """
+    said = [f"{host}.source.{name}={value}" for host in hosts for name, value in SOURCE.items()]
+    said += [f"{host}.memory.kind=absorptive" for host in {*hosts, "bob"}]
+    return [word for each in said for word in ("--device", each)]
 
 
 def polarised(fidelity: float) -> float:
@@ -83,6 +87,15 @@ def test_an_ion_trap_makes_no_pairs_at_will(tmp_path: Path) -> None:
     assert done.returncode == 1
     assert "distribute: alice has no source of light (feature emit)" in done.stderr
     assert "memories that emit share pairs by a station (docs/nodes.md)" in done.stderr
+
+
+def test_spins_that_emit_take_in_no_light_of_another_source(tmp_path: Path) -> None:
+    """Each of ten photons of a source was kept by a spin in diamond, as if it were absorbed."""
+    words = ["--node", "nv-centre", "--node", "charlie=photonic", "--count", "10", "--sample", "0"]
+    done = run(tmp_path, "distribute", *words)
+    assert done.returncode == 1
+    assert "distribute: alice has a memory that emits, and takes in no light" in done.stderr
+    assert "(feature absorb): let a station herald pairs" in done.stderr
 
 
 def test_heralds_for_ion_traps_come_the_slower_the_longer_the_fibres(tmp_path: Path) -> None:

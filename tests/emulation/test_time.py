@@ -2,9 +2,12 @@
 
 import json
 import math
+import os
 import re
+import shlex
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,12 +19,19 @@ from scapy.layers.inet import ICMP
 from scapy.utils import rdpcap
 
 from qmn.scripting.network import start
+from wire.metadata import METADATA_PORT
 
 LIGHT_M_PER_S = 2.04e8
 ECHO_REQUEST, ECHO_REPLY = 8, 0
 SLOW_S = 150
 BUSY_PROCESSES = 4
 STATES, RATE_HZ = 8000, 50_000_000
+
+CONNECT = f"""
+import socket
+with socket.create_connection(("10.0.0.2", {METADATA_PORT})):
+    print("connected")
+"""
 
 
 def one_way_s(kilometres: float) -> float:
@@ -67,6 +77,52 @@ def test_copper_that_is_too_short_for_light_is_marked(tmp_path: Path) -> None:
     told = json.loads((tmp_path / "result.json").read_text())["acausal"]
     assert told["early_s"] == pytest.approx(one_way_s(4000))
     assert {told["from"], told["to"]} < {"alice", "bob", "charlie"}
+
+
+@pytest.mark.timeout(2 * SLOW_S)
+def test_tcp_lives_through_the_slowest_network_that_auto_chooses(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A handshake takes a round trip of half a minute at most, and another for ARP before it.
+
+    For ten times as long auto had let it take, were 1 % of software to be kept at this load: the
+    kernel gives up after two minutes.
+    """
+    monkeypatch.setattr("os.getloadavg", lambda: (47.0 * (os.cpu_count() or 1), 1.0, 1.0))
+    with start("sdc", folder=tmp_path, length_km=20.0, time_scale="auto") as network:
+        began_s = time.monotonic()
+        told = network.host("alice").cmd(f"{sys.executable} -c {shlex.quote(CONNECT)}")
+        took_s = time.monotonic() - began_s
+    assert told.split()[-1:] == ["connected"], told
+    round_trip_s = 2 * one_way_s(40)
+    result = json.loads((tmp_path / "result.json").read_text())
+    assert result["time_scale"] * round_trip_s == pytest.approx(30, rel=0.005)
+    assert "1% cannot be reached" in result["time_scale_because"]
+    assert 30 <= took_s < 100
+
+
+@pytest.mark.timeout(2 * SLOW_S)
+@pytest.mark.parametrize("mbit_s", ["", "0.2"])
+def test_what_auto_means_is_held_against_what_the_run_was(tmp_path: Path, mbit_s: str) -> None:
+    """Two bits of each state queue at .2 Mbit/s for 164 ms, the first 1600 bytes less: .1 of T2.
+
+    That is not the way of light or of news: it counts as software.
+    """
+    words = ["--length-km", "0", "--device", "bob.memory.t2_s=1"]
+    words += ["--count", "16384", "--block-pairs", "16384"]
+    words += ["--classical-mbps", mbit_s] if mbit_s else []
+    words += ["--time-scale", "auto", "--no-report", "--runs", str(tmp_path)]
+    done = run_qmn("run", "teleport", *words, timeout_s=SLOW_S)
+    assert done.returncode == 0, done.stdout + done.stderr
+    result = json.loads((tmp_path / "latest" / "result.json").read_text())
+    assert result["shortest_time"] == {"name": "T2 of bob", "s": 1.0}
+    share = result["software_of_shortest"]
+    assert share == pytest.approx(result["software_s"])
+    assert result["time_scale_kept"] is (share < 0.01)
+    assert ("BEWARE" in done.stdout) is not result["time_scale_kept"]
+    if mbit_s:
+        assert share > (2 * 16384 - 8 * 1600) / 0.2e6  # of the second
+        assert not result["time_scale_kept"]
 
 
 @contextmanager

@@ -11,6 +11,7 @@ from operator import or_
 from typing import Any, Self
 
 from wire.features import (
+    ABSORB,
     EMIT,
     GATE,
     HERALD,
@@ -205,6 +206,9 @@ class Memory:
     # where none came.
     herald_efficiency: float = parameter(1.0, 0.0, 1.0)
     false_herald: float = parameter(0.0, 0.0, 1.0)
+    # An emissive one keeps qubits that emit, or halves of its host's own pairs, but no light that
+    # comes from elsewhere.
+    kind: str = choice("absorptive", "emissive")
     # What has been kept for longer is dropped; who stores may say otherwise.
     cutoff_s: float = parameter(float("inf"), 1e-9, float("inf"))
     capacity: int = parameter(4_000_000, 0, 4_000_000)  # qubits
@@ -222,6 +226,11 @@ class Memory:
     def decays(self) -> bool:
         """Whether waiting changes what it keeps."""
         return self.shortest_s < math.inf
+
+    @property
+    def keeps(self) -> bool:
+        """Whether what has been in it comes out as it was."""
+        return self.efficiency == 1 and not self.decays
 
     @property
     def shortest_s(self) -> float:
@@ -375,6 +384,7 @@ class Device:
         there = {
             EMIT: self.source.statistics != "none",
             STORE: self.memory.capacity > 0,
+            ABSORB: self.memory.capacity > 0 and self.memory.kind == "absorptive",
             GATE: self.gates.kind == "any",
             MEASURE: self.detectors.efficiency > 0,
             HERALD: self.emitter.scheme != "none" and self.memory.capacity > 0,

@@ -66,6 +66,7 @@ function step(now) {
     if (view.t >= timeline.end && (!network.live || view.ended)) view.playing = false, status();
   }
   if (drawn.stale && now - drawn.tables > TABLES_MS) tables(now);
+  stretch();
   const count = timeline.messages.length + timeline.missed;
   if (view.t !== drawn.t || (view.follow && count !== drawn.count)) show(now, count);
   else if (view.follow && network.live && !view.ended && state.flows.size) drawing.show(moving(), view.chosen);
@@ -77,12 +78,18 @@ function moving() {
   return { ...state, t: state.t + (performance.now() - drawn.at) / 1000 };
 }
 
+// While the page is paused, time that has come meanwhile can be gone to.
+function stretch() {
+  const max = String(Math.max(timeline.end, timeline.begin + 1e-3));
+  if (at("slider").max !== max) at("slider").max = max;
+}
+
 function show(now, count) {
   state = view.follow ? timeline.state : timeline.at(view.t);
   drawing.show(state, view.chosen);
   const slider = at("slider");
   slider.min = timeline.begin;
-  slider.max = Math.max(timeline.end, timeline.begin + 1e-3);
+  stretch();
   slider.value = view.t;
   at("clock").value = `${view.t.toFixed(3)} s`;
   drawn = { ...drawn, t: view.t, count, at: performance.now() };

@@ -242,7 +242,7 @@ def test_devices_are_shown_with_what_they_can_do() -> None:
     network = announced({BOB: NodeFeatures(STORE | MEASURE, 32), CHARLIE: None})
     view = node_features_view(network)
     assert view["bob"] == {"features": ["store", "measure"], "memory_qubits": 32}
-    features = ["emit", "store", "gate", "measure", "herald", "interfere"]
+    features = ["emit", "store", "gate", "measure", "herald", "interfere", "absorb"]
     assert view["alice"]["features"] == features
     assert "charlie" not in view
 

@@ -24,7 +24,7 @@ from hosts.stack import Stack
 from hosts.stack_socket import QuantumSocketError
 from topologies.node_kinds import ION_TRAP, node_device
 from wire.config import HostConfig
-from wire.features import EMIT, GATE, HERALD, INTERFERE, MEASURE, STORE
+from wire.features import ABSORB, EMIT, GATE, HERALD, INTERFERE, MEASURE, STORE
 from wire.metadata import Message, Reason, Setup, Topic, Values, Verdict
 from wire.parameters.physics import Detectors, Device, Gates, Memory, PairSource
 
@@ -32,7 +32,7 @@ LASTING = Lifetimes(*[float("inf")] * 4).numbers()
 IONS = replace(  # a faster one, and worse gates, so that a test is short and sees them
     ION_TRAP,
     source=PairSource(fidelity=0.96, max_rate_hz=1e9),
-    memory=replace(ION_TRAP.memory, t2_s=1e6, capacity=2000),
+    memory=replace(ION_TRAP.memory, t2_s=1e6, capacity=2000, kind="absorptive"),
     gates=Gates("any", 0.02, 0.08),
 )
 PHOTONS = node_device("photonic", Device(source=PairSource(fidelity=0.98)))
@@ -254,7 +254,7 @@ def told(folder: Path, physics: dict[str, Any], **options: Any) -> str:
     [
         ([0, 15, 100, *LASTING], "blocks of 0 pairs, 16384 were asked for"),
         ([16_385, 15, 100, *LASTING], "blocks of 16385 pairs"),
-        ([100, 64, 100, *LASTING], "features 0x40, of which 0x3f exist"),
+        ([100, 128, 100, *LASTING], "features 0x80, of which 0x7f exist"),
         ([100, 1 << 20, 100, *LASTING], "features 0x100000"),
         ([100, 13, 100, *LASTING], "emit, gate, measure with a memory of 100 qubits"),
         ([100, 15, 0, *LASTING], "with a memory of 0 qubits"),
@@ -296,7 +296,7 @@ CANNOT = [
         {"alice": IONS, "bob": PHOTONS},
         {"count": 10, "rounds": 1},
         "purification needs the feature gate, measure at both ends, and bob has only emit, store, "
-        "measure, interfere: ask for less fidelity",
+        "measure, interfere, absorb: ask for less fidelity",
     ),
     (
         {"alice": PHOTONS, "bob": IONS},
@@ -307,7 +307,7 @@ CANNOT = [
         {"alice": IONS, "bob": replace(IONS, detectors=Detectors(efficiency=0.0))},
         {"count": 10},
         "an estimate needs the feature measure at both ends, and bob has only emit, store, gate, "
-        "herald: choose sample 0",
+        "herald, absorb: choose sample 0",
     ),
 ]
 
@@ -372,7 +372,7 @@ def test_a_source_that_cannot_be_is_refused_before_anything_is_sent(
 
 def test_the_kinds_differ_in_what_they_can_do() -> None:
     assert ION_TRAP.features == STORE | GATE | MEASURE | HERALD
-    assert PHOTONS.features == EMIT | STORE | MEASURE | INTERFERE
+    assert PHOTONS.features == EMIT | STORE | ABSORB | MEASURE | INTERFERE
 
 
 def test_who_asks_hears_that_no_host_makes_pairs(tmp_path: Path) -> None:

@@ -1,7 +1,10 @@
 """The live view as Chromium shows it: large and small, by mouse and keyboard, to its end."""
 
+import os
 import re
+import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -10,7 +13,7 @@ from typing import Any
 import pytest
 from live_page import browser, live, served
 from playwright.sync_api import Browser, Page, expect
-from recorded_run import START_NS, record_run
+from recorded_run import NETWORK, START_NS, record_run
 
 from qmn.live.key_links import KeyLink
 from qmn.live_view import acts
@@ -18,6 +21,8 @@ from qmn.live_view.layout import described
 from qmn.live_view.server import View
 from qmn.live_view.sources import timeline_of_run
 from qmn.reports.run_facts import read_result
+from wire.config import QuantumSwitch
+from wire.parameters.fiber import Fiber, FiberEnd
 
 SESSION = "18f3be73bfbdb225"
 DEADLINE_MS = 30_000
@@ -356,4 +361,132 @@ def test_everything_has_a_name_for_who_does_not_see_it(
             if label == "host bob":
                 break
         assert label == "host bob"
+        page.close()
+
+
+BOX = "document.getElementById('network').viewBox.baseVal"
+
+
+def box(page: Page) -> list[float]:
+    """Return which part of the drawing is seen: left, top, width, height."""
+    text = page.locator("#network").get_attribute("viewBox")
+    assert text is not None
+    return [float(each) for each in text.split()]
+
+
+def place(page: Page, name: str) -> tuple[float, float]:
+    """Return where a node is on the screen."""
+    found = page.get_by_role("button", name=name).bounding_box()
+    assert found is not None
+    return found["x"] + found["width"] / 2, found["y"] + found["height"] / 2
+
+
+def test_the_drawing_is_zoomed_by_buttons_and_wheel_and_dragged(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    with served(live(tmp_path)) as url:
+        page = opened(chromium, url, said)
+        expect(page.locator("#status")).to_have_text("live")
+        whole = box(page)
+        page.get_by_role("button", name="zoom in").click()
+        left, top, width, height = box(page)
+        assert width == pytest.approx(whole[2] / 1.3)
+        assert left + width / 2 == pytest.approx(whole[0] + whole[2] / 2)  # the middle stays
+        assert top + height / 2 == pytest.approx(whole[1] + whole[3] / 2)
+        page.get_by_role("button", name="zoom out").click()
+        assert box(page) == pytest.approx(whole)
+        x, y = place(page, "host alice")
+        page.mouse.move(x, y)
+        page.mouse.wheel(0, -100)
+        page.wait_for_function(f"() => {BOX}.width < {whole[2]}")
+        assert place(page, "host alice") == pytest.approx((x, y), abs=2)  # what is pointed at stays
+        ground = page.locator("#network").bounding_box()
+        assert ground is not None
+        corner = ground["x"] + 3, ground["y"] + 3
+        page.mouse.move(*corner)
+        page.mouse.down()
+        page.mouse.move(corner[0] + 60, corner[1] + 40, steps=4)
+        page.mouse.up()
+        page.mouse.move(*corner)  # no button is down any more
+        assert place(page, "host alice") == pytest.approx((x + 60, y + 40), abs=2)
+        page.get_by_role("button", name="whole network").click()
+        assert box(page) == pytest.approx(whole)
+        page.close()
+
+
+def test_a_network_that_goes_on_can_be_paused_and_played_at_another_speed(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    view = live(tmp_path)
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        tell(view, 1.0, "create", "charlie")
+        clock = page.locator("#clock")
+        expect(clock).to_have_text("1.000 s")
+        page.get_by_role("button", name="pause").click()
+        expect(page.locator("#status")).to_have_text("live, looking back")
+        tell(view, 100.0, "create", "charlie")
+        expect(page.locator("#slider")).to_have_attribute("max", "100")  # it can be gone to
+        expect(clock).to_have_text("1.000 s")
+        page.get_by_label("speed").select_option("10")
+        begun = time.monotonic()
+        page.get_by_role("button", name="play").click()
+        page.wait_for_function("() => parseFloat(document.getElementById('clock').value) > 21")
+        assert 1.5 < time.monotonic() - begun < DEADLINE_MS / 1000  # 20 s at ten a second
+        page.get_by_label("speed").select_option("0.01")
+        page.get_by_role("button", name="pause").click()
+        page.get_by_role("button", name="latest").click()
+        expect(clock).to_have_text("100.000 s")
+        expect(page.locator("#status")).to_have_text("live")
+        page.close()
+
+
+SERVER = """import asyncio, sys
+from pathlib import Path
+from live_page import ANYWHERE, live
+from qmn.live_view.server import serve
+asyncio.run(serve(live(Path(sys.argv[1])), ANYWHERE, lambda url: print(url, flush=True)))
+"""
+
+
+def test_a_server_that_dies_is_told(chromium: Browser, tmp_path: Path) -> None:
+    command = [sys.executable, "-c", SERVER, str(tmp_path)]
+    path = os.pathsep.join(each for each in sys.path if each)
+    environment = {**os.environ, "PYTHONPATH": path}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as server:
+        assert server.stdout is not None
+        page = chromium.new_page()
+        page.goto(server.stdout.readline().strip())
+        expect(page.locator("#status")).to_have_text("live")
+        server.kill()
+        expect(page.locator("#status")).to_have_text("no connection: has the network ended?")
+        page.close()
+
+
+def test_a_network_of_a_thousand_hosts_is_drawn_and_can_be_read_from_near(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    switches = [QuantumSwitch(f"q{n}") for n in range(32)]
+    fibers = [
+        Fiber(FiberEnd(f"h{n}", f"h{n}-q0"), FiberEnd(f"q{n % 32}", str(n // 32 + 1)))
+        for n in range(1024)
+    ]
+    hosts = {f"h{n}": f"10.0.{n // 250}.{n % 250}" for n in range(1024)}
+    large = replace(NETWORK, addresses=hosts, source="h0", fibers=fibers, switches=switches)
+    large = replace(large, copper=[], copper_switches=[])
+    view = replace(live(tmp_path), network=described(large))
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        expect(page.locator("#status")).to_have_text("live")
+        assert page.locator(".node").count() == 1024 + 32
+        assert page.locator(".fiber").count() == 1024
+        x, y = place(page, "host h700")
+        page.mouse.move(x, y)
+        for _turn in range(40):
+            page.mouse.wheel(0, -100)
+        name = page.locator(".node text", has_text="h700")
+        expect(name).to_be_visible()
+        page.wait_for_function("() => !document.getElementById('network').matches('.far')")
+        page.get_by_role("button", name="host h700").click()
+        expect(page.locator("#chosen")).to_contain_text("h700")
         page.close()

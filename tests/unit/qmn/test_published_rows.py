@@ -6,9 +6,11 @@ from math import exp, hypot
 from operator import itemgetter
 
 import pytest
+from rich.console import Console
 
 from qmn.labs import catalogue
 from qmn.labs.lab import Published, PublishedRow
+from qmn.labs.outcome import show
 from qmn.labs.rows import measured, rows
 from qmn.sweeps import finite_keys, theory, vacuum_and_weak
 from qmn.sweeps.catalogue import EXPERIMENTS, measure
@@ -100,3 +102,21 @@ def test_blocks_of_ten_thousand_bits_reach_beyond_120_km() -> None:
     """Section IV says 135 km; its formulas and channel as printed end at 127 by our search."""
     assert 1e-8 < finite_keys.best_rate(1e4, 120.0) < 1e-6
     assert finite_keys.best_rate(1e4, 150.0) == 0.0
+
+
+def test_what_is_known_to_differ_is_told_with_its_reason_and_no_fault() -> None:
+    """arXiv:1311.7129 states 135 km; the reach of its printed formulas was searched, by 0.5 km."""
+    (finding,) = (
+        row.finding([]) for row in rows() if row.what == "km to which keys go, n_X = 10^4 bits"
+    )
+    assert finding.published is not None
+    assert finding.published.value == 135
+    assert abs(finding.ours.value - 127) < 0.5
+    assert finding.difference is not None
+    assert finding.difference < -5
+    assert finding.agrees(5)
+    console = Console(width=300, record=True)
+    show(console, [finding], 5)
+    text = console.export_text()
+    assert "KNOWN" in text
+    assert "with eps_sec of 1e-10 a bit" in text

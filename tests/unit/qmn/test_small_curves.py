@@ -125,6 +125,30 @@ def test_pairs_are_seen_as_often_and_err_as_often_as_an_enumeration_has_it(proto
     given = EXPERIMENTS["pair-keys"].complete(values)
     assert theory_of["gain"](given) == pytest.approx(gain, rel=1e-9)
     assert theory_of["qber"](given) == pytest.approx(qber, rel=1e-9)
+    single = theory.several_pairs("single", 1.0, (seen, seen), dark, error)
+    assert single == pytest.approx((qber, gain), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("experiment", "given"),
+    [
+        ("multi-pair", {"statistics": "single", "dark_count": 0.02, "loss_db": 10.0}),
+        ("multi-pair", {"statistics": "thermal", "dark_count": 0.02, "mean_pairs": 0.3}),
+        ("pair-keys", {"statistics": "poisson", "mean_pairs": 0.3}),
+        ("pair-keys", {"statistics": "thermal", "mean_pairs": 0.3, "length_km": 10.0}),
+    ],
+)
+def test_dark_counts_and_several_pairs_err_as_the_closed_form_has_it(
+    experiment: str, given: dict[str, Value]
+) -> None:
+    """That form is held against all numbers of pairs in tests/unit/qmn/test_sweep_theory.py."""
+    values = EXPERIMENTS[experiment].complete({**given, "pairs": 400_000})
+    (qber,) = (each for each in EXPERIMENTS[experiment].measures if each.name == "qber")
+    expected = qber.theory(values)
+    assert expected is not None
+    told = measure(experiment, values, SEED)
+    assert Estimate(*told["qber"]).agrees(expected)
+    assert told.keys() == {each.name for each in EXPERIMENTS[experiment].measures}  # for its table
 
 
 def test_a_relay_tells_as_much_of_lasers_as_the_published_forms_say() -> None:

@@ -1,5 +1,6 @@
 """Fidelity over a latency that was measured: theory is told that, wherever it is compared."""
 
+import csv
 import math
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import matplotlib.image
 import pytest
 
 from qmn.emulated.catalogue import EMULATED
+from qmn.emulated.of_time import SOFTWARE
 from qmn.emulated.teleportation import WAITED, outcome, request
 from qmn.jobs import counted_service
 from qmn.sweeps import running, theory
@@ -79,12 +81,14 @@ def test_points_agree_by_the_wait_that_was_measured_and_not_by_the_rate() -> Non
 
 def test_the_table_has_the_theory_of_the_measured_wait(tmp_path: Path) -> None:
     values = next(GRID.points())
+    outcome = {**measured(0.25), **{name: Estimate(0.5, 0.0) for name in SOFTWARE}}
     with opened(tmp_path / "teleport.csv", TELEPORT) as table:
-        table.add(values, 1, measured(0.25))
-    line = (tmp_path / "teleport.csv").read_text().splitlines()[-1].split(",")
-    assert float(line[-1]) == pytest.approx(fidelity(0.25))
+        table.add(values, 1, outcome)
+    with (tmp_path / "teleport.csv").open() as file:
+        (line,) = csv.DictReader(file)
+    assert float(line["teleported_theory"]) == pytest.approx(fidelity(0.25))
     with opened(tmp_path / "teleport.csv", TELEPORT) as table:
-        assert table.get(values, 1) == measured(0.25)
+        assert table.get(values, 1) == outcome
 
 
 def test_the_figure_has_the_measured_wait_as_its_axis(tmp_path: Path) -> None:

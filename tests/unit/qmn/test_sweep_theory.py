@@ -1,5 +1,6 @@
 """The closed forms give the numbers that the literature gives."""
 
+import itertools
 import math
 
 import pytest
@@ -108,6 +109,35 @@ def test_halves_that_are_lost_unequally_err_as_all_numbers_of_pairs_say(
             wrong += chance * (hers[0] * his[1] + hers[1] * his[0])
     found = theory.several_pairs("poisson", mean, (mine, yours))
     assert found == pytest.approx((wrong / both, both), rel=1e-9)
+
+
+@pytest.mark.parametrize(("dark", "error"), [(0.0, 0.1), (0.03, 0.0), (0.02, 0.05)])
+def test_several_pairs_err_with_dark_counts_as_all_numbers_of_pairs_say(
+    dark: float, error: float
+) -> None:
+    """Of each pair hers is 0 or 1, and his the same or not; four detectors may click by themselves.
+
+    Up to ten pairs of .3 a pulse on average: of more there are 1e-13.
+    """
+
+    def told(zeros: int, ones: int, arrives: float) -> tuple[float, float]:
+        zero, one = (1 - (1 - dark) * (1 - arrives) ** count for count in (zeros, ones))
+        return zero * (1 - one) + zero * one / 2, one * (1 - zero) + zero * one / 2
+
+    mean, ways, both, wrong = 0.3, (0.3, 0.7), 0.0, 0.0
+    for counts in itertools.product(range(11), repeat=4):
+        if (pairs := sum(counts)) > 10:
+            continue
+        zeros, ones, zero_one, one_zero = counts  # hers and his
+        chance = math.exp(-mean) * mean**pairs / 2**pairs
+        chance *= (1 - error) ** (zeros + ones) * error ** (zero_one + one_zero)
+        chance /= math.prod(map(math.factorial, counts))
+        hers = told(zeros + zero_one, ones + one_zero, ways[0])
+        his = told(zeros + one_zero, ones + zero_one, ways[1])
+        both += chance * sum(hers) * sum(his)
+        wrong += chance * (hers[0] * his[1] + hers[1] * his[0])
+    found = theory.several_pairs("poisson", mean, ways, dark, error)
+    assert found == pytest.approx((wrong / both, both), rel=1e-8)
 
 
 @pytest.mark.parametrize("mean", [1e-4, 1e-3, 1e-2])

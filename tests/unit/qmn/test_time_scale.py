@@ -1,12 +1,16 @@
 """`--time-scale`: a number, or as slowly as the shortest time of a network needs."""
 
 import argparse
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import pytest
 
-from qmn.network.time_scale import SHARE, SOFTWARE_S, scale, scale_of
+from qmn.network.description import describe_network
+from qmn.network.options import NetworkOptions
+from qmn.network.time_scale import SHARE, SOFTWARE_S, Scale, scale, scale_of
+from qmn.options import add_options, read
 from qmn.results.software_share import note_software, rows
 from topologies.description import describe
 from topologies.sdc import SdcTopo
@@ -42,6 +46,46 @@ def test_auto_goes_by_the_shortest_time_of_the_network() -> None:
     chosen = scale_of("auto", describe(decays()))
     assert chosen.scale == pytest.approx(SOFTWARE_S / (SHARE * 1e-5), rel=0.005)
     assert "T2 of bob" in chosen.reason
+    assert "cannot be reached" not in chosen.reason
+
+
+def chosen_for(*words: str) -> Scale:
+    parser = argparse.ArgumentParser()
+    add_options(parser, NetworkOptions)
+    words = ("--time-scale", "auto", *words)
+    named = replace(read(NetworkOptions, parser.parse_args(words)), topology="sdc")
+    return describe_network(named).scale
+
+
+@pytest.mark.parametrize(
+    ("words", "way_km"),
+    [
+        # alice and bob have 100 km of copper each to s1, which is where q1 is.
+        (["--device", "bob.memory.t2_s=1e-5"], 200),
+        (["--device", "bob.memory.t2_s=1e-5", "--copper-km", "300"], 600),
+        (["--device", "bob.memory.t2_s=1e-5", "--control-km", "5000"], 5000),
+    ],
+)
+def test_auto_lets_a_packet_and_its_answer_take_half_a_minute_at_most(
+    words: list[str], way_km: float
+) -> None:
+    chosen = chosen_for("--length-km", "100", *words)
+    round_trip_s = 2 * way_km * 1e3 / LIGHT_M_PER_S
+    assert chosen.scale == pytest.approx(30 / round_trip_s, rel=0.005)
+    percent = 100 * 0.02 / (30 / round_trip_s) / 1e-5  # 20 ms of software
+    assert f" {percent:.3g}% of T2 of bob" in chosen.reason
+    assert "1% cannot be reached" in chosen.reason
+
+
+def test_no_load_of_the_machine_leads_auto_beyond_what_tcp_lives_through(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    monkeypatch.setattr("os.getloadavg", lambda: (94.0, 1.0, 1.0))
+    chosen = chosen_for("--length-km", "10")
+    round_trip_s = 2 * 20e3 / LIGHT_M_PER_S
+    assert chosen.scale * round_trip_s == pytest.approx(30, rel=0.005)
+    assert "1% cannot be reached" in chosen.reason
 
 
 def test_auto_is_slower_on_a_machine_that_is_busy(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -55,13 +99,35 @@ def test_a_network_without_a_time_of_its_own_runs_in_real_time() -> None:
     assert scale_of("auto", describe(SdcTopo(length_km=0.0))).scale == 1.0
 
 
-def facts_of(share: float, software_s: float, t2_s: float) -> Any:
+NAMED = Scale(1.0)
+
+
+def facts_of(share: float, software_s: float, t2_s: float, scale: Scale = NAMED) -> Any:
     told = SoftwareTime(
         largest_wait_share=share, largest_decaying_share=share, longest_ns=round(software_s * 1e9)
     )
-    facts: Any = {"time_scale": 1.0}
-    note_software(facts, told, [Device(), Device(memory=Memory(t2_s=t2_s))])
+    facts: Any = {"time_scale": scale.scale}
+    note_software(facts, told, [Device(), Device(memory=Memory(t2_s=t2_s))], scale)
     return facts
+
+
+@pytest.mark.parametrize(("software_s", "kept"), [(0.9e-3, True), (1.1e-3, False)])
+def test_what_auto_means_is_held_against_what_was_measured(software_s: float, kept: bool) -> None:
+    auto = Scale(40.0, "because", ("T2 of bob", 0.1))
+    facts = facts_of(0.1, software_s, 0.1, auto)
+    assert facts["software_of_shortest"] == pytest.approx(software_s / 0.1)
+    assert facts["shortest_time"] == {"name": "T2 of bob", "s": 0.1}
+    assert facts["time_scale_kept"] is kept
+    assert ("BEWARE" in rows(facts)) is not kept
+    if not kept:  # 1.1 % instead of 1 % wants 1.1 times the scale
+        assert "1.10% of T2 of bob" in rows(facts)["BEWARE"]
+        assert "a scale of 44 was needed" in rows(facts)["BEWARE"]
+
+
+def test_a_scale_that_is_named_promises_nothing_but_is_told_its_share() -> None:
+    facts = facts_of(0.1, 0.05, 0.1, Scale(40.0, shortest=("T2 of bob", 0.1)))
+    assert facts["software_of_shortest"] == pytest.approx(0.5)
+    assert facts["time_scale_kept"] is None
 
 
 def test_a_result_is_marked_if_most_of_a_wait_that_matters_was_software() -> None:
@@ -75,6 +141,7 @@ def test_a_result_is_marked_if_most_of_a_wait_that_matters_was_software() -> Non
 
 def test_where_nothing_waited_no_share_is_made_up() -> None:
     facts: Any = {"time_scale": 1.0}
-    note_software(facts, SoftwareTime(), [Device()])
+    note_software(facts, SoftwareTime(), [Device()], Scale(40.0, "because", ("T2 of bob", 0.1)))
     assert facts["software_share"] is None
+    assert facts["software_of_shortest"] is facts["time_scale_kept"] is None
     assert "software" not in rows(facts)

@@ -31,7 +31,7 @@ from wire.services import (
 )
 
 GOLDEN = [
-    (NodeFeatures(EVERYTHING, 4_000_000), "3f003d0900"),
+    (NodeFeatures(EVERYTHING, 4_000_000), "7f003d0900"),
     (NodeFeatures(EMIT | STORE | MEASURE, 32), "0b00000020"),
     (NodeFeatures(NOTHING, 0), "0000000000"),
 ]
@@ -39,7 +39,7 @@ REFUSED = [
     ("", "features in 0 bytes, not 5"),
     ("0f003d09", "features in 4 bytes"),
     ("0f003d090000", "features in 6 bytes"),
-    ("40000000ff", "features 0x40, of which 0x3f exist"),
+    ("80000000ff", "features 0x80, of which 0x7f exist"),
     ("ff000000ff", "features 0xff"),
     ("0200000000", "store with a memory of 0 qubits"),
     ("0d00000001", "emit, gate, measure with a memory of 1 qubits"),

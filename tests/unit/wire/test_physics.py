@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from wire.features import (
+    ABSORB,
     EMIT,
     EVERYTHING,
     GATE,
@@ -100,8 +101,9 @@ def test_a_fidelity_means_the_other_bell_states_alike() -> None:
         (Device(), HERALD),
         (Device(emitter=Emitter("two-click")), Feature(0)),
         (Device(PairSource("none")), EMIT | HERALD),
-        (Device(memory=Memory(capacity=0), emitter=Emitter("two-click")), STORE | HERALD),
+        (Device(memory=Memory(capacity=0), emitter=Emitter("two-click")), STORE | ABSORB | HERALD),
         (Device(gates=Gates("paulis")), GATE | HERALD),
+        (Device(memory=Memory(kind="emissive")), ABSORB | HERALD),
         (
             Device(detectors=Detectors(efficiency=0.0, dark_count_hz=100.0)),
             MEASURE | INTERFERE | HERALD,
@@ -119,4 +121,4 @@ def test_what_a_device_can_do_follows_from_its_parts(device: Device, wanting: Fe
 
 def test_a_host_announces_what_its_device_can_do_and_how_much_it_stores() -> None:
     device = Device(memory=Memory(capacity=32), gates=Gates("paulis"))
-    assert device.node_features == NodeFeatures(EMIT | STORE | MEASURE | INTERFERE, 32)
+    assert device.node_features == NodeFeatures(EMIT | STORE | ABSORB | MEASURE | INTERFERE, 32)

@@ -284,5 +284,5 @@ def test_hosts_say_what_they_can_do_or_what_they_say_is_not_heard(scene: Scene) 
     assert scene.quantum.network.node_features_of(able.address) == able.node_features
     question = EventQuestion("node_features", {})
     scene.quantum.asked(question)
-    features = ["emit", "store", "gate", "measure", "herald", "interfere"]
+    features = ["emit", "store", "gate", "measure", "herald", "interfere", "absorb"]
     assert question.wait() == {"alice": {"features": features, "memory_qubits": 32}}
