@@ -3,7 +3,8 @@
 import base64
 import os
 import secrets
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -95,9 +96,32 @@ def start_tunnel(
         config.write(file)
         command = [python(), "-m", "hosts.applications.vpn", "--config", str(file)]
         end = network.run_on(host, f"vpn-{host}", command)
-        end.wait_for("ready", START_TIMEOUT_S, network.check)
+        with carried_by(carriers):
+            end.wait_for("ready", START_TIMEOUT_S, network.check)
         ends.insert(0, end)
     return RunningTunnel([*ends, *carriers], hosts)
+
+
+@contextmanager
+def carried_by(programs: Sequence[Program]) -> Iterator[None]:
+    """Name a program that has ended where something failed that needs it."""
+    try:
+        yield
+    except NetworkError:
+        require_running(programs)
+        raise
+
+
+def require_running(programs: Sequence[Program]) -> None:
+    """Raise NetworkError if one of them has ended."""
+    for program in programs:
+        if not program.running:
+            raise died(program)
+
+
+def died(program: Program) -> NetworkError:
+    """Return that a program has ended before its time, and how."""
+    return NetworkError(f"{program.name} died in mid-run: {program.end()}")
 
 
 def wireguard_words(_network: Network, hosts: Sequence[str]) -> list[dict[str, Any]]:

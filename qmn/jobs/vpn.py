@@ -18,7 +18,14 @@ from qmn.jobs.moments import Moments
 from qmn.jobs.passing_eavesdropper import PassingEavesdropper, PassingEve
 from qmn.jobs.run_context import RunContext, begin_folder, ending, known_facts, running_network
 from qmn.jobs.run_options import RunOptions
-from qmn.jobs.tunnel import MovedFile, serve_and_download, start_tunnel
+from qmn.jobs.tunnel import (
+    MovedFile,
+    carried_by,
+    died,
+    require_running,
+    serve_and_download,
+    start_tunnel,
+)
 from qmn.network.checks import check_network, check_two_hosts
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.options import NetworkOptions
@@ -173,7 +180,8 @@ def use_network(
     for host, program in zip(ends, tunnel.programs[:2], strict=True):
         noted.listen(host, program)
     file = file_of(request, context.folder)
-    moved = serve_and_download(network, tunnel, file, context.folder, request.mbit_s)
+    with carried_by(tunnel.programs):
+        moved = serve_and_download(network, tunnel, file, context.folder, request.mbit_s)
     noted.listen(request.sender, moved.download)
     try:
         watch(network, noted, eve, [*tunnel.programs, moved.server], moved, request.seconds)
@@ -205,10 +213,10 @@ def watch(
         network.check()
         noted.gather()
         eve.look(network, noted)
-        for program in programs:
-            if not program.running:
-                raise NetworkError(f"{program.name} died in mid-run: {program.end()}")
+        require_running(programs)
         if not running:
+            if moved.download.status:
+                raise died(moved.download)
             return
         if noted.now_s > seconds:
             raise NetworkError(

@@ -3,10 +3,11 @@
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -15,7 +16,7 @@ from typing import Any
 import pytest
 from conftest import TSHARK, wait_until
 from fabric_scene import running
-from loaded import run_qmn
+from loaded import run_qmn, running_qmn
 from scapy.layers.inet import TCP, UDP
 from scapy.utils import PcapReader
 from test_results_fit_schema import require_schema
@@ -23,6 +24,7 @@ from test_results_fit_schema import require_schema
 from hosts.applications.tls import PORT as TLS_PORT
 from hosts.applications.wireguard import PORT
 from qmn.jobs.tunnel import SOCKETS, start_tunnel
+from topologies.confinement import descendants
 from topologies.key_managers import KeyService, start_key_managers
 from topologies.network import Network
 from topologies.sdc import SdcTopo
@@ -298,3 +300,29 @@ def test_without_the_same_ppk_ike_gives_up(tmp_path: Path) -> None:
         log = runtime.logs / "charon-alice.log"
         wait_until(lambda: "N(AUTH_FAILED)" in log.read_text(), "bob refuses the key")
         assert "100% packet loss" in alice.cmd(ping)
+
+
+@pytest.mark.parametrize("struck", ["download-alice", "wireguard-bob"])
+def test_a_program_of_the_tunnel_that_is_killed_is_named(tmp_path: Path, struck: str) -> None:
+    words = ["run", "vpn", "--mbit-s", "0.5", "--no-report", "--runs", str(tmp_path)]
+    with (tmp_path / "errors").open("w+") as errors, running_qmn(*words, errors=errors) as process:
+        log = tmp_path / "latest" / f"{struck}.log"
+        wait_until(log.exists, f"{struck} is started", 60.0)
+        wait_until(lambda: descendants_named(process.pid, struck), f"{struck} runs", 60.0)
+        for pid in descendants_named(process.pid, struck):
+            os.kill(pid, signal.SIGKILL)
+        process.wait(60.0)
+        errors.seek(0)
+        said = errors.read()
+    assert process.returncode == 1
+    assert f"{struck} died in mid-run: killed by SIGKILL" in said
+
+
+def descendants_named(pid: int, name: str) -> list[int]:
+    """Return the programs below a process that have such a log."""
+    found = []
+    for each in descendants(pid):
+        with suppress(OSError):
+            if f"/{name}.log" in os.readlink(f"/proc/{each}/fd/2"):
+                found.append(each)
+    return found
