@@ -25,6 +25,7 @@ SEVERAL_IN_GATES = "further photons of pulses pass no two-qubit gate"
 CROWD = "too many or unlike photons at a beam splitter go each for itself"
 RELAXATION = "relaxation beyond T2 = T1 becomes Pauli errors"
 UNEQUAL_ARMS = "pairs heralded by unequal arms are Bell states"
+FREE_WAIT = "light waits for its host, which cannot keep it, in a fibre without loss"
 OWN = "a noise model of one's own that says so"
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dispatcher.build import build_layer
+from dispatcher.layer.journal import CausedBy
 from dispatcher.layer.ownership import BlockName
 from dispatcher.operations.blocks import Operations
 from dispatcher.operations.gathering import Gathering
@@ -125,7 +126,8 @@ class Laboratory:
     async def act(self, node: str, operation: str, request: Request) -> Feedback:
         """Do what a host asks; raise Refusal as the dispatcher's service would."""
         handle: Handler = self._handlers[operation]
-        feedback = await handle(node, request)
+        with CausedBy(node, operation, request):
+            feedback = await handle(node, request)
         if self._errors:  # flights are tasks of their own
             raise self._errors[0]
         return feedback
@@ -137,6 +139,7 @@ class LaboratoryHost:
     def __init__(self, laboratory: Laboratory, name: str) -> None:
         """Ask in the name of this host."""
         self._laboratory, self.name = laboratory, name
+        self.asked_ns = 0  # when it has asked for what it does from now on; 0: when it does so
 
     async def create(
         self, count: int, number: int = 0, state: CreateRequest.State = CreateRequest.BELL_PAIRS
@@ -258,6 +261,8 @@ class LaboratoryHost:
         return await self._act("gather", request)
 
     async def _act(self, operation: str, request: Request) -> Feedback:
+        if self.asked_ns and "asked_ns" in request.DESCRIPTOR.fields_by_name:
+            request.asked_ns = self.asked_ns  # type: ignore[union-attr]
         return await self._laboratory.act(self.name, operation, request)
 
 

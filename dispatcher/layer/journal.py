@@ -63,6 +63,12 @@ def origin() -> str:
     return "" if found is None else _described(*found)
 
 
+def asked_ns() -> int:
+    """Return when the host's order for what is done just now came, 0 if nobody has said."""
+    found = _origin.get()
+    return 0 if found is None else int(getattr(found.request, "asked_ns", 0))
+
+
 def causer() -> str:
     """Return the node that has asked for what is done just now, empty if nobody has."""
     found = _origin.get()

@@ -10,7 +10,7 @@ from dispatcher.clock import Clock
 from dispatcher.devices.hardware import Devices
 from dispatcher.layer import further
 from dispatcher.layer.history import History
-from dispatcher.layer.journal import Journal
+from dispatcher.layer.journal import Journal, asked_ns
 from dispatcher.layer.memory import Memories
 from dispatcher.layer.network import Network
 from dispatcher.layer.ownership import MAX_BLOCKS, Block, BlockName, Ownership
@@ -98,20 +98,42 @@ class PhysicalLayer:
         """Whether nothing that was reported has had an approximation in it."""
         return not self.approximations
 
-    def take_up(self, *blocks: Block) -> None:
-        """Take blocks that are to be used out of their node's memory, if they are in there."""
+    def take_up(self, *blocks: Block, made: bool = False) -> None:
+        """Let blocks that are to be used have waited until their host has asked for it.
+
+        `made`: light that has been nowhere yet is made only now.
+        """
         for block in blocks:
-            self._take_up(block)
+            if self.memories.holds(block):
+                self.recall(block)
+            elif not (made and block.is_new):
+                self._hold(block)
 
     def take_up_pair(self, first: Block, second: Block) -> None:
-        """The same of blocks whose photons pair up: what is stored waits for light that is not."""
-        for block, other in ((first, second), (second, first)):
-            comes = other.interval_ns and not self.memories.holds(other)
-            self._take_up(block, other if comes else None)
+        """The same of blocks whose photons pair up: what waits does so for light that comes later.
 
-    def _take_up(self, block: Block, light: Block | None = None) -> None:
+        That sources have emitted together, and no memory has kept, meets by a delay line.
+        """
+        pairs = (first, second), (second, first)
+        for block, other in pairs:
+            if not self.memories.holds(block):
+                kept = other.retimed and not block.retimed and not self.memories.holds(other)
+                self._hold(block, other if kept and other.interval_ns else None)
+        for block, other in pairs:
+            if self.memories.holds(block):
+                comes = other.interval_ns and not self.memories.holds(other)
+                self.recall(block, other if comes else None)
+
+    def _hold(self, block: Block, light: Block | None = None) -> None:
         before = block.register.remaining
-        detail = self.memories.read_out(block, light)
+        self._told(block, before, self.memories.hold(block, asked_ns(), light))
+
+    def recall(self, block: Block, light: Block | None = None) -> None:
+        """Take a block out of its node's memory, if it is in there; light: that it waited for."""
+        before = block.register.remaining
+        self._told(block, before, self.memories.read_out(block, light))
+
+    def _told(self, block: Block, before: int, detail: str | None) -> None:
         if detail is not None:
             self.photons_lost += before - block.register.remaining
             self.record(block.node, "recall", block, detail=detail)

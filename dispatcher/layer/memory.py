@@ -4,7 +4,13 @@ The wait of a qubit that is stored begins when it comes, whenever the host says 
 stored: light with its arrival at the port; the half of a pair that stays, when the source emits the
 other half; a qubit that is made on the spot at once. It ends when the block is used: at once for
 all, but with light that is not stored one by one, as that comes. A block that is used again has
-left its memory: to wait on it is stored again. Light that is never stored is used as it comes.
+left its memory.
+
+Who has asked for something before light comes has it done as it comes. What came before its host
+asked was in the memory meanwhile, stored or not, and so was what waited for light that a memory
+elsewhere has kept. Nobody hears a herald of it. A host whose memory takes none
+lets it wait in a fibre that loses nothing: an approximation, as large as what the host's delay
+line would lose.
 """
 
 from collections.abc import Sequence
@@ -12,7 +18,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.approximations import RELAXATION, approximation
+from dispatcher.approximations import FREE_WAIT, RELAXATION, approximation
 from dispatcher.clock import Clock
 from dispatcher.devices import hardware
 from dispatcher.devices.decay import LEAST, Decay, Each, Waits, decay
@@ -27,7 +33,8 @@ from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.registers import Mask, Register
 from dispatcher.sabot.simulation import Simulation
 from wire.features import ABSORB, STORE
-from wire.parameters.physics import Memory
+from wire.parameters.fiber import SPEED_IN_FIBER_M_PER_S
+from wire.parameters.physics import BellAnalyser, Memory
 
 PHASE = np.uint8(2)  # flips it: Z
 STRETCHES = 64  # of a block, in each of which qubits have waited much the same
@@ -101,14 +108,50 @@ class Memories:
         Each qubit is read out when the photon of the light in its place comes, if there is any.
         Raise TooLarge, and leave the block there, if that would take too large state vectors.
         """
-        return self._wait_is_over(block, light, leaves=True) if self.holds(block) else None
+        if not self.holds(block):
+            return None
+        now_ns, memory = self._clock.now_ns(), self._devices.of(block.node).memory
+        wanted = (now_ns, 0.0) if light is None else (light.start_ns, light.interval_ns)
+        return self._wait_is_over(block, now_ns, wanted, memory.efficiency)
+
+    def hold(self, block: Block, asked_ns: int, light: Block | None = None) -> str | None:
+        """Let a block that is not stored have waited until it was asked for (0: now), or for light.
+
+        Return what has happened to it, None if nothing could. Raise as read_out.
+        """
+        like = self._devices.of(block.node)
+        memory, noise = like.memory, self._devices.noise(block.node, "memory")
+        light_of_others = block.fibers_passed and not block.kept
+        can_keep = memory.capacity and not (light_of_others and memory.kind == "emissive")
+        if can_keep and memory.keeps and noise is None:
+            return None
+        if block.is_new and block.retimed:  # prepared when it is wanted
+            return None
+        until_ns, interval_ns = asked_ns or self._clock.now_ns(), 0.0
+        if light is not None and light.start_ns > until_ns:
+            until_ns, interval_ns = light.start_ns, light.interval_ns
+        waits = _waits(block, until_ns, interval_ns)
+        if waits.longest_s == 0:
+            return None
+        if not can_keep:
+            _wait_for_free(block, waits.longest_s, like.analyser)
+            return None
+        waited = (waits.of(np.arange(waits.qubits)) > 0).astype(np.float64)
+        efficiency = 1 - waited * (0.0 if block.kept else 1 - memory.efficiency)
+        block.kept, block.stores = True, block.stores + 1
+        schedule = block.start_ns, block.interval_ns, block.first_ns, block.last_ns
+        told = self._wait_is_over(block, until_ns, (until_ns, interval_ns), efficiency)
+        if not waited.all():  # some of it has come as it was wanted
+            block.start_ns, block.interval_ns, block.first_ns, block.last_ns = schedule
+        return f"{told}, not stored"
 
     def look_in(self, block: Block) -> str:
         """Decide what the wait so far has done to a block that stays in the memory.
 
         Waits add up: what comes later is the same as without looking in. Raise as read_out.
         """
-        return self._wait_is_over(block, None, leaves=False)
+        now_ns = self._clock.now_ns()
+        return self._wait_is_over(block, now_ns, (now_ns, 0.0), 1.0, leaves=False)
 
     def exchange(self, givers: Sequence[Block], taker: Block) -> None:
         """Let a new block be in the memory with photons that were in there: a part of others'."""
@@ -117,11 +160,16 @@ class Memories:
             stored[block] = block.register.remaining
         taker.stored_ns = self._clock.now_ns()
 
-    def _wait_is_over(self, block: Block, light: Block | None, leaves: bool) -> str:
-        now_ns = self._clock.now_ns()
-        start_ns, interval_ns = (
-            (now_ns, 0.0) if light is None else (light.start_ns, light.interval_ns)
-        )
+    def _wait_is_over(
+        self,
+        block: Block,
+        now_ns: int,
+        wanted: tuple[int, float],
+        efficiency: Each,
+        leaves: bool = True,
+    ) -> str:
+        """Do what the wait does until qubits are wanted: from a time on, each an interval later."""
+        start_ns, interval_ns = wanted
         waits = _waits(block, start_ns, interval_ns)
         old = cutoff.drop(self._sabot, block, start_ns, interval_ns)
         memory = self._devices.of(block.node).memory
@@ -137,7 +185,7 @@ class Memories:
         if leaves:
             self.forget(block)
             block.way_ns, block.retimed = 0, True
-        counts["lost"] = self._lose(block, memory, waits, random, leaves)
+        counts["lost"] = self._lose(block, memory, waits, random, efficiency)
         counts |= self._decay(block, memory, waits, random)
         if self._devices.noise(block.node, "memory") is not None:
             waited_s = waits.of(np.arange(waits.qubits))
@@ -151,10 +199,14 @@ class Memories:
         return f"after {waits.shortest_s:.9f}{longest} s{told}"
 
     def _lose(
-        self, block: Block, memory: Memory, waits: Waits, random: PhotonRandom, leaves: bool
+        self,
+        block: Block,
+        memory: Memory,
+        waits: Waits,
+        random: PhotonRandom,
+        efficiency: Each,
     ) -> int:
-        """Lose what cannot be read any more; who only looks in loses what waiting has."""
-        efficiency: Each = memory.efficiency if leaves else 1.0
+        """Lose what cannot be read any more."""
         if memory.retrieval_s < np.inf:
             if waits.alike:
                 waited_s: Each = waits.longest_s
@@ -237,6 +289,14 @@ class Memories:
         further.pauli(self._sabot, block, paulis)
         drift.reflect(block.pulses, paulis)
         return hit.size
+
+
+def _wait_for_free(block: Block, waited_s: float, line: BellAnalyser) -> None:
+    """Note how much of a block a fibre would have lost in which it could have waited so long."""
+    length_km = waited_s * SPEED_IN_FIBER_M_PER_S / 1e3
+    passes = 10 ** (-line.delay_line_db_per_km * length_km / 10)
+    lost = 1 - passes * (length_km <= line.delay_line_km)
+    block.pulses.approximations |= approximation(FREE_WAIT, lost)
 
 
 def _time_ns(block: Block, photon: int) -> int:

@@ -94,6 +94,11 @@ class Block:
     lineage: str = ""
     maker: str = ""  # the node that has made it; the first at which it is, unless told
 
+    @property
+    def is_new(self) -> bool:
+        """Whether it is light that has been nowhere since it was made, nor its other half."""
+        return not (self.fibers_passed or self.interval_ns or self.kept or self.came_ns is not None)
+
     def draws_for(self, purpose: str) -> str:
         """Return a purpose of random numbers that no other photons of this name have."""
         return f"{self.lineage} {purpose}" if self.lineage else purpose

@@ -168,7 +168,8 @@ class Operations:
         errors = 0
         layer.sabot.require_capacity(block.register, [gate.step for gate in planned])
         done_ns = layer.clock.now_ns()  # however long it takes to simulate
-        layer.take_up(block, *(gate.target for gate in planned if gate.target is not None))
+        targets = [gate.target for gate in planned if gate.target is not None]
+        layer.take_up(block, *targets, made=True)
         if values is not None:
             _let_by(layer, block, values)
             further.pauli(layer.sabot, block, values)

@@ -104,7 +104,7 @@ class Gathering:
             layer.record(block.node, "wait", block, detail=detail)
         if len(stored) == len(blocks):
             return True
-        layer.take_up(*stored)
+        layer.take_up(*blocks)
         return False
 
     def _block(self, node: str, into: BlockName, picked: Sequence[Picked]) -> Block:

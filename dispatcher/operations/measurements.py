@@ -48,11 +48,13 @@ class Measurements:
             registers = [block.register, *([block.further.register] if block.further else [])]
             for register in registers:
                 layer.sabot.require_capacity(register, [DIAGONAL])
+        done_ns = layer.clock.now_ns()  # however long it takes to simulate
         layer.take_up(block)
         drift.twirl_turn(block, layer.sabot, layer.draws)
         if values.any():  # a measurement of Z does not see the angles
             drift.twirl(block, layer.sabot, layer.draws)
         feedback = layer.feedback(block)
+        feedback.time_ns = done_ns
         own = layer.devices, layer.draws, block, "detectors", "detectors", "measure"
         effect = part_noise.of_part(*own, layer.clock.now_ns())
         part_noise.in_front(layer.sabot, layer.draws, block, effect, "measure", values)

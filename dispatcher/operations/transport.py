@@ -53,7 +53,7 @@ class Transport:
             limits.require_source_rate(block, rate_hz)
         if not all(block.fibers_passed for block in blocks):  # light that begins here
             hardware.require(layer.devices, node, EMIT)
-        layer.take_up(*blocks)
+        layer.take_up(*blocks, made=True)
         start_ns = layer.clock.now_ns()
         # Halves of a block share a pattern, whose times are computed once.
         patterns = {size: Pattern(1e9 / rate_hz, size) for size in set(sizes)}
@@ -192,7 +192,7 @@ class Transport:
             layer.record(node, "discard", block, port, f"{there.maker} has made what is there")
             layer.drop(block)
             return
-        layer.take_up(there)
+        layer.recall(there)
         for part in (there, block):
             drift.twirl_turn(part, layer.sabot, layer.draws)
         pulses.unite(there.pulses, block.pulses, further.lit(block))

@@ -59,6 +59,10 @@ def call(
     return answer
 
 
+# Operations on photons that may have waited until they were asked for.
+USES = frozenset(("apply", "send", "measure", "bell_measure", "gather", "resend", "split", "sense"))
+
+
 class Service(DispatcherServicer):
     """Serves the nodes, the switches' agents and the runner."""
 
@@ -181,7 +185,18 @@ class Service(DispatcherServicer):
     ) -> None:
         """Do what a host orders, until it goes away."""
         self.callers.require_host(node)
-        await Orders(functools.partial(self._act, node), context.write).run(orders)
+        perform = functools.partial(self._perform, node)
+        await Orders(perform, context.write).run(self._asked(orders))
+
+    async def _asked(self, orders: AsyncIterator[messages.Order]) -> AsyncIterator[messages.Order]:
+        """Write into each order when it came, whenever its steps are done."""
+        async for order in orders:
+            now_ns = self.layer.clock.now_ns()
+            for step in order.steps:
+                kind = step.WhichOneof("operation")
+                if kind in USES:
+                    getattr(step, kind).asked_ns = now_ns
+            yield order
 
     @call
     async def Look(
@@ -194,6 +209,11 @@ class Service(DispatcherServicer):
         return cast(messages.LookReply, await self.change(node, "look", request))
 
     async def _act(self, node: str, kind: str, request: Any) -> messages.Feedback:
+        if kind in USES:
+            request.asked_ns = self.layer.clock.now_ns()
+        return await self._perform(node, kind, request)
+
+    async def _perform(self, node: str, kind: str, request: Any) -> messages.Feedback:
         self.callers.require_host(node)
         return cast(messages.Feedback, await self.change(node, kind, request))
 

@@ -277,14 +277,18 @@ class Qnic(Protocol):
         Return 0 or 1 for each, 255 where no detector clicked; the photons are used up.
         """
 
-    async def outcomes(self, block: BlockName, bases: Symbols) -> Outcomes:
-        """Measure photons as `measure` does; also say when."""
+    async def outcomes(
+        self, block: BlockName, bases: Symbols, paulis: Symbols | None = None
+    ) -> Outcomes:
+        """Measure photons as `measure` does, behind Pauli operators, if any; also say when."""
 
-    async def measure_along(self, block: BlockName, directions: Directions) -> Symbols:
-        """Turn photons at this host so that their directions become |0>, and measure them.
+    async def measure_along(
+        self, block: BlockName, directions: Directions, paulis: Symbols
+    ) -> Outcomes:
+        """Let photons at this host pass Paulis, and measure them behind turns of directions to |0>.
 
         Return 0 for one found in its direction and 1 for the opposite, 255 where no detector
-        clicked; the photons are used up.
+        clicked, and when; the photons are used up.
         """
 
     async def sense(self, block: BlockName) -> None:

@@ -297,8 +297,8 @@ class SimulatedQnic:
 
     async def apply(self, block: BlockName, paulis: Symbols) -> int:
         """Apply one Pauli operator to each photon at this host."""
-        apply = ApplyRequest(block=_named(block), dibits=dibits.pack(paulis, "little"))
-        (feedback,) = await self._orders.perform(Step(apply=apply))
+        apply = Step(apply=_applied(_named(block), paulis))
+        (feedback,) = await self._orders.perform(apply)
         return int(feedback.time_ns)
 
     async def rotate(self, block: BlockName, gates: Sequence[LocalGate]) -> None:
@@ -339,19 +339,28 @@ class SimulatedQnic:
         """Measure photons at this host, each in a basis."""
         return (await self.outcomes(block, bases)).outcomes
 
-    async def outcomes(self, block: BlockName, bases: Symbols) -> Outcomes:
+    async def outcomes(
+        self, block: BlockName, bases: Symbols, paulis: Symbols | None = None
+    ) -> Outcomes:
         """Measure photons at this host, each in a basis; also say when."""
-        (feedback,) = await self._orders.perform(Step(measure=_measure(_named(block), bases)))
-        return Outcomes(_outcomes(feedback), feedback.time_ns)
+        steps = [Step(measure=_measure(_named(block), bases))]
+        if paulis is not None:
+            steps.insert(0, Step(apply=_applied(_named(block), paulis)))
+        feedbacks = await self._orders.perform(*steps)
+        return Outcomes(_outcomes(feedbacks[-1]), feedbacks[0].time_ns)
 
-    async def measure_along(self, block: BlockName, directions: Directions) -> Symbols:
-        """Measure photons at this host, each along a direction."""
+    async def measure_along(
+        self, block: BlockName, directions: Directions, paulis: Symbols
+    ) -> Outcomes:
+        """Measure photons at this host, each along a direction; also say when."""
         theta, phi = -directions.theta_rad, -directions.phi_rad
         turns = [Gate(name=Gate.RZ, angles_rad=phi), Gate(name=Gate.RY, angles_rad=theta)]
-        apply = ApplyRequest(block=_named(block), gates=turns)
+        apply = _applied(_named(block), paulis)
+        apply.gates.extend(turns)
         measure = MeasureRequest(block=_named(block), basis=MeasureRequest.Z)
         feedbacks = await self._orders.perform(Step(apply=apply), Step(measure=measure))
-        return np.frombuffer(feedbacks[-1].outcomes, dtype=np.uint8)
+        found = np.frombuffer(feedbacks[-1].outcomes, dtype=np.uint8)
+        return Outcomes(found, feedbacks[0].time_ns)
 
     async def sense(self, block: BlockName) -> None:
         """Let photons at this host take the phase of its sensor."""
@@ -504,6 +513,11 @@ def _states(states: Symbols) -> dict[str, bytes]:
     if states.max(initial=0) > dibits.LARGEST:
         return {"states": states.tobytes()}
     return {"state_dibits": dibits.pack(states, "little")}
+
+
+def _applied(name: BlockId, paulis: Symbols) -> ApplyRequest:
+    """Return the request to apply one Pauli operator to each photon."""
+    return ApplyRequest(block=name, dibits=dibits.pack(paulis, "little"))
 
 
 def _measure(name: BlockId, bases: Symbols) -> MeasureRequest:

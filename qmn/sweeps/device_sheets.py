@@ -115,6 +115,26 @@ DEVICE_SHEETS = (
         ],
     ),
     Sheet(
+        "unstored",
+        "memory",
+        {
+            "rate_hz": "100:1e6:9:log",
+            "t2_s": [0.01, 0.1, 1.0],
+            "stored": [0],
+            "pairs": 100_000,
+        },
+        [
+            Curve(
+                "memory-unstored",
+                "1,000 pairs that nobody stores wait for the last: X and X, T2",
+                "rate_hz",
+                "pairs a second",
+                "xx",
+                by=["t2_s"],
+            )
+        ],
+    ),
+    Sheet(
         "fresh-outcomes",
         "fresh-outcomes",
         {"uses": [2, 3, 10, 30], "pairs": 200_000},

@@ -15,12 +15,13 @@ from wire.parameters.physics import Device, Memory
 
 BLOCK = 1_000  # pairs
 RATE = Parameter("rate_hz", 1_000, 1, 1_000_000_000, "Hz")
+STORED = Parameter("stored", 1, 0, 1)  # 0: what nobody stores waits there as well
 T1, T2 = (Parameter(f"t{i}_s", math.inf, 1e-12, math.inf, "s") for i in (1, 2))
 BASES = {"xx": MeasureRequest.X, "zz": MeasureRequest.Z}
 
 
 async def wait(values: Values, seed: int) -> Outcome:
-    """Store both halves as they come; count how often they agree in X and in Z."""
+    """Store both halves as they come, or neither; count how often they agree in X and in Z."""
     device = Device(memory=Memory(t1_s=number(values, T1.name), t2_s=number(values, T2.name)))
     network = configuration(seed, [fiber(*TESTED)], dict.fromkeys(("alice", "bob"), device))
     laboratory = Laboratory(network)
@@ -30,10 +31,12 @@ async def wait(values: Values, seed: int) -> Outcome:
     for block in range(blocks * len(BASES)):
         name = list(BASES)[block % len(BASES)]
         await alice.create(BLOCK, block)
-        await alice.store((block, 0))
+        if values[STORED.name]:
+            await alice.store((block, 0))
         await alice.send({(block, 1): TESTED[0]}, int(values[RATE.name]))
         await bob.receive((block, 1), TESTED[1])
-        await bob.store((block, 1))
+        if values[STORED.name]:
+            await bob.store((block, 1))
         mine = await alice.measure((block, 0), BASES[name])
         agreeing[name] += int(np.count_nonzero(mine == await bob.measure((block, 1), BASES[name])))
     return {name: proportion(count, blocks * BLOCK) for name, count in agreeing.items()}
@@ -59,7 +62,7 @@ def agree_in_z(values: Values) -> float:
 WAITING = Experiment(
     "memory",
     "pairs that wait in memories at both ends, each from its own arrival",
-    (RATE, T1, T2, pairs_parameter()),
+    (RATE, T1, T2, STORED, pairs_parameter()),
     (
         Measure("xx", "how often X and X agree", agree_in_x),
         Measure("zz", "how often Z and Z agree", agree_in_z),

@@ -228,6 +228,11 @@ class Memory:
         return self.shortest_s < math.inf
 
     @property
+    def keeps(self) -> bool:
+        """Whether what has been in it comes out as it was."""
+        return self.efficiency == 1 and not self.decays
+
+    @property
     def shortest_s(self) -> float:
         """The shortest time in which waiting does something."""
         return min(self.t1_s, self.t2_s, self.depolarizing_s, self.retrieval_s)

@@ -69,6 +69,7 @@ def test_light_is_modulated_and_measured_at_once() -> None:
     async def act(laboratory: Laboratory) -> None:
         alice, bob = laboratory.host("alice"), laboratory.host("bob")
         began_ns = laboratory.clock.now_ns()
+        alice.asked_ns = bob.asked_ns = began_ns  # for all of it
         await alice.create(10)
         await alice.apply((0, 1), np.ones(10, np.uint8))
         await alice.send({(0, 1): "alice-q0"})

@@ -211,8 +211,10 @@ def memory(**like: Any) -> dict[str, Device]:
 
 
 async def fidelity_counts(laboratory: Laboratory, block: BlockKey, other: BlockKey) -> list[int]:
-    """Bell-measure at alice's; return how often each state was found."""
-    found = await laboratory.host("alice").bell_measure(block, other)
+    """Bell-measure at alice's, what is not stored as it comes; return how often each was found."""
+    alice = laboratory.host("alice")
+    alice.asked_ns = 1
+    found = await alice.bell_measure(block, other)
     return [int((found == state).sum()) for state in range(4)]
 
 
@@ -222,6 +224,7 @@ def test_stored_photons_decay_by_the_time_they_really_waited(moments: tuple[floa
 
     async def act(laboratory: Laboratory) -> None:
         alice = laboratory.host("alice")
+        alice.asked_ns = 1  # before there was anything: what is not stored does not wait
         await alice.create(2 * COUNT)
         await alice.store((0, 0))
         waited, size = 0.0, 2 * COUNT
@@ -259,6 +262,7 @@ def test_gathering_stored_photons_reads_none_of_them_out() -> None:
 def test_what_is_gathered_from_stored_photons_and_others_is_at_hand() -> None:
     async def act(laboratory: Laboratory) -> None:
         alice = laboratory.host("alice")
+        alice.asked_ns = 1  # likewise
         for number in (0, 1):
             await alice.create(COUNT, number)
         await alice.store((0, 0))

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hosts.hardware.qnic import BlockName, Qnic, Symbols
+from hosts.hardware.qnic import BlockName, Outcomes, Qnic, Symbols
 from hosts.middleware.services.teleportation import qubit_states
 from hosts.middleware.services.teleportation.protocol import (
     Correct,
@@ -98,14 +98,13 @@ async def _receive_block(end: AcceptorEnd, receiver: Receiver, number: int, size
         stored = await end.stored(light, size)
     finally:
         light.cancel()
-    there, waited_us, found = bool(stored.arrived.any()), 0, None
-    if there:
-        corrected_ns = await end.qnic.apply(name, correct.operators)
-        waited_us = (corrected_ns - stored.since_ns) // 1000
+    waited_us, found = 0, None
     look = await _next_order(end, receiver)
     assert isinstance(look, Look)
-    if there:
-        found = await _measure(end.qnic, name, look.states)
+    if stored.arrived.any():
+        # In one order: what is corrected is measured at once.
+        told = await _measure(end.qnic, name, correct.operators, look.states)
+        found, waited_us = told.outcomes, (told.time_ns - stored.since_ns) // 1000
     return receiver.measured(found, waited_us)
 
 
@@ -116,12 +115,13 @@ async def _next_order(end: AcceptorEnd, receiver: Receiver) -> Correct | Look:
             return order
 
 
-async def _measure(qnic: Qnic, name: BlockName, states: States) -> Symbols:
-    """Measure each qubit for its state: 0 as it should be, 1 orthogonal to it, 255 no click."""
+async def _measure(qnic: Qnic, name: BlockName, operators: Symbols, states: States) -> Outcomes:
+    """Correct each qubit and measure its state: 0 as it should be, 1 orthogonal, 255 no click."""
     if isinstance(states, Cardinal):
-        found = await qnic.measure(name, states.bases)
-        return np.where(found <= 1, found ^ states.bits, NO_COINCIDENCE).astype(np.uint8)
-    return await qnic.measure_along(name, states.directions)
+        told = await qnic.outcomes(name, states.bases, operators)
+        agrees = np.where(told.outcomes <= 1, told.outcomes ^ states.bits, NO_COINCIDENCE)
+        return Outcomes(agrees.astype(np.uint8), told.time_ns)
+    return await qnic.measure_along(name, states.directions, operators)
 
 
 KIND = ServiceKind(Service.TELEPORT, TeleportOptions, teleport, receive)
