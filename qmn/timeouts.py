@@ -49,7 +49,8 @@ PATH_POLL_S = 0.0002  # between two looks whether it is
 IDLE_S = 5.0  # that a network without sessions is watched
 
 # Live view
-LIVE_PAUSE_MS = 20  # in which the dispatcher gathers events
+LIVE_PAUSE_MS = 40  # in which the dispatcher gathers events
+LIVE_LINES_S = 0.05  # between two looks at what programs have written
 LIVE_POLL_S = 0.02  # between two looks for messages
 LIVE_DEVICES_S = 1.0  # between two questions about devices and sessions
 LIVE_ACT_S = 60.0  # for a command that a page asks for

@@ -22,13 +22,14 @@ SUBTYPE = 3
 SPEAKER = b"fibre"  # no datagram or verdict under the same key begins so
 TAG_BYTES = 16
 PERIOD_S = 5.0  # between two announcements on a fibre, of a small network
-MOST_PER_S = 100  # fibres that hosts announce, in all
+LONGEST_PERIOD_S = 30.0  # of any, the default of IEEE 802.1AB (msgTxInterval)
+MOST_PER_S = 25  # fibres that hosts announce, in all, up to that
 _SEAL = struct.Struct(f"!Q{TAG_BYTES}s")
 
 
 def period_s(fibers: int) -> float:
     """Return how long a host waits between two announcements where there are so many fibres."""
-    return max(PERIOD_S, fibers / MOST_PER_S)
+    return min(max(PERIOD_S, fibers / MOST_PER_S), LONGEST_PERIOD_S)
 
 
 def seal(tlvs: bytes, key: str, number: int) -> bytes:

@@ -18,7 +18,7 @@ from controller_apps.light.paths import Network
 from controller_apps.timeouts import LINK_EXPIRY_S, LINK_FAST_PERIOD_S, LINK_PERIOD_S
 
 FAST_TIMES = 10  # while the network starts (802.1AB fast start)
-ANNOUNCEMENTS_PER_S = 100  # at most, of all ports that have been heard: each less often then
+ANNOUNCEMENTS_PER_S = 25  # at most, of all ports that have been heard: each less often then
 LEAST_AT_ONCE = 4  # of these that are due
 
 

@@ -15,7 +15,7 @@ from qmn.live.key_links import key_links
 from qmn.live_view.acts import ACTS
 from qmn.live_view.timeline import Timeline
 from qmn.reports.run_facts import SENDER_LOG
-from qmn.timeouts import LIVE_DEVICES_S, LIVE_PAUSE_MS, LIVE_POLL_S
+from qmn.timeouts import LIVE_DEVICES_S, LIVE_LINES_S, LIVE_PAUSE_MS
 from topologies.programs import NetworkError
 from topologies.runtime import EVENT_CAPTURE
 from wire.application_lines import fields_of
@@ -111,7 +111,7 @@ def _follow_lines(timeline: Timeline, what: str, file: Path, over: threading.Eve
             for fields in map(fields_of, lines):
                 if fields:
                     timeline.add(what, fields.get("time_ns", time.time_ns()), _shown(fields))
-        over.wait(LIVE_POLL_S)
+        over.wait(LIVE_LINES_S)
 
 
 def _follow_devices(timeline: Timeline, over: threading.Event) -> None:

@@ -23,7 +23,7 @@ from qmn.sweeps.decoy_states import (
     LOSS_DB_PER_KM,
     detectors,
 )
-from qmn.sweeps.estimates import Estimate, proportion
+from qmn.sweeps.estimates import NOTHING, Estimate, proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, number, pairs_parameter
 from qmn.sweeps.link import configuration, fiber
 from qmn.sweeps.multi_pair import MEAN, source_of
@@ -80,8 +80,8 @@ def outcome(
     rate = share * asymptotic_fraction(qber.value)
     by_qber = rate - share * asymptotic_fraction(qber.value + qber.error)
     error = hypot(rate * gain.error / gain.value if gain.value else 0.0, by_qber)
-    found = {"gain": gain, "qber": qber, "key": Estimate(rate, max(error, 1 / pairs))}
-    return found if values[PROTOCOL.name] == "bbm92" else {**found, "chsh": _s(bell)}
+    chsh = NOTHING if values[PROTOCOL.name] == "bbm92" else _s(bell)
+    return {"gain": gain, "qber": qber, "key": Estimate(rate, max(error, 1 / pairs)), "chsh": chsh}
 
 
 def _s(bell: Correlations) -> Estimate:

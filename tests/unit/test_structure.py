@@ -218,7 +218,7 @@ NOT_WAITS = {
     "qmn/sweeps/polarization.py": {"FAST_S"},
     "qmn/verbs/runs.py": {"FRESH_S", "UNITS_S"},
     "topologies/copper_link.py": {"LEAST_DELAY_S"},
-    "wire/announcement.py": {"PERIOD_S"},
+    "wire/announcement.py": {"PERIOD_S", "LONGEST_PERIOD_S"},
     "wire/device.py": {"PERIODS_S"},
     "wire/key_routes.py": {"ROUTE_S"},
 }

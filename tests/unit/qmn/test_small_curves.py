@@ -146,7 +146,9 @@ def test_dark_counts_and_several_pairs_err_as_the_closed_form_has_it(
     (qber,) = (each for each in EXPERIMENTS[experiment].measures if each.name == "qber")
     expected = qber.theory(values)
     assert expected is not None
-    assert Estimate(*measure(experiment, values, SEED)["qber"]).agrees(expected)
+    told = measure(experiment, values, SEED)
+    assert Estimate(*told["qber"]).agrees(expected)
+    assert told.keys() == {each.name for each in EXPERIMENTS[experiment].measures}  # for its table
 
 
 def test_a_relay_tells_as_much_of_lasers_as_the_published_forms_say() -> None:
