@@ -83,6 +83,7 @@ def test_two_ion_traps_and_a_fibre_are_enough_for_pairs(tmp_path: Path) -> None:
 def test_an_ion_trap_makes_no_pairs_at_will(tmp_path: Path) -> None:
     """However far: who asks hears what there has to be in its place."""
     words = ["--node", "ion-trap", "--source", "alice", "--length-km", "1000", "--count", "12"]
+    words += ["--device", "bob.memory.kind=absorptive"]  # nor takes it in light of others
     done = run(tmp_path, "distribute", *words)
     assert done.returncode == 1
     assert "distribute: alice has no source of light (feature emit)" in done.stderr
