@@ -174,7 +174,7 @@ def test_reset_makes_zero_and_leaves_the_partner_mixed() -> None:
 
 def test_registers_of_different_length_are_no_pairs() -> None:
     sabot = Sabot(Tableau)
-    with pytest.raises(ValueError, match="no pairs"):
+    with pytest.raises(ValueError, match="do not make pairs"):
         sabot.gate("CX", sabot.zeros(2), sabot.zeros(3))
 
 

@@ -43,7 +43,7 @@ def test_the_page_on_adding_a_service_adds_one(
     name, light, needs, code, entry = snippets()
     insert(tmp_path / "wire" / "metadata.py", "BB84 =", name)
     insert(tmp_path / "wire" / "services.py", "Service.DISTRIBUTE: PAIRS,", light)
-    insert(tmp_path / "wire" / "services.py", "Service.TELEPORT: {SOURCE", needs)
+    insert(tmp_path / "wire" / "services.py", "Service.DISTRIBUTE: {SOURCE", needs)
     services = tmp_path / "hosts" / "middleware" / "services"
     (services / "coin.py").write_text(code)
     registry = (services / "__init__.py").read_text()

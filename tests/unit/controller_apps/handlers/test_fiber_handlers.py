@@ -270,7 +270,7 @@ def test_hosts_say_what_they_can_do_or_what_they_say_is_not_heard(scene: Scene) 
     assert discovery.parse(data) == discovery.Announcement(able, leaving=False)
     told = able.node_features.encode() if able.node_features else b""
     refused = [told[:length] for length in range(len(told))]
-    refused += [told + b"\0", b"\x7f" + told[1:], b"\x02" + bytes(4), b"\x0d" + told[1:]]
+    refused += [told + b"\0", b"\xff" + told[1:], b"\x02" + bytes(4), b"\x0d" + told[1:]]
     for number, info in enumerate(refused, 1):
         wrong = announcement(FIBERS[1], told=(info,))
         with pytest.raises(MalformedPacket):
