@@ -9,6 +9,7 @@ import subprocess
 import termios
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any
 
 from mininet.log import warn
@@ -143,11 +144,15 @@ class ShellWatcher:
         if self.privateDirs and not self.shell_ended and not self.waiting:
             self.unmountPrivateDirs()
         self.privateDirs = []
+        lived = not self.shell_ended
         self.hang_up()
         try:
             self.shell.wait(END_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             self._kill_shell()
+        if lived:  # what it was just forking did not hear of that
+            with suppress(ProcessLookupError):
+                os.killpg(self.shell.pid, signal.SIGKILL)
         super().terminate()  # type: ignore[misc]
 
     def cmd(self, *arguments: object, **options: object) -> str:
