@@ -51,7 +51,9 @@ RESTART = "restart Open vSwitch, as by `systemctl restart openvswitch-switch`"
 def vsctl(*arguments: str) -> str:
     """Run ovs-vsctl; raise NetworkError with its words, or those of a daemon, if it fails."""
     limit_s = VSCTL_TIMEOUT_S + INTERFACE_S * len(os.listdir(INTERFACES))
-    watched = daemons()
+    # The switch daemon may end beside a command that does not need it.
+    needed = (DATABASE,) if NO_WAIT in arguments else DAEMONS
+    watched = {name: daemon for name, daemon in daemons().items() if name in needed}
     try:
         return _run(
             *("ovs-vsctl", f"--timeout={limit_s:.0f}", *arguments),
@@ -61,7 +63,7 @@ def vsctl(*arguments: str) -> str:
     except NetworkError as error:
         require_alive(watched)
         found = daemons()
-        if found and (silent := [name for name in DAEMONS if not _answers(found, name)]):
+        if found and (silent := [name for name in needed if not _answers(found, name)]):
             raise NetworkError(f"{silent[0]} {_silence(found, silent[0])}") from error
         if UNREACHABLE in str(error):  # it is ending, and its socket has gone first
             raise NetworkError(f"{DATABASE} does not answer: {error}") from error
