@@ -275,6 +275,8 @@ def stop_if_ours(owner: str) -> None:
     try:
         if not _database_answers() or bridges():
             revive_if_ours(owner)
+            # Where a daemon ended just as they were to be deleted.
+            delete(*(name for name, run in runs_of_bridges().items() if run == owner))
         if bridges():
             return
         _run(CONTROL, "stop", timeout_s=OPENVSWITCH_TIMEOUT_S, check=_let_go_on)
@@ -427,6 +429,8 @@ def delete_finally(owner: str, *names: str) -> None:
     if names and is_ours and datapath() == "user" and set(bridges()) <= set(names):
         with packet_sockets.held(found[SWITCH_DAEMON].pid):
             _end_now(SWITCH_DAEMON, found[SWITCH_DAEMON])
+        if DATABASE not in daemons():
+            revive_if_ours(owner)
     delete(*names)
 
 
