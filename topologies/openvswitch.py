@@ -275,7 +275,7 @@ def stop_if_ours(owner: str) -> None:
     try:
         if not _database_answers() or bridges():
             revive_if_ours(owner)
-            # Where a daemon ended just as they were to be deleted.
+        if bridges():  # of ours, if a daemon ended just as they were to be deleted
             delete(*(name for name, run in runs_of_bridges().items() if run == owner))
         if bridges():
             return
