@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from topologies import runtime
 from topologies.addresses import broadcast
 from topologies.fiber import python_file, qnics
 from topologies.launching import launch
@@ -85,8 +84,8 @@ class QuantumHost(ClassicalHost):
         described = device_of(name, {"source": source, "device": device, **parts})
         self.qnic = python_file(f"{name}: qnic", qnic)
         self.qnic_parameters = dict(qnic_parameters or {})
-        runtime.current().devices[name] = described
         super().__init__(name, confined, memory_mib, **params)
+        self.network.devices[name] = described
         self.network.token(name)
         self.pairs_from = pairs_from
         self.light = light
