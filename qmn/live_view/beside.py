@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from qmn.timeouts import LIVE_START_S
-from topologies.programs import Program, python
+from topologies.system.processes.programs import Program, python
 
 SAID = "live view"
 

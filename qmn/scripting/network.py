@@ -37,8 +37,8 @@ from qmn.results.software_share import note_software
 from qmn.scripting.exchange import Exchange, connection, exchange
 from qmn.scripting.light import FiberState, LightPath, fiber_state, light_path
 from qmn.scripting.tables import SIMPLE, Row, TableOf, Tabular, drawn, row_of
-from topologies.causality import worst
-from topologies.network import Network, Signals
+from topologies.links.causality import worst
+from topologies.networks.network import Network, Signals
 from topologies.nodes import QuantumHost
 
 # What only the `build` of a topology that is chosen by name is told.

@@ -13,7 +13,7 @@ from contextlib import suppress
 from typing import Any
 
 from qmn.as_root import COMMAND
-from topologies.apart import apart, inside
+from topologies.system.confinement.apart import apart, inside
 
 FORWARDED = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 SI_KERNEL = 0x80  # Linux's asm-generic/siginfo.h: a terminal's, which sends Ctrl-C to all by itself

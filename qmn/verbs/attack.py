@@ -26,8 +26,8 @@ def add_parser(verbs: Any) -> None:
 def call(arguments: argparse.Namespace) -> int:
     """Try it; print what came of it."""
     from qmn.attacks.laboratory import ATTACKS
-    from topologies.programs import NetworkError
-    from topologies.signals import Interrupted
+    from topologies.system.processes.programs import NetworkError
+    from topologies.system.processes.signals import Interrupted
 
     if arguments.attempts is not None and not 0 < arguments.attempts <= 10_000:
         print(f"qmn: {arguments.attempts} attempts: choose 1 to 10000", file=sys.stderr)

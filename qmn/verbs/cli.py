@@ -25,10 +25,10 @@ from qmn.options import BadInput, add_options, read
 from qmn.results import software_share
 from qmn.results.run_folder import give_to_invoker, make_folder, point_latest
 from qmn.scripting.network import QuantumNetwork, running
-from topologies.ip_over_light import start_ip_over_light
-from topologies.key_managers import start_key_managers
-from topologies.network import Interrupted, require_root
-from topologies.programs import NetworkError
+from topologies.daemons.ip_over_light import start_ip_over_light
+from topologies.daemons.key_managers import start_key_managers
+from topologies.networks.network import Interrupted, require_root
+from topologies.system.processes.programs import NetworkError
 
 INTERRUPTED = 130  # status of a script that Ctrl-C has ended, as of a shell
 

@@ -22,8 +22,8 @@ from qmn.labs.networks import carry_out
 from qmn.options import BadInput, add_options, read
 from qmn.results.run_folder import give_tree, make_folder
 from qmn.sweeps.lines import BadTable
-from topologies.network import Interrupted, Signals, require_root
-from topologies.programs import NetworkError
+from topologies.networks.network import Interrupted, Signals, require_root
+from topologies.system.processes.programs import NetworkError
 from wire.parameters.option import option
 
 GOES_ON = "the same command with --resume goes on where this one ended"

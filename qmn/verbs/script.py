@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from topologies.programs import ENVIRONMENT
+from topologies.system.processes.programs import ENVIRONMENT
 
 MODULE = "qmn.scripting.script"
 
