@@ -31,7 +31,8 @@ class Attack:
             policy = Path(folder) / "policy.toml"
             policy.write_text(self.policy(defended))
             options = {self.defence: defended} if self.is_option else {}
-            with start("sdc", Path(folder) / "run", policy=str(policy), **options) as network:
+            name = f"{self.conduct.__name__}-{self.defence}-{'on' if defended else 'off'}"
+            with start("sdc", Path(folder) / name, policy=str(policy), **options) as network:
                 return self.conduct(network, attempts), attempts
 
     def policy(self, defended: bool) -> str:

@@ -17,6 +17,7 @@ from qmn.live.controller_console import ask
 from qmn.live.dispatcher_calls import held_blocks, status, switch_conditions, switch_statistics
 from qmn.live.metrics_targets import announce
 from qmn.live.running import announce_network
+from qmn.live_view.beside import live_view
 from qmn.machines.options import MACHINES, MachineOptions, machine_facts, machines_of
 from qmn.network.checks import check_network, check_two_hosts
 from qmn.network.description import (
@@ -216,7 +217,10 @@ def start(
     check_network(asked)
     where = from_keywords(MachineOptions, of_machines)
     folder = Path(folder) if folder is not None else None
-    with running(description, folder, where) as network:
+    with (
+        running(description, folder, where) as network,
+        live_view(False, network.runtime.logs),
+    ):
         yield network
 
 

@@ -1,4 +1,4 @@
-"""The lines that a controller's log has of what it drops: of each switch port some a second.
+"""The lines that a controller's log has of what hosts send: of each switch port some a second.
 
 A program's log keeps its newest lines (topologies/networks/disk.py): who floods a port would leave
 none of what others have said.
@@ -21,7 +21,7 @@ class Second:
     left_out: int = 0
 
 
-class DroppedLines:
+class PortLines:
     """Writes a port's share of lines, and how many more there would be."""
 
     def __init__(self, logger: logging.Logger) -> None:
@@ -29,14 +29,14 @@ class DroppedLines:
         self._logger = logger
         self._seconds: dict[SwitchPort, Second] = {}
 
-    def add(self, at: SwitchPort, text: str, now_s: float) -> None:
+    def add(self, at: SwitchPort, text: str, now_s: float, level: int = logging.INFO) -> None:
         """Write a line about what came at a port, if that has not had its share."""
         if self._is_over(at, now_s):
             self._begin_anew(at)
         second = self._seconds.setdefault(at, Second(now_s))
         if second.lines < LINES:
             second.lines += 1
-            self._logger.info("%s", text)
+            self._logger.log(level, "%s", text)
         else:
             second.left_out += 1
 
@@ -50,5 +50,5 @@ class DroppedLines:
 
     def _begin_anew(self, at: SwitchPort) -> None:
         if left_out := self._seconds.pop(at).left_out:
-            words = "dropped: switch %#x port %d: %d more, whose lines are left out"
+            words = "switch %#x port %d: %d more lines, which are left out"
             self._logger.info(words, at.dpid, at.port, left_out)
