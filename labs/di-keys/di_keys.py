@@ -100,7 +100,7 @@ def rows() -> list[PublishedRow]:
 
 LAB = Lab(
     title="keys certified by a Bell test: S, error rate and key of atoms and of ions",
-    paper=f"Zhang et al., Nature 607, 687 (2022), {PAPER};"
+    paper=f"Zhang et al., Nature 607, 687 (2022), {PAPER} and"
     f" Nadlinger et al., Nature 607, 682 (2022), {OXFORD}",
     runs={
         name: f"{KEYS} --device charlie.source.fidelity={fidelity} --length-km 0.1"
