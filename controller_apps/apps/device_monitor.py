@@ -13,6 +13,7 @@ a fragment may, lacks the HMAC. All state belongs to this app's own thread.
 
 import time
 from dataclasses import dataclass, fields, replace
+from logging import WARNING
 from math import ceil, inf
 from typing import Any
 
@@ -31,7 +32,6 @@ from controller_apps.console.questions import EventQuestion, Refused, reply
 from controller_apps.devices.device_view import host_view, switch_view
 from controller_apps.devices.hosts_state import Hosts, Place, Told
 from controller_apps.devices.switch_state import SwitchState
-from controller_apps.dropped_lines import DroppedLines
 from controller_apps.light.optics import SwitchPort
 from controller_apps.openflow import flow_entries
 from controller_apps.openflow.framework import (
@@ -47,6 +47,7 @@ from controller_apps.openflow.framework import (
 )
 from controller_apps.packets.datagrams import CONTROLLER_MAC, Frame
 from controller_apps.policy.policy import BadPolicy, Policy, read_policy
+from controller_apps.port_lines import PortLines
 from controller_apps.record import Record
 from controller_apps.sessions.actions import HostOrder
 from controller_apps.sessions.chains import orders
@@ -102,7 +103,7 @@ class DeviceMonitor(App):
         self._waiting: list[Waiting] = []
         self._orders = HostOrders()
         self._silent: set[str] = set()
-        self._dropped_lines = DroppedLines(self.logger)
+        self._port_lines = PortLines(self.logger)
 
     def start(self) -> Any:
         """Begin to handle events; called by the framework."""
@@ -114,11 +115,15 @@ class DeviceMonitor(App):
             hub.sleep(DEVICE_TICK_S)
             self.send_event(self.name, EventDeviceTick())
 
+    def close(self) -> None:
+        """Say what lines were left out."""
+        self._port_lines.time_passed(inf)
+
     @on(EventDeviceTick)
     def time_passed(self, event: Any) -> None:
         """Do what is due."""
         now = time.monotonic()
-        self._dropped_lines.time_passed(now)
+        self._port_lines.time_passed(now)
         self._give_up_waiting(now)
         self._repeat_orders(self._now())
         for device in self._due(now):
@@ -233,7 +238,7 @@ class DeviceMonitor(App):
             told = self.hosts.heard(datagram.payload, place, time.monotonic())
         except MalformedPacket as error:
             at = SwitchPort(message.datapath.id, message.match["in_port"])
-            self._dropped_lines.add(at, f"dropped: {error}", time.monotonic())
+            self._port_lines.add(at, f"dropped: {error}", time.monotonic())
             return
         self._take_in(told)
 
@@ -243,15 +248,16 @@ class DeviceMonitor(App):
             self._silent.discard(host)
             self.logger.info("%s is heard", host)
             self.record.write("device", name=host, state="heard")
-        if told.answer is not None and told.answer.reason != Reason.OK:
-            self.logger.warning("%s: %s", host, told.answer.text)
-            self._settle(host, Refused(f"{host}: {told.answer.text}"))
         state = self.hosts.states[host]
+        if told.answer is not None and told.answer.reason != Reason.OK:
+            text = f"{host}: {told.answer.text}"
+            self._port_lines.add(state.place.at, text, time.monotonic(), WARNING)
+            self._settle(host, Refused(text))
         if told.estimate is not None:
             self.send_event(METADATA, EventEstimate(host, state.place.address, told.estimate))
             return
         if told.alarm:
-            self.send_event(METADATA, EventAlarm(told.alarm, host, state.place.address))
+            self.send_event(METADATA, EventAlarm(told.alarm, host, state.place))
         if told.sealed:
             self.send_event(METADATA, EventSealOver(host, state.place.address, state.report))
         if told.answer is not None:

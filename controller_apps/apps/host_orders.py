@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+from controller_apps.devices.hosts_state import Place
 from controller_apps.openflow.framework import Event
 from controller_apps.sessions.actions import HostOrder, Order, SwapsOrdered
 from controller_apps.timeouts import NODE_TIMEOUT_S
@@ -44,9 +45,9 @@ class EventSessionTold(EventNodeAnswered):
 class EventAlarm(Event):
     """A host's seal has found somebody on its way."""
 
-    def __init__(self, session: int, host: str, address: str) -> None:
+    def __init__(self, session: int, host: str, place: Place) -> None:
         super().__init__()
-        self.session, self.host, self.address = session, host, address
+        self.session, self.host, self.place = session, host, place
 
 
 class EventSealOver(Event):

@@ -6,11 +6,11 @@ up from the classical switch of their host, and back by it. All state belongs to
 
 import time
 from dataclasses import dataclass
+from math import inf
 from typing import Any
 
 from controller_apps.console.questions import EventQuestion, Refused, reply
 from controller_apps.devices.hosts_state import Place
-from controller_apps.dropped_lines import DroppedLines
 from controller_apps.keys.key_network import KeyNetwork, NoRoute, Stores, stores_of
 from controller_apps.keys.view import PPM, keys_view
 from controller_apps.light.optics import SwitchPort
@@ -18,6 +18,7 @@ from controller_apps.openflow import flow_entries
 from controller_apps.openflow.framework import DEAD, MAIN, App, ofp_event, ofproto, on
 from controller_apps.packets.datagrams import CONTROLLER_MAC, Frame
 from controller_apps.policy.policy import BadPolicy, read_policy
+from controller_apps.port_lines import PortLines
 from controller_apps.record import Record
 from wire.config import ControllerConfig
 from wire.device import DEVICE_PORT, Datagram, host_of, open_sealed
@@ -60,7 +61,7 @@ class KeyRelays(App):
         self.network = KeyNetwork(names, read_policy(config.policy))
         self._numbers: dict[str, int] = {}  # of the last datagram that was taken, by host
         self._number = 0
-        self._dropped_lines = DroppedLines(self.logger)
+        self._port_lines = PortLines(self.logger)
 
     @on(ofp_event.EventOFPStateChange, MAIN, DEAD)
     def switch_changed(self, event: Any) -> None:
@@ -82,6 +83,7 @@ class KeyRelays(App):
         message, frame = event.msg, bytes(event.msg.data)
         if not self.takes(message):
             return
+        self._port_lines.time_passed(time.monotonic())
         try:
             datagram = Frame.decode(frame)
             if datagram.source_port != KEY_AGENT_PORT:
@@ -97,7 +99,7 @@ class KeyRelays(App):
 
     def _dropped(self, message: Any, what: str) -> None:
         at = SwitchPort(message.datapath.id, message.match["in_port"])
-        self._dropped_lines.add(at, f"dropped: {what}", time.monotonic())
+        self._port_lines.add(at, f"dropped: {what}", time.monotonic())
 
     def _open(self, message: Any, frame: Frame) -> Heard:
         host = host_of(frame.payload)
@@ -119,7 +121,7 @@ class KeyRelays(App):
                 self.network.take(address, links, now)
                 self._note_fill(address, before, now)
             case KeyRouteRequest() as request:
-                self._send(heard, self._answer(heard.host, address, request, now))
+                self._send(heard, self._answer(heard, address, request, now))
 
     def _note_fill(self, address: str, before: dict[str, Stores], now: float) -> None:
         """Record the links of a host whose stores have another fill than before."""
@@ -137,12 +139,13 @@ class KeyRelays(App):
                 state="active" if usable else "off",
             )
 
-    def _answer(self, host: str, address: str, request: KeyRouteRequest, now: float) -> Message:
+    def _answer(self, heard: Heard, address: str, request: KeyRouteRequest, now: float) -> Message:
+        host = heard.host
         fields = {"master": request.master, "slave": request.slave, "stored": request.stored}
         try:
             nodes, stored = self.network.serve(address, request, now)
         except NoRoute as error:
-            self.logger.info("no route of keys for %s: %s", host, error)
+            self._port_lines.add(heard.place.at, f"no route of keys for {host}: {error}", now)
             self.record.write("key-route", host=host, **fields, text=str(error))
             return Answer(request.session, Reason.NOT_ALLOWED, str(error))
         route = [self.network.names[node] for node in nodes]
@@ -166,6 +169,10 @@ class KeyRelays(App):
         frame = Frame(CONTROLLER_MAC, place.mac, *ends, *ports, payload)
         out = flow_entries.packet_out(datapath, ofproto.OFPP_CONTROLLER, place.port, frame.encode())
         datapath.send_msg(out)
+
+    def close(self) -> None:
+        """Say what lines were left out."""
+        self._port_lines.time_passed(inf)
 
     @on(EventQuestion)
     def asked(self, question: Any) -> None:

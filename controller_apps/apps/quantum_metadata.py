@@ -8,6 +8,8 @@ import time
 from collections import Counter
 from hashlib import blake2b
 from itertools import count
+from logging import WARNING
+from math import inf
 from typing import Any
 
 from controller_apps.apps.host_orders import (
@@ -27,7 +29,6 @@ from controller_apps.console.views import (
     paths_view,
     sessions_view,
 )
-from controller_apps.dropped_lines import DroppedLines
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Network
 from controller_apps.openflow import flow_entries, optical_messages
@@ -54,6 +55,7 @@ from controller_apps.policy.policy import (
     read_policy,
     require_switches,
 )
+from controller_apps.port_lines import PortLines
 from controller_apps.record import Record
 from controller_apps.sessions.actions import (
     Action,
@@ -139,7 +141,7 @@ class QuantumMetadata(App):
         self._follow_policy()
         self.packet_in_count = 0
         self.dropped: Counter[str] = Counter()
-        self._dropped_lines = DroppedLines(self.logger)
+        self._port_lines = PortLines(self.logger)
         self._xids = count(1)
         # By switch and xid: entries of unfinished replies, transactions of the arbiter.
         self._listed: dict[tuple[int, int], list[Any]] = {}
@@ -178,7 +180,7 @@ class QuantumMetadata(App):
     def time_passed(self, event: Any) -> None:
         """Do what is due."""
         self.fibers.time_passed(time.monotonic())
-        self._dropped_lines.time_passed(time.monotonic())
+        self._port_lines.time_passed(time.monotonic())
         self._keep_hosts()
         self._do(self.arbiter.tick(self._now()))
         self._do(self.idle.tick(self._now()))
@@ -378,10 +380,11 @@ class QuantumMetadata(App):
     @on(EventAlarm)
     def seal_alarmed(self, event: Any) -> None:
         """Close the way on which a seal has found somebody, if the policy says so."""
-        ways = self.seals.watched(event.session, event.address)
+        ways = self.seals.watched(event.session, event.place.address)
         closes = self.permission.policy.alarm == CLOSE and bool(ways)
         watched = names_of(ways)
-        self.logger.warning("%s: alarm of its seal %016x on %s", event.host, event.session, watched)
+        text = f"{event.host}: alarm of its seal {event.session:016x} on {watched}"
+        self._port_lines.add(event.place.at, text, time.monotonic(), WARNING)
         facts = {"session": f"{event.session:016x}", "host": event.host, "watched": watched}
         self.record.write("alarm", **facts, closed=closes)
         if closes:
@@ -451,9 +454,8 @@ class QuantumMetadata(App):
         if not objection:
             return None
         ends = [name_of(self.network, end) for end in (five_tuple.source, five_tuple.destination)]
-        self.logger.info("session %016x, %s to %s: %s", setup.session, *ends, objection)
         self.record.write("forbidden", session=f"{setup.session:016x}", detail=objection)
-        return Admission(Reason.NOT_ALLOWED)
+        return Admission(Reason.NOT_ALLOWED, detail=f"{' to '.join(ends)}: {objection}")
 
     def _reload_policy(self) -> str:
         try:
@@ -490,7 +492,8 @@ class QuantumMetadata(App):
         flow_entries.send(datapath, flow_entries.with_barriers(datapath, entries))
 
     def close(self) -> None:
-        """Keep what there is, and record the end."""
+        """Keep what there is, say what lines were left out, and record the end."""
+        self._port_lines.time_passed(inf)
         self._keep_hosts()
         self.record.write("stopped", packet_in_count=self.packet_in_count)
 
@@ -551,8 +554,9 @@ class QuantumMetadata(App):
         if note.detail:
             fields["detail"] = note.detail
         busy = note.detail.startswith(Reason.BUSY.name)  # so hosts ask again
-        if note.event == "refused" and not busy:
-            self.logger.info("session %016x: refused, %s", note.session, note.detail)
+        if note.event == "refused" and note.at is not None and not busy:
+            text = f"session {note.session:016x}: refused, {note.detail}"
+            self._port_lines.add(note.at, text, time.monotonic())
         if note.event in ("granted", "moved"):
             self.seals.granted(self.arbiter.sessions.by_number.get(note.session))
         if note.event in ("refused", "torn_down"):
@@ -565,4 +569,4 @@ class QuantumMetadata(App):
         self.dropped[drop.cause] += 1
         number, place = self.dropped[drop.cause], f"switch {at.dpid:#x} port {at.port}"
         text = f"dropped ({drop.cause}, {number} so far): {place}: {drop.detail}"
-        self._dropped_lines.add(at, text, time.monotonic())
+        self._port_lines.add(at, text, time.monotonic())

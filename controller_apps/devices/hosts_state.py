@@ -9,6 +9,7 @@ between two lives of the controller.
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from controller_apps.light.optics import SwitchPort
 from controller_apps.policy.policy import Reporting
 from wire.device import (
     Datagram,
@@ -33,6 +34,11 @@ class Place:
     port: int
     mac: bytes
     address: str
+
+    @property
+    def at(self) -> SwitchPort:
+        """The port alone."""
+        return SwitchPort(self.dpid, self.port)
 
 
 @dataclass

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop
 from controller_apps.packets.segments import FiveTuple
 from controller_apps.policy.schedules import UNPURIFIED, Purification
@@ -115,6 +116,7 @@ class Note:
     session: int
     setup_ms: float | None = None
     detail: str = ""
+    at: SwitchPort | None = None  # where the set-up that it is about has come, if it is about one
 
 
 @dataclass(frozen=True)

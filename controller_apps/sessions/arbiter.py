@@ -157,7 +157,8 @@ class Arbiter:
             refused(message, Reason.UNSUPPORTED), arrival.segment.five_tuple
         )
         frame = arrival.segment.with_payload(answer)
-        note = Note("refused", session_of(message), detail=Reason.UNSUPPORTED.name)
+        why = Reason.UNSUPPORTED.name
+        note = Note("refused", session_of(message), detail=why, at=arrival.port)
         return [note, Forward(arrival.dpid, arrival.in_port, frame)]
 
     def _asked(self, setup: Setup, arrival: Arrival, now: float) -> list[Action]:

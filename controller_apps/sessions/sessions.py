@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from math import inf
 from typing import NamedTuple
 
+from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Direction, Hop, directions
 from controller_apps.light.routing import LightPath
 from controller_apps.packets.segments import FiveTuple, Segment
@@ -52,6 +53,11 @@ class Arrival:
     dpid: int
     in_port: int
     segment: Segment
+
+    @property
+    def port(self) -> SwitchPort:
+        """Where it came."""
+        return SwitchPort(self.dpid, self.in_port)
 
 
 class Refusal(NamedTuple):

@@ -35,10 +35,12 @@ class Verdicts:
 
     def refuse(self, request: Request, why: Refusal, now: float) -> list[Action]:
         """Let a request on with a refusal; undo what was done for it."""
+        assert request.held is not None
+        at = request.held.port
         undone = self._leave(request, now)
         name = why.reason.name
         told = f"{name}: {why.detail}" if why.detail else name
-        note = Note("refused", request.setup.session, detail=told)
+        note = Note("refused", request.setup.session, detail=told, at=at)
         if not self.names_elements:
             why = why._replace(obstacle="")
         return [*undone, note, *self.answer(request, Verdict.REFUSED, why)]

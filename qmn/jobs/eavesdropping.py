@@ -17,9 +17,9 @@ from qmn.network.options import NetworkOptions
 from qmn.options import BadInput
 from qmn.results.run_result import Figures, RunResult, ServiceJob
 from qmn.timeouts import START_TIMEOUT_S
-from topologies.description import Description
-from topologies.network import Network
-from topologies.programs import Program, python
+from topologies.description.description import Description
+from topologies.networks.network import Network
+from topologies.system.processes.programs import Program, python
 from wire.application_lines import fields_of
 
 EVE = "eve"

@@ -6,7 +6,7 @@ from typing import Any
 
 from qmn.jobs.transfer import Lines
 from qmn.results.run_result import Moment as Moment
-from topologies.programs import Program
+from topologies.system.processes.programs import Program
 from wire.network_time import NetworkTime
 
 

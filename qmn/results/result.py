@@ -18,8 +18,8 @@ from qmn.results.run_result import (
     SetUpTimes,
     WatchedLight,
 )
-from topologies.network import Network
-from topologies.runtime import EVENT_LOG, RECORD
+from topologies.networks.network import Network
+from topologies.system.runs.runtime import EVENT_LOG, RECORD
 from wire.controller_lines import read_record
 from wire.dispatcher_record import has_ended
 from wire.metadata import Reason

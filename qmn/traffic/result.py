@@ -10,7 +10,7 @@ from qmn.results.result import print_rows, rows_of_every_run
 from qmn.results.run_result import Figures, Load, LoadJob, RunResult
 from qmn.results.service_result import number_text, rows
 from qmn.traffic.fiber_use import fiber_use, shares, span_of
-from topologies.runtime import EVENT_CAPTURE
+from topologies.system.runs.runtime import EVENT_CAPTURE
 
 BUSIEST = 3  # fibres that the table names
 

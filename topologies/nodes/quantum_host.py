@@ -5,12 +5,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from topologies import runtime
-from topologies.addresses import broadcast
-from topologies.fiber import python_file, qnics
-from topologies.launching import launch
+from topologies.links.fiber import python_file, qnics
+from topologies.nodes.addresses import broadcast
 from topologies.nodes.classical_host import ClassicalHost
-from topologies.tls import credentials
+from topologies.nodes.tls import credentials
+from topologies.system.runs.launching import launch
 from wire.announcement import period_s
 from wire.config import (
     CONTROLLER,
@@ -85,8 +84,8 @@ class QuantumHost(ClassicalHost):
         described = device_of(name, {"source": source, "device": device, **parts})
         self.qnic = python_file(f"{name}: qnic", qnic)
         self.qnic_parameters = dict(qnic_parameters or {})
-        runtime.current().devices[name] = described
         super().__init__(name, confined, memory_mib, **params)
+        self.network.devices[name] = described
         self.network.token(name)
         self.pairs_from = pairs_from
         self.light = light

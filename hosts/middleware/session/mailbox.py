@@ -10,8 +10,9 @@ that what is said of one block never passes for news of another.
 from collections import deque
 
 from hosts.middleware.session.errors import SAME_VERSION, SessionError
-from wire.metadata import Answer, Message, Reason, Topic, Values
+from wire.metadata import Answer, Finish, Message, Reason, Topic, Values
 
+HEARD = Values, Finish, Answer  # what comes while blocks are under way
 MAX_KEPT = 4096  # messages that nobody has asked for yet
 
 
@@ -32,11 +33,15 @@ class Mailbox:
     def put(self, message: Message | None) -> None:
         """Keep what has come; None: the end of the connection.
 
-        Raise SessionError for a block that nobody has announced, or if too much is kept.
+        Raise SessionError for a block that nobody has announced, for what nobody would ever ask
+        for, or if too much is kept.
         """
         if message is None or (isinstance(message, Answer) and message.reason != Reason.OK):
             self._last = [message]
             return
+        if not isinstance(message, HEARD):
+            text = f"{type(message).__name__} between blocks, where it has no place; {SAME_VERSION}"
+            raise SessionError(Reason.PROTOCOL, text)
         self.said(message)
         if isinstance(message, Values) and message.block not in self._announced | {0}:
             text = f"values of topic {message.topic} and block {message.block}, which nobody has "

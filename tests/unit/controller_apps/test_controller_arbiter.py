@@ -231,7 +231,7 @@ def test_a_service_that_nobody_knows_is_refused_where_the_hosts_can_say_so(
     data[HEADER.size] = 99
     for again in range(2):  # alike for a retransmission
         note, forward = arrive(state, frame(bytes(data)), again / 10)
-        assert note == Note("refused", FRAMED.session, detail="UNSUPPORTED")
+        assert note == Note("refused", FRAMED.session, detail="UNSUPPORTED", at=SwitchPort(S1, 1))
         assert isinstance(forward, Forward)
         answered = bytearray(payload_of(forward.frame))
         with pytest.raises(UnknownService, match="unknown service 99: choose one of"):
@@ -415,7 +415,7 @@ def test_a_close_while_held_gives_up_and_lets_the_message_pass() -> None:
     assert actions[0] == ClosePaths(Q1, 7)
     assert answer(actions).verdict == Verdict.REFUSED
     assert answer(actions).reason == Reason.PEER_GONE
-    assert Note("refused", 7, detail="PEER_GONE: FIN") in actions
+    assert Note("refused", 7, detail="PEER_GONE: FIN", at=SwitchPort(S1, 1)) in actions
     assert not state.sessions.held
 
 

@@ -16,6 +16,7 @@ from metadata_scene import (
     frame,
 )
 
+from controller_apps.light.optics import SwitchPort
 from controller_apps.packets.segments import parse
 from controller_apps.policy.policy import parse_policy
 from controller_apps.sessions.actions import Action, Drop, Forward, Note, OpenPaths
@@ -57,7 +58,7 @@ def test_what_is_denied_opens_nothing_and_says_so() -> None:
     actions = ask(state, FRAMED)
     assert refused(actions) == Reason.NOT_ALLOWED
     assert not [action for action in actions if isinstance(action, OpenPaths)]
-    assert Note("refused", FRAMED.session, detail="NOT_ALLOWED") in actions
+    assert Note("refused", FRAMED.session, detail="NOT_ALLOWED", at=SwitchPort(S1, 1)) in actions
     assert not state.sessions.by_number
 
 

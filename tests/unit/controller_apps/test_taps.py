@@ -81,7 +81,7 @@ def test_a_host_that_nobody_has_announced_is_refused_by_name() -> None:
         "UNKNOWN_HOST: tap between alice and bob: 'eve' is not a host that has announced a fibre; "
         "those are alice, bob, charlie"
     )
-    assert Note("refused", BB84.session, detail=told) in actions
+    assert Note("refused", BB84.session, detail=told, at=SwitchPort(S1, 1)) in actions
     assert not opened(actions)
     assert not state.sessions.by_number
 
@@ -95,7 +95,7 @@ def test_a_host_of_one_fibre_cannot_tap() -> None:
         "NO_PATH: tap between alice and bob: eve has 1 fibre, a tap needs 2; add one, or take "
         "the tap out of the policy"
     )
-    assert Note("refused", BB84.session, detail=told) in actions
+    assert Note("refused", BB84.session, detail=told, at=SwitchPort(S1, 1)) in actions
     assert not opened(actions)
 
 

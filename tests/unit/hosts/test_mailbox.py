@@ -7,7 +7,7 @@ import pytest
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.mailbox import MAX_KEPT, Mailbox
 from hosts.middleware.session.values import values
-from wire.metadata import Answer, Finish, Message, Reason, Topic, Values
+from wire.metadata import Answer, Emit, Envelope, Finish, Message, Reason, Report, Topic, Values
 
 SESSION = 5
 
@@ -71,6 +71,16 @@ def test_values_of_a_block_that_nobody_has_announced_are_refused() -> None:
     box.put(said(Topic.ARRIVED, 1))
     with pytest.raises(SessionError, match="block 2, which nobody has announced"):
         box.put(said(Topic.ARRIVED, 2))
+
+
+@pytest.mark.parametrize(
+    "message", [Emit(SESSION, 1, 10, 1000), Report(SESSION, 9, 10), Envelope(SESSION, 1, b"x")]
+)
+def test_what_nobody_asks_for_while_blocks_are_under_way_is_refused_at_once(
+    message: Message,
+) -> None:
+    with pytest.raises(SessionError, match=f"{type(message).__name__} between blocks"):
+        Mailbox().put(message)
 
 
 @pytest.mark.parametrize("last", [None, Answer(SESSION, Reason.HARDWARE, "gone")])

@@ -18,7 +18,7 @@ from qmn.jobs.superdense import SuperdenseRequest
 from qmn.network.options import NetworkOptions
 from qmn.results.result import complete, show
 from qmn.results.run_result import Approximated, RunResult
-from topologies.network import Signals
+from topologies.networks.network import Signals
 
 
 def shown(folder: Path, **facts: Any) -> list[str]:

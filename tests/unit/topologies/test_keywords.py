@@ -1,13 +1,14 @@
 """A keyword that no node, switch, fibre or cable takes is refused by name, and not swallowed."""
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 from mininet.node import Node
 
-from topologies.copper_link import CopperLink
-from topologies.fiber import FiberLink
-from topologies.keywords import refuse_unknown
+from topologies.links.copper_link import CopperLink
+from topologies.links.fiber import FiberLink
+from topologies.links.keywords import refuse_unknown
 from topologies.nodes import (
     ClassicalHost,
     ClassicalSwitch,
@@ -16,6 +17,7 @@ from topologies.nodes import (
     QuantumController,
     QuantumHost,
 )
+from topologies.system.runs import runtime
 from wire.config import QuantumSwitch
 from wire.parameters.physics import BadParameter
 
@@ -36,11 +38,13 @@ SLIP = {"insertion_los_db": 9.0}
     ],
 )
 def test_a_slip_of_the_pen_is_named_before_a_node_is_made(
-    kind: type, given: dict[str, Any], text: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: type, given: dict[str, Any], text: str
 ) -> None:
+    monkeypatch.setattr(runtime, "RUNTIME_ROOT", tmp_path)
     with pytest.raises(BadParameter) as caught:
         kind("q1", **given)
     assert text in str(caught.value)
+    assert not any(tmp_path.iterdir())  # no network has begun
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from topologies import runtime
 from topologies.nodes import OpticalSwitch, QuantumHost
-from topologies.runtime import Runtime
+from topologies.system.runs import runtime
+from topologies.system.runs.runtime import Runtime
 from wire.parameters.physics import (
     BadParameter,
     BellAnalyser,

@@ -261,7 +261,7 @@ def test_who_floods_a_port_leaves_room_in_the_log_for_others(
     assert scene.quantum.dropped == {"lldp": 1001, "malformed": 1}
     shift_clock(monkeypatch, 1)
     scene.quantum.time_passed(None)
-    assert caplog.messages[-1] == "dropped: switch 0x2 port 1: 995 more, whose lines are left out"
+    assert caplog.messages[-1] == "switch 0x2 port 1: 995 more lines, which are left out"
 
 
 def test_hosts_say_what_they_can_do_or_what_they_say_is_not_heard(scene: Scene) -> None:

@@ -1,5 +1,6 @@
 """Idle light that the controller watches, through its app: orders out, the record, alarms."""
 
+import logging
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -8,10 +9,11 @@ from typing import Any
 import handlers_scene
 import pytest
 from handlers_scene import UNFILTERED, Scene
-from metadata_scene import ALICE, BOB, FRAMED, frame, payload_of
+from metadata_scene import ALICE, BOB, FRAMED, S1, frame, payload_of
 
 from controller_apps.apps.host_orders import EventAlarm, EventNodeAnswered, EventSealOver
 from controller_apps.console.questions import EventQuestion
+from controller_apps.devices.hosts_state import Place
 from controller_apps.openflow.framework import ofproto
 from controller_apps.packets.segments import FiveTuple
 from controller_apps.timeouts import DISCOVERY_S
@@ -87,11 +89,14 @@ def test_a_seal_that_nobody_ordered_needs_leave_as_any_session(
     ready.packet_in(
         ready.s1, 1, frame(replace(FRAMED, service=Service.SEAL, source=ALICE).encode())
     )
-    assert last(ready, "refused")["detail"] == "NOT_ALLOWED"
+    assert last(ready, "refused")["detail"].startswith("NOT_ALLOWED: alice to bob: ")
 
 
 def test_an_alarm_of_a_seal_whose_light_was_taken_says_nothing(
-    ready: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ready: Scene,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     """Its last photons may have gone by another way than its receiver was told of."""
     now = [100.0]
@@ -113,8 +118,19 @@ def test_an_alarm_of_a_seal_whose_light_was_taken_says_nothing(
     ready.quantum.time_passed(None)
     assert last(ready, "torn_down")["detail"] == "a session wants its light"
     assert not ready.quantum.seals.is_of(seal.session, ALICE)
-    ready.quantum.seal_alarmed(EventAlarm(seal.session, "alice", ALICE))
+    place = Place(S1, 1, b"", ALICE)
+    ready.quantum.seal_alarmed(EventAlarm(seal.session, "alice", place))
     assert last(ready, "alarm")["closed"] is False
+    alarm = f"alice: alarm of its seal {seal.session:016x} on []"
+    caplog.clear()
+    caplog.set_level(logging.INFO, logger=ready.quantum.logger.name)
+    for _ in range(20):  # its host may repeat itself, and each time it is recorded
+        ready.quantum.seal_alarmed(EventAlarm(seal.session, "alice", place))
+    assert caplog.messages == [alarm] * 4
+    now[0] += 1.0
+    ready.quantum.time_passed(None)
+    assert caplog.messages[4:] == ["switch 0x1 port 1: 16 more lines, which are left out"]
+    assert [fact["event"] for fact in ready.recorded()].count("alarm") == 21
 
 
 def test_why_a_way_is_not_watched_is_recorded_of_no_session(

@@ -1,5 +1,6 @@
 """A set-up on its way: the bundle, the barrier, the packet that is let go, and refusals."""
 
+import logging
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -7,7 +8,7 @@ from typing import Any
 
 import handlers_scene
 import pytest
-from handlers_scene import UNFILTERED, Scene, announcement, instructions
+from handlers_scene import UNFILTERED, Scene, announcement, instructions, shift_clock
 from metadata_scene import (
     ALICE,
     BOB,
@@ -131,6 +132,45 @@ def test_what_the_policy_denies_is_refused_and_opens_nothing(ready: Scene, tmp_p
     assert isinstance(answer, Setup)
     assert (answer.verdict, answer.reason) == (Verdict.REFUSED, Reason.NOT_ALLOWED)
     assert "forbidden" in [fact["event"] for fact in ready.recorded()]
+
+
+@pytest.mark.parametrize(
+    ("asked", "why"),
+    [
+        (FRAMED, "NOT_ALLOWED: alice to bob: no rule allows it, and the default denies"),
+        (replace(FRAMED, source="10.0.0.99"), "UNKNOWN_HOST"),
+    ],
+    ids=["forbidden", "impossible"],
+)
+def test_who_asks_for_what_is_refused_without_end_leaves_room_in_the_log(
+    ready: Scene,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    asked: Setup,
+    why: str,
+) -> None:
+    """Five lines of each port, and a sixth that counts the others; the record has all."""
+    shift_clock(monkeypatch, 0)  # it stands still
+    if "NOT_ALLOWED" in why:
+        file = tmp_path / "policy.toml"
+        file.write_text("default = 'deny'\n" + UNFILTERED)
+        ready.quantum.policy_path = str(file)
+        ready.quantum.asked(EventQuestion("reload", {}))
+    caplog.set_level(logging.INFO, logger=ready.quantum.logger.name)
+    for number in range(20):
+        setup = replace(asked, session=100 + number)
+        ready.packet_in(ready.s1, 1, frame(setup.encode(), sport=41000 + number))
+    back = frame(replace(asked, session=200).encode(), source=BOB, destination=ALICE)
+    ready.packet_in(ready.s1, 2, back)
+    assert caplog.messages == [
+        *(f"session {100 + number:016x}: refused, {why}" for number in range(5)),
+        f"session {200:016x}: refused, {why.replace('alice to bob', 'bob to alice')}",
+    ]
+    assert [fact["event"] for fact in ready.recorded()].count("refused") == 21
+    shift_clock(monkeypatch, 1)
+    ready.quantum.time_passed(None)
+    assert caplog.messages[6:] == ["switch 0x1 port 1: 15 more lines, which are left out"]
 
 
 def test_an_unknown_receiver_is_flooded(ready: Scene) -> None:
