@@ -95,7 +95,7 @@ def test_a_refused_setting_a_cut_and_a_silent_host_are_told(network: Network) ->
         (("alice", "fec", "9"), "alice: fec 9 is not known: choose one of none, repetition"),
         (("eve", "fec", "0"), "no device 'eve'; hosts with a node agent: alice, bob, charlie"),
         (("q1", "fec", "0"), "q1 is a switch"),
-        (("alice", "rate-hz", "0"), "rate_hz is 0: choose 1 to 4000000000"),
+        (("alice", "rate-hz", "0"), "rate_hz 0: choose 1 to 4000000000"),
         (("alice", "rate-hz", "fast"), "rate_hz is 'fast': give a whole number, or `default`"),
     ):
         done = qmn("set", *words)
