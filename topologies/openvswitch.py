@@ -14,7 +14,7 @@ from pathlib import Path
 from topologies import owners, packet_sockets
 from topologies.interfaces import TUN
 from topologies.owners import Owner
-from topologies.programs import ENVIRONMENT, NetworkError
+from topologies.programs import NetworkError, callers_environment
 from topologies.runtime import RUNTIME_ROOT
 from topologies.timeouts import (
     INTERFACE_S,
@@ -188,7 +188,6 @@ def start(owner: str) -> None:
         _let_go_on()
     else:
         _refuse_half(daemons())
-    inherited = {name: text for name, text in os.environ.items() if name not in ENVIRONMENT}
     deadline = time.monotonic() + OPENVSWITCH_TIMEOUT_S
     # ovs-ctl takes a daemon that is just ending for one that runs, and stands in the way of a
     # monitor that starts one again.
@@ -203,7 +202,7 @@ def start(owner: str) -> None:
             *(CONTROL, "start", "--system-id=random"),
             timeout_s=OPENVSWITCH_TIMEOUT_S,
             check=_refuse_stopped,
-            environment={**inherited, **FAST_MEMORY, STARTER: owner},
+            environment={**callers_environment(), **FAST_MEMORY, STARTER: owner},
         )
     _note_starter(owner)
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from topologies.programs import ENVIRONMENT
+from topologies.programs import ENVIRONMENT, callers_environment
 
 MODULE = "qmn.scripting.script"
 
@@ -31,7 +31,7 @@ def call(arguments: argparse.Namespace) -> int:
 
 def become(file: Path, words: Sequence[str]) -> NoReturn:
     """Run the script in place of this program."""
-    environment = {**os.environ, "PYTHONPATH": ENVIRONMENT["PYTHONPATH"]}
+    environment = {**callers_environment(), "PYTHONPATH": ENVIRONMENT["PYTHONPATH"]}
     # -P: what is in the folder of the user is found by name only if the script is there, too.
     command = [sys.executable, "-P", "-m", MODULE, str(file), *words]
     os.execve(sys.executable, command, environment)  # noqa: S606
