@@ -9,14 +9,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from topologies.confinement import APART, fstab
+from topologies.confinement import APART, GIVEN_UP, fstab
 from topologies.machines.machine import NOWHERE, Machine, ProcessElsewhere
 from topologies.memory_share import KIB, MIB
 from topologies.programs import NetworkError
 from topologies.shells import PROMPT
 from topologies.timeouts import COMMAND_TIMEOUT_S, END_TIMEOUT_S
-
-GIVEN_UP = "-sys_admin,-dac_read_search,-sys_module,-sys_rawio,-sys_boot,-perfmon"
 
 
 class NodeElsewhere:
