@@ -8,7 +8,7 @@ qmn run load --topology examples/trunk.py:Trunk --from a1,a2,a3,a4,a5,a6 --to b1
 
 from mininet.topo import Topo
 
-from topologies.fiber import FiberLink
+from topologies.links import FiberLink
 from topologies.nodes import ClassicalSwitch, DispatcherHost, OpticalSwitch, QuantumHost
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from qmn.attacks import bright_light, connections, floods, impostors, photons
 from qmn.scripting.network import start
-from topologies.network import Network
+from topologies.networks.network import Network
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,8 @@ class Attack:
             policy = Path(folder) / "policy.toml"
             policy.write_text(self.policy(defended))
             options = {self.defence: defended} if self.is_option else {}
-            with start("sdc", Path(folder) / "run", policy=str(policy), **options) as network:
+            name = f"{self.conduct.__name__}-{self.defence}-{'on' if defended else 'off'}"
+            with start("sdc", Path(folder) / name, policy=str(policy), **options) as network:
                 return self.conduct(network, attempts), attempts
 
     def policy(self, defended: bool) -> str:

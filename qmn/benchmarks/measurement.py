@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 from qmn.results.result import percentiles
 from qmn.timeouts import MEASURE_TIMEOUT_S
-from topologies.network import Network
-from topologies.programs import NetworkError, Program
+from topologies.networks.network import Network
+from topologies.system.processes.programs import NetworkError, Program
 from topologies.timeouts import POLL_S
 
 

@@ -24,8 +24,8 @@ from pathlib import Path
 import stim
 
 from qmn.timeouts import RUN_TIMEOUT_S
-from topologies.network import Signals
-from topologies.programs import NetworkError, python
+from topologies.networks.network import Signals
+from topologies.system.processes.programs import NetworkError, python
 
 CIRCUIT = """
     R 0 1

@@ -29,8 +29,8 @@ from qmn.sweeps.estimates import NOTHING, Estimate, proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, number
 from qmn.sweeps.link import FIBER
 from qmn.sweeps.parameters import Parameter, Values, of_dataclass
-from topologies.network import Signals
-from topologies.programs import NetworkError
+from topologies.networks.network import Signals
+from topologies.system.processes.programs import NetworkError
 from wire.parameters.network import LEAST_MBPS, MOST_MBPS
 from wire.parameters.physics import Memory
 

@@ -17,7 +17,7 @@ from qmn.live.controller_console import NoAnswer, wide_console
 from qmn.network.custom_topology import BadTopology
 from qmn.options import BadInput
 from qmn.scripting.network import QuantumNetwork
-from topologies.programs import ROOT, NetworkError, callers_environment
+from topologies.system.processes.programs import ROOT, NetworkError, callers_environment
 
 STATUS = "QMN_STATUS"  # variable in a host's shell: how the last command of a script ended
 FAULTS = (BadInput, BadTopology, NetworkError, NoAnswer, TransferError)

@@ -18,9 +18,9 @@ from qmn.network.options import NetworkOptions
 from qmn.options import BadInput
 from qmn.results.schema import RunFacts
 from qmn.timeouts import START_TIMEOUT_S
-from topologies.description import Description
-from topologies.network import Network
-from topologies.programs import Program, python
+from topologies.description.description import Description
+from topologies.networks.network import Network
+from topologies.system.processes.programs import Program, python
 from wire.application_lines import fields_of
 
 EVE = "eve"

@@ -17,8 +17,13 @@ from qmn.network.key_options import KeyServiceOptions, key_service
 from qmn.network.options import NetworkOptions
 from qmn.options import check_ranges
 from qmn.results import result
-from topologies.key_managers import KeyManagers, KeyService, application_name, start_key_managers
-from topologies.network import Interrupted, Network, Signals, require_root
+from topologies.daemons.key_managers import (
+    KeyManagers,
+    KeyService,
+    application_name,
+    start_key_managers,
+)
+from topologies.networks.network import Interrupted, Network, Signals, require_root
 from topologies.timeouts import POLL_S
 from wire.parameters.option import option
 

@@ -24,7 +24,7 @@ from qmn.traffic.driver import Driver
 from qmn.traffic.plan import MODELS, MOST_SESSIONS, BadTraffic, Planned, Traffic, plan
 from qmn.traffic.session import ACCEPTED, Wanted
 from qmn.traffic.summary import listed, summary
-from topologies.network import Network, Signals, require_root
+from topologies.networks.network import Network, Signals, require_root
 from wire.controller_lines import read_record
 from wire.parameters.option import option
 

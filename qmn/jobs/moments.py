@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from qmn.jobs.transfer import Lines
-from topologies.programs import Program
+from topologies.system.processes.programs import Program
 from wire.network_time import NetworkTime
 
 Moment = dict[str, Any]  # at, host, event, and what belongs to it

@@ -30,8 +30,8 @@ from qmn.options import BadInput, check_ranges
 from qmn.results import result
 from qmn.results.schema import RunFacts
 from qmn.timeouts import NETQASM_STALL_TIMEOUT_S
-from topologies.network import Network, Signals, require_root
-from topologies.programs import NetworkError, Program, python
+from topologies.networks.network import Network, Signals, require_root
+from topologies.system.processes.programs import NetworkError, Program, python
 from wire.parameters.option import option
 
 PREFIX, SUFFIX = "app_", ".py"

@@ -28,11 +28,11 @@ from qmn.results.run_folder import give_to_invoker, given_at_the_end, make_folde
 from qmn.results.schema import RunFacts
 from qmn.results.software_share import note_software
 from qmn.results.timeline import timeline_of_run
-from topologies.causality import worst
-from topologies.machines.machine import Machine
-from topologies.network import Interrupted, Network, Signals
-from topologies.programs import NetworkError
-from topologies.slow_copper import slow_metadata
+from topologies.links.causality import worst
+from topologies.links.slow_copper import slow_metadata
+from topologies.networks.network import Interrupted, Network, Signals
+from topologies.system.machines.machine import Machine
+from topologies.system.processes.programs import NetworkError
 
 # Options that a result tells elsewhere, or that do not change what comes out.
 NO_PARAMETERS = {

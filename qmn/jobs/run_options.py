@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from qmn.live_view.beside import LiveOptions
 from qmn.machines.options import MachineOptions
-from topologies.captures import HEADERS_BYTES, MAX_PACKET_BYTES
+from topologies.networks.captures import HEADERS_BYTES, MAX_PACKET_BYTES
 from wire.parameters.network import LEAST_MBPS, MOST_MBPS
 from wire.parameters.option import option
 
@@ -13,7 +14,7 @@ CAPTURES = {"full": MAX_PACKET_BYTES, "headers": HEADERS_BYTES, "none": 0}
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunOptions(MachineOptions):
+class RunOptions(LiveOptions, MachineOptions):
     """What every run can be told beside its network and its job."""
 
     runs: Path = option(Path("runs"), "what runs leave (runs)", metavar="DIR")
@@ -33,8 +34,6 @@ class RunOptions(MachineOptions):
     events: bool = option(True, "do not write what happens to qubits")
     record: bool = option(True, "do not record what `qmn replay` needs")
     report: bool = option(True, "draw no report; `qmn report` makes it later")
-
-    live: bool = option(False, "serve a page of what happens, and say where (`qmn live`)")
 
     @property
     def packet_bytes(self) -> int:

@@ -18,8 +18,8 @@ from qmn.jobs.transfer import TransferError, follow
 from qmn.results import result
 from qmn.results.schema import RunFacts
 from qmn.timeouts import START_TIMEOUT_S
-from topologies.network import Network
-from topologies.programs import NetworkError, Program, python
+from topologies.networks.network import Network
+from topologies.system.processes.programs import NetworkError, Program, python
 
 Line = dict[str, Any]  # that an application has said
 

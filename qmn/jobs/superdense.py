@@ -21,8 +21,8 @@ from qmn.network.description import describe_network
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, Words, check_range, check_ranges
 from qmn.results.timeline import MERGE_AT_MOST_BYTES, WHOLE_AT_MOST_BYTES
-from topologies.captures import MAX_PACKET_BYTES
-from topologies.network import Signals, require_root
+from topologies.networks.captures import MAX_PACKET_BYTES
+from topologies.networks.network import Signals, require_root
 from wire.metadata import FEC_NAMES, Service
 from wire.parameters.option import option
 

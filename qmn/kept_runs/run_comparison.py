@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from qmn.live.event_sources import RESULT, recorded
-from topologies.runtime import EVENT_CAPTURE
+from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.controller_lines import read_record
 
 Row = tuple[str, str, str]

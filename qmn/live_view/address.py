@@ -1,10 +1,20 @@
-"""Where the page of a live view is: on the loopback, or in a container, which leads there."""
+"""Where the page of a live view is: on the loopback, or behind whoever leads there.
+
+docker/run leads to the page in a container from the machine's loopback; a command that starts
+several networks leads to that of each from one address (command_page.py).
+"""
 
 import os
+import secrets
+import shutil
+import subprocess
+import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
 
 LOOPBACK = "127.0.0.1"
+SAID = "live view"
+DESKTOP = ("PATH", "LANG", "DISPLAY", "WAYLAND_DISPLAY", "XAUTHORITY", "DBUS_SESSION_BUS_ADDRESS")
 
 
 @dataclass(frozen=True)
@@ -13,9 +23,47 @@ class Place:
 
     port: int = 0
     socket: Path | None = None
+    secret: str = ""  # of the address; none: one that is made
+    number: int = 0  # of the network in its command, if that leads here
+
+    def path(self) -> str:
+        """Return what the page's address ends with, between its slashes."""
+        secret = self.secret or secrets.token_urlsafe(16)
+        return f"{secret}/{self.number}" if self.number else secret
 
 
-def place_of_container() -> Place | None:
-    """Return where docker/run wants the page to be served; None outside of a container of its."""
-    socket, port = os.environ.get("QMN_LIVE_SOCKET"), os.environ.get("QMN_LIVE_PORT")
-    return Place(int(port), Path(socket)) if socket and port else None
+def place_given() -> Place | None:
+    """Return where docker/run, or a command of several networks, wants it; None if neither."""
+    told = os.environ.get
+    socket, port = told("QMN_LIVE_SOCKET"), told("QMN_LIVE_PORT")
+    if not socket or not port:
+        return None
+    number = int(told("QMN_LIVE_NUMBER", "0"))
+    return Place(int(port), Path(socket), told("QMN_LIVE_SECRET", ""), number)
+
+
+def say(address: str, browser: bool) -> None:
+    """Tell where the page is, and open it where there is a browser of the user's own."""
+    print(f"{SAID}: {address}", flush=True)
+    if browser and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        open_browser(address)
+
+
+def open_browser(address: str) -> None:
+    """Open the page in the browser of who called sudo; root itself has none."""
+    if os.geteuid() != 0:
+        webbrowser.open(address)
+        return
+    user, opener = os.environ.get("SUDO_USER", "root"), shutil.which("xdg-open")
+    if user == "root" or opener is None:
+        return
+    own = {"XDG_RUNTIME_DIR": f"/run/user/{os.environ['SUDO_UID']}"}  # sudo leaves it out
+    subprocess.run(
+        ["setsid", "--fork", "runuser", "-u", user, "--", opener, address],
+        check=False,
+        # No mark of a run: the browser stays when its network is cleared away.
+        env={name: os.environ[name] for name in DESKTOP if name in os.environ} | own,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )

@@ -1,29 +1,96 @@
-"""A live view beside a network that this process has started: a program of its own."""
+"""A live view beside networks that a command starts: programs of their own.
 
+A command of one network has its page. One of several has an address (command_page.py) that goes
+with them from page to page; networks find it by their environment, wherever they start.
+"""
+
+import os
+import shutil
+import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
+from qmn.live_view.address import SAID
+from qmn.live_view.pages import VARIABLE, Pages
 from qmn.timeouts import LIVE_START_S
-from topologies.programs import Program, python
+from topologies.system.processes import owners
+from topologies.system.processes.programs import Program, python
+from wire.parameters.option import option
 
-SAID = "live view"
+Say = Callable[[str], None]
+SAY = partial(print, flush=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveOptions:
+    """What every verb that starts networks can be told of a page."""
+
+    live: bool = option(
+        False, "serve a page of the network, or of each in its turn, and say where (`qmn live`)"
+    )
 
 
 @contextmanager
-def live_view(wanted: bool, folder: Path, say: Callable[[str], None]) -> Iterator[None]:
+def live_view(wanted: bool, folder: Path, say: Say = SAY) -> Iterator[None]:
     """Serve the page of the network that runs, and say where, as long as this lasts.
 
-    Its log is in the folder of the run. Raise NetworkError if it does not begin in time.
+    If it is one of several of a command, its page is at the address of that, wanted here or not.
+    The log is in the folder of the run. Raise NetworkError if it does not begin in time.
     """
-    if not wanted:
+    pages = Pages.of_command()
+    if pages is None and not wanted:
         yield
         return
     server = Program("live", folder / "live.log")
-    server.start([python(), "-m", "qmn", "live"])
-    try:
+    command = [python(), "-m", "qmn", "live"]
+    with ExitStack() as stack:
+        if pages is not None:
+            told = stack.enter_context(pages.one_more(folder.name))
+            environment = (f"{name}={value}" for name, value in told.items())
+            command = ["env", *environment, *command, "--no-browser"]
+        stack.callback(server.stop)
+        server.start(command)
         server.wait_for(SAID, LIVE_START_S)
-        say(next(line for line in server.said().splitlines() if line.startswith(SAID)))
+        if pages is None:
+            say(address_said(server))
+        yield
+
+
+@contextmanager
+def page_of_command(wanted: bool, say: Say = SAY) -> Iterator[None]:
+    """Serve an address that shows the networks that are started meanwhile, and say where it is."""
+    if not wanted or Pages.of_command():
+        yield
+        return
+    server = begin_page_of_command(say)
+    try:
         yield
     finally:
         server.stop()
+        del os.environ[VARIABLE]
+
+
+def begin_page_of_command(say: Say = SAY) -> Program:
+    """Start what serves it, until this process ends; raise NetworkError if it does not begin."""
+    folder = Path(tempfile.mkdtemp(prefix="qmn-live-"))
+    server = Program("live", folder / "live.log")
+    # Without the mark of a run: it stays when one of our networks is cleared away.
+    unmarked = ["env", f"--unset={owners.VARIABLE}", python()]
+    server.start([*unmarked, "-m", "qmn.live_view.command_page", str(folder)])
+    try:
+        server.wait_for(SAID, LIVE_START_S)
+    except BaseException:
+        server.stop()
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    say(address_said(server))
+    os.environ[VARIABLE] = str(folder)
+    return server
+
+
+def address_said(server: Program) -> str:
+    """Return the line in which a server has told its address."""
+    return next(line for line in server.said().splitlines() if line.startswith(SAID))

@@ -32,13 +32,19 @@ def until_the_end_of_input() -> None:
         pass
 
 
-async def joined(path: str, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    """Join a connection with the socket until both ends are closed, or one is lost."""
+async def joined(
+    path: str, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, begun: bytes = b""
+) -> None:
+    """Join a connection with the socket until both ends are closed, or one is lost.
+
+    What has been read of it already goes first.
+    """
     try:
         inner_reader, inner_writer = await asyncio.open_unix_connection(path)
     except OSError:  # nothing is served yet, or any more: as where nobody listens
         writer.close()
         return
+    inner_writer.write(begun)
     try:
         await asyncio.gather(passed_on(reader, inner_writer), passed_on(inner_reader, writer))
     finally:

@@ -9,7 +9,6 @@ POST /SECRET/act              one of acts.py, as JSON
 
 import asyncio
 import json
-import secrets
 import socket
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -66,24 +65,26 @@ async def serve(view: View, place: Place, opened: Callable[[str], None]) -> None
 
     Raise OSError if the place cannot be had.
     """
-    secret = secrets.token_urlsafe(16)
+    path = place.path()
     sockets, port = bound(place)
     given = {"view": view}
     application = Application(
         [
-            (rf"/{secret}/network.json", Network, given),
-            (rf"/{secret}/messages", Messages, given),
-            (rf"/{secret}/handshake", Handshake, given),
-            (rf"/{secret}/act", Act, given),
-            (rf"/{secret}/(report\.css)", File, {"path": str(STYLE.parent)}),
-            (rf"/{secret}/(.*)", File, {"path": str(PAGE), "default_filename": "index.html"}),
+            (rf"/{path}/network.json", Network, {**given, "number": place.number}),
+            (rf"/{path}/messages", Messages, given),
+            (rf"/{path}/handshake", Handshake, given),
+            (rf"/{path}/act", Act, given),
+            (rf"/{path}/(report\.css)", File, {"path": str(STYLE.parent)}),
+            (rf"/{path}/(.*)", File, {"path": str(PAGE), "default_filename": "index.html"}),
         ],
         log_function=lambda _handler: None,
     )
-    server = HTTPServer(application, max_body_size=MOST_REQUEST)
+    # Who leads here from an address of several pages looks at the first request of a connection.
+    alone = place.number == 0
+    server = HTTPServer(application, max_body_size=MOST_REQUEST, no_keep_alive=not alone)
     server.add_sockets(sockets)
     try:
-        opened(f"http://{LOOPBACK}:{port}/{secret}/")
+        opened(f"http://{LOOPBACK}:{port}/{path}/")
         await asyncio.Event().wait()
     finally:
         server.stop()
@@ -132,12 +133,18 @@ class Answer(Guarded):
 class Network(Answer):
     """What the network is made of."""
 
+    def initialize(self, view: View, number: int) -> None:  # type: ignore[override]
+        """Know the view, and the number of the network in its command; 0: it is the only one."""
+        super().initialize(view)
+        self.number = number
+
     def get(self) -> None:
         """Answer with it."""
         view = self.view
         self.write(
             {
                 "name": view.name,
+                "number": self.number,
                 "live": view.live,
                 "acts": view.acts,
                 "origin_ns": str(view.timeline.origin_ns),

@@ -5,8 +5,8 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
-from topologies.machines.machine import Machine
-from topologies.runtime import Runtime
+from topologies.system.machines.machine import Machine
+from topologies.system.runs.runtime import Runtime
 from wire.parameters.option import option
 
 

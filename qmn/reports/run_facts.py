@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from qmn.live.event_sources import RESULT, recorded
 from qmn.results.network_facts import NetworkFacts
 from qmn.results.result import carries_bytes
-from topologies.runtime import EVENT_CAPTURE
+from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.application_lines import fields_of
 from wire.controller_lines import read_record
 from wire.dispatcher_pb2 import Event

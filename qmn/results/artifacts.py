@@ -15,8 +15,8 @@ from qmn.network.options import NetworkOptions
 from qmn.results.run_folder import PRIVATE
 from qmn.results.schema import NetworkResult
 from qmn.results.timeline import timeline_of_run
-from topologies.network import Interrupted
-from topologies.programs import NetworkError
+from topologies.networks.network import Interrupted
+from topologies.system.processes.programs import NetworkError
 
 
 @contextmanager

@@ -11,8 +11,8 @@ from rich.console import Console
 from qmn.results import message_result, service_result, software_share
 from qmn.results.message_result import RECEIVED as RECEIVED
 from qmn.results.schema import Approximated, NetworkResult, RunFacts, SetUpTimes, WatchedLight
-from topologies.network import Network
-from topologies.runtime import EVENT_LOG, RECORD
+from topologies.networks.network import Network
+from topologies.system.runs.runtime import EVENT_LOG, RECORD
 from wire.controller_lines import read_record
 from wire.dispatcher_record import has_ended
 from wire.metadata import Reason

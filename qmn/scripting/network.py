@@ -17,6 +17,7 @@ from qmn.live.controller_console import ask
 from qmn.live.dispatcher_calls import held_blocks, status, switch_conditions, switch_statistics
 from qmn.live.metrics_targets import announce
 from qmn.live.running import announce_network
+from qmn.live_view.beside import live_view
 from qmn.machines.options import MACHINES, MachineOptions, machine_facts, machines_of
 from qmn.network.checks import check_network, check_two_hosts
 from qmn.network.description import (
@@ -37,8 +38,8 @@ from qmn.results.software_share import note_software
 from qmn.scripting.exchange import Exchange, connection, exchange
 from qmn.scripting.light import FiberState, LightPath, fiber_state, light_path
 from qmn.scripting.tables import SIMPLE, Row, TableOf, Tabular, drawn, row_of
-from topologies.causality import worst
-from topologies.network import Network, Signals
+from topologies.links.causality import worst
+from topologies.networks.network import Network, Signals
 from topologies.nodes import QuantumHost
 
 # What only the `build` of a topology that is chosen by name is told.
@@ -216,7 +217,10 @@ def start(
     check_network(asked)
     where = from_keywords(MachineOptions, of_machines)
     folder = Path(folder) if folder is not None else None
-    with running(description, folder, where) as network:
+    with (
+        running(description, folder, where) as network,
+        live_view(False, network.runtime.logs),
+    ):
         yield network
 
 

@@ -17,8 +17,8 @@ from qmn.sweeps.estimates import Estimate
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, number
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.traffic.counted import Asked, CountedTime, Told
-from topologies.copper_lengths import centre
-from topologies.maps import BadMap, Map, read_map
+from topologies.catalogue.maps import BadMap, Map, read_map
+from topologies.links.copper_lengths import centre
 from wire.optical import ANY_PORT, PathOptics
 from wire.parameters.fiber import SPEED_IN_FIBER_M_PER_S
 from wire.ways import Ways, shortest

@@ -12,7 +12,7 @@ from qmn.results.result import emulation, note_controller, print_rows, rows_of_e
 from qmn.results.schema import RunFacts
 from qmn.results.service_result import number_text
 from qmn.traffic.fiber_use import fiber_use, shares, span_of
-from topologies.runtime import EVENT_CAPTURE
+from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.controller_lines import read_record
 
 BUSIEST = 3  # fibres that the table names

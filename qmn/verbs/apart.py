@@ -13,9 +13,12 @@ from contextlib import suppress
 from typing import Any
 
 from qmn.as_root import COMMAND
-from topologies.apart import apart, inside
+from qmn.live_view.beside import page_of_command
+from topologies.system.confinement.apart import apart, inside
+from topologies.system.processes.programs import NetworkError
 
 FORWARDED = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
+LIVE = "--live"  # of the verb
 SI_KERNEL = 0x80  # Linux's asm-generic/siginfo.h: a terminal's, which sends Ctrl-C to all by itself
 
 
@@ -39,7 +42,13 @@ def call(arguments: argparse.Namespace) -> int:
         return 1
     command = [COMMAND, *arguments.verb]
     if arguments.of is None:
-        return beside(command)
+        try:
+            # Served out here: the loopback in there is another.
+            with page_of_command(LIVE in arguments.verb):
+                return beside(command)
+        except NetworkError as error:
+            print(f"qmn: {error}", file=sys.stderr)
+            return 1
     (first,) = inside(arguments.of)[:1] or [0]
     if not first:
         print(f"qmn: process {arguments.of} is not a `qmn apart` that runs", file=sys.stderr)

@@ -14,29 +14,39 @@ OFF, ON = "off", "on"
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     from qmn.attacks.laboratory import ATTACKS
+    from qmn.live_view.beside import LiveOptions
+    from qmn.options import add_options
 
     text = "try an attack on an emulated network"
     parser = verbs.add_parser("attack", help=text, description=__doc__)
     parser.add_argument("name", choices=[*ATTACKS, EVERY], help="which")
     parser.add_argument("--attempts", type=int, help="how often it is tried (default: its own)")
     parser.add_argument("--defence", choices=[OFF, ON], help="only without it, or only with it")
+    add_options(parser, LiveOptions)
     parser.set_defaults(call=call, needs_root=True)
 
 
 def call(arguments: argparse.Namespace) -> int:
     """Try it; print what came of it."""
-    from qmn.attacks.laboratory import ATTACKS
-    from topologies.programs import NetworkError
-    from topologies.signals import Interrupted
+    from qmn.attacks.laboratory import ATTACKS, LightAttack
+    from qmn.live_view.beside import page_of_command
+    from topologies.system.processes.programs import NetworkError
+    from topologies.system.processes.signals import Interrupted
 
     if arguments.attempts is not None and not 0 < arguments.attempts <= 10_000:
         print(f"qmn: {arguments.attempts} attempts: choose 1 to 10000", file=sys.stderr)
         return 1
+    if arguments.live and isinstance(ATTACKS.get(arguments.name), LightAttack):
+        print(
+            f"qmn: --live: {arguments.name} is on light alone, without a network", file=sys.stderr
+        )
+        return 1
     names = ATTACKS if arguments.name == EVERY else [arguments.name]
     try:
-        for name in names:
-            for defence in [arguments.defence] if arguments.defence else [OFF, ON]:
-                print(trial(name, defence, arguments.attempts), flush=True)
+        with page_of_command(arguments.live):
+            for name in names:
+                for defence in [arguments.defence] if arguments.defence else [OFF, ON]:
+                    print(trial(name, defence, arguments.attempts), flush=True)
     except NetworkError as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1

@@ -12,7 +12,7 @@ from typing import Any
 
 from qmn.live.event_sources import RESULT
 from qmn.live.metrics_targets import urls
-from qmn.live_view.beside import live_view
+from qmn.live_view.beside import LiveOptions, live_view
 from qmn.machines.options import MachineOptions
 from qmn.network.checks import check_network
 from qmn.network.custom_topology import BadTopology, short_name
@@ -25,10 +25,10 @@ from qmn.options import BadInput, add_options, read
 from qmn.results import software_share
 from qmn.results.run_folder import give_to_invoker, make_folder, point_latest
 from qmn.scripting.network import QuantumNetwork, running
-from topologies.ip_over_light import start_ip_over_light
-from topologies.key_managers import start_key_managers
-from topologies.network import Interrupted, require_root
-from topologies.programs import NetworkError
+from topologies.daemons.ip_over_light import start_ip_over_light
+from topologies.daemons.key_managers import start_key_managers
+from topologies.networks.network import Interrupted, require_root
+from topologies.system.processes.programs import NetworkError
 
 INTERRUPTED = 130  # status of a script that Ctrl-C has ended, as of a shell
 
@@ -44,9 +44,9 @@ def add_parser(verbs: Any) -> None:
     add_options(parser, KeyServiceOptions)
     add_options(parser, Q0Options)
     add_options(parser, MachineOptions)
+    add_options(parser, LiveOptions)
     add = parser.add_argument
     add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="where logs go (runs)")
-    add("--live", action="store_true", help="serve a page of what happens (`qmn live`)")
     add("--capture", action="store_true", help="capture packets, as `qmn run` does")
     parser.set_defaults(call=call, needs_root=True)
 
@@ -118,7 +118,7 @@ def start_and_obey(
             if interface is not None:
                 for host, address in start_ip_over_light(network, interface).items():
                     print(f"q0 of {host}: {address}", flush=True)
-            with live_view(extras.live, folder, lambda text: print(text, flush=True)):
+            with live_view(extras.live, folder):
                 status = obey(network)
         for name, text in software_share.rows(json.loads((folder / RESULT).read_text())).items():
             print(f"{name}: {text}")

@@ -11,6 +11,7 @@ from typing import Any
 
 from qmn.emulated.catalogue import DEMOS
 from qmn.emulated.of_time import TIME_SCALE
+from qmn.live_view.beside import LiveOptions
 from qmn.network.time_scale import REAL
 from qmn.options import add_options, read
 from qmn.verbs import sweep
@@ -20,7 +21,7 @@ AT_A_TIME = 1  # networks: beside another, software is slower
 
 
 @dataclass(frozen=True, kw_only=True)
-class DemoOptions:
+class DemoOptions(LiveOptions):
     """Where a demo leaves its figures."""
 
     seed: int = option(1, "of all randomness (1)")
@@ -64,4 +65,5 @@ def options_of(arguments: argparse.Namespace) -> sweep.SweepOptions:
         seed=own.seed,
         out=own.out / arguments.name,
         workers=AT_A_TIME,
+        live=own.live,
     )

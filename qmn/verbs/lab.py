@@ -19,18 +19,19 @@ from qmn.jobs.run_context import guarded
 from qmn.labs import catalogue, runs_done
 from qmn.labs.lab import Lab, Run
 from qmn.labs.networks import carry_out
+from qmn.live_view.beside import LiveOptions, page_of_command
 from qmn.options import BadInput, add_options, read
 from qmn.results.run_folder import give_tree, make_folder
 from qmn.sweeps.lines import BadTable
-from topologies.network import Interrupted, Signals, require_root
-from topologies.programs import NetworkError
+from topologies.networks.network import Interrupted, Signals, require_root
+from topologies.system.processes.programs import NetworkError
 from wire.parameters.option import option
 
 GOES_ON = "the same command with --resume goes on where this one ended"
 
 
 @dataclass(frozen=True, kw_only=True)
-class LabOptions:
+class LabOptions(LiveOptions):
     """Which labs, and where what they leave goes."""
 
     names: tuple[str, ...] = ()
@@ -75,7 +76,8 @@ def do(options: LabOptions, signals: Signals, console: Console) -> int:
     labs = {name: catalogue.lab(name) for name in options.names or catalogue.names()}
     require_root()
     try:
-        outcome = all_done(labs, options, signals, console)
+        with page_of_command(options.live):
+            outcome = all_done(labs, options, signals, console)
     except Interrupted as error:
         error.add_note(GOES_ON)
         raise

@@ -5,12 +5,8 @@ The page is served on the loopback, under an address that nobody can guess, unti
 
 import argparse
 import asyncio
-import os
-import shutil
 import signal
-import subprocess
 import sys
-import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -18,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from qmn.live.running import announced_network, dispatcher_of_running_network
-from qmn.live_view.address import Place, place_of_container
+from qmn.live_view.address import Place, place_given, say
 from qmn.live_view.handshakes import drawn_handshake
 from qmn.live_view.layout import described
 from qmn.live_view.server import View, serve
@@ -27,11 +23,9 @@ from qmn.live_view.timeline import Timeline
 from qmn.options import add_options, read
 from qmn.reports.run_facts import BadRun, read_result
 from qmn.results.network_facts import NetworkFacts
-from topologies.programs import NetworkError
+from topologies.system.processes.programs import NetworkError
 from wire.metadata import MalformedPacket
 from wire.parameters.option import option
-
-DESKTOP = ("PATH", "LANG", "DISPLAY", "WAYLAND_DISPLAY", "XAUTHORITY", "DBUS_SESSION_BUS_ADDRESS")
 
 
 @dataclass(frozen=True)
@@ -55,7 +49,7 @@ def add_parser(verbs: Any) -> None:
 def call(arguments: argparse.Namespace) -> int:
     """Serve until Ctrl-C; turn what is wrong into one line and an exit status."""
     options = read(LiveOptions, arguments)
-    place = place_of_container() or Place(options.port)
+    place = place_given() or Place(options.port)
     if options.port not in (0, place.port):
         print("qmn: --port: in Docker it is QMN_LIVE_PORT that chooses it", file=sys.stderr)
         return 2
@@ -103,31 +97,4 @@ def _view(folder: Path, network: NetworkFacts, timeline: Timeline, live: bool, a
         live,
         acts,
         lambda: drawn_handshake(folder, network),
-    )
-
-
-def say(address: str, browser: bool) -> None:
-    """Tell where the page is, and open it where there is a browser of the user's own."""
-    print(f"live view: {address}", flush=True)
-    if browser and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        open_browser(address)
-
-
-def open_browser(address: str) -> None:
-    """Open the page in the browser of who called sudo; root itself has none."""
-    if os.geteuid() != 0:
-        webbrowser.open(address)
-        return
-    user, opener = os.environ.get("SUDO_USER", "root"), shutil.which("xdg-open")
-    if user == "root" or opener is None:
-        return
-    own = {"XDG_RUNTIME_DIR": f"/run/user/{os.environ['SUDO_UID']}"}  # sudo leaves it out
-    subprocess.run(
-        ["setsid", "--fork", "runuser", "-u", user, "--", opener, address],
-        check=False,
-        # No mark of a run: the browser stays when its network is cleared away.
-        env={name: os.environ[name] for name in DESKTOP if name in os.environ} | own,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
     )

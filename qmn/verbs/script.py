@@ -7,7 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from topologies.programs import ENVIRONMENT, callers_environment
+from qmn.live_view.beside import LiveOptions, begin_page_of_command
+from qmn.live_view.pages import Pages
+from qmn.options import add_options
+from topologies.system.processes.programs import ENVIRONMENT, NetworkError, callers_environment
 
 MODULE = "qmn.scripting.script"
 
@@ -16,6 +19,7 @@ def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     text = "run a Python script, which may start networks"
     parser = verbs.add_parser("script", help=text, description=__doc__)
+    add_options(parser, LiveOptions)
     parser.add_argument("file", type=Path, metavar="FILE", help="the script")
     parser.add_argument("words", nargs=argparse.REMAINDER, metavar="…", help="its own arguments")
     parser.set_defaults(call=call, needs_root=True)
@@ -24,6 +28,13 @@ def add_parser(verbs: Any) -> None:
 def call(arguments: argparse.Namespace) -> int:
     """Become the script, or return the status of a file that is not there."""
     if arguments.file.is_file():
+        try:
+            # What serves it ends with this program, which the script takes the place of.
+            if arguments.live and not Pages.of_command():
+                begin_page_of_command()
+        except NetworkError as error:
+            print(f"qmn: {error}", file=sys.stderr)
+            return 1
         become(arguments.file, arguments.words)
     print(f"qmn: there is no script {arguments.file}", file=sys.stderr)
     return 1

@@ -24,6 +24,7 @@ from rich.progress import (
 )
 
 from qmn.emulated.catalogue import EMULATED
+from qmn.live_view.beside import LiveOptions, page_of_command
 from qmn.options import add_options, read
 from qmn.results.run_folder import give_tree
 from qmn.sweeps import grid as grids
@@ -33,8 +34,8 @@ from qmn.sweeps.grid import Grid, Measurer
 from qmn.sweeps.lines import BadTable
 from qmn.sweeps.parameters import BadGrid
 from qmn.sweeps.table import Table, opened
-from topologies.network import Interrupted, Signals, require_root
-from topologies.programs import NetworkError
+from topologies.networks.network import Interrupted, Signals, require_root
+from topologies.system.processes.programs import NetworkError
 from wire.parameters.option import option
 
 MAX_WORKERS = 256
@@ -50,7 +51,7 @@ examples:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SweepOptions:
+class SweepOptions(LiveOptions):
     """What to sweep, and where it is measured."""
 
     what: str  # an experiment, or a file that names one
@@ -129,6 +130,8 @@ def grid_of(options: SweepOptions) -> tuple[Grid, int]:
     seed = content.get("seed", 1) if options.seed is None else options.seed
     if isinstance(seed, bool) or not isinstance(seed, int):
         raise BadGrid(f"seed {seed!r} is not a whole number")
+    if options.live and not starts_networks(options):
+        raise BadGrid("--live: networks to look at start here with --emulate, without --scheduler")
     if options.workers is not None and not 1 <= options.workers <= MAX_WORKERS:
         raise BadGrid(f"--workers {options.workers}: choose 1 to {MAX_WORKERS}")
     return grids.build(experiment, given), seed
@@ -157,7 +160,10 @@ def sweep(grid: Grid, seed: int, options: SweepOptions, signals: Signals, consol
     with opened(options.out / f"{name}.csv", grid.experiment) as table:
         _tell_beginning(console, grid, seed, table, len(running.missing(grid, seed, table)))
         if running.missing(grid, seed, table):
-            with measuring(options, signals.check) as measurer:
+            with (
+                page_of_command(options.live),
+                measuring(options, signals.check) as measurer,
+            ):
                 _follow(console, grid, seed, table, measurer)
         rows = running.rows(grid, seed, table)
     others = len(table) - len(rows)

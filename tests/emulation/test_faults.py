@@ -14,8 +14,8 @@ import pytest
 from conftest import ROOT, qmn, qmn_command, qmn_words, wait_until
 from loaded import Running, running_qmn
 
-from topologies import openvswitch
-from topologies.runtime import RUNTIME_ROOT
+from topologies.system.open_vswitch import openvswitch
+from topologies.system.runs.runtime import RUNTIME_ROOT
 
 # Alice's shell is killed when her stack is to be started.
 STRUCK = """

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 from live_page import browser
+from loaded import running_qmn
 from playwright.sync_api import Page, expect
-from test_live_page_of_a_network import network_with_a_page
+from test_live_page_of_a_network import ADDRESS, network_with_a_page
 
 from qmn.live_view.acts import ACTS
 
@@ -63,6 +64,27 @@ def test_every_button_does_what_its_command_does(tmp_path: Path) -> None:
     noted = [json.loads(line) for line in (tmp_path / "latest" / ACTS).read_text().splitlines()]
     assert [" ".join(each["command"]) for each in noted] == [command for *_, command in PRESSED]
     assert {each["status"] for each in noted} == {0}
+
+
+@pytest.mark.timeout(300)
+def test_the_page_of_an_attack_goes_from_its_first_network_to_its_second() -> None:
+    words = ["attack", "replay", "--live"]
+    with browser() as chromium, running_qmn(*words, end_s=DEADLINE_MS / 1000) as attack:
+        url = next(filter(None, map(ADDRESS.search, attack.stdout)))[1]
+        page = chromium.new_page()
+        page.set_default_timeout(DEADLINE_MS)
+        expect.set_options(timeout=DEADLINE_MS)
+        page.goto(url)
+        name, status = page.locator("h1"), page.locator("[role=status]").first
+        expect(name).to_have_text("network 1: replay-announcements-off")
+        expect(page.get_by_role("button", name="host charlie")).to_be_visible()
+        expect(name).to_have_text("network 2: replay-announcements-on")
+        expect(status).to_have_text("live: network 2; 1 before it has ended")
+        expect(status).to_have_text("network 2 has ended, and its command")
+        told = [line.split()[1:4] for line in attack.stdout]
+        page.close()
+    assert told == [["announcements", "off", "20"], ["announcements", "on", "0"]]
+    assert attack.returncode == 0
 
 
 def press(

@@ -122,6 +122,35 @@ def test_a_run_has_its_page_as_long_as_it_lasts(tmp_path: Path) -> None:
     assert not answers(found[1])
 
 
+def test_networks_apart_have_their_pages_at_one_address(tmp_path: Path) -> None:
+    long = ["--message-bytes", "5000", "--rate-hz", "4000"]  # 20,000 pairs: 5 s of light
+    grid = ["--emulate", "--workers", "2", "--depolarizing", "0,0.001", *long]
+    out = ["--out", str(tmp_path)]
+    with running_qmn("sweep", "sdc", *grid, *out, "--live", end_s=DEADLINE_S) as sweep:
+        url = next(filter(None, map(ADDRESS.search, sweep.stdout)))[1]
+        wait_until(lambda: told(f"{url}networks")["running"] == [1, 2], "two pages", DEADLINE_S)
+        readers = [Reader(f"{url}{number}/") for number in (1, 2)]
+        for number in (1, 2):
+            shown = told(f"{url}{number}/network.json")
+            assert (shown["number"], shown["live"], shown["acts"]) == (number, True, True)
+            done = act(f"{url}{number}/", act="repair", switch="q1")
+            assert (done["status"], done["said"][:3]) == (0, "q1:"), done
+        for reader in readers:
+            reader.join(DEADLINE_S)
+            assert reader.ended
+            assert reader.has("event", node="bob", kind="bell-measure")
+        wait_until(lambda: not told(f"{url}networks")["running"], "their end", DEADLINE_S)
+    assert sweep.returncode == 0
+    assert not answers(url)
+
+
+def told(url: str) -> dict[str, Any]:
+    """Return what an address says."""
+    with urllib.request.urlopen(url, timeout=DEADLINE_S) as response:  # noqa: S310
+        said: dict[str, Any] = json.load(response)
+    return said
+
+
 def test_a_page_ends_with_a_runner_that_was_killed(tmp_path: Path) -> None:
     with started(tmp_path) as (runner, url):
         assert answers(url)

@@ -15,9 +15,9 @@ from test_results_fit_schema import require_schema
 from hosts.middleware.qkd.key_store import KeyStore
 from hosts.middleware.qkd.keyring import CAPACITY
 from qmn.jobs.transfer import Lines
-from topologies.certificates import CertificateAuthority
-from topologies.key_managers import KeyService, start_key_managers
+from topologies.daemons.key_managers import KeyService, start_key_managers
 from topologies.sdc import SdcTopo
+from topologies.system.certificates.authority import CertificateAuthority
 from wire.key_manager import KeyLink
 
 

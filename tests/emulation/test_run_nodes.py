@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from loaded import run_qmn
 
-from topologies.node_kinds import ION_TRAP
+from topologies.catalogue.node_kinds import ION_TRAP
 
 PAIR, RATE_HZ = 0.96, 250
 SOURCE = {"statistics": "single", "fidelity": PAIR, "max_rate_hz": RATE_HZ}

@@ -12,7 +12,7 @@ from conftest import ROOT, qmn, qmn_command, verb
 from scapy.layers.inet import IP, TCP
 from scapy.utils import PcapReader, rdpcap
 
-from topologies.programs import ENVIRONMENT
+from topologies.system.processes.programs import ENVIRONMENT
 from wire.metadata import METADATA_PORT, SETUP_LENGTH, MalformedPacket, Setup, Verdict, decode
 
 SEQUENTIAL = "one"  # is sent by handshakes that wait for each other

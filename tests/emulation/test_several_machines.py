@@ -21,8 +21,8 @@ from distributed import LocalCluster
 from test_tls import firsts
 
 from qmn.sweeps.cluster import HTTP_ADDRESS
-from topologies.apart import OWN_NAMESPACES, inside
-from topologies.confinement import descendants
+from topologies.system.confinement.apart import OWN_NAMESPACES, inside
+from topologies.system.confinement.confinement import descendants
 from wire.config import DISPATCHER_PORT
 from wire.pcapng import PcapReader
 

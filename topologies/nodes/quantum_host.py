@@ -5,11 +5,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from topologies.addresses import broadcast
-from topologies.fiber import python_file, qnics
-from topologies.launching import launch
+from topologies.links.fiber import python_file, qnics
+from topologies.nodes.addresses import broadcast
 from topologies.nodes.classical_host import ClassicalHost
-from topologies.tls import credentials
+from topologies.nodes.tls import credentials
+from topologies.system.runs.launching import launch
 from wire.announcement import period_s
 from wire.config import (
     CONTROLLER,

@@ -3,6 +3,7 @@
 import * as acts from "./acts.js";
 import { Charts } from "./charts.js";
 import { Drawing } from "./network.js";
+import { Networks } from "./networks.js";
 import * as panels from "./panels.js";
 import { Timeline } from "./timeline.js";
 
@@ -12,11 +13,12 @@ const network = await (await fetch("network.json")).json();
 const timeline = new Timeline(network.dpids);
 const charts = new Charts(at("rates"), at("losses"));
 const view = { follow: true, playing: network.live, t: 0, chosen: null, ended: false, connected: false };
+const networks = new Networks(network.number, at("networks"), view, () => status());
 const drawing = new Drawing(at("network"), network, choose);
 let drawn = { tables: 0, count: -1, t: -1 }, last = performance.now(), state = timeline.state;
 
 document.title = `${network.name} · qmn`;
-at("name").textContent = network.name;
+at("name").textContent = network.number ? `network ${network.number}: ${network.name}` : network.name;
 choose(null);
 
 function choose(chosen) {
@@ -48,8 +50,8 @@ function listen() {
 
 function status() {
   const words = !network.live ? "a run that is over"
-    : view.ended ? "the network has ended"
-    : view.connected ? (view.follow ? "live" : "live, looking back") : "no connection: has the network ended?";
+    : view.ended || view.connected ? networks.said(view.follow ? "live" : "live, looking back")
+    : "no connection: has the network ended?";
   const missed = timeline.missed + timeline.state.missed;
   const text = missed ? `${words}; ${panels.count(missed)} earlier messages are not shown` : words;
   if (at("status").textContent !== text) at("status").textContent = text;

@@ -12,8 +12,8 @@ from qmn.network.options import NetworkOptions
 from qmn.reports.report_file import NoReport, made_report
 from qmn.results.artifacts import artifacts_of
 from qmn.results.timeline import TIMELINE
-from topologies.programs import NetworkError
-from topologies.runtime import EVENT_CAPTURE
+from topologies.system.processes.programs import NetworkError
+from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.dispatcher_pb2 import Event
 from wire.dissection.dissectors import SCRIPT, script
 

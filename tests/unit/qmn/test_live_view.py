@@ -22,13 +22,12 @@ from recorded_run import MS, START_NS, record_run
 
 from qmn.__main__ import described as parser
 from qmn.live_view import acts
-from qmn.live_view.address import Place, place_of_container
+from qmn.live_view.address import Place, place_given, say
 from qmn.live_view.layout import placed
 from qmn.live_view.server import PAGE
 from qmn.live_view.sources import timeline_of_run
 from qmn.live_view.timeline import Timeline
 from qmn.results.network_facts import NetworkFacts
-from qmn.verbs.live import say
 
 EXAMPLES = {
     "link": {"a": "alice", "b": "q1", "state": "down"},
@@ -183,6 +182,48 @@ def test_messages_come_until_the_network_has_ended(tmp_path: Path) -> None:
         assert answer(f"{url}messages?after=x")[0] == 400
 
 
+STARTS_NETWORKS = [
+    "run sdc",
+    "run qkd",
+    "run load",
+    "run keys",
+    "run vpn",
+    "netqasm DIR",
+    "cli sdc",
+]
+STARTS_NETWORKS += ["demo flapping", "attack replay", "lab paper", "sweep sdc --emulate"]
+
+
+@pytest.mark.parametrize("words", STARTS_NETWORKS)
+def test_every_verb_that_starts_networks_can_serve_a_page(words: str) -> None:
+    said = words.split()
+    assert parser(said).parse_args([*said, "--live"]).live
+    assert not parser(said).parse_args(said).live
+
+
+def test_a_script_has_its_own_arguments_behind_its_file() -> None:
+    words = ["script", "--live", "first.py", "--seed"]
+    given = parser(words).parse_args(words)
+    assert (given.live, given.file, given.words) == (True, Path("first.py"), ["--seed"])
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        ("sweep sdc --depolarizing 0", "networks to look at start here with --emulate"),
+        ("sweep sdc --emulate --scheduler tcp://h:1", "without --scheduler"),
+        ("attack intercept-resend", "is on light alone"),
+    ],
+)
+def test_what_starts_no_network_here_has_no_page(
+    words: str, why: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = [*words.split(), "--live"]
+    given = parser(said).parse_args(said)
+    assert given.call(given) == 1
+    assert why in capsys.readouterr().err
+
+
 @contextmanager
 def leading_to(socket: Path) -> Iterator[tuple[int, "subprocess.Popen[str]"]]:
     """Start the program that leads from a port of the loopback to a socket; yield both."""
@@ -218,10 +259,10 @@ def test_in_a_container_the_page_is_where_its_environment_says(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.delenv("QMN_LIVE_SOCKET", raising=False)
-    assert place_of_container() is None
+    assert place_given() is None
     monkeypatch.setenv("QMN_LIVE_SOCKET", "/live/socket")
     monkeypatch.setenv("QMN_LIVE_PORT", "8000")
-    assert place_of_container() == Place(8000, Path("/live/socket"))
+    assert place_given() == Place(8000, Path("/live/socket"))
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root is somebody else's by sudo")

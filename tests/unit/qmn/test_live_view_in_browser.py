@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,9 @@ from recorded_run import NETWORK, START_NS, record_run
 
 from qmn.live.key_links import KeyLink
 from qmn.live_view import acts
+from qmn.live_view.address import Place
 from qmn.live_view.layout import described
+from qmn.live_view.pages import Pages
 from qmn.live_view.server import View
 from qmn.live_view.sources import timeline_of_run
 from qmn.reports.run_facts import read_result
@@ -281,7 +284,7 @@ def test_a_network_that_is_gone_is_told(chromium: Browser, tmp_path: Path) -> No
 # `qmn` as if networks had their files elsewhere: this machine may run some. No root is asked for.
 QMN_ELSEWHERE = """import sys
 from pathlib import Path
-from topologies import runtime
+from topologies.system.runs import runtime
 runtime.RUNTIME_ROOT = Path({folder!r})
 from qmn import __main__
 __main__.become_root = lambda words: None
@@ -461,6 +464,71 @@ def test_a_server_that_dies_is_told(chromium: Browser, tmp_path: Path) -> None:
         server.kill()
         expect(page.locator("#status")).to_have_text("no connection: has the network ended?")
         page.close()
+
+
+@contextmanager
+def served_in(pages: Pages, tmp_path: Path, name: str) -> Iterator[View]:
+    """Serve the page of one network of a command, as `live_view` has it done."""
+    view = replace(live(tmp_path), name=name)
+    with pages.one_more(name) as told:
+        number, port = int(told["QMN_LIVE_NUMBER"]), int(told["QMN_LIVE_PORT"])
+        place = Place(port, Path(told["QMN_LIVE_SOCKET"]), told["QMN_LIVE_SECRET"], number)
+        with served(view, place):
+            yield view
+
+
+@contextmanager
+def address_of_command(folder: Path) -> Iterator[tuple[Pages, str]]:
+    """Serve the address of a command of several networks; yield where they are kept, and it."""
+    folder.mkdir()
+    program = [sys.executable, "-m", "qmn.live_view.command_page", str(folder)]
+    root = Path(acts.__file__).parents[2]
+    with subprocess.Popen(program, stdout=subprocess.PIPE, text=True, cwd=root) as server:
+        assert server.stdout is not None
+        try:
+            yield Pages(folder), server.stdout.readline().strip().partition(": ")[2]
+        finally:
+            server.terminate()
+    assert not folder.exists()
+
+
+def test_the_page_of_a_command_goes_from_network_to_network(
+    chromium: Browser, tmp_path: Path
+) -> None:
+    with address_of_command(tmp_path / "pages") as (pages, url):
+        page = chromium.new_page()
+        page.set_default_timeout(DEADLINE_MS)
+        page.goto(url)
+        status, name, networks = map(page.locator, ("[role=status]", "h1", "#networks option"))
+        expect(status).to_contain_text("No network of this command runs yet.")
+        with served_in(pages, tmp_path, "first") as view:
+            expect(name).to_have_text("network 1: first")
+            expect(status.first).to_have_text("live: network 1")
+            light(view, 1.0)
+            expect(page.locator("#memories tbody tr")).to_have_count(1)
+        expect(status.first).to_have_text("network 1 has ended, the next one has not started yet")
+        expect(page.locator("#memories tbody tr")).to_have_count(1)  # it can still be looked at
+        with served_in(pages, tmp_path, "second"):
+            expect(name).to_have_text("network 2: second")
+            expect(status.first).to_have_text("live: network 2; 1 before it has ended")
+            expect(page.locator("#memories")).to_have_text("No qubit is in a memory.")
+            with served_in(pages, tmp_path, "third"):
+                expect(networks).to_have_text(["2: second", "3: third"])
+                expect(name).to_have_text("network 2: second")  # which goes on
+                page.get_by_label("of this command").select_option("3")
+                expect(name).to_have_text("network 3: third")
+                page.get_by_role("button", name="pause").click()
+            text = "network 3 has ended, and network 2 runs: see latest"
+            expect(status.first).to_have_text(text)
+            page.get_by_role("button", name="latest").click()
+            expect(name).to_have_text("network 2: second")
+        page.reload()  # of a network that is over, when none runs
+        expect(status).to_contain_text("Network 3, third, has ended.")
+        with served_in(pages, tmp_path, "fourth"):
+            expect(name).to_have_text("network 4: fourth")
+        expect(status.first).to_contain_text("network 4 has ended")
+    expect(status.first).to_have_text("network 4 has ended, and its command")
+    page.close()
 
 
 def test_a_network_of_a_thousand_hosts_is_drawn_and_can_be_read_from_near(

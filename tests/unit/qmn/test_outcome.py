@@ -16,7 +16,7 @@ from qmn.jobs.superdense import SuperdenseRequest
 from qmn.network.options import NetworkOptions
 from qmn.results.result import complete, show
 from qmn.results.schema import RunFacts
-from topologies.network import Signals
+from topologies.networks.network import Signals
 
 
 def begin(folder: Path, received: bytes | None) -> Any:

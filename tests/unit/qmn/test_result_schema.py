@@ -10,7 +10,7 @@ from recorded_run import record_run
 
 from qmn.results import schema
 from qmn.results.result import complete
-from topologies.programs import ROOT
+from topologies.system.processes.programs import ROOT
 
 FILE = ROOT / "docs" / "result.schema.json"
 

@@ -12,8 +12,8 @@ from rich.console import Console
 from qmn.jobs.run_context import ending, guarded
 from qmn.reports.run_facts import BadRun, read_result
 from qmn.results.schema import RunFacts
-from topologies.network import Interrupted, Signals
-from topologies.programs import NetworkError
+from topologies.networks.network import Interrupted, Signals
+from topologies.system.processes.programs import NetworkError
 
 FAULTS = pytest.mark.parametrize(
     ("make", "status", "words"),  # made anew: notes stay with an error

@@ -28,7 +28,7 @@ from qswitch_agent.openflow.instructions import Mark
 from qswitch_agent.openflow.messages import encode, hello
 from qswitch_agent.proxy.link import PRIVATE_XID
 from qswitch_agent.proxy.proxy import Proxy
-from topologies.runtime import free_port
+from topologies.system.runs.runtime import free_port
 from wire import optical
 
 ECHO = encode(ofp.OFPT_ECHO_REQUEST, 3, b"are you there?")

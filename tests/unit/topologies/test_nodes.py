@@ -7,11 +7,12 @@ from typing import Any
 
 import pytest
 
-from topologies import runtime
-from topologies.confinement import ConfinedNode
-from topologies.machines.node import NodeElsewhere
 from topologies.nodes import OpticalSwitch, QuantumHost
-from topologies.runtime import Runtime
+from topologies.system.confinement import confinement
+from topologies.system.confinement.confinement import ConfinedNode
+from topologies.system.machines.node import NodeElsewhere
+from topologies.system.runs import runtime
+from topologies.system.runs.runtime import Runtime
 from wire.parameters.physics import (
     BadParameter,
     BellAnalyser,
@@ -102,8 +103,10 @@ def test_root_of_a_host_without_a_user_namespace_cannot_take_limits_off(
         _user=None,
         _admit=lambda _pid: None,
     )
-    monkeypatch.setattr("topologies.confinement.children", lambda _pid: [2])
-    monkeypatch.setattr("topologies.confinement.MemoryGroup.of_host", lambda *_: None)
+    monkeypatch.setattr(confinement, "children", lambda _pid: [2])
+    monkeypatch.setattr(
+        "topologies.system.confinement.confinement.MemoryGroup.of_host", lambda *_: None
+    )
     kind.confine(node, [], [], tmp_path / "fstab", 64)
     words = shlex.split(told[0])
     given_up = words[words.index("bob") + 2].split(",")

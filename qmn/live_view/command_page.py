@@ -1,0 +1,115 @@
+"""The one address of a command that starts several networks: it leads to the page of each.
+
+    python -m qmn.live_view.command_page FOLDER     of pages.py
+
+GET /SECRET/            goes to the newest network that runs; if none does, says so and looks again
+GET /SECRET/networks    the networks of the command: names by number, and which run
+    /SECRET/NUMBER/...  whatever the server of that network answers
+
+It runs until it is told to end, and takes the folder away.
+"""
+
+import asyncio
+import json
+import re
+import shutil
+import signal
+import sys
+from contextlib import suppress
+from functools import partial
+from html import escape
+from pathlib import Path
+
+from qmn.live_view.address import LOOPBACK, Place, place_given, say
+from qmn.live_view.loopback import joined
+from qmn.live_view.pages import PORT, Pages
+from qmn.timeouts import LIVE_HEAD_S, LIVE_LOOK_AGAIN_S
+
+HTML, JSON = "text/html; charset=utf-8", "application/json"
+HEADERS = "Cache-Control: no-store\r\nReferrer-Policy: no-referrer\r\nConnection: close\r\n"
+HEADERS += "Content-Security-Policy: default-src 'none'\r\nX-Content-Type-Options: nosniff\r\n"
+WAITING = f"""<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>qmn</title>
+<meta name="color-scheme" content="light dark">
+<meta http-equiv="refresh" content="{LIVE_LOOK_AGAIN_S}">
+<h1>qmn</h1><p role="status">%s This page goes to the next network by itself.</p></html>"""
+NONE_YET = "No network of this command runs yet."
+ENDED = "Network {}, {}, has ended."
+
+
+async def main(pages: Pages) -> None:
+    """Serve until a signal that ends it; raise OSError if the place cannot be had."""
+    place = place_given() or Place()
+    serving = asyncio.ensure_future(serve(pages, place))
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, serving.cancel)
+    with suppress(asyncio.CancelledError):
+        await serving
+
+
+async def serve(pages: Pages, place: Place) -> None:
+    """Tell where it is, and serve until this task is cancelled."""
+    answer = partial(answered, pages)
+    if place.socket is not None:
+        server = await asyncio.start_unix_server(answer, place.socket)
+        port = place.port
+    else:
+        server = await asyncio.start_server(answer, LOOPBACK, place.port)
+        port = server.sockets[0].getsockname()[1]
+    (pages.folder / PORT).write_text(str(port))
+    try:
+        say(f"http://{LOOPBACK}:{port}/{pages.secret}/", browser=True)
+        await asyncio.Event().wait()
+    finally:
+        server.close()
+        shutil.rmtree(pages.folder)
+
+
+async def answered(
+    pages: Pages, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+) -> None:
+    """Answer one request, or have the network answer that it is about; each has a connection."""
+    try:
+        async with asyncio.timeout(LIVE_HEAD_S):
+            head = await reader.readuntil(b"\r\n\r\n")
+    except (asyncio.IncompleteReadError, asyncio.LimitOverrunError, ConnectionError, TimeoutError):
+        writer.close()
+        return
+    asked = re.match(rb"[A-Z]+ /" + pages.secret.encode() + rb"/(?:(\d{1,9})/)?([^ ?]*)", head)
+    number = int(asked[1] or 0) if asked else 0
+    if number and pages.runs(number):
+        await joined(pages.socket(number), reader, writer, head)
+        return
+    path = asked[2].decode(errors="replace") if asked else ""
+    writer.write(answer_to(pages, number, path) if asked else said(404))
+    with suppress(ConnectionError):
+        await writer.drain()
+    writer.close()
+
+
+def answer_to(pages: Pages, number: int, path: str) -> bytes:
+    """Return the answer to a request that no network can answer."""
+    names = pages.names()
+    running = [each for each in names if pages.runs(each)]
+    if path == "networks" and not number:
+        return said(200, JSON, json.dumps({"names": names, "running": running}))
+    if path:
+        return said(404)
+    if running:
+        return said(302, more=f"Location: /{pages.secret}/{running[-1]}/\r\n")
+    last = max(names, default=0)
+    words = ENDED.format(last, escape(names[last])) if last else NONE_YET
+    return said(200, HTML, WAITING % words)
+
+
+def said(status: int, kind: str = "text/plain", text: str = "", more: str = "") -> bytes:
+    """Return an answer of HTTP."""
+    body = text.encode()
+    head = f"HTTP/1.1 {status} -\r\nContent-Type: {kind}\r\nContent-Length: {len(body)}\r\n"
+    return f"{head}{HEADERS}{more}\r\n".encode() + body
+
+
+if __name__ == "__main__":
+    try:
+        asyncio.run(main(Pages(Path(sys.argv[1]))))
+    except OSError as error:
+        sys.exit(f"qmn: {error}")

@@ -1,0 +1,84 @@
+"""The pages of the networks of one command, in a folder: a number for each, and what serves it.
+
+Networks begin in other processes, perhaps in namespaces of their own, which share files alone: each
+finds the folder by its environment, and serves its page at a socket there as long as it runs.
+"""
+
+import os
+import secrets
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+VARIABLE = "QMN_LIVE_PAGES"
+SECRET, PORT, NAME, SOCKET = "secret", "port", "name", "socket"
+ENDED = "ended"  # what the socket is then called
+
+
+@dataclass(frozen=True)
+class Pages:
+    """The folder, which its owner alone can look into."""
+
+    folder: Path
+
+    @staticmethod
+    def of_command() -> "Pages | None":
+        """Return those of the command that this process is part of; None if it has none."""
+        folder = os.environ.get(VARIABLE)
+        return Pages(Path(folder)) if folder else None
+
+    @property
+    def secret(self) -> str:
+        """What the address ends with; it is made when it is first asked for."""
+        file = self.folder / SECRET
+        if not file.exists():
+            file.touch(mode=0o600)
+            file.write_text(secrets.token_urlsafe(16))
+        return file.read_text()
+
+    @contextmanager
+    def one_more(self, name: str) -> Iterator[dict[str, str]]:
+        """Number a network that begins; yield what its server is told by its environment."""
+        number = self._next()
+        own = self.folder / str(number)
+        (own / NAME).write_text(name)
+        try:
+            yield {
+                "QMN_LIVE_SOCKET": self.socket(number),
+                "QMN_LIVE_PORT": (self.folder / PORT).read_text(),
+                "QMN_LIVE_SECRET": self.secret,
+                "QMN_LIVE_NUMBER": str(number),
+            }
+        finally:
+            if (own / SOCKET).exists():
+                (own / SOCKET).rename(own / ENDED)
+
+    def _next(self) -> int:
+        """Take the least number that no network has; two take none at a time."""
+        number = 0
+        while True:
+            number += 1
+            with suppress(FileExistsError):
+                (self.folder / str(number)).mkdir()
+                return number
+
+    def names(self) -> dict[int, str]:
+        """Return the names of the networks whose page is, or was, served; the oldest first."""
+        found = [*self.folder.glob(f"*/{SOCKET}"), *self.folder.glob(f"*/{ENDED}")]
+        names = {int(each.parent.name): (each.parent / NAME).read_text() for each in found}
+        return dict(sorted(names.items()))
+
+    def socket(self, number: int) -> str:
+        """Return where the page of a network is served, as long as it runs."""
+        return str(self.folder / str(number) / SOCKET)
+
+    def runs(self, number: int) -> bool:
+        """Return whether the page of a network is served now."""
+        with socket.socket(socket.AF_UNIX) as asking:
+            try:
+                asking.connect(self.socket(number))
+            except OSError:  # it is not there any more, or who has served it was killed
+                return False
+        return True
