@@ -1,4 +1,4 @@
-"""What people start by qmn has their own environment, and not that of qmn's programs."""
+"""The environment of what people start by qmn: their own, and not that of qmn's programs."""
 
 import json
 import os
