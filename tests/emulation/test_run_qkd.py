@@ -25,7 +25,7 @@ from wire.qkd import Confirm, Proposal
 FIBERS = {"bb84": 2, "bbm92": 4, "e91": 4, "mdi": 4}
 
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+LIAR = Path(__file__).parents[2] / "docs" / "qkd" / "lying_relay.py"
 
 
 def run_qkd(runs: Path, *words: str) -> tuple[subprocess.CompletedProcess[str], dict[str, Any]]:
@@ -135,7 +135,7 @@ def test_s_of_e91_is_that_of_pairs_of_which_eve_has_measured_some(tmp_path: Path
 def test_a_relay_that_lies_is_seen_as_noise_and_brings_no_key(tmp_path: Path) -> None:
     """Psi- for Psi+, of 30 %: of these bits of X are wrong, which are half."""
     share = 0.3
-    liar = f"charlie.detectors.noise={EXAMPLES / 'lying_relay.py'}:Liar"
+    liar = f"charlie.detectors.noise={LIAR}:Liar"
     words = ["--device", liar]
     words += ["--device", f'charlie.detectors.noise_parameters={{"share": {share}}}']
     done, result = run_qkd(tmp_path, "--protocol", "mdi", *words, "--count", "20000")

@@ -389,7 +389,7 @@ def test_light_of_attempts_meets_no_kraus_operators() -> None:
         with pytest.raises(BadConfig, match=r"fibre to 1 of q1: light of heralded attempts cannot"):
             await heralded(laboratory, 10)
 
-    damping = str(Path(__file__).parents[3] / "examples" / "damping.py") + ":Damping"
+    damping = str(Path(__file__).parents[3] / "docs" / "physical-layer" / "damping.py") + ":Damping"
     own: dict[str, Any] = {"noise": damping, "noise_parameters": {"gamma": 0.1}}
     scene(act, Device(emitter=Emitter("two-click")), **own)
 
