@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +40,7 @@ async def fuse(values: Values, seed: int) -> Outcome:
 
 
 def line(
-    count: int, seed: int, device: Device | None = None, **optics: float
+    count: int, seed: int, device: Device | None = None, **optics: Any
 ) -> tuple[list[LaboratoryHost], list[tuple[str, str]]]:
     """Return hosts in a line, and the ports of the fibres between neighbours; all are alike."""
     names = [f"h{each}" for each in range(count)]

@@ -254,7 +254,7 @@ def told_of_thermal(
         np.sqrt(mean / 2) * np.array([h, v, sign * h, sign * v])
         for (h, v), mean, sign in zip((her, his), means, (1, -1), strict=True)
     ]
-    coherency = sum(np.outer(mode, mode) for mode in modes)
+    coherency = np.outer(modes[0], modes[0]) + np.outer(modes[1], modes[1])
     others = [mode for mode in range(4) if mode not in way]
     found = 0.0
     for some in ((), way[:1], way[1:], way):
