@@ -57,7 +57,7 @@ def unsure(chart: str) -> float:
 
 def told(run: Run) -> tuple[Estimate, Estimate]:
     """Return S and the error rate that alice has computed."""
-    asking = run.result["asking"]
+    asking = run.result["job"]["asking"]
     sample = asking["disclosed_bits"]
     qber = proportion(round(asking["qber"] * sample), sample)
     return Estimate(asking["chsh"], asking["chsh_error"]), qber

@@ -14,7 +14,7 @@ NOISE += ["--fiber", f'noise_parameters={{"gamma": {GAMMA}}}']
 def test_pairs_are_damped_as_the_example_says(tmp_path: Path) -> None:
     """And not as the twirl into Paulis, which has another fidelity."""
     words = ["distribute", "--backend", "dense", *NOISE, "--rate-hz", "10000000"]
-    asking = result_of(tmp_path, *words, "--count", "8000", "--sample", "0.9")["asking"]
+    asking = result_of(tmp_path, *words, "--count", "8000", "--sample", "0.9")["job"]["asking"]
     require_estimate(asking, polarised(DAMPED), 0.0)
     right = (2 * DAMPED + 1) / 3
     error = 1.5 * sqrt(right * (1 - right) / asking["sampled"])

@@ -25,7 +25,7 @@ def test_light_is_handed_out_in_slots_and_none_is_given_too_late(tmp_path: Path)
     words += ["--from", SIDES[0], "--to", SIDES[1], "--time-scale", "5"]  # software is quick enough
     done = run_qmn(*words, "--runs", str(tmp_path), timeout_s=110)
     assert done.returncode == 0, done.stdout + done.stderr
-    load = json.loads((tmp_path / "latest" / "result.json").read_text())["load"]
+    load = json.loads((tmp_path / "latest" / "result.json").read_text())["job"]["load"]
     assert (load["offered"], load["forgotten"], load["blocked"]) == (6, 0, {})
     assert load["accepted"] + load["late"] == 6
     assert load["accepted"] in (4, 5, 6)
@@ -39,7 +39,7 @@ def test_two_fibres_are_busy_as_often_as_erlang_says(tmp_path: Path) -> None:
     done = run_qmn(*words, "--runs", str(tmp_path), timeout_s=110)
     assert done.returncode == 0, done.stdout + done.stderr
     result = json.loads((tmp_path / "latest" / "result.json").read_text())
-    load = result["load"]
+    load = result["job"]["load"]
     assert (load["offered"], load["forgotten"], load["broken"]) == (SESSIONS, 0, {})
     assert set(load["blocked"]) <= {"BUSY", "NO_IDLE_HOST"}
     assert load["accepted"] + sum(load["blocked"].values()) == SESSIONS

@@ -20,7 +20,7 @@ def test_a_memory_ages_as_the_example_says(tmp_path: Path) -> None:
     words += ["--device", "bob.memory.noise=docs/physical-layer/ageing.py:Ageing"]
     words += ["--time-scale", "10"]
     words += ["--device", f'bob.memory.noise_parameters={{"time_s": {T_S}}}']
-    asking = result_of(tmp_path, *words)["asking"]
+    asking = result_of(tmp_path, *words)["job"]["asking"]
     pairs = asking["emitted"]
     assert pairs < 2_500  # one block
     (least_s, most_s), *later = waits_until_measured("bob", log_of(tmp_path))

@@ -93,7 +93,7 @@ def test_copper_that_is_too_short_for_light_is_marked(tmp_path: Path) -> None:
         pass
     told = json.loads((tmp_path / "result.json").read_text())["acausal"]
     assert told["early_s"] == pytest.approx(one_way_s(4000))
-    assert {told["from"], told["to"]} < {"alice", "bob", "charlie"}
+    assert {told["origin"], told["receiver"]} < {"alice", "bob", "charlie"}
 
 
 def test_light_lost_at_a_far_switch_is_known_when_news_is_back(tmp_path: Path) -> None:
@@ -205,12 +205,12 @@ def test_a_busy_machine_does_not_change_what_waiting_does_to_qubits(tmp_path: Pa
     with busy_machine():
         busy = teleported(tmp_path / "busy", length_km, t2_s)
     for result in (quiet, busy):
-        told = result["asking"]
+        told = result["job"]["asking"]
         assert told["states"] == told["arrived"] == STATES
         assert abs(told["fidelity"] - expected) < 5 * math.sqrt(expected * (1 - expected) / STATES)
         assert told["waited_ms"] / 1e3 >= waits_s - 1e-6
         assert result["time_scale"] == 4000
         assert 0 < result["software_share"] < 0.5
         assert not result["dominated_by_software"]
-    difference = quiet["asking"]["fidelity"] - busy["asking"]["fidelity"]
+    difference = quiet["job"]["asking"]["fidelity"] - busy["job"]["asking"]["fidelity"]
     assert abs(difference) < 5 * math.sqrt(2 * expected * (1 - expected) / STATES)
