@@ -13,16 +13,17 @@ PYTHON := .venv/bin/python
 AS_ROOT = $(if $(filter-out 0,$(shell id -u)),sudo env PYTHONDONTWRITEBYTECODE=1)
 # OpenBLAS has one thread, as in the programs of a network: more would spin, and take tests' time.
 PYTEST := env PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -p no:cacheprovider -p progress -p garbage
-# A process for each processor, as long as all has room. Those that emulate networks have
-# namespaces of their own, because a network has fixed names and addresses. Tests wait now and then,
-# for time or other processes: two processors get three. More unit tests at a time would not do: each
+# As many processes as processors, as long as all has room, and more, because tests wait for time or
+# other processes: of those that emulate networks, which have namespaces of their own, as a network
+# has fixed names and addresses, a third of their time. More unit tests at a time would not do: each
 # process imports and collects everything, which takes it as long as hundreds of tests.
 PROCESSES = $(shell n=$$(getconf _NPROCESSORS_ONLN); echo $$(( n < 8 ? n : 8 )))
 AT_A_TIME = $$(( (3 * $(PROCESSES) + 1) / 2 ))
+NETWORKS = $$(( (5 * $(PROCESSES) + 1) / 2 ))
 IN_PARALLEL = --numprocesses=$(AT_A_TIME) --dist=worksteal
 # Half of that is to compile tests, unless they leave their byte code for the next time.
 WITH_BYTE_CODE = env PYTHONDONTWRITEBYTECODE=
-APART = --dist=worksteal --tx="$(AT_A_TIME)*popen//python=topologies/own_namespaces $(PYTHON)"
+APART = --dist=worksteal --tx="$(NETWORKS)*popen//python=topologies/own_namespaces $(PYTHON)"
 # Their files are in a folder with a short path, as sockets need; it stays if a test fails.
 in_folder = folder=$$(mktemp -d /tmp/qmn.XXXX) && \
     $1 $(PYTEST) --basetemp="$$folder" $2 && $1 rm -r "$$folder"
@@ -34,7 +35,7 @@ IN_GROUPS := several_together_do_not_take_more who_takes_more_does_not_go_on_by_
 NOT_IN_IMAGE := $(patsubst %,--ignore=tests/emulation/test_%.py,notebooks held_packet_sockets \
     live_page_in_browser) \
     $(patsubst %,--deselect=tests/emulation/test_memory_shares.py::test_%,$(IN_GROUPS))
-PRODUCT := wire dispatcher hosts controller_apps qswitch_agent copper topologies qmn
+PRODUCT := wire programs dispatcher hosts controller_apps qswitch_agent copper topologies qmn
 PROTOCOLS := $(patsubst %.proto,%,$(wildcard wire/*.proto))
 GENERATED := $(foreach end,_pb2.py _pb2.pyi _pb2_grpc.py,$(addsuffix $(end),$(PROTOCOLS)))
 
@@ -68,7 +69,7 @@ run-sdc: ## Send a message from alice to bob by superdense coding
 	@setup/run-sdc $(value ARGS)
 
 test: setup ## Run all checks and tests natively
-	@echo 'test: style and types, then tests: about 10 minutes on two processors'
+	@echo 'test: style and types, then tests: about 12 minutes on two processors'
 	@$(MAKE) --no-print-directory lint types
 	@echo 'test: unit tests; about 9 minutes left'
 	@$(MAKE) --no-print-directory unit

@@ -1,7 +1,7 @@
 """The lines that a controller's log has of what hosts send: of each switch port some a second.
 
-A program's log keeps its newest lines (topologies/disk.py): who floods a port would leave none of
-what others have said.
+A program's log keeps its newest lines (topologies/networks/disk.py): who floods a port would leave
+none of what others have said.
 """
 
 import logging

@@ -11,7 +11,7 @@ qmn cli examples/my_net.py:MyNet
 
 from mininet.topo import Topo
 
-from topologies.fiber import FiberLink
+from topologies.links import FiberLink
 from topologies.nodes import ClassicalSwitch, DispatcherHost, OpticalSwitch, QuantumHost
 
 

@@ -4,7 +4,7 @@ import os
 import shutil
 from collections.abc import Sequence
 
-from topologies.programs import ROOT
+from topologies.system.processes.programs import ROOT
 
 COMMAND = str(ROOT / "bin" / "qmn")
 # The byte code of root would be in the user's way.

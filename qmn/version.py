@@ -4,7 +4,7 @@ import argparse
 import tomllib
 from typing import Any
 
-from topologies.programs import ROOT
+from topologies.system.processes.programs import ROOT
 
 
 def name_and_version() -> str:

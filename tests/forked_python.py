@@ -101,7 +101,7 @@ class _Server:
 
     def fork(self, request: dict[str, Any], files: list[int]) -> int:
         """Return the process id of a new child of this process."""
-        from topologies.forks import adopt_orphans
+        from topologies.system.processes.forks import adopt_orphans
 
         adopt_orphans(True)
         try:

@@ -12,10 +12,11 @@ from typing import Any
 
 from mininet.topo import Topo
 
-from topologies import presets
-from topologies.copper_lengths import assign_copper_lengths
-from topologies.fiber import FiberLink, resolved
-from topologies.node_kinds import node_device
+from topologies.catalogue import presets
+from topologies.catalogue.node_kinds import node_device
+from topologies.links.copper_lengths import assign_copper_lengths
+from topologies.links.fiber import FiberLink, resolved
+from topologies.networks.stock_mininet import StockMininet
 from topologies.nodes import (
     ClassicalSwitch,
     DispatcherHost,
@@ -23,7 +24,6 @@ from topologies.nodes import (
     QuantumController,
     QuantumHost,
 )
-from topologies.stock_mininet import StockMininet
 from wire.config import CONTROLLER
 from wire.parameters.fiber import KINDS, optics
 from wire.parameters.physics import Device
@@ -67,9 +67,9 @@ class FabricTopo(Topo):
     ) -> None:
         """Add s1, and note what every fibre and host will be like.
 
-        Fibres are as the preset says (topologies/presets.py), but for what is given by keyword
+        Fibres are as the preset says (catalogue/presets.py), but for what is given by keyword
         (wire.parameters.fiber.FiberOptics); raise BadParameter for what cannot be. Hosts have the
-        preset's device, that of a kind of `node` (topologies/node_kinds.py), or their own of
+        preset's device, that of a kind of `node` (catalogue/node_kinds.py), or their own of
         `devices`. `light` says who grants it to them (wire.config.LIGHT). There are addresses
         for so many hosts. `both_ways` gives alice a second fibre, so that she can receive, too.
         """

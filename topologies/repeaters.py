@@ -10,8 +10,8 @@ alice --- q1 --- r1 --- q2 --- r2 --- q3 --- bob
 from itertools import pairwise
 from typing import Any
 
+from topologies.catalogue.node_kinds import STATION
 from topologies.fabric import FabricTopo, Mininet, controllers, findController
-from topologies.node_kinds import STATION
 from wire.device import MAX_REPEATERS
 
 __all__ = ["Mininet", "RepeatersTopo", "controllers", "findController", "topos"]

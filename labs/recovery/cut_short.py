@@ -13,7 +13,7 @@ from qmn.emulated.using import session
 from qmn.live.event_sources import RESULT, recorded
 from qmn.results.run_folder import make_folder
 from qmn.scripting import QuantumNetwork, start
-from topologies.runtime import EVENT_CAPTURE
+from topologies.system.runs.runtime import EVENT_CAPTURE
 
 ENDS, WAY, SESSIONS = ("alice", "charlie"), ("source", "charlie"), 5
 

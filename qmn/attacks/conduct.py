@@ -7,8 +7,8 @@ from collections.abc import Callable
 from typing import Any
 
 from qmn.timeouts import ATTACK_TIMEOUT_S, QUIET_S, TOLD_TIMEOUT_S
-from topologies.network import Network
-from topologies.programs import NetworkError, python
+from topologies.networks.network import Network
+from topologies.system.processes.programs import NetworkError, python
 from topologies.timeouts import POLL_S
 from wire.controller_lines import read_record
 

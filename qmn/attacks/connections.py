@@ -15,8 +15,8 @@ from qmn.attacks.conduct import (
     told_count,
 )
 from qmn.timeouts import ATTACK_TIMEOUT_S
-from topologies.network import Network
-from topologies.programs import NetworkError
+from topologies.networks.network import Network
+from topologies.system.processes.programs import NetworkError
 from wire.metadata import METADATA_PORT
 
 GUESSES = 20  # RSTs on each connection: of 2^32 places in its sequence, blind

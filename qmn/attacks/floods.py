@@ -14,8 +14,8 @@ from qmn.attacks.conduct import (
     wait_for_line,
 )
 from qmn.timeouts import ATTACK_TIMEOUT_S, TOLD_TIMEOUT_S
-from topologies.network import Network
-from topologies.programs import NetworkError
+from topologies.networks.network import Network
+from topologies.system.processes.programs import NetworkError
 
 PINGS_A_SECOND = 10
 DECIDED = ("granted", "refused", "forbidden")

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from qmn.attacks import bright_light, connections, floods, impostors, photons
 from qmn.scripting.network import start
-from topologies.network import Network
+from topologies.networks.network import Network
 
 
 @dataclass(frozen=True)

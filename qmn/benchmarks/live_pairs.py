@@ -7,7 +7,7 @@ from itertools import count
 import grpc
 
 from qmn.timeouts import CALL_TIMEOUT_S
-from topologies.runtime import Runtime
+from topologies.system.runs.runtime import Runtime
 from wire.dispatcher_pb2 import (
     BellMeasureRequest,
     BlockId,

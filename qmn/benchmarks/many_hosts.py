@@ -9,9 +9,9 @@ from pathlib import Path
 
 from qmn.benchmarks.path_setups import path_setups
 from qmn.timeouts import IDLE_S
-from topologies.network import Network, Signals
-from topologies.owners import marked
-from topologies.runtime import Runtime
+from topologies.networks.network import Network, Signals
+from topologies.system.processes.owners import marked
+from topologies.system.runs.runtime import Runtime
 from topologies.timeouts import POLL_S
 from topologies.tree import TreeTopo
 

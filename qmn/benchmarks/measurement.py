@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 from qmn.results.result import percentiles
 from qmn.timeouts import MEASURE_TIMEOUT_S
-from topologies.network import Network
-from topologies.programs import NetworkError, Program
+from topologies.networks.network import Network
+from topologies.system.processes.programs import NetworkError, Program
 from topologies.timeouts import POLL_S
 
 
@@ -29,8 +29,7 @@ class Times:
         return len(self.each_ms) / self.seconds
 
     def __str__(self) -> str:
-        found = percentiles(self.each_ms)
-        return f"p50 {found['p50']:.2f} ms, p99 {found['p99']:.2f} ms, n {found['n']}"
+        return str(percentiles(self.each_ms))
 
     def __add__(self, more: "Times") -> "Times":
         return Times(self.each_ms + more.each_ms, self.seconds + more.seconds)

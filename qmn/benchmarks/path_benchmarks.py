@@ -16,10 +16,10 @@ from qmn.benchmarks.path_setups import (
 )
 from topologies.chain import ChainTopo
 from topologies.fabric import FIRST_DPID
-from topologies.fiber import FiberLink
-from topologies.network import Network, Signals
+from topologies.links.fiber import FiberLink
+from topologies.networks.network import Network, Signals
 from topologies.nodes import ClassicalSwitch, DispatcherHost, OpticalSwitch
-from topologies.runtime import Runtime, free_port
+from topologies.system.runs.runtime import Runtime, free_port
 
 PORTS = 16
 LONGEST = 3  # switches in a line

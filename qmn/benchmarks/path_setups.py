@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from qmn.benchmarks.measurement import Times, finish, seconds_of
 from qmn.timeouts import BASELINE_READY_TIMEOUT_S
-from topologies import openvswitch
-from topologies.network import Network
-from topologies.programs import NetworkError, Program, python
-from topologies.runtime import free_port
+from topologies.networks.network import Network
+from topologies.system.open_vswitch import openvswitch
+from topologies.system.processes.programs import NetworkError, Program, python
+from topologies.system.runs.runtime import free_port
 from wire.controller_lines import read_record
 
 BRIDGE = "qmn-baseline"

@@ -9,11 +9,11 @@ from typing import Any
 from hosts.service_socket import ServiceSocket
 from qmn.benchmarks.many_hosts import processor_s
 from qmn.timeouts import MEASURE_TIMEOUT_S
-from topologies.network import Network, Signals
-from topologies.openvswitch import SWITCH_DAEMON, daemons
+from topologies.networks.network import Network, Signals
 from topologies.repeaters import RepeatersTopo
-from topologies.runtime import Runtime
 from topologies.sdc import SdcTopo
+from topologies.system.open_vswitch.openvswitch import SWITCH_DAEMON, daemons
+from topologies.system.runs.runtime import Runtime
 from wire.parameters.network import NetworkSettings
 
 PORT = 9

@@ -15,7 +15,7 @@ from qmn.emulated import (
 )
 from qmn.sweeps.experiment import Experiment, Outcome
 from qmn.sweeps.parameters import Values
-from topologies.network import Signals
+from topologies.networks.network import Signals
 
 Measurer = Callable[[Values, int, Path, Signals], Outcome]
 

@@ -24,8 +24,8 @@ from qmn.sweeps.estimates import Estimate, mean_of_series, proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, number
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.timeouts import EMULATED_READY_S
-from topologies.network import Signals
-from topologies.programs import python
+from topologies.networks.network import Signals
+from topologies.system.processes.programs import python
 
 SHARE = Parameter("share", 0.5, 0.0, 0.95)
 MBPS = Parameter("copper_mbps", 0.25, 0.1, 10.0, "Mbit/s")

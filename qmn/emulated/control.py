@@ -28,8 +28,8 @@ from qmn.sweeps.experiment import Experiment, Measure, Outcome, number
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.timeouts import EMULATED_READY_S
 from qmn.traffic.session import AGREE
-from topologies.network import Signals
-from topologies.programs import python
+from topologies.networks.network import Signals
+from topologies.system.processes.programs import python
 from wire.controller_lines import read_record
 from wire.parameters.network import MOST_KM
 

@@ -24,8 +24,8 @@ from qmn.scripting.network import QuantumNetwork
 from qmn.sweeps.estimates import Estimate, mean_of_series, proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, number
 from qmn.sweeps.parameters import Parameter, Values
-from topologies.network import Signals
-from topologies.runtime import EVENT_CAPTURE
+from topologies.networks.network import Signals
+from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.dispatcher_pb2 import Event
 from wire.parameters.fiber import Fiber, FiberEnd
 

@@ -23,7 +23,7 @@ from qmn.traffic.driver import Driver
 from qmn.traffic.plan import Planned
 from qmn.traffic.session import ACCEPTED, Wanted
 from topologies.fabric import FabricTopo
-from topologies.network import Signals
+from topologies.networks.network import Signals
 from wire.controller_lines import read_record
 
 LONG = Parameter("long_s", 1.0, 0.01, 5.0, "s")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from qmn.emulated.catalogue import MEASURED_BY
 from qmn.sweeps.experiment import SweepError
-from topologies.network import Interrupted, Signals
+from topologies.networks.network import Interrupted, Signals
 
 
 def main() -> int:

@@ -26,8 +26,8 @@ from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, numb
 from qmn.sweeps.link import FIBER, PRESET, implied
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.sweeps.superdense import FEC, INTERLEAVE, LOSSES, RATE, loss_db
-from topologies.network import Signals
-from topologies.programs import NetworkError
+from topologies.networks.network import Signals
+from topologies.system.processes.programs import NetworkError
 from wire.parameters.network import MOST_KM
 
 # charlie's photon for alice passes two fibres to her and two more to bob, the other one two.
@@ -83,7 +83,9 @@ def request(values: Values, seed: int, message: Path, runs: Path) -> SuperdenseR
 
 def outcome(result: dict[str, Any]) -> Outcome:
     """Return what the result of a run says."""
-    pairs, lost, errors = (result[n] for n in ("bell_pairs", "lost_pairs", "symbol_errors"))
+    pairs, lost, errors = (
+        result["job"]["asking"][n] for n in ("bell_pairs", "lost_pairs", "symbol_errors")
+    )
     came = int(pairs - lost)
     return {
         "dibit_error": proportion(int(errors), came),

@@ -29,8 +29,8 @@ from qmn.sweeps.estimates import NOTHING, Estimate, proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, number
 from qmn.sweeps.link import FIBER
 from qmn.sweeps.parameters import Parameter, Values, of_dataclass
-from topologies.network import Signals
-from topologies.programs import NetworkError
+from topologies.networks.network import Signals
+from topologies.system.processes.programs import NetworkError
 from wire.parameters.network import LEAST_MBPS, MOST_MBPS
 from wire.parameters.physics import Memory
 
@@ -54,7 +54,7 @@ def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
     except (NetworkError, TransferError, BadInput, BadTopology) as error:
         raise SweepError(f"{TELEPORT.place(values)} failed: {error}") from error
     told = json.loads((context.folder / "result.json").read_text())
-    return {**outcome(told["asking"]), **of_software(context.folder)}
+    return {**outcome(told["job"]["asking"]), **of_software(context.folder)}
 
 
 def request(values: Values, seed: int, runs: Path) -> ServiceRequest:

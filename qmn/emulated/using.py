@@ -19,7 +19,7 @@ from qmn.scripting.network import QuantumNetwork, start
 from qmn.sweeps.experiment import Experiment, SweepError
 from qmn.sweeps.parameters import Values
 from qmn.timeouts import STALL_TIMEOUT_S
-from topologies.programs import NetworkError
+from topologies.system.processes.programs import NetworkError
 
 Results = Iterator[dict[str, Any]]
 

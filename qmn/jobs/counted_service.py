@@ -26,7 +26,7 @@ from qmn.network.checks import check_network, check_two_hosts
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, check_ranges
-from topologies.network import Signals, require_root
+from topologies.networks.network import Signals, require_root
 from wire.device import MAX_LEVEL_ROUNDS
 from wire.features import EMIT
 from wire.parameters.option import option

@@ -18,7 +18,7 @@ from hosts.middleware.qkd.key_store import KeyStore, StoredKey
 from hosts.middleware.qkd.keyring import store_in
 from qmn.options import BadInput
 from qmn.results.run_folder import given_at_the_end
-from topologies.programs import NetworkError
+from topologies.system.processes.programs import NetworkError
 
 
 class HandedOut:

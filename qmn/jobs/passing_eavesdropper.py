@@ -16,8 +16,8 @@ from qmn.live.controller_console import ask
 from qmn.network.description import NetworkDescription
 from qmn.options import BadInput, check_ranges
 from qmn.timeouts import START_TIMEOUT_S
-from topologies.network import Network
-from topologies.programs import Program, python
+from topologies.networks.network import Network
+from topologies.system.processes.programs import Program, python
 from wire.parameters.option import option
 
 MOST_S = 86_400.0

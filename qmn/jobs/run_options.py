@@ -5,7 +5,7 @@ from pathlib import Path
 
 from qmn.live_view.beside import LiveOptions
 from qmn.machines.options import MachineOptions
-from topologies.captures import HEADERS_BYTES, MAX_PACKET_BYTES
+from topologies.networks.captures import HEADERS_BYTES, MAX_PACKET_BYTES
 from wire.parameters.network import LEAST_MBPS, MOST_MBPS
 from wire.parameters.option import option
 

@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from qmn.timeouts import STALL_TIMEOUT_S
-from topologies.network import Network
-from topologies.programs import NetworkError, Program
+from topologies.networks.network import Network
+from topologies.system.processes.programs import NetworkError, Program
 from topologies.timeouts import POLL_S
 from wire.application_lines import fields_of
 from wire.controller_lines import read_record

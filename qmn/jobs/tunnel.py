@@ -12,9 +12,9 @@ from typing import Any
 from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
 
 from qmn.timeouts import START_TIMEOUT_S
-from topologies.key_managers import KeyManagers, application_name
-from topologies.network import Network
-from topologies.programs import NetworkError, Program, python
+from topologies.daemons.key_managers import KeyManagers, application_name
+from topologies.networks.network import Network
+from topologies.system.processes.programs import NetworkError, Program, python
 from wire.vpn import STRONGSWAN, TLS, WIREGUARD, VpnConfig
 
 INSIDE = ("192.168.77.1", "192.168.77.2")

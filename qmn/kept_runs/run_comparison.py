@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from qmn.live.event_sources import RESULT, recorded
-from topologies.runtime import EVENT_CAPTURE
+from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.controller_lines import read_record
 
 Row = tuple[str, str, str]
@@ -65,7 +65,7 @@ def _plain(values: Mapping[str, Any], names: Any) -> dict[str, Any]:
     for name in names:
         value = values.get(name)
         if isinstance(value, Mapping):
-            prefix = "" if name == "parameters" else f"{name} "
+            prefix = "" if name in ("parameters", "job") else f"{name} "
             found |= {f"{prefix}{key}": each for key, each in _plain(value, value).items()}
         elif isinstance(value, int | float | str | bool) or name in values:
             found[name] = value

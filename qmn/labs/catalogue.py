@@ -6,7 +6,7 @@ from pathlib import Path
 
 from qmn.labs.lab import Lab
 from qmn.options import BadInput
-from topologies.programs import ROOT
+from topologies.system.processes.programs import ROOT
 
 LABS = ROOT / "labs"
 

@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 
 from qmn.timeouts import CONSOLE_TIMEOUT_S
-from topologies.runtime import CONSOLE, NONE_RUNS, RUNTIME_ROOT, folders_of_running
+from topologies.system.runs.runtime import CONSOLE, NONE_RUNS, RUNTIME_ROOT, folders_of_running
 from wire.controller_lines import ConsoleError, decode_answer, encode_request
 from wire.metadata import MalformedPacket
 

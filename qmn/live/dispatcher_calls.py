@@ -7,9 +7,9 @@ from typing import Any
 import grpc
 
 from qmn.timeouts import DISPATCHER_TIMEOUT_S
-from topologies.network import Network
-from topologies.programs import NetworkError
-from topologies.runtime import DISPATCHER
+from topologies.networks.network import Network
+from topologies.system.processes.programs import NetworkError
+from topologies.system.runs.runtime import DISPATCHER
 from wire.dispatcher_pb2 import (
     HeldBlock,
     StatusReply,

@@ -12,7 +12,7 @@ import grpc
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError, StackEnded
 from qmn.live.unread_events import Unread
 from qmn.timeouts import WATCH_POLL_S, WATCH_TIMEOUT_S
-from topologies.programs import NetworkError
+from topologies.system.processes.programs import NetworkError
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import Event, WatchRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub

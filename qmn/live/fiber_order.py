@@ -8,7 +8,7 @@ import grpc
 
 from qmn.live.running import dispatcher_of_running_network
 from qmn.timeouts import ORDER_TIMEOUT_S
-from topologies.programs import NetworkError
+from topologies.system.processes.programs import NetworkError
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import AdjustFiberRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub

@@ -17,10 +17,11 @@ from pathlib import Path
 
 from qmn.live.running import dispatcher_of_running_network
 from qmn.timeouts import TRY_TIMEOUT_S
-from topologies import leftovers, openvswitch
-from topologies.network import interfaces_of
-from topologies.programs import ROOT, NetworkError
-from topologies.runtime import RUNTIME_ROOT
+from topologies.networks import leftovers
+from topologies.networks.network import interfaces_of
+from topologies.system.open_vswitch import openvswitch
+from topologies.system.processes.programs import ROOT, NetworkError
+from topologies.system.runs.runtime import RUNTIME_ROOT
 from wire.parameters.network import OPENFLOW_PORT
 
 WORKS, LIMITED, FAILS, UNCHECKED = "works", "limited", "fails", "unchecked"

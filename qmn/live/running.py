@@ -7,8 +7,14 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from topologies.programs import NetworkError
-from topologies.runtime import DISPATCHER, NONE_RUNS, RUNTIME_ROOT, Runtime, folders_of_running
+from topologies.system.processes.programs import NetworkError
+from topologies.system.runs.runtime import (
+    DISPATCHER,
+    NONE_RUNS,
+    RUNTIME_ROOT,
+    Runtime,
+    folders_of_running,
+)
 from wire.config import BadConfig, DispatcherConfig
 
 NETWORK = "network.json"  # in the private folder of a network

@@ -16,8 +16,8 @@ from pathlib import Path
 from qmn.live_view.address import SAID
 from qmn.live_view.pages import VARIABLE, Pages
 from qmn.timeouts import LIVE_START_S
-from topologies import owners
-from topologies.programs import Program, python
+from topologies.system.processes import owners
+from topologies.system.processes.programs import Program, python
 from wire.parameters.option import option
 
 Say = Callable[[str], None]

@@ -6,7 +6,7 @@ from qmn.live.event_sources import recorded
 from qmn.reports.packets import messages
 from qmn.reports.sequence import handshake, lanes
 from qmn.results.network_facts import NetworkFacts
-from topologies.runtime import EVENT_CAPTURE
+from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.metadata import Setup
 from wire.parameters.network import OPENFLOW_PORT
 

@@ -16,8 +16,8 @@ from qmn.live_view.acts import ACTS
 from qmn.live_view.timeline import Timeline
 from qmn.reports.run_facts import SENDER_LOG
 from qmn.timeouts import LIVE_DEVICES_S, LIVE_LINES_S, LIVE_PAUSE_MS
-from topologies.programs import NetworkError
-from topologies.runtime import EVENT_CAPTURE
+from topologies.system.processes.programs import NetworkError
+from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.application_lines import fields_of
 from wire.config import DispatcherConfig
 from wire.controller_lines import RECORD, read_record

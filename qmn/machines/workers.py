@@ -14,11 +14,11 @@ from distributed import Client
 
 from qmn.options import BadInput
 from qmn.timeouts import AGENT_END_TIMEOUT_S, CLUSTER_TIMEOUT_S, WORKERS_TIMEOUT_S
-from topologies.apart import OWN_NAMESPACES
-from topologies.machines.agent import MODULE
-from topologies.machines.gathering import gathered
-from topologies.machines.machine import Machine
-from topologies.programs import ROOT, NetworkError, python
+from topologies.system.confinement.apart import OWN_NAMESPACES
+from topologies.system.machines.agent import MODULE
+from topologies.system.machines.gathering import gathered
+from topologies.system.machines.machine import Machine
+from topologies.system.processes.programs import ROOT, NetworkError, python
 
 _agents: dict[str, subprocess.Popen[str]] = {}  # of this worker, by where their runner listens
 FIRST = "m1"  # the machine of the runner

@@ -18,13 +18,13 @@ from qmn.network.options import MAP, NetworkOptions
 from qmn.network.part_options import PartOptions
 from qmn.network.time_scale import AUTO, Scale, scale_of
 from qmn.network.topologies import builder
-from topologies.clashes import refuse_clashes
-from topologies.copper_lengths import assign_copper_lengths, longest_way_s
-from topologies.copper_link import delay_s
-from topologies.description import Description, describe
+from topologies.catalogue.presets import preset
+from topologies.description.clashes import refuse_clashes
+from topologies.description.description import Description, describe
 from topologies.fabric import fiber_of
-from topologies.fiber import resolved
-from topologies.presets import preset
+from topologies.links.copper_lengths import assign_copper_lengths, longest_way_s
+from topologies.links.copper_link import delay_s
+from topologies.links.fiber import resolved
 from wire.parameters.fiber import FiberOptics, optics
 from wire.parameters.physics import Device
 

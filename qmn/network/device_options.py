@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
-from topologies.node_kinds import NODE_KINDS, node_device
+from topologies.catalogue.node_kinds import NODE_KINDS, node_device
 from wire.parameters.physics import BadParameter, Device
 
 IDEAL = asdict(Device())

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from hosts.middleware.session.service_options import MAX_COUNT
 from qmn.options import BadInput, check_range, check_ranges
-from topologies.key_managers import KeyService
+from topologies.daemons.key_managers import KeyService
 from wire.key_manager import KEY_LINK_PORTS, KeyLink
 from wire.parameters.option import option
 

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from qmn.network.time_scale import AUTO, REAL, scale
-from topologies.node_kinds import NODE_KINDS
-from topologies.presets import PRESETS
-from topologies.runtime import Runtime
+from topologies.catalogue.node_kinds import NODE_KINDS
+from topologies.catalogue.presets import PRESETS
+from topologies.system.runs.runtime import Runtime
 from wire.parameters.fiber import KINDS
 from wire.parameters.network import NetworkSettings
 from wire.parameters.option import option

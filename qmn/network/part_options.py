@@ -14,10 +14,10 @@ from mininet.topo import Topo
 
 from qmn.network.custom_topology import BadTopology
 from qmn.network.device_options import devices, nodes
-from topologies.copper_lengths import assign_copper_lengths
-from topologies.description import is_made, switch_of
-from topologies.fiber import OPTICS as FIBER_OPTICS
-from topologies.fiber import FiberLink, resolved
+from topologies.description.description import is_made, switch_of
+from topologies.links.copper_lengths import assign_copper_lengths
+from topologies.links.fiber import OPTICS as FIBER_OPTICS
+from topologies.links.fiber import FiberLink, resolved
 from topologies.nodes import OpticalSwitch, QuantumHost
 from topologies.nodes.quantum_host import PARTS as DEVICE_PARTS
 from topologies.nodes.quantum_host import device_of

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import inf
 
 from qmn.timeouts import MOST_ROUND_TRIP_S
-from topologies.description import Description
+from topologies.description.description import Description
 from wire.network_time import MOST_SCALE, NetworkTime
 
 REAL, AUTO = 1.0, "auto"

@@ -18,8 +18,8 @@ from pathlib import Path
 
 from qmn.reports.report_file import report_of_run
 from qmn.timeouts import REPORT_TIMEOUT_S
-from topologies.fork_server import follow_runner, threads
-from topologies.signals import Signals
+from topologies.system.processes.fork_server import follow_runner, threads
+from topologies.system.processes.signals import Signals
 
 Draw = Callable[[Path], str]
 

@@ -3,8 +3,8 @@
 from dataclasses import asdict, dataclass, field
 from typing import Any, Self
 
-from topologies.fiber import FiberLink
-from topologies.network import Network
+from topologies.links.fiber import FiberLink
+from topologies.networks.network import Network
 from wire.config import QuantumSwitch
 from wire.parameters.fiber import Fiber
 

@@ -16,8 +16,8 @@ from itertools import islice, pairwise
 from pathlib import Path
 from typing import IO, NamedTuple
 
-from topologies.runtime import EVENT_CAPTURE
-from topologies.tls import KEY_LOGS
+from topologies.nodes.tls import KEY_LOGS
+from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.dissection.dissectors import install
 from wire.metadata import MalformedPacket
 from wire.pcapng import TRAILER_BYTES, Interface, Packet, PcapReader, Reader, Writer

@@ -12,7 +12,7 @@ from hosts.quantum_socket import QuantumSocket, QuantumSocketError
 from qmn.jobs.transfer import APPLICATION_PORT, TransferError, with_elements
 from qmn.scripting.tables import Tabular
 from qmn.timeouts import STALL_TIMEOUT_S
-from topologies.network import Network
+from topologies.networks.network import Network
 from wire.network_time import NetworkTime
 
 READ_BYTES = 1 << 16

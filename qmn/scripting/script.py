@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from types import TracebackType
 
-from topologies.signals import Interrupted
+from topologies.system.processes.signals import Interrupted
 
 INTERRUPTED = 128 + signal.SIGINT
 

@@ -19,9 +19,9 @@ from qmn.sweeps.grid import Grid, Measurer, Row
 from qmn.sweeps.parameters import Values, point_seed
 from qmn.sweeps.running import estimates
 from qmn.timeouts import SWEEP_POLL_S
-from topologies.apart import apart
-from topologies.network import require_root
-from topologies.programs import ENVIRONMENT, NetworkError, cause, python
+from topologies.networks.network import require_root
+from topologies.system.confinement.apart import apart
+from topologies.system.processes.programs import ENVIRONMENT, NetworkError, cause, python
 
 PROGRAM = "qmn.emulated.point"
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from dispatcher.laboratory import Laboratory
 from qmn.sweeps.parameters import Parameter, Values, of_dataclass
-from topologies.presets import PRESETS
+from topologies.catalogue.presets import PRESETS
 from wire.config import DispatcherConfig
 from wire.parameters.fiber import Fiber, FiberEnd, FiberOptics, optics
 from wire.parameters.physics import BellAnalyser, Detectors, Device, PairSource

@@ -19,7 +19,7 @@ from qmn.sweeps.scheduling import address, away, network_of
 from qmn.traffic.counted import Asked, CountedTime, Told
 from qmn.traffic.plan import Planned
 from qmn.traffic.session import ACCEPTED
-from topologies.maps import Map
+from topologies.catalogue.maps import Map
 
 
 def as_sessions(

@@ -26,7 +26,7 @@ from controller_apps.sessions.arbiter import Arbiter
 from qmn.sweeps.contention import FOR_EVER_S
 from qmn.sweeps.scheduling import away, network_of
 from qmn.traffic.counted import Asked, CountedTime, Told
-from topologies.maps import Map
+from topologies.catalogue.maps import Map
 
 ROUNDING_S = 1e-9
 MOST = 10_000

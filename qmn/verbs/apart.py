@@ -14,8 +14,8 @@ from typing import Any
 
 from qmn.as_root import COMMAND
 from qmn.live_view.beside import page_of_command
-from topologies.apart import apart, inside
-from topologies.programs import NetworkError
+from topologies.system.confinement.apart import apart, inside
+from topologies.system.processes.programs import NetworkError
 
 FORWARDED = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 LIVE = "--live"  # of the verb

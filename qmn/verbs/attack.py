@@ -30,8 +30,8 @@ def call(arguments: argparse.Namespace) -> int:
     """Try it; print what came of it."""
     from qmn.attacks.laboratory import ATTACKS, LightAttack
     from qmn.live_view.beside import page_of_command
-    from topologies.programs import NetworkError
-    from topologies.signals import Interrupted
+    from topologies.system.processes.programs import NetworkError
+    from topologies.system.processes.signals import Interrupted
 
     if arguments.attempts is not None and not 0 < arguments.attempts <= 10_000:
         print(f"qmn: {arguments.attempts} attempts: choose 1 to 10000", file=sys.stderr)

@@ -27,10 +27,10 @@ from qmn.benchmarks.service_rates import (
     teleport_benchmarks,
 )
 from qmn.timeouts import MEASURE_TIMEOUT_S, RUN_TIMEOUT_S
-from topologies.network import Interrupted, Network, Signals, require_root
-from topologies.programs import NetworkError, python
-from topologies.runtime import Runtime
+from topologies.networks.network import Interrupted, Network, Signals, require_root
 from topologies.sdc import SdcTopo
+from topologies.system.processes.programs import NetworkError, python
+from topologies.system.runs.runtime import Runtime
 from topologies.tree import LEAST_HOSTS, MOST_HOSTS
 
 MEBIBYTE = 1 << 20

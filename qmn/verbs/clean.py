@@ -4,9 +4,9 @@ import argparse
 import sys
 from typing import Any
 
-from topologies import leftovers
-from topologies.network import require_root
-from topologies.programs import NetworkError
+from topologies.networks import leftovers
+from topologies.networks.network import require_root
+from topologies.system.processes.programs import NetworkError
 
 
 def add_parser(verbs: Any) -> None:

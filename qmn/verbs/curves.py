@@ -28,7 +28,7 @@ from qmn.sweeps.lines import BadTable
 from qmn.sweeps.parameters import BadGrid
 from qmn.sweeps.table import opened
 from qmn.verbs.sweep import MAX_WORKERS, progress_columns
-from topologies.network import Interrupted, Signals
+from topologies.networks.network import Interrupted, Signals
 from wire.parameters.option import option
 
 if TYPE_CHECKING:

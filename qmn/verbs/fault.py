@@ -10,7 +10,7 @@ import grpc
 from qmn.live.running import dispatcher_of_running_network
 from qmn.options import read
 from qmn.timeouts import ORDER_TIMEOUT_S
-from topologies.programs import NetworkError
+from topologies.system.processes.programs import NetworkError
 from wire.config import DispatcherConfig, QuantumSwitch
 from wire.dispatcher_pb2 import Connection, InjectFaultRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub

@@ -23,8 +23,8 @@ from qmn.live_view.beside import LiveOptions, page_of_command
 from qmn.options import BadInput, add_options, read
 from qmn.results.run_folder import give_tree, make_folder
 from qmn.sweeps.lines import BadTable
-from topologies.network import Interrupted, Signals, require_root
-from topologies.programs import NetworkError
+from topologies.networks.network import Interrupted, Signals, require_root
+from topologies.system.processes.programs import NetworkError
 from wire.parameters.option import option
 
 GOES_ON = "the same command with --resume goes on where this one ended"

@@ -12,7 +12,7 @@ from typing import Any
 from qmn.live.running import announced_network
 from qmn.results.network_facts import NetworkFacts
 from qmn.timeouts import ORDER_TIMEOUT_S
-from topologies.programs import NetworkError
+from topologies.system.processes.programs import NetworkError
 
 INTERFACES = Path("/sys/class/net")
 

@@ -8,7 +8,7 @@ from hosts.quantum_socket import QuantumSocketError
 from qmn.live.running import announced_network
 from qmn.scripting.exchange import carried, ends
 from qmn.timeouts import STALL_TIMEOUT_S
-from topologies.programs import NetworkError
+from topologies.system.processes.programs import NetworkError
 from wire.network_time import NetworkTime
 
 

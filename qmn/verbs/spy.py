@@ -16,8 +16,8 @@ from qmn.live.event_sources import attached, recorded, single, through_stack
 from qmn.live.running import dispatcher_of_running_network
 from qmn.live.unread_events import dropped
 from qmn.options import read
-from topologies.programs import NetworkError
-from topologies.runtime import EVENT_CAPTURE
+from topologies.system.processes.programs import NetworkError
+from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.dispatcher_pb2 import Event, WatchRequest
 from wire.events import DROPPED, format_line, to_json
 from wire.metadata import MalformedPacket

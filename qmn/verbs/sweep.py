@@ -34,8 +34,8 @@ from qmn.sweeps.grid import Grid, Measurer
 from qmn.sweeps.lines import BadTable
 from qmn.sweeps.parameters import BadGrid
 from qmn.sweeps.table import Table, opened
-from topologies.network import Interrupted, Signals, require_root
-from topologies.programs import NetworkError
+from topologies.networks.network import Interrupted, Signals, require_root
+from topologies.system.processes.programs import NetworkError
 from wire.parameters.option import option
 
 MAX_WORKERS = 256

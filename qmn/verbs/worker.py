@@ -13,8 +13,8 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from qmn.timeouts import CLUSTER_TIMEOUT_S
-from topologies.network import require_root
-from topologies.programs import NetworkError
+from topologies.networks.network import require_root
+from topologies.system.processes.programs import NetworkError
 
 SCHEMES = ("tcp", "tls")
 

@@ -20,7 +20,7 @@ import machine
 
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
 from qmn.scripting.network import QuantumNetwork, start
-from topologies.programs import Program, python
+from topologies.system.processes.programs import Program, python
 from wire.controller_lines import read_record
 
 TRANSFER_BYTES = 1 << 18

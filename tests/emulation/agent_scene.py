@@ -28,8 +28,8 @@ from os_ken.ofproto.ofproto_parser import msg as parse
 from os_ken.ofproto.ofproto_protocol import ProtocolDesc
 
 from qswitch_agent.openflow.messages import HEADER, Framer
-from topologies.programs import python
-from topologies.runtime import free_port
+from topologies.system.processes.programs import python
+from topologies.system.runs.runtime import free_port
 from wire import dispatcher_pb2 as pb
 from wire import frames, optical
 from wire.config import AgentConfig

@@ -14,10 +14,10 @@ import pytest
 from fabric_scene import light_paths, running
 from loaded import forks, run_qmn, serving
 
-from topologies import openvswitch
-from topologies.network import Network
-from topologies.runtime import RUNTIME_ROOT
+from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
+from topologies.system.open_vswitch import openvswitch
+from topologies.system.runs.runtime import RUNTIME_ROOT
 
 ROOT = Path(__file__).resolve().parents[2]
 # From 4.4 on Wireshark runs no script for root: this is another user, who may read root's files.

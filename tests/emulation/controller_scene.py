@@ -21,8 +21,8 @@ from scapy.contrib.lldp import (
 from scapy.layers.inet import IP, TCP
 from scapy.layers.l2 import Ether
 
-from topologies.programs import python
-from topologies.runtime import free_port
+from topologies.system.processes.programs import python
+from topologies.system.runs.runtime import free_port
 from wire.config import ControllerConfig
 from wire.metadata import METADATA_PORT, Handshake, Service, Setup, decode, session_number
 

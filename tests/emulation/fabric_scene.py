@@ -12,8 +12,8 @@ from loaded import forks
 from mininet.topo import Topo
 
 from hosts.quantum_socket import QuantumSocket
-from topologies.network import Network, Signals
-from topologies.runtime import Runtime
+from topologies.networks.network import Network, Signals
+from topologies.system.runs.runtime import Runtime
 from wire.controller_lines import read_record
 from wire.parameters.network import NetworkSettings
 

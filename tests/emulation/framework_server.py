@@ -3,7 +3,7 @@
 import os
 import sys
 
-from topologies import fork_server
+from topologies.system.processes import fork_server
 
 FRAMEWORK = "QMN_CONTROLLER_FRAMEWORK"  # names what to load
 

@@ -14,8 +14,8 @@ from tempfile import TemporaryFile
 from threading import Lock, Thread
 from typing import IO, Any
 
-from topologies.forks import MODULES, Forked, ForkServer, request
-from topologies.programs import ENVIRONMENT, ROOT, Program, python
+from topologies.system.processes.forks import MODULES, Forked, ForkServer, request
+from topologies.system.processes.programs import ENVIRONMENT, ROOT, Program, python
 
 QMN, CONTROLLER = "whole_qmn", "whole_controller"  # modules beside this one
 ON_FRAMEWORK = "framework_server"  # and one that loads the controller beside all else

@@ -17,7 +17,7 @@ from test_service_faults import ALICE, BOB, CHARLIE, facts, listening, require_n
 
 from hosts.hardware.lldp import announcement
 from hosts.stack_socket import QuantumSocketError
-from topologies.network import Network
+from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
 from wire.features import EVERYTHING, NodeFeatures
 from wire.metadata import (

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 from conftest import ROOT, interfaces, our_processes, qmn_command, wait_until
 
-from topologies import openvswitch
-from topologies.network import Network
-from topologies.runtime import RUNTIME_ROOT
+from topologies.networks.network import Network
+from topologies.system.open_vswitch import openvswitch
+from topologies.system.runs.runtime import RUNTIME_ROOT
 
 FOREIGN = "foreign0"
 

@@ -7,8 +7,8 @@ from subprocess import DEVNULL
 
 from conftest import ROOT, wait_until
 
-from topologies import openvswitch
-from topologies.network import Network
+from topologies.networks.network import Network
+from topologies.system.open_vswitch import openvswitch
 
 SEARCH = """
 import os, socket, sys

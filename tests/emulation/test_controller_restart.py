@@ -13,10 +13,10 @@ from fabric_scene import Session, facts, light_paths, running, session
 from loaded import forks
 
 from hosts.quantum_socket import QuantumSocketError
-from topologies.network import Network
-from topologies.programs import python
+from topologies.networks.network import Network
 from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
+from topologies.system.processes.programs import python
 from topologies.timeouts import READY_TIMEOUT_S
 from wire.metadata import Reason
 

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 from fabric_scene import running
 
-from topologies.parallel import ParallelMininet
-from topologies.programs import NetworkError
+from topologies.networks.parallel import ParallelMininet
 from topologies.sdc import SdcTopo
+from topologies.system.processes.programs import NetworkError
 
 
 def test_a_fibre_cut_before_it_was_found_is_the_cause(

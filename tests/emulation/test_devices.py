@@ -13,7 +13,7 @@ from fabric_scene import running
 from loaded import run_qmn
 
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
-from topologies.network import Network
+from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
 from wire.metadata import Reason
 

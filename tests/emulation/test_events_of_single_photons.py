@@ -11,7 +11,7 @@ from typing import Any
 from conftest import ROOT, qmn_command, wait_until
 
 from dispatcher.layer.history import WATCHED_PHOTONS
-from topologies.runtime import RUNTIME_ROOT
+from topologies.system.runs.runtime import RUNTIME_ROOT
 
 PAIRS = 1_200  # of a block: more than a spy is told of one by one
 BLOCKS = 1

@@ -15,10 +15,10 @@ from mininet.topo import Topo
 from hosts.quantum_socket import QuantumSocketError
 from topologies.chain import ChainTopo
 from topologies.leaf_spine import LeafSpineTopo
-from topologies.network import Network
-from topologies.programs import python
+from topologies.networks.network import Network
 from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
+from topologies.system.processes.programs import python
 from wire.dispatcher_pb2 import TunePortRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.dispatcher_service import metadata

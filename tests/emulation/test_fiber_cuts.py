@@ -6,7 +6,7 @@ import pytest
 from conftest import wait_until
 
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
-from topologies.network import Network
+from topologies.networks.network import Network
 from wire.controller_lines import read_record
 from wire.metadata import Reason
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from qmn.scripting.network import start
-from topologies.interfaces import network_of
-from topologies.programs import NetworkError
+from topologies.system.kernel.interfaces import network_of
+from topologies.system.processes.programs import NetworkError
 from wire.config import DISPATCHER_PORT
 
 ALTERNATIVES = {

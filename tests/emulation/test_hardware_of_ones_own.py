@@ -13,9 +13,9 @@ from conftest import ROOT
 from mininet.topo import Topo
 
 from qmn.scripting.network import start
-from topologies.fiber import FiberLink
+from topologies.links.fiber import FiberLink
 from topologies.nodes import ClassicalSwitch, DispatcherHost, OpticalSwitch, QuantumHost
-from topologies.programs import NetworkError
+from topologies.system.processes.programs import NetworkError
 
 INSTRUMENT = ROOT / "tests" / "unit" / "qswitch_agent" / "scpi_instrument.py"
 COUNTING = '''

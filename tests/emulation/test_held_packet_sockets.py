@@ -5,7 +5,7 @@ import socket
 import subprocess
 import sys
 
-from topologies.packet_sockets import close, packet_sockets, taken
+from topologies.system.kernel.packet_sockets import close, packet_sockets, taken
 
 HOLDS_THREE = """
 import socket, sys

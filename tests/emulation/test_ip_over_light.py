@@ -16,8 +16,8 @@ from scapy.layers.inet import IP, TCP
 from scapy.packet import Packet
 from scapy.utils import rdpcap
 
-from topologies.ip_over_light import IpOverLight, start_ip_over_light
-from topologies.network import Network
+from topologies.daemons.ip_over_light import IpOverLight, start_ip_over_light
+from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
 from wire.metadata import METADATA_PORT
 

@@ -6,9 +6,9 @@ from conftest import wait_until
 from fabric_scene import running
 from test_key_managers import LINK, LOW, Scene
 
-from topologies.key_managers import MODULE, KeyService, start_key_managers
-from topologies.programs import python
+from topologies.daemons.key_managers import MODULE, KeyService, start_key_managers
 from topologies.sdc import SdcTopo
+from topologies.system.processes.programs import python
 
 
 def test_an_assigned_key_survives_a_restart_of_the_key_manager(tmp_path: Path) -> None:

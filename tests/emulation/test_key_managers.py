@@ -14,10 +14,10 @@ from fabric_scene import running
 from scapy.utils import rdpcap
 
 from qmn.results.timeline import merge
-from topologies.certificates import CertificateFiles
-from topologies.key_managers import KeyManagers, KeyService, start_key_managers
-from topologies.network import Network
+from topologies.daemons.key_managers import KeyManagers, KeyService, start_key_managers
+from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
+from topologies.system.certificates.authority import CertificateFiles
 from wire.key_delivery import KEY_DELIVERY_PORT
 from wire.key_manager import KeyLink
 

@@ -13,10 +13,10 @@ from conftest import nothing_left, verb, wait_until
 from fabric_scene import facts, running
 from scapy.utils import rdpcap
 
-from topologies.key_managers import KeyService, start_key_managers
-from topologies.network import Network
-from topologies.runtime import free_port
+from topologies.daemons.key_managers import KeyService, start_key_managers
+from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
+from topologies.system.runs.runtime import free_port
 from wire.key_manager import KeyLink
 
 LINK = KeyLink("", True, low=8, high=16, options={"count": 12_000})

@@ -10,7 +10,7 @@ from fabric_scene import facts, running, session, switches_on_the_way
 
 from qmn.live.fiber_order import send as order
 from qmn.live.running import dispatcher_of_running_network
-from topologies.network import Network
+from topologies.networks.network import Network
 from topologies.ring import RingTopo
 from wire.dispatcher_pb2 import AdjustFiberRequest
 

@@ -10,11 +10,12 @@ from conftest import wait_until
 from fabric_scene import running
 from mininet.node import Node
 
-from topologies import leftovers, owners
-from topologies.memory_share import parent
-from topologies.network import sweep
+from topologies.networks import leftovers
+from topologies.networks.network import sweep
 from topologies.nodes import ClassicalHost
 from topologies.sdc import SdcTopo
+from topologies.system.kernel.memory_share import parent
+from topologies.system.processes import owners
 
 MIB = 128
 NONE = "this machine lets nobody make groups of processes that share memory"

@@ -60,7 +60,8 @@ def test_its_command_line_sends_by_superdense_coding(tmp_path: Path) -> None:
 
 AT_ONCE = """
 import time
-from topologies import disk, shells
+from topologies.networks import disk
+from topologies.system.processes import shells
 from topologies.nodes import ClassicalHost
 from topologies.sdc import Mininet, SdcTopo, controllers, findController
 
@@ -85,7 +86,7 @@ topos = {"sdc": SdcTopo, "slow": SlowTopo}
 
 BUILD = """
 from own import Mininet, findController, topos
-from topologies.programs import NetworkError
+from topologies.system.processes.programs import NetworkError
 
 net = Mininet(topos["slow"](), controller=findController(), build=False)
 try:  # by mn itself its own cleaning up would follow

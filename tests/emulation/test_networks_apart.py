@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from conftest import ROOT, qmn, wait_until
 
-from topologies.network import Network
+from topologies.networks.network import Network
 
 QMN = str(ROOT / "bin" / "qmn")
 BESIDE = "import sys; from qmn.verbs.apart import beside; sys.exit(beside(sys.argv[1:]))"

@@ -12,10 +12,10 @@ import pytest
 from conftest import ROOT, interfaces, our_processes, qmn, verb, wait_until
 from test_faults import long_run, read_until, run_to_kill
 
-from topologies import openvswitch
-from topologies.owners import from_words
-from topologies.programs import NetworkError
-from topologies.runtime import RUNTIME_ROOT
+from topologies.system.open_vswitch import openvswitch
+from topologies.system.processes.owners import from_words
+from topologies.system.processes.programs import NetworkError
+from topologies.system.runs.runtime import RUNTIME_ROOT
 
 SAID_IN_S = 20  # with clean-up; the wait ends much sooner
 

@@ -13,7 +13,7 @@ from documentation import blocks
 from test_documentation import bash
 from test_mininet_command import mn
 
-from topologies.runtime import free_port
+from topologies.system.runs.runtime import free_port
 
 
 @contextmanager

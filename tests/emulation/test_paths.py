@@ -9,7 +9,7 @@ import pytest
 from conftest import wait_until
 
 from hosts.quantum_socket import QuantumSocket
-from topologies.network import Network
+from topologies.networks.network import Network
 
 
 def flows(bridge: str) -> list[str]:

@@ -24,10 +24,10 @@ from test_results_fit_schema import require_schema
 from hosts.applications.tls import PORT as TLS_PORT
 from hosts.applications.wireguard import PORT
 from qmn.jobs.tunnel import SOCKETS, start_tunnel
-from topologies.confinement import descendants
-from topologies.key_managers import KeyService, start_key_managers
-from topologies.network import Network
+from topologies.daemons.key_managers import KeyService, start_key_managers
+from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
+from topologies.system.confinement.confinement import descendants
 from wire.key_manager import KeyLink
 
 ROTATE_S, LIFETIME_S = 1.0, 2.0

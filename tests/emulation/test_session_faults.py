@@ -7,7 +7,7 @@ import pytest
 from conftest import qmn, wait_until
 
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
-from topologies.network import Network
+from topologies.networks.network import Network
 from wire.metadata import Reason
 
 

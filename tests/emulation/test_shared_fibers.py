@@ -8,7 +8,7 @@ from conftest import wait_until
 from fabric_scene import facts, light_paths, running, session
 
 from hosts.quantum_socket import QuantumSocketError
-from topologies.fiber import PORTS_PER_CHANNEL
+from topologies.links.fiber import PORTS_PER_CHANNEL
 from topologies.sdc import SdcTopo
 from wire.config import Fiber, FiberEnd
 from wire.metadata import Reason

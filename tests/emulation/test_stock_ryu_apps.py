@@ -14,9 +14,9 @@ import pytest
 from conftest import nothing_left, wait_until
 from fabric_scene import running, session
 
-from topologies.network import Network
-from topologies.runtime import free_port
+from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
+from topologies.system.runs.runtime import free_port
 
 APPS = ["ryu.app.ofctl_rest", "ryu.topology.switches", "ryu.app.rest_topology"]
 Q1 = 0x1001

@@ -7,7 +7,7 @@ from fabric_scene import running
 from test_stock_ryu_apps import APPS, Http
 
 from topologies.ring import RingTopo
-from topologies.runtime import free_port
+from topologies.system.runs.runtime import free_port
 
 
 def test_the_topology_app_finds_fibers_between_switches(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from conftest import wait_until
 from loaded import run_qmn
 
 from hosts.quantum_socket import QuantumSocket
-from topologies.network import Network
+from topologies.networks.network import Network
 
 
 def fault(*words: str) -> tuple[int, str]:

@@ -7,7 +7,7 @@ from conftest import wait_until
 
 from qmn.jobs.transfer import TransferError
 from qmn.scripting.network import QuantumNetwork, start
-from topologies import openvswitch
+from topologies.system.open_vswitch import openvswitch
 
 
 def sends(network: QuantumNetwork) -> bool:

@@ -8,7 +8,7 @@ from typing import Any
 
 from fabric_scene import running, session
 
-from topologies.network import Network
+from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
 
 ASK = """

@@ -12,7 +12,7 @@ import pytest
 from conftest import ROOT, TSHARK, qmn, typed, verb, wait_until
 from loaded import read, running_qmn
 
-from topologies.runtime import RUNTIME_ROOT
+from topologies.system.runs.runtime import RUNTIME_ROOT
 from wire.dissection.dissectors import search_path
 
 

@@ -11,9 +11,9 @@ from scapy.layers.inet import IP, TCP
 from scapy.utils import rdpcap
 
 from qmn.scripting.network import start
-from topologies import openvswitch
-from topologies.interfaces import network_of
-from topologies.programs import NetworkError
+from topologies.system.kernel.interfaces import network_of
+from topologies.system.open_vswitch import openvswitch
+from topologies.system.processes.programs import NetworkError
 from wire.config import DISPATCHER_PORT
 from wire.dissection.dissectors import SCRIPT
 from wire.parameters.network import OPENFLOW_PORT

@@ -8,8 +8,8 @@ from conftest import wait_until
 from fabric_scene import running
 from test_confined_hosts import searched
 
-from topologies import user_namespace
 from topologies.sdc import SdcTopo
+from topologies.system.kernel import user_namespace
 
 
 def test_what_hosts_of_mininet_see_is_found(tmp_path: Path) -> None:

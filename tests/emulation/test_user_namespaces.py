@@ -10,7 +10,7 @@ import pytest
 from conftest import ROOT, wait_until
 from mininet.node import Node
 
-from topologies.network import Network
+from topologies.networks.network import Network
 
 HOSTS = "alice", "bob", "charlie"
 NONE_TO_BE_HAD = (
@@ -142,7 +142,7 @@ def test_root_sets_its_own_network_up(shared_network: Network) -> None:
 def test_a_network_can_be_in_a_user_namespace_of_somebody_elses() -> None:
     """As in a container whose root is nobody outside; it has no other users."""
     program = (
-        "from topologies.user_namespace import UserNamespace\n"
+        "from topologies.system.kernel.user_namespace import UserNamespace\n"
         "import subprocess\n"
         "made = UserNamespace()\n"
         "enter = ['nsenter', f'--user=/proc/self/fd/{made.descriptor}', '--preserve-credentials']\n"
@@ -163,7 +163,7 @@ def test_a_network_can_be_in_a_user_namespace_of_somebody_elses() -> None:
 def test_there_is_one_for_hosts_beyond_the_first_thousand_open_files() -> None:
     program = (
         "import os, resource\n"
-        "from topologies.user_namespace import UserNamespace\n"
+        "from topologies.system.kernel.user_namespace import UserNamespace\n"
         "_soft, most = resource.getrlimit(resource.RLIMIT_NOFILE)\n"
         "resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))\n"
         "files = [os.open(os.devnull, os.O_RDONLY) for _ in range(1_100)]\n"

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 from controller_apps.__main__ import main as begin
 from controller_apps.openflow import framework
-from topologies import runtime
-from topologies.forks import MODULES, Forked, ForkServer, request
-from topologies.programs import Program, python
+from topologies.system.processes.forks import MODULES, Forked, ForkServer, request
+from topologies.system.processes.programs import Program, python
+from topologies.system.runs import runtime
 
 CONTROLLER = "controller_apps"
 

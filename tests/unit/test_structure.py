@@ -14,6 +14,7 @@ from qmn.__main__ import VERBS
 ROOT = Path(__file__).resolve().parents[2]
 PRODUCT = (
     "wire",
+    "programs",
     "dispatcher",
     "hosts",
     "controller_apps",
@@ -53,11 +54,12 @@ def sources(folder: str) -> list[Path]:
 
 
 @pytest.mark.parametrize("folder", PRODUCT)
-def test_a_product_folder_imports_only_wire_and_itself(folder: str) -> None:
+def test_a_product_folder_imports_only_wire_programs_and_itself(folder: str) -> None:
     assert sources(folder)
+    shared = {"wire"} if folder == "wire" else {"wire", "programs"}
     for file in sources(folder):
         ours = {name.split(".")[0] for name in imports(file)} & set(ALL)
-        assert ours <= {"wire", folder}, file
+        assert ours <= {*shared, folder}, file
 
 
 @pytest.mark.parametrize("folder", [folder for folder in PRODUCT if folder != "topologies"])
@@ -116,11 +118,42 @@ def members(file: Path) -> Iterator[str]:
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
-def test_no_rooms_import_each_other_even_by_way_of_others() -> None:
+@pytest.mark.parametrize("storeys", [2, 99], ids=["with all that is in them", "each by itself"])
+def test_no_rooms_import_each_other_even_by_way_of_others(storeys: int) -> None:
+    found: dict[str, set[str]] = {}
+    for room, others in arrows().items():
+        here = shortened(room, storeys)
+        found.setdefault(here, set()).update({shortened(each, storeys) for each in others} - {here})
     try:
-        list(TopologicalSorter(arrows()).static_order())
+        list(TopologicalSorter(found).static_order())
     except CycleError as error:
         pytest.fail(f"a circle: {' <- '.join(error.args[1])}")
+
+
+def shortened(room: str, storeys: int) -> str:
+    """Return the folder of this storey that a room is in."""
+    return "/".join(room.split("/")[:storeys])
+
+
+def test_the_top_of_topologies_holds_topologies_alone() -> None:
+    """`mn --custom` takes each of these files; their base and the waits are beside them."""
+    for file in (ROOT / "topologies").glob("*.py"):
+        names = {
+            target.id
+            for node in parsed(file).body
+            if isinstance(node, ast.Assign)
+            for target in node.targets
+            if isinstance(target, ast.Name)
+        }
+        beside = file.name in ("__init__.py", "fabric.py", "timeouts.py")
+        assert ("topos" in names) != beside, file
+
+
+def test_the_machinery_of_networks_knows_no_topology_by_name() -> None:
+    top = {f"topologies.{file.stem}" for file in (ROOT / "topologies").glob("*.py")}
+    for file in sources("topologies"):
+        if file.parent != ROOT / "topologies":
+            assert not set(members(file)) & (top - {"topologies.timeouts"}), file
 
 
 SERVICES = ROOT / "hosts" / "middleware" / "services"
@@ -217,7 +250,7 @@ NOT_WAITS = {
     "qmn/sweeps/packets.py": {"ROUNDING_S"},
     "qmn/sweeps/polarization.py": {"FAST_S"},
     "qmn/verbs/runs.py": {"FRESH_S", "UNITS_S"},
-    "topologies/copper_link.py": {"LEAST_DELAY_S"},
+    "topologies/links/copper_link.py": {"LEAST_DELAY_S"},
     "wire/announcement.py": {"PERIOD_S", "LONGEST_PERIOD_S"},
     "wire/device.py": {"PERIODS_S"},
     "wire/key_routes.py": {"ROUTE_S"},

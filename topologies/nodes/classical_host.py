@@ -6,15 +6,16 @@ from pathlib import Path
 from mininet.log import warn
 from mininet.node import Host
 
-from topologies import openvswitch, runtime
-from topologies.confinement import ConfinedNode
-from topologies.interfaces import finish_checksums, set_mtu, within
-from topologies.keywords import refuse_unknown
-from topologies.memory_share import checked_mib
+from topologies.links.keywords import refuse_unknown
 from topologies.nodes.node import QuantumNode
-from topologies.programs import Program
-from topologies.runtime import Runtime
-from topologies.user_namespace import NoUserNamespace
+from topologies.system.confinement.confinement import ConfinedNode
+from topologies.system.kernel.interfaces import finish_checksums, set_mtu, within
+from topologies.system.kernel.memory_share import checked_mib
+from topologies.system.kernel.user_namespace import NoUserNamespace
+from topologies.system.open_vswitch import openvswitch
+from topologies.system.processes.programs import Program
+from topologies.system.runs import runtime
+from topologies.system.runs.runtime import Runtime
 
 DEFAULT_PREFIX_LENGTH = 8  # Mininet's
 

@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 from mininet.link import Intf
 from mininet.node import Controller, OVSSwitch
 
-from topologies import openvswitch, runtime
-from topologies.bridge_words import bridge_words
-from topologies.keywords import refuse_unknown
+from topologies.links.keywords import refuse_unknown
 from topologies.nodes.copper import connect_copper
 from topologies.nodes.node import QuantumNode
 from topologies.nodes.reached import as_reached
+from topologies.system.open_vswitch import openvswitch
+from topologies.system.open_vswitch.bridge_words import bridge_words
+from topologies.system.runs import runtime
 from topologies.timeouts import BUSY_MS, PROBE_MS, RECONNECT_MS
 
 PATIENCE = 8  # times the way to the controller

@@ -4,19 +4,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from topologies import runtime
-from topologies.addresses import free_address
-from topologies.keywords import refuse_unknown
-from topologies.launching import EarlyStart, launch
-from topologies.management import lay_management
+from topologies.links.keywords import refuse_unknown
+from topologies.links.management import lay_management
+from topologies.nodes.addresses import free_address
 from topologies.nodes.copper import connect_copper
 from topologies.nodes.node import QuantumNode
 from topologies.nodes.reached import ManagedController
 from topologies.nodes.stations import stations_of
-from topologies.programs import Program
-from topologies.runtime import CONSOLE
+from topologies.nodes.tls import ENTRANCE, certify_bridges, entrance
+from topologies.system.processes.programs import Program
+from topologies.system.runs import runtime
+from topologies.system.runs.launching import EarlyStart, launch
+from topologies.system.runs.runtime import CONSOLE
 from topologies.timeouts import READY_TIMEOUT_S
-from topologies.tls import ENTRANCE, certify_bridges, entrance
 from wire.announcement import period_s
 from wire.config import ControllerConfig
 from wire.controller_lines import RECORD

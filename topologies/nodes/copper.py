@@ -2,8 +2,8 @@
 
 import os
 
-from topologies.launching import launch
-from topologies.runtime import Runtime
+from topologies.system.runs.launching import launch
+from topologies.system.runs.runtime import Runtime
 from topologies.timeouts import READY_TIMEOUT_S
 from wire.config import CopperConfig
 

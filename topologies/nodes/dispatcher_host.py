@@ -1,11 +1,11 @@
 """The host that the dispatcher runs on."""
 
-from topologies.causality import ways_of_news
-from topologies.launching import launch
+from topologies.links.causality import ways_of_news
 from topologies.nodes.classical_host import ClassicalHost
 from topologies.nodes.copper import COPPER
-from topologies.runtime import DISPATCHER, EVENT_CAPTURE, EVENT_LOG, RECORD
-from topologies.tls import credentials
+from topologies.nodes.tls import credentials
+from topologies.system.runs.launching import launch
+from topologies.system.runs.runtime import DISPATCHER, EVENT_CAPTURE, EVENT_LOG, RECORD
 from wire.config import DISPATCHER_PORT, DispatcherConfig
 from wire.credentials import Credentials
 from wire.parameters.network import DispatcherSettings, part

@@ -3,10 +3,10 @@
 import os
 from pathlib import Path
 
-from topologies.interfaces import set_up, switch_ipv6_off, within
-from topologies.programs import ROOT, python
-from topologies.runtime import Runtime
-from topologies.shells import ShellWatcher
+from topologies.system.kernel.interfaces import set_up, switch_ipv6_off, within
+from topologies.system.processes.programs import ROOT, python
+from topologies.system.processes.shells import ShellWatcher
+from topologies.system.runs.runtime import Runtime
 
 
 class QuantumNode(ShellWatcher):

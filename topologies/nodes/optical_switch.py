@@ -6,17 +6,17 @@ from typing import Any
 
 from mininet.node import Controller
 
-from topologies import openvswitch
-from topologies.interfaces import switch_ipv6_off
-from topologies.keywords import refuse_unknown
-from topologies.launching import launch
+from topologies.catalogue.switch_presets import optics_of
+from topologies.links.keywords import refuse_unknown
 from topologies.nodes.classical_switch import ClassicalSwitch
 from topologies.nodes.reached import as_reached
-from topologies.programs import Program
-from topologies.runtime import DISPATCHER, free_port
-from topologies.switch_presets import optics_of
+from topologies.nodes.tls import certify_operator, credentials
+from topologies.system.kernel.interfaces import switch_ipv6_off
+from topologies.system.open_vswitch import openvswitch
+from topologies.system.processes.programs import Program
+from topologies.system.runs.launching import launch
+from topologies.system.runs.runtime import DISPATCHER, free_port
 from topologies.timeouts import READY_TIMEOUT_S, RECONNECT_MS
-from topologies.tls import certify_operator, credentials
 from wire.config import AgentConfig
 from wire.credentials import Credentials
 from wire.parameters.physics import BadParameter
@@ -29,8 +29,8 @@ class OpticalSwitch(ClassicalSwitch):
     """A quantum switch: a bridge with its agent between it and the controller.
 
     Optics go by keyword, as the fields of wire.parameters.switch.QuantumSwitch, or by the name of
-    a preset (topologies.switch_presets), from which what is given differs. Paths that differ from
-    the others are PathOptics. Raise BadParameter for what no switch can have.
+    a preset (topologies.catalogue.switch_presets), from which what is given differs. Paths that
+    differ from the others are PathOptics. Raise BadParameter for what no switch can have.
     `hardware` is "" for the simulated switch, or names an instrument, as scpi://192.0.2.7:5025;
     `hardware_ports` are the instrument's [ingress, egress] of each port that is a fibre's.
     `controller_port` names another controller than c0, at this TCP port of 127.0.0.1, that

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from topologies.runtime import free_port
+from topologies.system.runs.runtime import free_port
 from wire.config import ControllerConfig
 
 ROOT = Path(__file__).parents[3]

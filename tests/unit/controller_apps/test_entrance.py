@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from controller_apps.tls.entrance import Entrance, Impostor, SwitchMessages
-from topologies.certificates import CertificateAuthority
-from topologies.runtime import free_port
+from topologies.system.certificates.authority import CertificateAuthority
+from topologies.system.runs.runtime import free_port
 from wire.config import EntranceConfig
 from wire.credentials import Credentials
 from wire.metadata import MalformedPacket

@@ -12,8 +12,8 @@ from dispatcher_network import JumpingClock, configuration, running
 
 from dispatcher.server import callers
 from dispatcher.server.callers import Challenges
-from topologies.certificates import CertificateAuthority
-from topologies.runtime import free_port
+from topologies.system.certificates.authority import CertificateAuthority
+from topologies.system.runs.runtime import free_port
 from wire.credentials import Credentials
 from wire.dispatcher_pb2 import ChallengeRequest, CreateRequest, StatusRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub

@@ -22,7 +22,7 @@ from hosts.middleware.session.values import Lifetimes, values
 from hosts.service_socket import ServiceSocket
 from hosts.stack import Stack
 from hosts.stack_socket import QuantumSocketError
-from topologies.node_kinds import ION_TRAP, node_device
+from topologies.catalogue.node_kinds import ION_TRAP, node_device
 from wire.config import HostConfig
 from wire.features import ABSORB, EMIT, GATE, HERALD, INTERFERE, MEASURE, STORE
 from wire.metadata import Message, Reason, Setup, Topic, Values, Verdict

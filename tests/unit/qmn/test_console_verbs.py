@@ -13,7 +13,7 @@ from qmn.live import controller_console, light_paths
 from qmn.live.controller_console import NoAnswer, ask
 from qmn.verbs import devices
 from qmn.verbs.set import change
-from topologies.owners import this_process
+from topologies.system.processes.owners import this_process
 
 SWITCH = {
     "name": "q1",

@@ -79,7 +79,7 @@ def test_what_there_is_not_is_refused(
 
 SLIPS = """
 from mininet.topo import Topo
-from topologies.fiber import FiberLink
+from topologies.links import FiberLink
 from topologies.nodes import ClassicalSwitch, OpticalSwitch, QuantumHost
 
 class Slip(Topo):

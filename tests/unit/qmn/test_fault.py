@@ -13,8 +13,8 @@ from forked_python import Forked
 
 from qmn.live import running
 from qmn.verbs import fault
-from topologies.owners import owner
-from topologies.programs import NetworkError
+from topologies.system.processes.owners import owner
+from topologies.system.processes.programs import NetworkError
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.dispatcher_service import RUNNER
 

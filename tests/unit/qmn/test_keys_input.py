@@ -7,7 +7,7 @@ from qmn.jobs.eavesdropping import tapped_way
 from qmn.jobs.keys import checked, service_of
 from qmn.options import BadInput
 from qmn.verbs.run import keys_request
-from topologies.key_managers import KeyService
+from topologies.daemons.key_managers import KeyService
 from wire.key_manager import KEY_LINK_PORTS, KeyLink
 
 

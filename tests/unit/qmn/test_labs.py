@@ -19,7 +19,7 @@ from qmn.options import BadInput
 from qmn.sweeps.estimates import NOTHING, Estimate
 from qmn.sweeps.figure import residuals
 from qmn.verbs.lab import LabOptions, lab_done
-from topologies.network import Signals
+from topologies.networks.network import Signals
 
 NAMES = catalogue.names()
 HEADS = ["What the paper did", "Parameters", "What is reproduced", "What is not"]

@@ -12,7 +12,7 @@ import pytest
 
 from qmn.benchmarks.many_hosts import processor_s, shared_memory_mb
 from qmn.verbs.bench import sizes
-from topologies.owners import VARIABLE
+from topologies.system.processes.owners import VARIABLE
 
 RUN = "1-1-00000000"  # of no process that there is
 KEEP = "import sys; kept = b'x' * (50 << 20); print(len(kept), flush=True); sys.stdin.read()"

@@ -27,7 +27,7 @@ from qmn.sweeps.packets import (
 from qmn.sweeps.scheduling import away, network_of
 from qmn.traffic.counted import GIVEN_UP, Asked, CountedTime, Told
 from qmn.traffic.plan import Planned, Traffic, plan
-from topologies.maps import read_map
+from topologies.catalogue.maps import read_map
 
 GARR = read_map("garr")
 TOLD = json.loads((catalogue.LABS / "scheduling" / "reference.json").read_text())

@@ -12,8 +12,8 @@ from qmn.network.description import describe_network
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, read
 from qmn.scripting.network import start
-from topologies.copper_link import CopperLink
-from topologies.fiber import FiberLink
+from topologies.links.copper_link import CopperLink
+from topologies.links.fiber import FiberLink
 from topologies.sdc import SdcTopo
 from wire.parameters.physics import Memory
 

@@ -10,8 +10,8 @@ from typing import Any, cast
 import pytest
 
 from qmn.jobs.transfer import follow_all
-from topologies.network import Network
-from topologies.programs import NetworkError, Program
+from topologies.networks.network import Network
+from topologies.system.processes.programs import NetworkError, Program
 from wire.network_time import NetworkTime
 
 WAIT_S = 1.0

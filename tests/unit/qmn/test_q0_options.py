@@ -9,7 +9,7 @@ from qmn.network.options import NetworkOptions
 from qmn.network.q0_options import Q0Options, ip_over_light, with_both_ways
 from qmn.network.topologies import SIZES
 from qmn.options import BadInput, add_options, read
-from topologies.ip_over_light import IpOverLight
+from topologies.daemons.ip_over_light import IpOverLight
 
 
 def parsed(*words: str) -> Q0Options:

@@ -10,7 +10,7 @@ from qmn.interactive.quantum_cli import QUANTUM_VERBS, QuantumCLI
 from qmn.jobs.transfer import TransferError
 from qmn.scripting.exchange import Exchange
 from qmn.scripting.network import QuantumNetwork
-from topologies.programs import NetworkError
+from topologies.system.processes.programs import NetworkError
 
 
 class Unstarted(QuantumNetwork):

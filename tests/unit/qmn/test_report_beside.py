@@ -14,8 +14,8 @@ from recorded_run import record_run
 
 from qmn.reports.beside import report_beside
 from qmn.reports.report_file import made_report
-from topologies.owners import owner
-from topologies.programs import ROOT
+from topologies.system.processes.owners import owner
+from topologies.system.processes.programs import ROOT
 
 DEADLINE_S = 60.0
 # A runner that says which process draws its reports, and then what its input asks for.

@@ -12,7 +12,7 @@ from qmn.reports.map_diagram import in_a_line, map_diagram
 from qmn.reports.network_diagram import network_diagram
 from qmn.reports.places import NODE_INCHES, WIDTH_INCHES, columns, of_nodes, on_paper
 from qmn.results.network_facts import NetworkFacts
-from topologies.maps import read_map
+from topologies.catalogue.maps import read_map
 from wire.config import QuantumSwitch
 from wire.parameters.fiber import Fiber, FiberEnd
 

@@ -17,9 +17,9 @@ from qmn.network.topologies import TOPOLOGIES
 from qmn.options import BadInput, option_names
 from qmn.results.run_folder import make_folder, point_latest
 from qmn.verbs.run import superdense_request
-from topologies.fiber import FiberLink
-from topologies.node_kinds import ION_TRAP
-from topologies.presets import PRESETS
+from topologies.catalogue.node_kinds import ION_TRAP
+from topologies.catalogue.presets import PRESETS
+from topologies.links.fiber import FiberLink
 from wire.parameters.fiber import FiberOptics
 from wire.parameters.physics import Device, Gates
 

@@ -19,7 +19,7 @@ from qmn.results.timeline import (
     timeline_of_run,
 )
 from qmn.verbs.wireshark import prepare
-from topologies.runtime import EVENT_CAPTURE
+from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.config import Fiber, FiberEnd
 from wire.dispatcher_pb2 import Event
 from wire.events import decode_record

@@ -18,7 +18,7 @@ from qmn.sweeps.experiment import Outcome
 from qmn.sweeps.scheduling import SCHEDULE, away, network_of, requests, schedule
 from qmn.sweeps.scheduling import address as address_of
 from qmn.traffic.counted import Asked, CountedTime, Told
-from topologies.maps import read_map
+from topologies.catalogue.maps import read_map
 
 SESSIONS = 1_500
 BATCHES = 20

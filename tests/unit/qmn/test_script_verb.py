@@ -11,7 +11,7 @@ from qmn.verbs.script import MODULE
 ROOT = Path(__file__).parents[3]
 CTRL_C = "import os, signal; os.kill(os.getpid(), signal.SIGINT)"
 STARTING = f"""
-from topologies.signals import Signals
+from topologies.system.processes.signals import Signals
 with Signals() as signals:
     {CTRL_C}
     signals.check()

@@ -18,8 +18,8 @@ from forked_python import Forked
 from hosts.quantum_socket import STACK_VARIABLE
 from qmn.live import running
 from qmn.verbs import spy
-from topologies.owners import owner
-from topologies.runtime import EVENT_CAPTURE
+from topologies.system.processes.owners import owner
+from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import (
     BlockId,

@@ -7,7 +7,7 @@ import pytest
 
 from qmn.__main__ import described
 from qmn.verbs import worker
-from topologies.programs import NetworkError
+from topologies.system.processes.programs import NetworkError
 
 
 @pytest.mark.parametrize(

@@ -32,7 +32,7 @@ from qswitch_agent.proxy import proxy as proxy_module
 from qswitch_agent.proxy.proxy import Proxy
 from qswitch_agent.supervision import SupervisoryChannels
 from qswitch_agent.switch import Switch
-from topologies.runtime import free_port
+from topologies.system.runs.runtime import free_port
 
 DEADLINE_S = 5.0
 TUNING = Tuning(191_350_000, 196_100_000, 50_000, -20.0, 0.0)

@@ -25,7 +25,7 @@ from qswitch_agent.telemetry.messages import Unusable, path_of, require_encoding
 from qswitch_agent.telemetry.open_config import Fiber, Observed, leaves
 from qswitch_agent.telemetry.service import MAX_PATHS, Telemetry
 from qswitch_agent.telemetry.tree import Leaf, found
-from topologies.runtime import free_port
+from topologies.system.runs.runtime import free_port
 from wire.optical import ALL_VALID, ANY_PORT, VALID_RX_PWR, PathOptics, PortLight
 
 LIGHT = PortLight(ALL_VALID, 193_100_000, 0, 12_500, 193_100_000, 0, 12_500, 15, -73, 305, 255)

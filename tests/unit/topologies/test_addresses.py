@@ -1,6 +1,6 @@
 """Addresses beside those of the hosts."""
 
-from topologies.addresses import broadcast, free_address
+from topologies.nodes.addresses import broadcast, free_address
 
 
 def test_the_broadcast_address_is_that_of_the_hosts_network() -> None:

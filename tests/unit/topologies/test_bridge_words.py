@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from topologies.bridge_words import bridge_words
+from topologies.system.open_vswitch.bridge_words import bridge_words
 
 SCHEMA = "/usr/share/openvswitch/vswitch.ovsschema"
 COLUMNS = {

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from topologies.captures import capture_command, packets_missed
+from topologies.networks.captures import capture_command, packets_missed
 
 
 def test_packets_that_the_kernel_dropped_are_counted() -> None:

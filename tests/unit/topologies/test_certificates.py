@@ -8,9 +8,9 @@ import pytest
 from cryptography import x509
 from cryptography.x509.verification import PolicyBuilder, Store, VerificationError
 
-from topologies.certificates import CertificateAuthority, CertificateFiles
-from topologies.key_managers import given
-from topologies.programs import NetworkError
+from topologies.daemons.key_managers import given
+from topologies.system.certificates.authority import CertificateAuthority, CertificateFiles
+from topologies.system.processes.programs import NetworkError
 
 ADDRESS = ipaddress.ip_address("10.0.0.1")
 

@@ -6,8 +6,8 @@ import pytest
 from mininet.node import Host
 from mininet.topo import Topo
 
-from topologies.description import describe
-from topologies.fiber import FiberLink
+from topologies.description.description import describe
+from topologies.links.fiber import FiberLink
 from topologies.nodes import ClassicalSwitch, DispatcherHost, OpticalSwitch, QuantumHost
 from wire.parameters.physics import BadParameter, Device, Memory, PairSource
 from wire.parameters.switch import PathOptics, QuantumSwitch

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from topologies import disk
-from topologies.disk import DiskKeeper, nearly_full
-from topologies.programs import NetworkError, Program
+from topologies.networks import disk
+from topologies.networks.disk import DiskKeeper, nearly_full
+from topologies.system.processes.programs import NetworkError, Program
 
 FLOOD = """
 for number in range(20_000):

@@ -14,18 +14,18 @@ from pathlib import Path
 
 import pytest
 
-from topologies import forks
-from topologies.forks import ForkServer
-from topologies.owners import marked, this_process
-from topologies.programs import ENVIRONMENT, ROOT, NetworkError, Program, python
+from topologies.system.processes import forks
+from topologies.system.processes.forks import ForkServer
+from topologies.system.processes.owners import marked, this_process
+from topologies.system.processes.programs import ENVIRONMENT, ROOT, NetworkError, Program, python
 
 DEADLINE_S = 20.0
 # A runner, which starts a dispatcher by a fork server and says both their process ids.
 RUNNER = """
 import sys
 from pathlib import Path
-from topologies.forks import ForkServer
-from topologies.programs import Program, python
+from topologies.system.processes.forks import ForkServer
+from topologies.system.processes.programs import Program, python
 folder = Path(sys.argv[1])
 programs = [Program(name, folder / f"{name}.log") for name in ("fork-server", "dispatcher")]
 server, dispatcher = programs
@@ -38,18 +38,18 @@ sys.stdin.read()
 # It has loaded what such a server loads.
 LOADED = """
 from importlib import import_module
-from topologies.fork_server import runnable
-from topologies.forks import MODULES
+from topologies.system.processes.fork_server import runnable
+from topologies.system.processes.forks import MODULES
 for module in MODULES:
     import_module(runnable(module))
 """
 # A runner whose server cannot become one: the namespaces that it is to enter have gone.
 FAILING = """
 import os, sys
-from topologies.forks import ThisProcess
+from topologies.system.processes.forks import ThisProcess
 try:
     with open(sys.argv[1], "ab") as log:
-        command = [sys.executable, "-m", "topologies.fork_server"]
+        command = [sys.executable, "-m", "topologies.system.processes.fork_server"]
         print(ThisProcess().start("server", command, log.fileno(), int(sys.argv[2]), []).wait(20))
 finally:
     print("clean-up of", os.getpid())
@@ -276,6 +276,7 @@ def test_the_command_itself_has_the_environment_of_programs() -> None:
 
 def test_loggers_of_what_is_loaded_beside_mininet_are_not_mininets() -> None:
     """All would be Mininet's that are made after it is loaded, and say nothing of what happens."""
-    script = "import topologies.forks, mininet.net, logging; print(type(logging.getLogger('ours')))"
+    loaded = "topologies.system.processes.forks, mininet.net, logging"
+    script = f"import {loaded}; print(type(logging.getLogger('ours')))"
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, check=True)
     assert done.stdout == b"<class 'logging.Logger'>\n"

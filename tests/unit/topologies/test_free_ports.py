@@ -3,7 +3,7 @@
 import socket
 from contextlib import ExitStack
 
-from topologies.runtime import EPHEMERAL_PORTS, free_port
+from topologies.system.runs.runtime import EPHEMERAL_PORTS, free_port
 
 
 def test_free_ports_are_in_a_row_and_none_that_connections_get() -> None:

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from topologies import runtime
-from topologies.runtime import Runtime
+from topologies.system.runs import runtime
+from topologies.system.runs.runtime import Runtime
 from wire.parameters.network import NetworkSettings
 from wire.parameters.physics import Device
 

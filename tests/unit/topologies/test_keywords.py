@@ -6,10 +6,9 @@ from typing import Any
 import pytest
 from mininet.node import Node
 
-from topologies import runtime
-from topologies.copper_link import CopperLink
-from topologies.fiber import FiberLink
-from topologies.keywords import refuse_unknown
+from topologies.links.copper_link import CopperLink
+from topologies.links.fiber import FiberLink
+from topologies.links.keywords import refuse_unknown
 from topologies.nodes import (
     ClassicalHost,
     ClassicalSwitch,
@@ -18,6 +17,7 @@ from topologies.nodes import (
     QuantumController,
     QuantumHost,
 )
+from topologies.system.runs import runtime
 from wire.config import QuantumSwitch
 from wire.parameters.physics import BadParameter
 

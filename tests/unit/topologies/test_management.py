@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from topologies.copper_link import CopperLink, delay_s
-from topologies.management import lengths_to
-from topologies.runtime import Runtime
+from topologies.links.copper_link import CopperLink, delay_s
+from topologies.links.management import lengths_to
+from topologies.system.runs.runtime import Runtime
 from wire.config import QuantumSwitch
 from wire.parameters.network import NetworkSettings
 from wire.parameters.physics import BadParameter

@@ -11,10 +11,10 @@ import networkx
 import pytest
 from mininet.topo import Topo
 
-from topologies.copper_link import CopperLink
-from topologies.fiber import FiberLink
+from topologies.catalogue.maps import EARTH_KM, BadMap, great_circle_km, positions, read_map
+from topologies.links.copper_link import CopperLink
+from topologies.links.fiber import FiberLink
 from topologies.mapped import MapTopo
-from topologies.maps import EARTH_KM, BadMap, great_circle_km, positions, read_map
 from wire.parameters.physics import BellAnalyser
 
 GRAPHML = """<graphml xmlns="http://graphml.graphdrawing.org/xmlns">

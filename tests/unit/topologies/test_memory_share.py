@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from topologies import memory_share
-from topologies.memory_share import V2, checked_mib, parent
+from topologies.system.kernel import memory_share
+from topologies.system.kernel.memory_share import V2, checked_mib, parent
 from wire.parameters.physics import BadParameter
 
 

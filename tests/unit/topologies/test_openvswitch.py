@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from topologies import openvswitch
-from topologies.owners import Owner, this_process
-from topologies.programs import NetworkError
+from topologies.system.open_vswitch import openvswitch
+from topologies.system.processes.owners import Owner, this_process
+from topologies.system.processes.programs import NetworkError
 from topologies.timeouts import VSCTL_TIMEOUT_S
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from topologies.owners import Owner, end, from_words, gone, owner, this_process
+from topologies.system.processes.owners import Owner, end, from_words, gone, owner, this_process
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import socket
 import subprocess
 import sys
 
-from topologies.packet_sockets import close, held, packet_sockets, taken
+from topologies.system.kernel.packet_sockets import close, held, packet_sockets, taken
 
 
 def test_a_process_without_packet_sockets_has_none() -> None:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 
 from topologies.nodes.classical_switch import ClassicalSwitch
-from topologies.runtime import Runtime
+from topologies.system.runs.runtime import Runtime
 
 PROBE_MS = 5_000  # Open vSwitch's own (ovs-vswitchd.conf.db(5), inactivity_probe)
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from topologies.fiber import OPTICS, FiberLink, resolved
-from topologies.presets import PRESETS, preset
+from topologies.catalogue.presets import PRESETS, preset
+from topologies.links.fiber import OPTICS, FiberLink, resolved
 from topologies.sdc import SdcTopo
 from wire.parameters.fiber import optics
 from wire.parameters.physics import BadParameter

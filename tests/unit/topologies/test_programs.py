@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from topologies.owners import marked
-from topologies.programs import WITH_RUNNER, NetworkError, Program, stop_all
+from topologies.system.processes.owners import marked
+from topologies.system.processes.programs import WITH_RUNNER, NetworkError, Program, stop_all
 
 
 def program(folder: Path, code: str, name: str = "clock") -> Program:
@@ -52,7 +52,7 @@ def test_a_wait_names_what_it_waited_for(tmp_path: Path) -> None:
 def test_one_that_ignores_the_signal_is_ended_by_force(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("topologies.programs.STOP_TIMEOUT_S", 0.2)
+    monkeypatch.setattr("topologies.system.processes.programs.STOP_TIMEOUT_S", 0.2)
     deaf = program(
         tmp_path,
         "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN);"

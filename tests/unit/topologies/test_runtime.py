@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from topologies import runtime
-from topologies.owners import this_process
-from topologies.runtime import Runtime
+from topologies.system.processes.owners import this_process
+from topologies.system.runs import runtime
+from topologies.system.runs.runtime import Runtime
 
 
 @pytest.fixture

@@ -11,13 +11,13 @@ import pytest
 from mininet.node import Node
 from mininet.topo import Topo
 
-from topologies import shells
-from topologies.interfaces import set_up, within
-from topologies.network import Network, Signals
-from topologies.owners import marked, this_process
-from topologies.programs import NetworkError
-from topologies.runtime import Runtime
-from topologies.shells import ShellWatcher
+from topologies.networks.network import Network, Signals
+from topologies.system.kernel.interfaces import set_up, within
+from topologies.system.processes import shells
+from topologies.system.processes.owners import marked, this_process
+from topologies.system.processes.programs import NetworkError
+from topologies.system.processes.shells import ShellWatcher
+from topologies.system.runs.runtime import Runtime
 
 
 class Watched(ShellWatcher, Node):

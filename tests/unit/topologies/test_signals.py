@@ -11,7 +11,7 @@ from contextlib import suppress
 
 import pytest
 
-from topologies.signals import Interrupted, Signals
+from topologies.system.processes.signals import Interrupted, Signals
 
 
 @pytest.mark.parametrize("number", Signals.NUMBERS)
@@ -57,7 +57,7 @@ def test_a_signal_does_not_cut_short_what_defers_it() -> None:
 
 HANGS = """
 import time
-from topologies.signals import Signals
+from topologies.system.processes.signals import Signals
 with Signals() as signals, signals.deferred():
     print("cleaning up", flush=True)
     time.sleep(60)
@@ -85,7 +85,7 @@ def test_a_second_signal_forces_the_end_of_what_hangs() -> None:
 
 def test_a_signal_that_is_sent_twice_at_once_counts_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """As `timeout` does: to the process, and to its group."""
-    monkeypatch.setattr("topologies.signals.AGAIN_S", 3600.0)
+    monkeypatch.setattr("topologies.system.processes.signals.AGAIN_S", 3600.0)
     with Signals() as signals:
         for _ in range(2):
             os.kill(os.getpid(), signal.SIGTERM)

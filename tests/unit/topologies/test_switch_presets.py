@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dispatcher.laboratory import Laboratory
-from topologies.switch_presets import SWITCH_PRESETS, optics_of
+from topologies.catalogue.switch_presets import SWITCH_PRESETS, optics_of
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.parameters.physics import BadParameter
 

@@ -6,8 +6,8 @@ import pytest
 from mininet.topo import Topo
 
 from topologies.chain import ChainTopo
-from topologies.fiber import FiberLink
 from topologies.leaf_spine import LeafSpineTopo
+from topologies.links.fiber import FiberLink
 from topologies.repeaters import RepeatersTopo
 from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo

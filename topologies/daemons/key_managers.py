@@ -1,0 +1,173 @@
+"""Starts a key manager on hosts of a running network, with certificates for all that ask it."""
+
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from topologies.networks.network import Network
+from topologies.nodes import QuantumHost
+from topologies.nodes.addresses import broadcast
+from topologies.system.certificates.authority import (
+    AUTHORITY,
+    CertificateAuthority,
+    CertificateFiles,
+)
+from topologies.system.processes.programs import NetworkError, Program
+from topologies.system.runs.launching import launch
+from topologies.timeouts import READY_TIMEOUT_S
+from wire.key_delivery import KEY_DELIVERY_PORT
+from wire.key_manager import KeyLink, KeyManagerConfig, manager_name
+
+MODULE = "hosts.key_delivery"
+CERTIFICATES = "certificates"  # in the private folder
+
+
+@dataclass(frozen=True)
+class KeyService:
+    """What key managers are to do; a pair of hosts that keeps keys is (opener, acceptor)."""
+
+    pairs: Sequence[tuple[str, str]] = ()
+    link: KeyLink = field(default_factory=lambda: KeyLink(peer="", opens=True))  # of every pair
+    saes: Mapping[str, str] = field(default_factory=dict)  # more SAE IDs, to their host
+    keys_per_s: float = 0.0  # for one SAE; 0: no limit
+    withhold: bool = False
+    certificates: Path | None = None  # folder with PEM files; None: they are made
+
+
+@dataclass(frozen=True)
+class KeyManagers:
+    """The key managers of a network, and who may ask them."""
+
+    programs: dict[str, Program]  # by host
+    urls: dict[str, str]  # by host
+    saes: dict[str, str]  # SAE ID to host
+    files: dict[str, CertificateFiles]  # of SAEs
+    authority: Path
+
+
+def application_name(host: str) -> str:
+    """Return the SAE ID that every host has."""
+    return f"sae-{host}"
+
+
+def start_key_managers(network: Network, service: KeyService) -> KeyManagers:
+    """Start a key manager on every quantum host; each answers when this returns.
+
+    NetworkError if one cannot.
+    """
+    runtime = network.runtime
+    nodes = {node.name: node for node in runtime.hosts if isinstance(node, QuantumHost)}
+    addresses = {name: runtime.addresses[name] for name in nodes}
+    saes = {application_name(host): host for host in nodes} | dict(service.saes)
+    check(service, saes, nodes)
+    folder = service.certificates or runtime.folder / CERTIFICATES
+    names = {host: manager_name(host) for host in nodes}
+    if service.certificates is None:
+        files = made(folder, names, addresses, saes)
+    else:
+        files = given(folder, [*names.values(), *saes])
+    programs: dict[str, Program] = {}
+    opening = {a for a, _b in service.pairs}
+    for host in sorted(nodes, key=opening.__contains__):
+        if host in opening:  # all that it opens sessions with listen first, as far as that can be
+            wait_for_all(network, programs)
+        own = files[names[host]]
+        config = KeyManagerConfig(
+            host=host,
+            address=addresses[host],
+            stack=runtime.socket(host),
+            keys=runtime.key_folder(host),
+            hosts=addresses,
+            saes=saes,
+            certificate=str(own.certificate),
+            private_key=str(own.private_key),
+            authority=str(folder / AUTHORITY),
+            keys_per_s=service.keys_per_s,
+            withhold=service.withhold,
+            key_log=str(runtime.private_file(f"{names[host]}.keys")),
+            report_to=broadcast(runtime.addresses.values(), runtime.prefix_length),
+            device_key=runtime.device_key(host),
+            links=links_of(host, service),
+        )
+        programs[host] = launch(runtime, names[host], MODULE, config, nodes[host])
+    wait_for_all(network, programs)
+    urls = {host: f"https://{address}:{KEY_DELIVERY_PORT}" for host, address in addresses.items()}
+    managers = KeyManagers(
+        programs, urls, saes, {sae: files[sae] for sae in saes}, folder / AUTHORITY
+    )
+    for host, node in nodes.items():
+        tell_shell(node, managers, host)
+    return managers
+
+
+def wait_for_all(network: Network, programs: Mapping[str, Program]) -> None:
+    """Wait until programs answer; NetworkError if one does not."""
+    for program in programs.values():
+        program.wait_for("ready", READY_TIMEOUT_S, network.check)
+
+
+def links_of(host: str, service: KeyService) -> list[KeyLink]:
+    """Return the links of a host."""
+    opened = [replace(service.link, peer=b, opens=True) for a, b in service.pairs if a == host]
+    return opened + [
+        replace(service.link, peer=a, opens=False) for a, b in service.pairs if b == host
+    ]
+
+
+def check(service: KeyService, saes: Mapping[str, str], hosts: Mapping[str, object]) -> None:
+    """Raise NetworkError for hosts that are none, and names that cannot be."""
+    unknown = {*saes.values(), *(host for pair in service.pairs for host in pair)} - hosts.keys()
+    if unknown:
+        raise NetworkError(
+            f"{min(unknown)} is not a host with a key manager: choose one of {', '.join(hosts)}"
+        )
+    for sae in service.saes:
+        if not sae.isascii() or not sae.replace("-", "").isalnum() or sae.startswith("kme-"):
+            raise NetworkError(f"SAE ID {sae!r}: letters, digits and - only, and not kme-...")
+
+
+def made(
+    folder: Path, names: Mapping[str, str], addresses: Mapping[str, str], saes: Mapping[str, str]
+) -> dict[str, CertificateFiles]:
+    """Make the certificates of all, in a new folder."""
+    authority = CertificateAuthority(folder, "qmn keys of one network")
+    managers = {
+        name: authority.issue(name, {host: addresses[host]}) for host, name in names.items()
+    }
+    return managers | {sae: authority.issue(sae) for sae in saes}
+
+
+def given(folder: Path, names: Sequence[str]) -> dict[str, CertificateFiles]:
+    """Return the files of a folder; NetworkError if one is missing."""
+    files = {
+        name: CertificateFiles(folder / f"{name}.pem", folder / f"{name}.key") for name in names
+    }
+    needed = [path for each in files.values() for path in (each.certificate, each.private_key)]
+    for path in (folder / AUTHORITY, *needed):
+        if not path.is_file():
+            raise NetworkError(
+                f"{path} is missing: a folder of certificates has ca.pem, and "
+                f"NAME.pem and NAME.key for each of {', '.join(names)}"
+            )
+    return files
+
+
+def tell_shell(node: QuantumHost, managers: KeyManagers, host: str) -> None:
+    """Let commands in a host's shell find its key manager, and prove who they are.
+
+    Certificates and private keys of the host's applications are in the folder that it is shown.
+    """
+    folder = node.network.own_folder(host)
+    for sae in (sae for sae, place in managers.saes.items() if place == host):
+        shutil.copy(managers.files[sae].certificate, folder / f"{sae}.pem")
+        shutil.copy(managers.files[sae].private_key, folder / f"{sae}.key")
+    shutil.copy(managers.authority, folder / AUTHORITY)
+    own = application_name(host)
+    words = {
+        "KME": managers.urls[host],
+        "SAE_CERT": folder / f"{own}.pem",
+        "SAE_KEY": folder / f"{own}.key",
+        "KME_CA": folder / AUTHORITY,
+    }
+    node.cmd("export " + " ".join(f'{name}="{value}"' for name, value in words.items()))

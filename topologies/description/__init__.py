@@ -1,0 +1,1 @@
+"""The content of a topology, checked before anything of it is made."""

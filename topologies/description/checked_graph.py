@@ -1,0 +1,121 @@
+"""The graph of a topology that refuses what cannot be where it is added, and not at the start.
+
+    class Lab(Topo):
+        def build(self):
+            self.addHost("h1", cls=QuantumHost, sauce=True)     BadParameter is raised here
+
+Nodes and links of a user's own classes are checked when they are made.
+"""
+
+import string
+from collections.abc import Mapping
+from typing import Any
+
+from mininet.link import Intf
+from mininet.topo import MultiGraph, Topo
+
+from topologies.description.description import is_made, switch_of
+from topologies.links.copper_link import CopperLink
+from topologies.links.fiber import OPTICS as FIBER_OPTICS
+from topologies.links.fiber import FiberLink, resolved
+from topologies.links.keywords import refuse_unknown
+from topologies.nodes import ClassicalSwitch, OpticalSwitch, QuantumHost
+from topologies.nodes.quantum_host import device_of
+from wire.parameters.fiber import optics
+from wire.parameters.physics import BadParameter
+from wire.parameters.switch import OPTICS as SWITCH_OPTICS
+
+Info = Mapping[str, Any]  # keywords of a node or link, as Mininet keeps them
+DPID_DIGITS = 16  # of OpenFlow's 64 bits
+OF_LINKS = {"node1", "node2", "port1", "port2"}  # that Topo itself adds
+
+
+def checked(kind: type[Topo]) -> type[Topo]:
+    """Return the same class of topologies, whose nodes and links are checked as they are added."""
+
+    def build(self: Topo, *arguments: Any, **params: Any) -> None:
+        self.g = CheckedGraph()
+        kind.build(self, *arguments, **params)
+
+    return type(kind.__name__, (kind,), {"build": build})
+
+
+class CheckedNodes(dict[str, Info]):
+    """Nodes by name."""
+
+    def __missing__(self, name: str) -> Info:
+        """Refuse one that is not there, as Topo asks for it when a link is added."""
+        raise BadParameter(
+            f"there is no node {name!r} by then: add it with addHost or addSwitch before its links"
+        )
+
+
+class CheckedGraph(MultiGraph):
+    """Nodes and links that can be made; raise BadParameter for others."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.node = CheckedNodes()
+
+    def add_node(self, node: str, attr_dict: Info | None = None, **attrs: Any) -> None:
+        """Add a node."""
+        check_node(node, {**(attr_dict or {}), **attrs})
+        super().add_node(node, attr_dict, **attrs)
+
+    def add_edge(
+        self,
+        src: str,
+        dst: str,
+        key: int | None = None,
+        attr_dict: Info | None = None,
+        **attrs: Any,
+    ) -> int:
+        """Add a link; return its number among those of the same nodes."""
+        check_link(src, dst, {**(attr_dict or {}), **attrs})
+        number: int = super().add_edge(src, dst, key, attr_dict, **attrs)
+        return number
+
+
+def check_node(name: str, info: Info) -> None:
+    """Raise BadParameter for a node that cannot be made."""
+    kind: Any = info.get("cls")
+    if is_made(info, ClassicalSwitch):
+        check_dpid(name, info.get("dpid"))
+    if not _is_ours(kind):
+        return
+    refuse_unknown(name, info, kind, also=SWITCH_OPTICS if is_made(info, OpticalSwitch) else ())
+    if is_made(info, QuantumHost):
+        device_of(name, info)
+    if is_made(info, OpticalSwitch):
+        switch_of(name, info)
+
+
+def check_dpid(name: str, dpid: object) -> None:
+    """Raise BadParameter for a datapath ID that is none; without one a switch's name has it."""
+    if not dpid:
+        if not any(each.isdigit() for each in name):
+            raise BadParameter(f'{name} has no dpid: give one of its own, as dpid="1"')
+        return
+    digits = dpid.replace(":", "") if isinstance(dpid, str) else ""
+    if not 0 < len(digits) <= DPID_DIGITS or not set(digits) <= set(string.hexdigits):
+        raise BadParameter(
+            f"{name}: dpid {dpid!r} is not 1 to {DPID_DIGITS} hexadecimal digits in quotes"
+        )
+
+
+def check_link(one: str, other: str, info: Info) -> None:
+    """Raise BadParameter for a link that cannot be made."""
+    kind = info.get("cls") or CopperLink
+    if not _is_ours(kind):
+        return
+    given = info.keys() - OF_LINKS
+    if is_made(info, FiberLink):
+        where = f"fibre {one} to {other}"
+        refuse_unknown(where, given, kind, Intf, also=FIBER_OPTICS)
+        resolved(optics(where, **{name: info[name] for name in FIBER_OPTICS & given}))
+    else:
+        refuse_unknown(f"copper {one} to {other}", given, kind, Intf)
+
+
+def _is_ours(kind: object) -> bool:
+    return isinstance(kind, type) and kind.__module__.split(".")[0] == "topologies"

@@ -1,0 +1,76 @@
+"""Names and addresses of a topology that the kernel or the controller could not tell apart."""
+
+import re
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from ipaddress import AddressValueError, IPv4Interface, NetmaskValueError
+from typing import Any
+
+from mininet.topo import Topo
+
+from topologies.description.description import is_made
+from topologies.links.fiber import FiberLink
+from topologies.nodes import ClassicalSwitch
+from wire.parameters.physics import BadParameter
+
+MOST_LETTERS = 15  # of an interface's name: IFNAMSIZ of netdevice(7) less its end
+
+
+def refuse_clashes(topo: Topo) -> None:
+    """Raise BadParameter for nodes with one address or datapath ID, and for too long names."""
+    nodes = {name: topo.nodeInfo(name) for name in topo.nodes()}
+    addresses = {
+        name: str(_address(name, nodes[name]["ip"]))
+        for name in topo.hosts()
+        if nodes[name].get("ip")
+    }
+    _refuse_same("address", "an ip", addresses)
+    dpids = {
+        name: f"{_dpid(name, nodes[name]):x}"
+        for name in topo.switches()
+        if is_made(nodes[name], ClassicalSwitch)
+    }
+    _refuse_same("datapath ID", "a dpid", dpids)
+    for name, interface in _interfaces(topo):
+        if len(interface) > MOST_LETTERS:
+            raise BadParameter(
+                f"{name}: its interface {interface} would have {len(interface)} letters, and "
+                f"Linux takes {MOST_LETTERS}: choose a name of at most "
+                f"{MOST_LETTERS - len(interface) + len(name)}"
+            )
+
+
+def _refuse_same(what: str, own: str, values: Mapping[str, str]) -> None:
+    """Raise BadParameter for a value that several nodes have."""
+    having = defaultdict[str, list[str]](list)
+    for name, value in values.items():
+        having[value].append(name)
+    for value, names in having.items():
+        if len(names) > 1:
+            raise BadParameter(f"{' and '.join(names)} have one {what}, {value}: give each {own}")
+
+
+def _address(name: str, text: str) -> object:
+    try:
+        return IPv4Interface(text).ip
+    except (AddressValueError, NetmaskValueError) as error:
+        raise BadParameter(f"{name}: ip {text!r} is none: write ADDRESS/BITS ({error})") from error
+
+
+def _dpid(name: str, info: Mapping[str, Any]) -> int:
+    """Return a switch's datapath ID; one that is not said is the first number in its name."""
+    said = info.get("dpid")
+    if said:
+        return int(str(said).replace(":", ""), 16)
+    return int(next(iter(re.findall(r"\d+", name)), "0"))
+
+
+def _interfaces(topo: Topo) -> Iterator[tuple[str, str]]:
+    """Yield each node of a link with the name of its interface there, as Mininet makes it.
+
+    Those of hosts' fibres are shorter than that of their copper.
+    """
+    for one, other, info in topo.links(withInfo=True):
+        for name, port in ((one, info["port1"]), (other, info["port2"])):
+            if topo.isSwitch(name) or not is_made(info, FiberLink):
+                yield name, f"{name}-eth{port}"

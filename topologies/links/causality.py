@@ -1,0 +1,63 @@
+"""Whether news can outrun light, and by how much at worst."""
+
+from typing import Any, NamedTuple
+
+from programs.ways import Ways, shortest
+from topologies.links.copper_link import LEAST_DELAY_S
+from topologies.system.runs.runtime import Runtime
+
+
+class Early(NamedTuple):
+    """News that can come before light could."""
+
+    origin: str
+    receiver: str
+    early_s: float  # of the network
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON takes it."""
+        return {"from": self.origin, "to": self.receiver, "early_s": self.early_s}
+
+
+def worst(network: Runtime) -> Early | None:
+    """Return what outruns light most, in a network that has been built; None if nothing can.
+
+    News goes along the copper, also to the controller and from there to the switches. What light
+    leads by less than any packet takes here is not news that is early.
+    """
+    light, news = ways_of_light(network), ways_of_news(network)
+    least_s = network.time.network_s(LEAST_DELAY_S)
+    found: list[Early] = []
+    for origin in (node for node in light if node not in network.switches):
+        by_light, by_news = shortest(light, origin), shortest(news, origin)
+        found += [
+            Early(origin, receiver, light_s - by_news[receiver])
+            for receiver, light_s in by_light.items()
+            if receiver != origin
+            if receiver in by_news
+            if light_s - by_news[receiver] >= least_s
+        ]
+    return max(found, key=lambda each: each.early_s, default=None)
+
+
+def ways_of_light(network: Runtime) -> Ways:
+    """Return the fastest fibre between neighbours."""
+    found: Ways = {}
+    for fiber in network.fibers:
+        _join(found, fiber.a.node, fiber.b.node, fiber.delay_s)
+    return found
+
+
+def ways_of_news(network: Runtime) -> Ways:
+    """Return the copper between neighbours, also that to the controller."""
+    found: Ways = {}
+    for link, delay_s in network.copper.items():
+        one, other = sorted(link)
+        _join(found, one, other, delay_s)
+    return found
+
+
+def _join(ways: Ways, one: str, other: str, delay_s: float) -> None:
+    for near, far in ((one, other), (other, one)):
+        known = ways.setdefault(near, {})
+        known[far] = min(delay_s, known.get(far, delay_s))

@@ -1,0 +1,163 @@
+"""A copper cable as a Mininet link: topo.addLink(alice, s1, cls=CopperLink, length_km=20).
+
+Where its delay is less than a packet takes anyhow it is a plain veth pair. A longer one is two TAP
+interfaces between which the program `copper` holds every packet back: that works in every kernel,
+also without `netem`.
+"""
+
+import fcntl
+import os
+import struct
+import subprocess
+from typing import Any
+
+from mininet.link import Intf, Link
+from mininet.node import Node, Switch
+
+from topologies.links.keywords import refuse_unknown
+from topologies.system.kernel.interfaces import TUN, quick, switch_ipv6_off
+from topologies.system.machines.laying import lay
+from topologies.system.processes.programs import NetworkError
+from topologies.system.runs import runtime
+from topologies.timeouts import COMMAND_TIMEOUT_S
+from wire.config import Cable
+from wire.parameters.fiber import SPEED_IN_FIBER_M_PER_S
+from wire.parameters.network import LEAST_MBPS, MOST_KM, MOST_MBPS
+from wire.parameters.physics import BadParameter
+
+# In wall time: from one host to the other, over two cables and a switch in user space, a packet
+# takes longer than twice this.
+LEAST_DELAY_S = 10e-6
+TUNSETIFF, IFF_TAP, IFF_NO_PI = 0x400454CA, 0x0002, 0x1000
+QUEUED_FRAMES = 10_000
+ARP_TRIES = 3
+
+
+def delay_s(length_km: float) -> float:
+    """Return how long a packet is on the way; as fast as light in a fibre."""
+    return length_km * 1e3 / SPEED_IN_FIBER_M_PER_S
+
+
+def length_km(delay: float) -> float:
+    """Return how long copper is on which a packet takes so many seconds."""
+    return delay * SPEED_IN_FIBER_M_PER_S / 1e3
+
+
+class CopperLink(Link):
+    """A cable of some length, which loses a share of the packets, and may be slow.
+
+    `mbps` is of each direction (Mbit/s, of whole Ethernet frames); None: as fast as it goes. Raise
+    BadParameter for a length, a loss or a rate that no cable has.
+    """
+
+    def __init__(
+        self,
+        node1: Node,
+        node2: Node,
+        length_km: float = 0.0,
+        loss: float = 0.0,
+        mbps: float | None = None,
+        **params: object,
+    ) -> None:
+        where = f"copper {node1.name} to {node2.name}"
+        refuse_unknown(where, params, type(self), Intf)
+        if not isinstance(length_km, int | float) or not 0 <= length_km <= MOST_KM:
+            raise BadParameter(f"{where}: length_km {length_km!r} is not 0 to {MOST_KM:g}")
+        if not isinstance(loss, int | float) or not 0 <= loss < 1:
+            raise BadParameter(f"{where}: loss {loss!r} is not 0 to below 1")
+        if mbps is not None and (
+            not isinstance(mbps, int | float) or not LEAST_MBPS <= mbps <= MOST_MBPS
+        ):
+            text = f"{where}: mbps {mbps!r} is not {LEAST_MBPS:g} to {MOST_MBPS:g}"
+            raise BadParameter(text)
+        self.length_km, self.loss = float(length_km), float(loss)
+        self.mbps = mbps
+        super().__init__(node1, node2, **quick(params))
+        network = runtime.current()
+        network.copper[frozenset((node1.name, node2.name))] = delay_s(self.length_km)
+        if self._is_held:
+            for end in (self.intf1, self.intf2):
+                if not isinstance(end.node, Switch):
+                    _be_patient(end.node, str(end), network.time.wall_s(delay_s(self.length_km)))
+
+    @property
+    def _is_held(self) -> bool:
+        if self.loss or self.mbps is not None:
+            return True
+        return runtime.current().time.wall_s(delay_s(self.length_km)) >= LEAST_DELAY_S
+
+    def makeIntfPair(  # noqa: N802 (Mininet's name)
+        self,
+        intfname1: str,
+        intfname2: str,
+        addr1: str | None = None,
+        addr2: str | None = None,
+        node1: Node | None = None,
+        node2: Node | None = None,
+        deleteIntfs: bool = True,  # noqa: N803
+    ) -> None:
+        """Make both ends, and silence IPv6 at those of switches before they are up.
+
+        They are this machine's: their addresses and routes are none of the network's, and Open
+        vSwitch goes through all of them for each interface that changes.
+        """
+        assert node1 is not None  # Mininet's `fast` links name them
+        assert node2 is not None
+        ends = (intfname1, node1), (intfname2, node2)
+        if self._is_held:
+            self._be_held(ends)
+        else:
+            lay([(intfname1, addr1, node1), (intfname2, addr2, node2)])
+        for name, node in ends:
+            if isinstance(node, Switch):
+                switch_ipv6_off(node, name)
+
+    def _be_held(self, ends: tuple[tuple[str, Node], tuple[str, Node]]) -> None:
+        """Make both ends of a cable on which packets are held back; only an object knows how."""
+        (intfname1, node1), (intfname2, node2) = ends
+        for node in (node1, node2):
+            if getattr(node, "machine", None) is not None:
+                raise NetworkError(
+                    f"copper to {node} is long or slow, or loses packets: such a host is on the "
+                    "first machine alone"
+                )
+        one, other = (tap(name, node) for name, node in ends)
+        nature = delay_s(self.length_km), self.loss, self.mbps
+        cable = Cable(intfname1, intfname2, one, other, *nature)
+        runtime.current().cables.append(cable)
+
+
+def tap(name: str, node: Any) -> int:
+    """Return the file of a new TAP interface in a node's namespace; it goes when that is closed."""
+    try:
+        file = os.open(TUN, os.O_RDWR | os.O_NONBLOCK)
+        fcntl.ioctl(file, TUNSETIFF, struct.pack("16sH22x", name.encode(), IFF_TAP | IFF_NO_PI))
+    except OSError as error:
+        raise NetworkError(
+            f"cannot make {name}, an end of copper, with {TUN}: {error.strerror}; load the kernel "
+            "module tun, or make the copper short"
+        ) from error
+    _ip("link", "set", name, "txqueuelen", str(QUEUED_FRAMES))
+    if not isinstance(node, Switch):
+        _ip("link", "set", name, "netns", str(node.pid))
+    return file
+
+
+def _be_patient(node: Node, interface: str, one_way_s: float) -> None:
+    """Let the kernel wait for answers to ARP as long as they take; TCP sees to itself."""
+    round_trip_ms = round(4 * one_way_s * 1e3)  # two cables, there and back
+    retrans_ms = max(1000, 1000 + round_trip_ms // ARP_TRIES)
+    node.cmd(f"ip ntable change name arp_cache dev {interface} retrans {retrans_ms}")
+
+
+def _ip(*words: str) -> None:
+    done = subprocess.run(
+        ["ip", *words],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=COMMAND_TIMEOUT_S,
+        start_new_session=True,
+    )
+    if done.returncode:
+        raise NetworkError(f"ip {' '.join(words)}: {done.stderr.strip()}")

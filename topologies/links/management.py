@@ -1,0 +1,84 @@
+"""The management network: copper between the controller, in its namespace, and each switch.
+
+    c0's namespace                       this machine's, where bridges and agents are
+    c0-net ---- c0-s1 ================== s1-c0      198.18.1.0/30
+    (bridge) `- c0-q1 ================== q1-c0      198.18.2.0/30
+
+OpenFlow goes this way, and in it what the controller says to node agents. Mininet's verbs work on
+it: `link c0 q1 down` cuts q1 off from its controller. q1 keeps its copper to s1 as well.
+"""
+
+from collections.abc import Mapping
+from ipaddress import IPv4Address
+
+from mininet.node import Node
+
+from programs.ways import shortest
+from topologies.links.copper_link import CopperLink, delay_s, length_km
+from topologies.system.kernel.interfaces import network_of, switch_ipv6_off
+from topologies.system.open_vswitch.openvswitch import ip
+from topologies.system.runs.runtime import Runtime
+
+BRIDGE_ADDRESS = "02:71:6d:6e:63:30"
+NETWORK = IPv4Address("198.18.0.0")  # /15, of RFC 2544, which no host on the Internet has
+
+
+def bridge_of(controller: str) -> str:
+    """Return the interface at which everything that a controller says and hears passes."""
+    return f"{controller}-net"
+
+
+def lay_management(
+    controller: Node, switches: Mapping[str, Node], network: Runtime
+) -> dict[str, str]:
+    """Join a controller with switches; return its address for each of them, by name."""
+    bridge = bridge_of(controller.name)
+    inside = [
+        "link set lo up",
+        f"link add {bridge} address {BRIDGE_ADDRESS} type bridge",
+        f"link set {bridge} up",
+    ]
+    outside = []
+    lengths = lengths_to(switches, network)
+    addresses = {}
+    for number, (name, switch) in enumerate(switches.items(), 1):
+        ours, theirs = (str(NETWORK + 256 * number + host) for host in (1, 2))
+        link = CopperLink(
+            controller,
+            switch,
+            length_km=lengths[name],
+            loss=network.settings.control_loss,
+            intfName1=f"{controller.name}-{name}",
+            intfName2=f"{name}-{controller.name}",
+            params2={"ip": f"{theirs}/30"},  # with an address it is no port of the bridge
+        )
+        near, far = link.intf1, link.intf2
+        inside += [
+            f"link set {near} master {bridge}",
+            f"addr add {ours}/30 dev {bridge}",
+            f"neigh replace {theirs} lladdr {far.updateMAC()} dev {bridge} nud permanent",
+        ]
+        switch_ipv6_off(switch, str(far))
+        outside.append(f"neigh replace {ours} lladdr {BRIDGE_ADDRESS} dev {far} nud permanent")
+        network.management.add(str(far))
+        addresses[name] = ours
+    with network_of(controller):
+        ip(inside)
+    ip(outside)
+    return addresses
+
+
+def lengths_to(switches: Mapping[str, Node], network: Runtime) -> dict[str, float]:
+    """Return how long the copper to each switch is: the controller is at the first classical one.
+
+    That is as long as the way along the copper between the switches, which is that of the fibres.
+    """
+    if network.settings.control_km is not None:
+        return dict.fromkeys(switches, network.settings.control_km)
+    ways: dict[str, dict[str, float]] = {}
+    for link, seconds in network.copper.items():
+        one, other = link
+        ways.setdefault(one, {})[other] = ways.setdefault(other, {})[one] = seconds
+    place = next((name for name in switches if name not in network.switches), "")
+    reached = shortest(ways, place)
+    return {name: length_km(reached.get(name, delay_s(0.0))) for name in switches}

@@ -1,0 +1,62 @@
+"""A slow classical channel: packets of quantum metadata really wait for their turn, in the kernel.
+
+            sends                                           copper
+    host ---+--> metadata: token bucket, bits a second --+--> s1
+            '--> all else, as to the dispatcher ---------'
+
+Rates work where `netem`, with its fixed delays, is missing. What the simulation itself says over
+the same copper is not slowed down: it is not what is measured.
+"""
+
+import subprocess
+
+from mininet.node import Host
+
+from topologies.system.processes.programs import NetworkError
+from topologies.timeouts import COMMAND_TIMEOUT_S
+from wire.metadata import METADATA_PORT
+from wire.parameters.network import MOST_MBPS
+
+# Room for one packet: what TCP hands over as one of 64 KiB is cut, and none goes on saved tokens.
+BURST_BYTES = 1600
+LIMIT_BYTES = 16 << 20  # that may wait
+ALL_ELSE, METADATA = "1:1", "1:2"
+
+
+def slow_metadata(host: Host, rate_mbps: float) -> None:
+    """Let a host send quantum metadata at this rate (Mbit/s), for good; once for a host.
+
+    Raise NetworkError if the kernel cannot do it.
+    """
+    interface = str(host.defaultIntf())
+
+    def add(what: str, *words: str) -> None:
+        _run(host, ["tc", what, "add", "dev", interface, *words])
+
+    add("qdisc", "root", "handle", "1:", "htb", "default", "1")
+    for flow in (ALL_ELSE, METADATA):
+        words = ("rate", f"{MOST_MBPS:g}mbit", "quantum", str(BURST_BYTES))
+        add("class", "parent", "1:", "classid", flow, "htb", *words)
+    rate = ("rate", f"{round(rate_mbps * 1e6)}bit")
+    room = ("burst", str(BURST_BYTES), "limit", str(LIMIT_BYTES))
+    add("qdisc", "parent", METADATA, "handle", "2:", "tbf", *rate, *room)
+    tcp = ("match", "ip", "protocol", "6", "0xff")
+    for end in ("sport", "dport"):
+        port = ("match", "ip", end, str(METADATA_PORT), "0xffff")
+        add("filter", "parent", "1:", "protocol", "ip", "u32", *tcp, *port, "flowid", METADATA)
+
+
+def _run(host: Host, command: list[str]) -> None:
+    with host.popen(command) as program:
+        try:
+            _output, told = program.communicate(timeout=COMMAND_TIMEOUT_S)
+        except subprocess.TimeoutExpired as error:
+            program.kill()
+            raise NetworkError(
+                f"{host.name}: {' '.join(command)}: no end in {COMMAND_TIMEOUT_S:g} s"
+            ) from error
+    if program.returncode:
+        raise NetworkError(
+            f"{host.name}: {' '.join(command)}: {told.decode().strip()}; a slow classical channel "
+            "needs a kernel with sch_htb, sch_tbf and cls_u32: load them, or leave it out"
+        )

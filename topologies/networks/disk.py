@@ -1,0 +1,71 @@
+"""Room on the disk: what a run writes is bounded, also by those who flood it with messages.
+
+A program's log keeps its newest lines, at most LOG_BYTES twice: in the log, and before that in
+<log>.1. A capture that has become too long ends. Where the disk of the run's folder is
+nearly full, the run ends before it is.
+"""
+
+import shutil
+import threading
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Self
+
+from topologies.system.processes.programs import NetworkError, Program
+from topologies.timeouts import DISK_LOOK_S
+
+LOG_BYTES = 16 << 20
+RESERVE_BYTES = 1 << 30  # that stay free, or a hundredth of a disk that is smaller than 100 GiB
+
+
+class DiskKeeper:
+    """Looks at logs and disk once a second, also while a person thinks at the keyboard."""
+
+    def __init__(
+        self,
+        folder: Path,
+        programs: Callable[[], Iterable[Program]],
+        bound: Callable[[], None] = lambda: None,
+    ) -> None:
+        """`bound` is called to end other files that have become too long."""
+        self._folder = folder
+        self._programs = programs
+        self._bound = bound
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._watch, daemon=True)
+        self._full = ""
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._ended.set()
+        self._thread.join()
+
+    def _watch(self) -> None:
+        while not self._ended.wait(DISK_LOOK_S):
+            self.look()
+
+    def look(self) -> None:
+        """Cut logs that have become long, and note if the disk is nearly full."""
+        for program in list(self._programs()):
+            program.cut_log(LOG_BYTES)
+        self._bound()
+        self._full = nearly_full(self._folder)
+
+    def check(self) -> None:
+        """Raise NetworkError if the disk is nearly full."""
+        if self._full:
+            raise NetworkError(self._full)
+
+
+def nearly_full(folder: Path) -> str:
+    """Return in words that the disk of a folder is nearly full, "" if it is not."""
+    usage = shutil.disk_usage(folder)
+    if usage.free >= min(RESERVE_BYTES, usage.total // 100):
+        return ""
+    return (
+        f"the disk of {folder} is nearly full: {usage.free / 1e6:,.0f} MB are free; make room, or "
+        "write less (--no-capture, --no-events, --no-record)"
+    )

@@ -1,0 +1,438 @@
+"""One emulated network from start to end: check, start, watch, always clean up."""
+
+import os
+import resource
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from mininet.net import Mininet
+from mininet.node import Host
+from mininet.topo import Topo
+
+from topologies.links.copper_lengths import assign_copper_lengths
+from topologies.links.fiber import FiberLink
+from topologies.links.management import bridge_of
+from topologies.networks.captures import MAX_PACKET_BYTES, Captures
+from topologies.networks.discovery import Discovery
+from topologies.networks.disk import DiskKeeper
+from topologies.networks.parallel import ParallelMininet
+from topologies.networks.placing import place
+from topologies.nodes import DispatcherHost, OpticalSwitch, QuantumController, QuantumHost
+from topologies.nodes.copper import COPPER
+from topologies.nodes.stations import is_copper_switch
+from topologies.nodes.tls import OPEN_VSWITCH, OPERATOR
+from topologies.system.kernel.memory_share import groups_of_gone
+from topologies.system.machines.errand import Errand
+from topologies.system.machines.node import NodeElsewhere
+from topologies.system.open_vswitch import openvswitch
+from topologies.system.processes import owners
+from topologies.system.processes.owners import Owner
+from topologies.system.processes.programs import NetworkError, Program, stop_all
+from topologies.system.processes.shells import ShellWatcher
+from topologies.system.processes.signals import Interrupted as Interrupted
+from topologies.system.processes.signals import Signals as Signals
+from topologies.system.runs import runtime
+from topologies.system.runs.runtime import DISPATCHER, Runtime, folders_of_gone, only_run
+from topologies.timeouts import (
+    DAEMON_END_TIMEOUT_S,
+    END_TIMEOUT_S,
+    POLL_S,
+    READY_TIMEOUT_S,
+    STOPPED_LOOK_S,
+    STOPPED_TIMEOUT_S,
+)
+from wire.config import BadConfig
+from wire.parameters.physics import BadParameter
+
+MOST_FILES = 65_536
+CERTIFIED = QuantumHost, DispatcherHost, OpticalSwitch
+FIRST_CONTROLLER = "c0"  # Mininet's name of it
+SWITCHES = "switches"  # file in the private folder: what this run has made or will make
+
+
+class Network:
+    """A running network; a context manager that leaves nothing behind.
+
+    Raise NetworkError if it cannot start, Interrupted if a signal came meanwhile.
+    """
+
+    def __init__(
+        self,
+        topo: Callable[[], Topo],
+        settings: Runtime,
+        signals: Signals,
+        tell: Callable[[str], None] | None = None,
+    ) -> None:
+        """Set it up; `tell` is told what ends it, before clean-up, which takes a while."""
+        self._topo = topo
+        self._tell = tell
+        self.runtime = settings
+        self._signals = signals
+        self.captures = Captures(settings)
+        self._openflow: Path | None = None  # its capture, from its beginning on
+        self._cleanup = ExitStack()
+        self._daemons: dict[str, Owner] = {}  # of Open vSwitch
+        self._stopped: dict[str, float] = {}  # what a signal has stopped, since when
+        self._look_again_at = 0.0
+
+    def __enter__(self) -> Self:
+        self._cleanup.callback(self.runtime.remove)
+        try:
+            self._start()
+        except BaseException as error:
+            self._clean_up(error)
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._clean_up(error)
+
+    def _clean_up(self, cause: BaseException | None) -> None:
+        """Remove everything; what then goes wrong does not hide what has ended the network."""
+        if self._tell is not None and isinstance(cause, Exception):
+            self._tell(str(cause))
+        self.runtime.hurried = True
+        try:
+            with self._signals.deferred():
+                self._cleanup.close()
+        except NetworkError as error:
+            if cause is None:
+                raise
+            cause.add_note(f"cleaning up: {error}")
+
+    def _start(self) -> None:
+        require_root()
+        allow_files()
+        self._cleanup.enter_context(only_run())
+        self._cleanup.callback(self._stop_programs)
+        self.runtime.forks()  # what it loads takes longest
+        self._cleanup.callback(openvswitch.stop_if_ours, self.runtime.name)
+        if openvswitch.running():
+            openvswitch.adopt(self.runtime.name)
+        else:
+            openvswitch.start(self.runtime.name)
+        self._disk = self._cleanup.enter_context(
+            DiskKeeper(self.runtime.logs, lambda: self.runtime.programs, self.captures.bound)
+        )
+        sweep()
+        openvswitch.revive_if_ours(self.runtime.name)  # it may have ended with what was left
+        self._daemons = openvswitch.daemons()
+        self._signals.check()
+        runtime.begin(self.runtime)
+        topo = self._topo()
+        settings = self.runtime.settings
+        assign_copper_lengths(topo, settings.copper_km, settings.copper_mbps)
+        place(topo, self.runtime.places)
+        refuse_taken_names(topo)
+        require_certificates(topo, self.runtime)
+        (self.runtime.folder / SWITCHES).write_text("\n".join(topo.switches()))
+        # Mininet would raise kernel limits for the whole machine, which is not ours to change.
+        Mininet.inited = True
+        self.net = ParallelMininet(topo=topo, controller=QuantumController, build=False)
+        self._cleanup.callback(delete_interfaces_of, topo.switches())
+        if self.runtime.settings.tls:
+            self._cleanup.callback(openvswitch.forget_certificate, self.runtime.name.__eq__)
+        self._cleanup.callback(end_processes_of, self.runtime.name)
+        self._cleanup.callback(self.net.stop)
+        self._cleanup.callback(self._stop_programs)
+        self._cleanup.callback(openvswitch.revive_if_ours, self.runtime.name)
+        self._cleanup.callback(self.captures.end)
+        self.runtime.hurried = True
+        self._build_and_start()
+        self._wait_until_ready()
+        self.runtime.hurried = False
+
+    def _build_and_start(self) -> None:
+        """Let Mininet start all nodes; where it fails because of another's end, name that."""
+        try:
+            self.net.build()
+            self._signals.check()
+            if self.runtime.settings.tls and self.runtime.log_folder is not None:
+                self.capture_openflow()  # Wireshark needs the beginnings of TLS
+            self.net.start()
+        except SystemExit as error:
+            self.check()
+            raise NetworkError("Mininet has given up; it says above why") from error
+        except NetworkError as error:
+            for node in self._watched():
+                if node.shell_ended and node.name not in str(error).split():
+                    raise NetworkError(f"{node.name} died at its start: {error}") from error
+            raise
+        except Interrupted:
+            raise
+        except (BadParameter, BadConfig) as error:  # of a node or link that cannot be
+            raise NetworkError(str(error)) from error
+        except Exception:  # Mininet raises no other kind
+            self.check()
+            raise
+
+    def _watched(self) -> Iterator[ShellWatcher]:
+        """Yield our nodes; a topology may have others, too."""
+        for node in (*self.net.hosts, *self.net.switches, *self.net.controllers):
+            if isinstance(node, ShellWatcher):
+                yield node
+
+    def _stop_programs(self) -> None:
+        """End the dispatcher and the copper to it last: to all others their end is a fault."""
+        programs = self.runtime.programs
+        stop_all([program for program in programs if program.name not in (DISPATCHER, COPPER)])
+        stop_all(programs)
+
+    def _wait_until_ready(self) -> None:
+        for program in list(self.runtime.programs):
+            program.wait_for("ready", READY_TIMEOUT_S, self.check)
+            self._signals.check()
+        Discovery(self.net, self.runtime).wait(self.check)
+
+    def host(self, name: str) -> Host:
+        """Return a host; raise NetworkError if there is none of that name."""
+        hosts = {host.name: host for host in self.net.hosts}
+        if name not in hosts:
+            raise NetworkError(f"unknown host {name!r}: choose one of {', '.join(sorted(hosts))}")
+        return hosts[name]
+
+    def run_on(self, host: str, name: str, command: list[str]) -> Program:
+        """Start an application on a host; it ends with the network at the latest.
+
+        To another machine the files that its words name go along, and come back.
+        """
+        node = self.host(host)
+        if host not in self.runtime.places:
+            return self._run(name, command, node.pid)
+        program = Program(name, self.runtime.logs / f"{name}.log")
+        errand = Errand(self.runtime.places[host], self.runtime.folder / name, command)
+        self._cleanup.callback(errand.bring_back)
+        self._cleanup.callback(program.stop)
+        errand.start(program, node.pid_there)
+        return program
+
+    def run_beside(self, name: str, command: list[str]) -> Program:
+        """Start a program on this machine itself; it ends with the network at the latest."""
+        return self._run(name, command)
+
+    def _run(self, name: str, command: list[str], namespace_pid: int | None = None) -> Program:
+        program = Program(name, self.runtime.logs / f"{name}.log")
+        self._cleanup.callback(program.stop)
+        program.start(command, namespace_pid, forks=self.runtime.forks())
+        return program
+
+    @property
+    def copper_switches(self) -> list[str]:
+        """The switches of copper alone, in the order of the topology."""
+        return [switch.name for switch in self.net.switches if is_copper_switch(switch)]
+
+    def capture(
+        self, *switches: str, openflow: bool = False, packet_bytes: int = MAX_PACKET_BYTES
+    ) -> list[Path]:
+        """Capture every link of these switches from now on; return the files.
+
+        A link to another machine is captured at its end there, too. With `openflow` the last file
+        has what the controller and the switches say. Of each packet so many bytes are captured at
+        most.
+        """
+        hidden = {"lo", *self.runtime.management}
+        interfaces = [
+            name
+            for switch in switches
+            for name in self.net.get(switch).intfNames()
+            if name not in hidden
+        ]
+        self.captures.packet_bytes = packet_bytes
+        files = [self.captures.begin(name, interface=name) for name in interfaces]
+        files += [
+            self.captures.begin_elsewhere(node.machine, interface, node.pid_there)
+            for switch in switches
+            for node, interface in self._copper_elsewhere(switch)
+        ]
+        files += [self._begin_openflow()] if openflow else []
+        self.captures.wait()
+        return files
+
+    def _copper_elsewhere(self, switch: str) -> Iterator[tuple[NodeElsewhere, str]]:
+        """Yield hosts of other machines that have copper to a switch, each with its interface."""
+        for link in self.net.links:
+            for near, far in ((link.intf1, link.intf2), (link.intf2, link.intf1)):
+                is_there = near.node.name == switch and isinstance(far.node, NodeElsewhere)
+                if is_there and not isinstance(link, FiberLink):
+                    yield far.node, str(far)
+
+    def capture_openflow(self) -> Path:
+        """Capture from now on what the controller and the switches say; return the file."""
+        file = self._begin_openflow()
+        self.captures.wait()
+        return file
+
+    def _begin_openflow(self) -> Path:
+        if self._openflow is None:
+            (c0,) = (each for each in self.net.controllers if isinstance(each, QuantumController))
+            port = "tcp", "port", str(self.runtime.settings.openflow_port)
+            self._openflow = self.captures.begin(c0.name, bridge_of(c0.name), *port, inside=c0.pid)
+        return self._openflow
+
+    def check(self) -> None:
+        """Raise if a signal has come or a program of the network has ended."""
+        self._signals.check()
+        for machine in self.runtime.machines:
+            machine.check()
+        openvswitch.require_alive(self._daemons)
+        self._disk.check()
+        self.captures.bound()
+        programs = (*self.runtime.programs, *self.captures.programs)
+        if not all(program.running for program in programs):
+            self._require_daemons_for(DAEMON_END_TIMEOUT_S)
+            # What ends because the dispatcher does was started later, and may have ended before.
+            first = next(program for program in programs if not program.running)
+            raise NetworkError(f"{first.name} died in mid-run: {first.end()}")
+        for node in self._watched():
+            if node.shell_ended:
+                raise NetworkError(f"{node.name} died in mid-run: its shell was ended")
+        if time.monotonic() > self._look_again_at:
+            self._look_again_at = time.monotonic() + STOPPED_LOOK_S
+            self._require_none_stopped(STOPPED_TIMEOUT_S)
+
+    def _require_daemons_for(self, duration_s: float) -> None:
+        """Raise if a daemon of Open vSwitch ends within so long.
+
+        A daemon's sockets close before it has ended, and programs end because of that.
+        """
+        deadline = time.monotonic() + duration_s
+        while time.monotonic() < deadline:
+            openvswitch.require_alive(self._daemons)
+            time.sleep(POLL_S)
+
+    def explain(self) -> None:
+        """Raise for what has made something fail, if it is in the network.
+
+        A program's sockets close a moment before it ends. What a signal has stopped is to all
+        others a peer that does not answer.
+        """
+        deadline = time.monotonic() + END_TIMEOUT_S
+        while time.monotonic() < deadline:
+            self.check()
+            time.sleep(POLL_S)
+        self._require_none_stopped(0.0)
+
+    def _require_none_stopped(self, patience_s: float) -> None:
+        """Raise for what has been seen to be stopped by a signal for so long."""
+        now = time.monotonic()
+        stopped = set()
+        for program in (*self.runtime.programs, *self.captures.programs):
+            stopped |= {program.name} if program.stopped else set()
+        stopped |= {node.name for node in self._watched() if node.shell_stopped}
+        stopped |= {name for name, daemon in self._daemons.items() if daemon.stopped}
+        self._stopped = {name: self._stopped.get(name, now) for name in stopped}
+        for name, since in self._stopped.items():
+            if now - since >= patience_s:
+                raise NetworkError(
+                    f"{name} does not answer: a signal has stopped it (SIGSTOP); `kill -CONT` "
+                    f"within {STOPPED_TIMEOUT_S:g} s lets such a process go on"
+                )
+
+
+def allow_files() -> None:
+    """Let this process have files open for the terminals of a thousand nodes, if it may."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = MOST_FILES if hard == resource.RLIM_INFINITY else min(hard, MOST_FILES)
+    if soft < most:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+
+
+def require_root() -> None:
+    """Raise NetworkError for an ordinary user."""
+    if os.geteuid():
+        raise NetworkError("network namespaces and Open vSwitch need root: run it with sudo")
+
+
+def sweep() -> None:
+    """Remove what killed runs of ours have left: programs, bridges, interfaces, folders."""
+    owners.end([process for process, run in owners.marked() if owners.gone(run)])
+    for group in groups_of_gone():
+        group.rmdir()
+    openvswitch.delete_finally(str(owners.this_process()), *bridges_of_gone())
+    openvswitch.forget_certificate(owners.gone)
+    for folder in folders_of_gone():
+        remove_links(switches_of(folder))
+        shutil.rmtree(folder)
+
+
+def bridges_of_gone() -> list[str]:
+    """Return the bridges whose run is gone."""
+    made = openvswitch.runs_of_bridges()
+    return sorted(name for name, run in made.items() if owners.gone(run))
+
+
+def switches_of(folder: Path) -> list[str]:
+    """Return the switches that the run of a private folder has made, or was about to make."""
+    names = folder / SWITCHES
+    return names.read_text().split() if names.exists() else []
+
+
+def remove_links(switches: list[str]) -> None:
+    """Remove what is left of switches that are gone, and of their links.
+
+    Most went with their hosts. Links between switches stay, and so do those of a host whose
+    namespace the kernel keeps until the last TCP connection in it has timed out.
+    """
+    bridges = set(openvswitch.bridges())
+    delete_interfaces_of([switch for switch in switches if switch not in bridges])
+
+
+def delete_interfaces_of(switches: list[str]) -> None:
+    """Delete the interfaces that a switch of ours has, or that its daemon has left."""
+    names = [name for switch in switches for name in interfaces_of(switch)]
+    openvswitch.delete_interfaces(names)
+
+
+def end_processes_of(run: str) -> None:
+    """End what still runs in the network of a run, as a server that somebody has started there."""
+    owners.end([process for process, words in owners.marked() if words == run])
+
+
+def interfaces_of(switch: str) -> list[str]:
+    """Return the interfaces on this machine that a switch of this name would have."""
+    names = sorted(path.name for path in Path("/sys/class/net").iterdir())
+    return [name for name in names if name == switch or name.startswith(f"{switch}-eth")]
+
+
+def require_certificates(topo: Topo, network: Runtime) -> None:
+    """Raise NetworkError if certificates are given and one of a program is missing or wrong."""
+    if not network.settings.tls_from:
+        return
+    kinds = {name: topo.nodeInfo(name).get("cls") for name in (*topo.hosts(), *topo.switches())}
+    names = [
+        name
+        for name, kind in kinds.items()
+        if isinstance(kind, type) and issubclass(kind, CERTIFIED)
+    ]
+    for name in (
+        *names,
+        OPEN_VSWITCH,
+        FIRST_CONTROLLER,
+        *([OPERATOR] if network.settings.gnmi else []),
+    ):
+        network.authority().check(name)
+
+
+def refuse_taken_names(topo: Topo) -> None:
+    """Raise NetworkError before Mininet would delete somebody else's bridge."""
+    taken = sorted(set(openvswitch.bridges()) & set(topo.switches()))
+    if taken:
+        raise NetworkError(
+            f"bridge {taken[0]} exists already and is not ours; "
+            f"remove it with `ovs-vsctl del-br {taken[0]}` or rename it"
+        )
+    for interface in [name for switch in topo.switches() for name in interfaces_of(switch)]:
+        raise NetworkError(
+            f"interface {interface} exists already and is not ours; "
+            f"remove it with `ip link del {interface}` or rename it"
+        )

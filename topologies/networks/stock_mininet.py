@@ -1,0 +1,37 @@
+"""Mininet as its own program `mn` is to have it: for topologies of ours, and no longer than it may.
+
+What topologies.networks.network.Network does for `qmn` around a network, this does here.
+"""
+
+from topologies.networks.disk import DiskKeeper
+from topologies.networks.iperf import IperfMininet
+from topologies.system.runs import runtime
+
+
+class StockMininet(IperfMininet):
+    """Mininet whose `iperf` ends, whose nodes' commands have deadlines, and whose logs are bounded.
+
+    People's own commands, between its start and its end, may take as long as they like.
+    """
+
+    _keeper: DiskKeeper | None = None
+
+    def build(self) -> None:
+        """Make all nodes and links; from now on their programs' logs are looked after."""
+        network = runtime.current()
+        self._keeper = DiskKeeper(network.logs, lambda: network.programs)
+        self._keeper.__enter__()
+        with network.in_a_hurry():
+            super().build()
+
+    def start(self) -> None:
+        """Start controllers and switches."""
+        with runtime.current().in_a_hurry():
+            super().start()
+
+    def stop(self) -> None:
+        """Stop everything; a shell that does not answer is killed, and the rest goes on."""
+        runtime.current().ending = True
+        super().stop()
+        if self._keeper is not None:
+            self._keeper.__exit__()

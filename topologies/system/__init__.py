@@ -1,0 +1,1 @@
+"""The machinery below nodes and links: what is asked of this machine, and of others."""

@@ -1,0 +1,1 @@
+"""Certificates of a run, and the private keys of whom they name."""

@@ -1,0 +1,1 @@
+"""The kernel's own calls: interfaces, namespaces, shares of memory, packet sockets."""

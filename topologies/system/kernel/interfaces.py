@@ -1,0 +1,218 @@
+"""Network interfaces, made and set up by the kernel's own calls, without a program for each step.
+
+veth pairs      rtnetlink(7): one message for both ends, each in its namespace at once
+up, addresses   netdevice(7): ioctls on a socket of the namespace
+IPv6 off        /proc/sys/net, which is that of the namespace of who looks
+"""
+
+import array
+import ctypes
+import errno
+import fcntl
+import json
+import os
+import socket
+import struct
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from ipaddress import IPv4Interface
+from pathlib import Path
+from typing import Any, TextIO, TypeVar
+
+from mininet.link import Intf
+from mininet.node import Node
+
+from topologies.system.processes.programs import NetworkError
+from topologies.timeouts import COMMAND_TIMEOUT_S
+
+LIBC = ctypes.CDLL(None, use_errno=True)
+RTM_NEWLINK, NLMSG_ERROR = 16, 2
+CREATE_NEW = 0x1 | 0x4 | 0x200 | 0x400  # NLM_F_REQUEST, _ACK, _EXCL, _CREATE
+IFLA_ADDRESS, IFLA_IFNAME, IFLA_LINKINFO, IFLA_NET_NS_PID = 1, 3, 18, 19
+IFLA_INFO_KIND, IFLA_INFO_DATA, VETH_INFO_PEER = 1, 2, 1
+MESSAGE, LINK, ATTRIBUTE = struct.Struct("=IHHII"), struct.Struct("=BxHiII"), struct.Struct("=HH")
+ANSWER_BYTES = 4096
+SIOCGIFFLAGS, SIOCSIFFLAGS, SIOCSIFADDR, SIOCSIFNETMASK = 0x8913, 0x8914, 0x8916, 0x891C
+SIOCGIFHWADDR, SIOCETHTOOL, SIOCSIFMTU = 0x8927, 0x8946, 0x8922
+ETHTOOL_SRXCSUM, ETHTOOL_STXCSUM, ETHTOOL_SGRO = 0x15, 0x17, 0x2C
+IFF_UP = 0x1
+TUN = "/dev/net/tun"  # by which programs make interfaces
+Result = TypeVar("Result")
+IPV6 = Path("/proc/sys/net/ipv6/conf")
+
+
+@contextmanager
+def network_of(node: Node) -> Iterator[None]:
+    """Be in the network namespace of a node meanwhile, this thread alone.
+
+    Raise NetworkError for a node whose shell somebody has ended.
+    """
+    with open("/proc/thread-self/ns/net") as home, _namespace_of(node) as there:
+        _enter(there.fileno())
+        try:
+            yield
+        finally:
+            _enter(home.fileno())
+
+
+def _namespace_of(node: Node) -> TextIO:
+    try:
+        return open(f"/proc/{node.pid}/ns/net")
+    except FileNotFoundError as error:
+        raise NetworkError(f"{node.name} has died: its shell was ended") from error
+
+
+def _enter(namespace: int) -> None:
+    if LIBC.setns(namespace, 0):
+        raise OSError(ctypes.get_errno(), "setns to a network namespace")
+
+
+def within(node: Any, function: Callable[..., Result], *arguments: Any) -> Result:
+    """Call a function of this module in the network namespace of a node, wherever that is."""
+    machine = getattr(node, "machine", None)
+    if machine is not None:
+        said: Result = machine.within(node.pid_there, function.__name__, arguments)
+        return said
+    with network_of(node):
+        return function(*arguments)
+
+
+def switch_ipv6_off(node: Node, *interfaces: str) -> None:
+    """Switch IPv6 off at these of a node's interfaces; "default" are those to come."""
+    within(node, write_ipv6_off, *interfaces)
+
+
+def write_ipv6_off(*interfaces: str) -> None:
+    """Switch IPv6 off at these interfaces of this thread's namespace."""
+    for name in interfaces:
+        with suppress(FileNotFoundError):  # of a kernel without IPv6
+            (IPV6 / name / "disable_ipv6").write_text("1")
+
+
+def make_pair(ends: list[tuple[str, str | None, Node]]) -> None:
+    """Make a veth pair; each end is its name, its hardware address and the node that it is at.
+
+    Raise NetworkError if that cannot be.
+    """
+    (name, address, node), peer = ends
+    data = _attribute(VETH_INFO_PEER, LINK.pack(0, 0, 0, 0, 0) + _described(*peer))
+    kind = _attribute(IFLA_INFO_KIND, b"veth") + _attribute(IFLA_INFO_DATA, data)
+    body = LINK.pack(0, 0, 0, 0, 0) + _described(name, address, node)
+    body += _attribute(IFLA_LINKINFO, kind)
+    with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE) as kernel:
+        length = MESSAGE.size + len(body)
+        kernel.send(MESSAGE.pack(length, RTM_NEWLINK, CREATE_NEW, 1, 0) + body)
+        answer = kernel.recv(ANSWER_BYTES)
+    (code,) = struct.unpack_from("=i", answer, MESSAGE.size)
+    if MESSAGE.unpack_from(answer)[1] != NLMSG_ERROR or code:
+        raise NetworkError(f"cannot make the link {name} to {peer[0]}: {os.strerror(-code)}")
+
+
+def _described(name: str, address: str | None, node: Node) -> bytes:
+    told = _attribute(IFLA_IFNAME, name.encode() + b"\0")
+    if address is not None:
+        told += _attribute(IFLA_ADDRESS, bytes.fromhex(address.replace(":", "")))
+    if node.inNamespace:
+        told += _attribute(IFLA_NET_NS_PID, struct.pack("=I", node.pid))
+    return told
+
+
+def _attribute(kind: int, value: bytes) -> bytes:
+    filled = value.ljust(-(-len(value) // 4) * 4, b"\0")
+    return ATTRIBUTE.pack(ATTRIBUTE.size + len(value), kind) + filled
+
+
+def set_up(name: str) -> None:
+    """Set an interface of this thread's namespace up."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as kernel:
+        answer = fcntl.ioctl(kernel, SIOCGIFFLAGS, _request(name))
+        (flags,) = struct.unpack_from("=h", answer, 16)
+        fcntl.ioctl(kernel, SIOCSIFFLAGS, _request(name, struct.pack("=h", flags | IFF_UP)))
+
+
+def set_address(name: str, address: str) -> None:
+    """Give an interface of this thread's namespace an IPv4 address, as 10.0.0.1/24."""
+    given = IPv4Interface(address)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as kernel:
+        for call, value in ((SIOCSIFADDR, given.ip), (SIOCSIFNETMASK, given.netmask)):
+            told = struct.pack("=Hxx4s", socket.AF_INET, value.packed)
+            fcntl.ioctl(kernel, call, _request(name, told))
+
+
+def set_mtu(name: str, mtu: int) -> None:
+    """Let an interface of this thread's namespace send packets of so many bytes at most."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as kernel:
+        fcntl.ioctl(kernel, SIOCSIFMTU, _request(name, struct.pack("=i", mtu)))
+
+
+def mtu_of(address: str) -> int:
+    """Return what the interface of this machine with an IPv4 address sends at most."""
+    said = subprocess.check_output(["ip", "-json", "address"], timeout=COMMAND_TIMEOUT_S)
+    for interface in json.loads(said):
+        if address in [each.get("local") for each in interface["addr_info"]]:
+            return int(interface["mtu"])
+    raise NetworkError(f"no interface of this machine has {address}")
+
+
+def hardware_address(name: str) -> str:
+    """Return that of an interface of this thread's namespace."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as kernel:
+        answer = fcntl.ioctl(kernel, SIOCGIFHWADDR, _request(name))
+    return answer[18:24].hex(":")
+
+
+def finish_checksums(name: str) -> None:
+    """Let an interface of this thread's namespace send whole checksums, and check them."""
+    _switch_off(name, ETHTOOL_STXCSUM, ETHTOOL_SRXCSUM)
+
+
+def keep_segments(name: str) -> None:
+    """Let an interface of this thread's namespace pass on segments of TCP as they came.
+
+    Where the kernel has joined some, Open vSwitch in user space drops them: they are too long.
+    """
+    _switch_off(name, ETHTOOL_SGRO)
+
+
+def _switch_off(name: str, *commands: int) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as kernel:
+        for command in commands:
+            value = array.array("I", [command, 0])
+            place, _length = value.buffer_info()
+            try:
+                fcntl.ioctl(kernel, SIOCETHTOOL, _request(name, struct.pack("=Q", place)))
+            except OSError as error:
+                if error.errno != errno.EOPNOTSUPP:
+                    raise
+
+
+def _request(name: str, value: bytes = b"") -> bytes:
+    return struct.pack("=16s24s", name.encode(), value)  # struct ifreq
+
+
+class QuickIntf(Intf):
+    """An interface that is set up without programs, where Mininet would run ifconfig."""
+
+    def ifconfig(self, *arguments: object) -> str:
+        """Do what ifconfig would; return what it would print."""
+        match " ".join(map(str, arguments)).split():
+            case ["up"]:
+                within(self.node, set_up, self.name)
+            case [address, "up"] if "/" in address:
+                within(self.node, set_address, self.name, address)
+                within(self.node, set_up, self.name)
+            case _:
+                said: str = super().ifconfig(*arguments)
+                return said
+        return ""
+
+    def updateMAC(self) -> str:  # noqa: N802 (Mininet's name)
+        """Return the hardware address that it has now."""
+        self.mac = within(self.node, hardware_address, self.name)
+        return self.mac
+
+
+def quick(params: dict[str, Any]) -> dict[str, Any]:
+    """Return the parameters of a link with such interfaces, unless others are asked for."""
+    return {**params, "intf": QuickIntf} if params.get("intf", Intf) is Intf else params

@@ -1,0 +1,279 @@
+"""The agent of a runner on another machine: does there what the runner asks for its nodes.
+
+    python -m topologies.system.machines.agent NAME ADDRESS:PORT
+
+It connects to the runner with the certificates that it reads, as JSON. The network is that of the
+machine; processes and /run are its own (topologies/own_namespaces), so all that it has started ends
+with it.
+"""
+
+import asyncio
+import json
+import os
+import pty
+import signal
+import ssl
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Awaitable, Callable, Coroutine
+from contextlib import suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import SimpleNamespace
+from typing import Any
+
+from topologies.system.kernel import interfaces
+from topologies.system.machines.relays import Stream, join
+from topologies.system.machines.source import fingerprint
+from topologies.system.machines.tunnel import TunnelEnd
+from topologies.system.processes.owners import mark
+from topologies.system.processes.programs import (
+    ENVIRONMENT,
+    ROOT,
+    NetworkError,
+    callers_environment,
+    python,
+)
+from topologies.system.processes.shells import LOCAL_FLAGS
+from topologies.timeouts import AGENT_CONNECT_TIMEOUT_S
+from wire.machine_channel import MOST_BODY_BYTES, Header, encode, receive
+
+MODULE = "topologies.system.machines.agent"
+CHUNK_BYTES = 1 << 16
+Connect = Callable[[], Awaitable[Stream]]  # to the runner
+WITHIN = {
+    each.__name__: each
+    for each in (
+        interfaces.set_up,
+        interfaces.set_address,
+        interfaces.set_mtu,
+        interfaces.hardware_address,
+        interfaces.finish_checksums,
+        interfaces.write_ipv6_off,
+    )
+}
+
+
+class Agent:
+    """Programs of a runner on this machine, and what else it asks."""
+
+    def __init__(self, connect: Connect, stream: Stream) -> None:
+        self._connect = connect
+        self._reader, self._writer = stream
+        self._processes: dict[int, asyncio.subprocess.Process] = {}
+        self._terminals: dict[int, int] = {}
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    async def serve(self) -> None:
+        """Do what is asked, one thing after the other, until the runner ends."""
+        while (message := await receive(self._reader)) is not None:
+            header, body = message
+            answer: Header = {"answer": header["ask"]}
+            try:
+                said, data = await getattr(self, f"do_{header['do']}")(header, body)
+                answer["said"] = said
+            except (NetworkError, OSError) as error:
+                answer["error"], data = str(error), b""
+            self._writer.write(encode(answer, data))
+            await self._writer.drain()
+
+    async def do_clock(self, _header: Header, _body: bytes) -> tuple[Any, bytes]:
+        """Say what the clock says that captures use."""
+        return time.time_ns(), b""
+
+    async def do_put(self, header: Header, body: bytes) -> tuple[Any, bytes]:
+        """Write a file, or go on with it, which its owner alone can read."""
+        path = Path(header["path"])
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600), "wb") as file:
+            if not header["goes_on"]:
+                file.truncate(0)
+            file.write(body)
+        return None, b""
+
+    async def do_folder(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
+        """Make a private folder."""
+        Path(header["path"]).mkdir(mode=0o700, parents=True, exist_ok=True)
+        return None, b""
+
+    async def do_get(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
+        """Send what a file has from somewhere on."""
+        path = Path(header["path"])
+        if not path.exists():
+            return False, b""
+        with path.open("rb") as file:
+            file.seek(header["offset"])
+            return True, file.read(MOST_BODY_BYTES)
+
+    async def do_within(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
+        """Set up an interface in the network namespace of a process."""
+        with interfaces.network_of(SimpleNamespace(name="a node", pid=header["pid"])):
+            return WITHIN[header["function"]](*header["arguments"]), b""
+
+    async def do_tunnel(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
+        """Make the end of a link to another machine."""
+        TunnelEnd(**header["end"]).make(header["pid"])
+        return None, b""
+
+    async def do_pair(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
+        """Make both ends of a link on this machine."""
+        interfaces.make_pair(
+            [
+                (name, address, SimpleNamespace(pid=pid, inNamespace=True))
+                for name, address, pid in header["ends"]
+            ]
+        )
+        return None, b""
+
+    async def do_start(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
+        """Start a program; what it says, and how it ends, follows."""
+        words = [python(), *header["command"]] if header["python"] else header["command"]
+        within = ["mnexec", "-a", str(header["pid"])] if header["pid"] else []
+        own = ENVIRONMENT if header["python"] else {}
+        number, ours = header["ask"], None
+        ends: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE}
+        if header["terminal"]:
+            ours, theirs = silent_terminal()
+            ends = {"stdin": theirs, "stdout": theirs}
+        process = await asyncio.create_subprocess_exec(
+            *within,
+            *words,
+            **ends,
+            stderr=subprocess.STDOUT,
+            cwd=ROOT,
+            env={**callers_environment(), **own, **mark(), **header["environment"]},
+            start_new_session=True,
+        )
+        if ours is not None:
+            os.close(theirs)
+            self._terminals[number] = ours
+        self._processes[number] = process
+        self._begin(self._follow(number, process, ours))
+        return process.pid, b""
+
+    def _begin(self, what: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.create_task(what)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def do_relay(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
+        """Connect to a socket, and to the runner for it."""
+        self._begin(self._relay(header["path"], header["relay"]))
+        return None, b""
+
+    async def _relay(self, path: str, number: int) -> None:
+        with suppress(OSError):  # then the runner has gone
+            there = await self._connect()
+            there[1].write(encode({"relay": number}))
+            try:
+                here = await asyncio.open_unix_connection(path)
+            except OSError:
+                there[1].close()  # who has connected to the runner finds that closed, too
+                return
+            await join(here, there)
+
+    async def do_write(self, header: Header, body: bytes) -> tuple[Any, bytes]:
+        """Type something at the terminal of a program."""
+        if header["process"] in self._terminals:
+            os.write(self._terminals[header["process"]], body)
+        return None, b""
+
+    async def do_signal(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
+        """Send a signal to a program and what it has started, if it still runs."""
+        process = self._processes.get(header["process"])
+        if process is not None and process.returncode is None:
+            with suppress(ProcessLookupError):  # it has just ended
+                os.killpg(process.pid, header["signal"])
+        return None, b""
+
+    async def _follow(
+        self, number: int, process: asyncio.subprocess.Process, terminal: int | None
+    ) -> None:
+        """Tell what a program says, and its status."""
+        ended = asyncio.create_task(process.wait())
+        async for chunk in self._chunks(process, terminal):
+            self._writer.write(encode({"process": number}, chunk))
+            await self._writer.drain()
+        status = await ended
+        if terminal is not None:
+            del self._terminals[number]
+            os.close(terminal)
+        del self._processes[number]
+        self._writer.write(encode({"process": number, "status": status}))
+        await self._writer.drain()
+
+    async def _chunks(self, process: asyncio.subprocess.Process, terminal: int | None) -> Any:
+        if terminal is None:
+            assert process.stdout is not None
+            while chunk := await process.stdout.read(CHUNK_BYTES):
+                yield chunk
+            return
+        loop, readable = asyncio.get_running_loop(), asyncio.Event()
+        loop.add_reader(terminal, readable.set)
+        try:
+            while True:
+                await readable.wait()
+                readable.clear()
+                try:
+                    yield os.read(terminal, CHUNK_BYTES)
+                except BlockingIOError:
+                    continue  # it has been read meanwhile
+                except OSError:
+                    return  # nobody has its other end open
+        finally:
+            loop.remove_reader(terminal)
+
+
+def silent_terminal() -> tuple[int, int]:
+    """Return both ends of a terminal that does not say again what is typed."""
+    ours, theirs = pty.openpty()
+    os.set_blocking(ours, False)
+    settings = termios.tcgetattr(theirs)
+    settings[LOCAL_FLAGS] &= ~termios.ECHO
+    termios.tcsetattr(theirs, termios.TCSANOW, settings)
+    return ours, theirs
+
+
+def trust(certificates: dict[str, str]) -> ssl.SSLContext:
+    """Return what the agent's side of the channel is to be: it knows one authority alone."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.minimum_version = ssl.TLSVersion.TLSv1_3
+    context.load_verify_locations(cadata=certificates["authority"])
+    with TemporaryDirectory(dir="/run") as folder:  # which is this agent's own, in memory
+        own = Path(folder, "own.pem")
+        own.write_text(certificates["certificate"] + certificates["private_key"])
+        context.load_cert_chain(own)
+    return context
+
+
+async def run(name: str, runner: str, certificates: dict[str, str]) -> None:
+    """Connect to the runner, introduce this machine, and serve."""
+    host, _, port = runner.rpartition(":")
+    context = trust(certificates)
+
+    async def connect() -> Stream:
+        async with asyncio.timeout(AGENT_CONNECT_TIMEOUT_S):
+            return await asyncio.open_connection(host, int(port), ssl=context)
+
+    stream = await connect()
+    about = {"name": name, "root": str(ROOT), "python": python(), "source": fingerprint()}
+    stream[1].write(encode(about))
+    await Agent(connect, stream).serve()
+
+
+def main() -> int:
+    """Serve until the runner has gone."""
+    name, runner = sys.argv[1:]
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the runner's to hear
+    try:
+        asyncio.run(run(name, runner, json.load(sys.stdin)))
+    except (OSError, TimeoutError) as error:
+        print(f"the runner at {runner}: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

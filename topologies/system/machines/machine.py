@@ -1,0 +1,287 @@
+"""Another machine as the runner has it: what it can be asked, and the programs it runs there."""
+
+import asyncio
+import itertools
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Callable, Coroutine, Sequence
+from concurrent.futures import Future
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+from topologies.system.machines.relays import Relays, Stream
+from topologies.system.machines.tunnel import TunnelEnd
+from topologies.system.processes.programs import NetworkError
+from topologies.timeouts import AGENT_ANSWER_TIMEOUT_S, BEAT_PERIOD_S, LOST_TIMEOUT_S
+from wire.machine_channel import MOST_BODY_BYTES, Header, encode, receive
+from wire.metadata import MalformedPacket
+
+CLOCK_TRIES = 21
+NOWHERE = -1  # as a process id: of none on this machine
+LOST_STATUS = -signal.SIGKILL
+
+Write = Callable[[bytes], None]
+
+
+@dataclass(frozen=True)
+class ClockOffset:
+    """How far another machine's clock is ahead, and how well that is known (s)."""
+
+    offset_s: float
+    error_s: float  # half of the fastest way there and back
+
+
+class ProcessElsewhere:
+    """A process on another machine: what a Program asks of a Popen."""
+
+    pid = NOWHERE
+
+    def __init__(self, machine: "Machine", number: int, write: Write) -> None:
+        self._machine, self.number = machine, number
+        self.write = write
+        self.pid_there = NOWHERE
+        self._status: int | None = None
+        self._ended = Event()
+
+    def end(self, status: int) -> None:
+        """Note how it has ended."""
+        self._status = status
+        self._ended.set()
+
+    def poll(self) -> int | None:
+        """Return the exit status, None while it runs."""
+        return self._status
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Return the exit status; raise subprocess.TimeoutExpired if it has not ended by then."""
+        if not self._ended.wait(timeout):
+            raise subprocess.TimeoutExpired(f"on {self._machine.name}", timeout or 0)
+        assert self._status is not None
+        return self._status
+
+    def send_signal(self, number: int, /) -> None:
+        """Send it a signal if it runs."""
+        if self._status is None and not self._machine.lost:
+            self._machine.ask("signal", process=self.number, signal=number)
+
+    def kill(self) -> None:
+        """End it at once."""
+        self.send_signal(signal.SIGKILL)
+
+    def type(self, data: bytes) -> None:
+        """Type something at its terminal, and do not wait."""
+        self._machine.tell("write", data, process=self.number)
+
+
+class Machine:
+    """Another machine, by the channel to its agent; all its methods are for other threads."""
+
+    def __init__(
+        self,
+        about: Header,
+        address: str,
+        here: str,
+        mtu: int,
+        reader: asyncio.StreamReader,
+        writer: asyncio.StreamWriter,
+    ) -> None:
+        """Begin to serve it in the loop that runs; `here` is this machine's address to it."""
+        self.name, self.root, self.python = about["name"], about["root"], about["python"]
+        self.address, self.here, self.mtu = address, here, mtu
+        self.lost = ""  # why, if it is
+        self._reader, self._writer = reader, writer
+        self._loop = asyncio.get_running_loop()
+        self._numbers = itertools.count(1)
+        self._answers: dict[int, Future[tuple[Any, bytes]]] = {}
+        self._processes: dict[int, ProcessElsewhere] = {}
+        self._heard_s = time.monotonic()
+        self._closing = False
+        self._relays = Relays(lambda path, number: self.tell("relay", path=path, relay=number))
+        self._tasks = [asyncio.create_task(each) for each in (self._listen(), self._beat())]
+
+    def check(self) -> None:
+        """Raise NetworkError if the machine is lost."""
+        if self.lost:
+            raise NetworkError(f"the machine {self.name} ({self.address}) was lost: {self.lost}")
+
+    def ask(self, do: str, body: bytes = b"", **words: Any) -> Any:
+        """Ask for something and return what it says; raise NetworkError if it cannot be had."""
+        return self._asked(next(self._numbers), do, body, **words)[0]
+
+    def tell(self, do: str, body: bytes = b"", **words: Any) -> None:
+        """Ask for something that nobody waits for."""
+        self._send({"ask": next(self._numbers), "do": do, **words}, body)
+
+    def _asked(self, number: int, do: str, body: bytes = b"", **words: Any) -> tuple[Any, bytes]:
+        self.check()
+        answer: Future[tuple[Any, bytes]] = Future()
+        self._answers[number] = answer
+        self._send({"ask": number, "do": do, **words}, body)
+        try:
+            return answer.result(AGENT_ANSWER_TIMEOUT_S)
+        except TimeoutError as error:
+            raise NetworkError(
+                f"{self.name} did not {do} in {AGENT_ANSWER_TIMEOUT_S:g} s"
+            ) from error
+        finally:
+            self._answers.pop(number, None)
+
+    def _send(self, header: Header, body: bytes) -> None:
+        if not self.lost:
+            self._loop.call_soon_threadsafe(self._writer.write, encode(header, body))
+
+    def put(self, path: Path | str, data: bytes, there: Path | str | None = None) -> None:
+        """Let it have a private file of these bytes, by the same path or another."""
+        for offset in range(0, max(len(data), 1), MOST_BODY_BYTES):
+            chunk = data[offset : offset + MOST_BODY_BYTES]
+            self.ask("put", chunk, path=str(there or path), goes_on=offset > 0)
+
+    def get(self, path: Path | str) -> bytes | None:
+        """Return what is in a file there, None if there is none."""
+        found = bytearray()
+        while True:
+            is_there, data = self._asked(
+                next(self._numbers), "get", path=str(path), offset=len(found)
+            )
+            found += data
+            if not is_there:
+                return None
+            if len(data) < MOST_BODY_BYTES:
+                return bytes(found)
+
+    def within(self, pid: int, function: str, arguments: Sequence[Any]) -> Any:
+        """Set up an interface in the namespace of a process there."""
+        return self.ask("within", pid=pid, function=function, arguments=list(arguments))
+
+    def tunnel(self, end: TunnelEnd, pid: int) -> None:
+        """Make the end of a link there."""
+        self.ask("tunnel", end=asdict(end), pid=pid)
+
+    def start(
+        self,
+        command: Sequence[str],
+        write: Write,
+        pid: int = 0,
+        python: bool = False,
+        terminal: bool = False,
+        environment: dict[str, str] | None = None,
+    ) -> ProcessElsewhere:
+        """Start a command there, in the namespace of a process; `write` takes what it says."""
+        number = next(self._numbers)
+        process = self._processes[number] = ProcessElsewhere(self, number, write)
+        words: dict[str, Any] = {
+            "command": list(command),
+            "pid": pid,
+            "python": python,
+            "terminal": terminal,
+        }
+        process.pid_there, _ = self._asked(number, "start", environment=environment or {}, **words)
+        return process
+
+    def connect(self, terminal: socket.socket, process: ProcessElsewhere) -> None:
+        """Let what comes from a socket be typed at a process, from now on."""
+        terminal.setblocking(False)
+
+        def read() -> None:
+            if data := terminal.recv(MOST_BODY_BYTES):
+                self._writer.write(
+                    encode(
+                        {
+                            "ask": next(self._numbers),
+                            "do": "write",
+                            "process": process.number,
+                        },
+                        data,
+                    )
+                )
+            else:
+                self._loop.remove_reader(terminal)
+
+        self._loop.call_soon_threadsafe(self._loop.add_reader, terminal, read)
+
+    def disconnect(self, terminal: socket.socket) -> None:
+        """Read no more from the socket, and close it."""
+
+        def close() -> None:
+            self._loop.remove_reader(terminal)
+            terminal.close()
+
+        self._loop.call_soon_threadsafe(close)
+
+    def relay(self, path: str) -> None:
+        """Let a socket here be in the place of the one with the same path there."""
+        listening = asyncio.run_coroutine_threadsafe(self._relays.listen(path), self._loop)
+        listening.result(AGENT_ANSWER_TIMEOUT_S)
+
+    def take_relayed(self, number: object, stream: Stream) -> None:
+        """Take a connection to a socket there."""
+        self._relays.take(number, stream)
+
+    def clock_offset(self) -> ClockOffset:
+        """Measure how far its clock is ahead: it was read at some time of the fastest answer."""
+        found = []
+        for _ in range(CLOCK_TRIES):
+            begin = time.time_ns()
+            there = self.ask("clock")
+            end = time.time_ns()
+            found.append((end - begin, there - (begin + end) / 2))
+        way_ns, offset_ns = min(found)
+        return ClockOffset(offset_ns / 1e9, way_ns / 2e9)
+
+    async def _listen(self) -> None:
+        try:
+            while (message := await receive(self._reader)) is not None:
+                self._heard_s = time.monotonic()
+                self._take(*message)
+            self._lose("its worker has ended, or been killed")
+        except (OSError, MalformedPacket) as error:
+            self._lose(str(error))
+
+    def _take(self, header: Header, body: bytes) -> None:
+        if (number := header.get("answer")) is not None:
+            answer = self._answers.get(number)
+            if answer is not None and "error" in header:
+                answer.set_exception(NetworkError(f"{self.name}: {header['error']}"))
+            elif answer is not None:
+                answer.set_result((header["said"], body))
+            return
+        process = self._processes[header["process"]]
+        if "status" in header:
+            del self._processes[header["process"]]
+            process.end(header["status"])
+        else:
+            process.write(body)
+
+    async def _beat(self) -> None:
+        """Lose a machine that does not answer."""
+        while not self.lost:
+            self._writer.write(encode({"ask": 0, "do": "clock"}))
+            await asyncio.sleep(BEAT_PERIOD_S)
+            if time.monotonic() - self._heard_s > LOST_TIMEOUT_S:
+                self._lose(f"it has not answered for {LOST_TIMEOUT_S:g} s")
+
+    def _lose(self, why: str) -> None:
+        if self.lost:
+            return
+        self.lost = why
+        for process in self._processes.values():
+            process.end(LOST_STATUS)
+        for answer in self._answers.values():
+            if not answer.done():
+                answer.set_exception(NetworkError(f"{self.name} was lost: {why}"))
+        self._relays.close()
+        self._writer.close()
+
+    def close(self) -> Coroutine[Any, Any, None]:
+        """Return what lets its agent end, with all that it has started."""
+
+        async def end() -> None:
+            self._lose("the network has ended")
+            for task in self._tasks:
+                task.cancel()
+
+        return end()

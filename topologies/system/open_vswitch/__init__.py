@@ -1,0 +1,1 @@
+"""Open vSwitch on this machine: its daemons, bridges and ports."""

@@ -1,0 +1,559 @@
+"""Open vSwitch on this machine: is it running, which datapath has it, who started it."""
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from topologies.system.kernel import packet_sockets
+from topologies.system.kernel.interfaces import TUN
+from topologies.system.processes import owners
+from topologies.system.processes.owners import Owner
+from topologies.system.processes.programs import NetworkError, callers_environment
+from topologies.system.runs.runtime import RUNTIME_ROOT
+from topologies.timeouts import (
+    INTERFACE_S,
+    LAST_WORDS_TIMEOUT_S,
+    OPENVSWITCH_COMMAND_TIMEOUT_S,
+    OPENVSWITCH_LOOK_S,
+    OPENVSWITCH_TIMEOUT_S,
+    POLL_S,
+    STAY_S,
+    VSCTL_ANSWER_S,
+    VSCTL_GRACE_S,
+    VSCTL_TIMEOUT_S,
+)
+
+CONTROL = "/usr/share/openvswitch/scripts/ovs-ctl"
+RUN_FOLDER = Path("/var/run/openvswitch")
+LOG_FOLDER = Path("/var/log/openvswitch")
+DATABASE, SWITCH_DAEMON = "ovsdb-server", "ovs-vswitchd"
+DAEMONS = (DATABASE, SWITCH_DAEMON)
+DATAPATH_INTERFACE = "ovs-netdev"  # in user space; the daemon deletes it with the last bridge
+STARTED = "open-vswitch"  # file: the run that has started the daemons, then the daemons
+STARTER = "QMN_STARTED_OPEN_VSWITCH"  # in the environment of daemons: the run that started them
+# In user space it asks for a piece of memory for each port, and gives it back, whenever anything
+# happens: half of its time with a thousand ports, unless the C library keeps them at hand.
+FAST_MEMORY = {"GLIBC_TUNABLES": "glibc.malloc.tcache_count=60000"}
+INTERFACES = Path("/sys/class/net")
+UNREACHABLE = "database connection failed"  # as ovs-vsctl says it
+NO_WAIT = "--no-wait"  # for the switch daemon: what is only asked for is in the database
+OWNER_KEY = "qmn"
+OWNER = f"external_ids:{OWNER_KEY}"  # which run has made a bridge
+RESTART = "restart Open vSwitch, as by `systemctl restart openvswitch-switch`"
+
+
+def vsctl(*arguments: str) -> str:
+    """Run ovs-vsctl; raise NetworkError with its words, or those of a daemon, if it fails."""
+    limit_s = VSCTL_TIMEOUT_S + INTERFACE_S * len(os.listdir(INTERFACES))
+    # The switch daemon may end beside a command that does not need it.
+    needed = (DATABASE,) if NO_WAIT in arguments else DAEMONS
+    watched = {name: daemon for name, daemon in daemons().items() if name in needed}
+    try:
+        return _run(
+            *("ovs-vsctl", f"--timeout={limit_s:.0f}", *arguments),
+            timeout_s=limit_s + VSCTL_GRACE_S,
+            check=lambda: _require_useful(watched, arguments),
+        )
+    except NetworkError as error:
+        require_alive(watched)
+        found = daemons()
+        if found and (silent := [name for name in needed if not _answers(found, name)]):
+            raise NetworkError(f"{silent[0]} {_silence(found, silent[0])}") from error
+        if UNREACHABLE in str(error):  # it is ending, and its socket has gone first
+            raise NetworkError(f"{DATABASE} does not answer: {error}") from error
+        raise
+
+
+_ours_are_to_end = False  # this run takes down what it has started, whatever stops that
+
+
+def _require_useful(watched: Mapping[str, Owner], arguments: Sequence[str]) -> None:
+    """Raise NetworkError if ovs-vsctl waits for a daemon that has ended, now or before."""
+    if _ours_are_to_end:
+        _let_go_on()
+    require_alive(watched)
+    if DATABASE in watched and SWITCH_DAEMON not in watched and NO_WAIT not in arguments:
+        raise NetworkError(f"{SWITCH_DAEMON} {_silence(watched, SWITCH_DAEMON)}")
+
+
+_put_off: list[str] | None = None  # words of changes, within one_transaction
+
+
+@contextmanager
+def one_transaction() -> Iterator[None]:
+    """Make all changes together at the end: Open vSwitch goes through all its ports for each."""
+    global _put_off
+    _put_off = []
+    try:
+        yield
+        words = _put_off
+    finally:
+        _put_off = None
+    if words:
+        vsctl(*words)
+
+
+def change(*arguments: str) -> str:
+    """Run ovs-vsctl; in a transaction, when all that it does is known, and without its words."""
+    words = list(arguments[1:] if arguments[:1] == ("--",) else arguments)
+    if _put_off is None:
+        return vsctl(*words)
+    _put_off.extend(["--", *words] if _put_off else words)
+    return ""
+
+
+def _answers(found: Mapping[str, Owner], name: str) -> bool:
+    return name in found and not found[name].stopped
+
+
+def _silence(found: Mapping[str, Owner], name: str) -> str:
+    """Return why a daemon does not answer, and what to do."""
+    if name not in found:
+        return f"does not run: {RESTART}"
+    pid = found[name].pid
+    return f"does not answer: a signal has stopped it; let it go on by `kill -CONT {pid}`"
+
+
+def installed() -> bool:
+    """Whether it is on this machine."""
+    return Path(CONTROL).exists() and shutil.which("ovs-vsctl") is not None
+
+
+def running() -> bool:
+    """Whether the database answers and the switch daemon is there."""
+    return _database_answers() and SWITCH_DAEMON in daemons()
+
+
+def _database_answers() -> bool:
+    try:
+        _run("ovs-vsctl", f"--timeout={VSCTL_ANSWER_S}", NO_WAIT, "show")
+    except NetworkError:
+        if shutil.which("ovs-vsctl") is None:
+            raise NetworkError("Open vSwitch is not installed; run `make setup`") from None
+        return False
+    return True
+
+
+def daemons() -> dict[str, Owner]:
+    """Return the daemons that run."""
+    return {name: found for name in DAEMONS if (found := _daemon(name)) is not None}
+
+
+def _daemon(name: str) -> Owner | None:
+    try:
+        pid = int((RUN_FOLDER / f"{name}.pid").read_text())
+        named = Path("/proc", str(pid), "comm").read_text().strip()
+    except (OSError, ValueError):
+        return None
+    found = owners.owner(pid)
+    return found if named == name and found is not None and found.alive else None
+
+
+def require_alive(watched: Mapping[str, Owner]) -> None:
+    """Raise NetworkError if one of these daemons has ended."""
+    for name, daemon in watched.items():
+        if not daemon.alive:
+            raise NetworkError(
+                f"{name} died in mid-run: Open vSwitch's daemon {_end_of(name, daemon)}"
+            )
+
+
+def _end_of(name: str, daemon: Owner) -> str:
+    """Return how a daemon has ended, in the words of the process that watches over it."""
+    died = re.compile(rf"pid {daemon.pid} died, (.*)")
+    log, deadline = LOG_FOLDER / f"{name}.log", time.monotonic() + LAST_WORDS_TIMEOUT_S
+    while time.monotonic() < deadline:
+        told = died.findall(log.read_text(errors="replace")) if log.exists() else []
+        if told:
+            return f"was {told[-1].removesuffix(', exiting')}"
+        time.sleep(POLL_S)
+    return f"(process {daemon.pid}) is gone; its log: {log}"
+
+
+def start(owner: str) -> None:
+    """Start Open vSwitch, or what is missing of ours, and note that this run started it.
+
+    Raise NetworkError where half of it runs that is not ours.
+    """
+    if not Path(CONTROL).exists():
+        raise NetworkError("Open vSwitch is not installed; run `make setup`")
+    first = starter()
+    if first and (first == owner or owners.gone(first)):
+        _let_go_on()
+    else:
+        _refuse_half(daemons())
+    deadline = time.monotonic() + OPENVSWITCH_TIMEOUT_S
+    # ovs-ctl takes a daemon that is just ending for one that runs, and stands in the way of a
+    # monitor that starts one again.
+    while not running():
+        if time.monotonic() > deadline:
+            raise NetworkError(f"Open vSwitch did not start in {OPENVSWITCH_TIMEOUT_S:g} s")
+        missing = set(DAEMONS) - set(daemons())
+        if missing & _watched_over():
+            time.sleep(POLL_S)
+            continue
+        _run(
+            *(CONTROL, "start", "--system-id=random"),
+            timeout_s=OPENVSWITCH_TIMEOUT_S,
+            check=_refuse_stopped,
+            environment={**callers_environment(), **FAST_MEMORY, STARTER: owner},
+        )
+    _note_starter(owner)
+
+
+def _watched_over() -> set[str]:
+    """Return the daemons whose monitors run, which start again what has crashed.
+
+    Those of other containers and the like have other files, and are another Open vSwitch.
+    """
+    found, ours = set(), os.readlink("/proc/self/ns/mnt")
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            command = (process / "cmdline").read_bytes().decode(errors="replace")
+            name, _, words = command.partition(": ")
+            if words.startswith("monitoring") and os.readlink(process / "ns/mnt") == ours:
+                found.add(name)
+        except OSError:
+            continue  # it has ended
+    return found
+
+
+def _refuse_half(found: Mapping[str, Owner]) -> None:
+    silent = [name for name in DAEMONS if not _answers(found, name)]
+    if found and silent:
+        raise NetworkError(f"Open vSwitch runs in part: {silent[0]} {_silence(found, silent[0])}")
+
+
+def _refuse_stopped() -> None:
+    """Raise NetworkError if a signal has stopped a daemon: ovs-ctl would wait for it."""
+    found = daemons()
+    for name, daemon in found.items():
+        if daemon.stopped:
+            raise NetworkError(f"{name} {_silence(found, name)}")
+
+
+def _note_starter(owner: str) -> None:
+    RUNTIME_ROOT.mkdir(mode=0o755, parents=True, exist_ok=True)
+    lines = [owner, *map(str, daemons().values())]
+    (RUNTIME_ROOT / STARTED).write_text("\n".join(lines))
+
+
+def adopt(owner: str) -> None:
+    """Take over an Open vSwitch that a run of ours has started and could not stop."""
+    if owners.gone(starter()):
+        _note_starter(owner)
+
+
+def revive_if_ours(owner: str) -> None:
+    """Start again what has ended of an Open vSwitch that this run started.
+
+    A bridge whose daemon has ended leaves its interface behind, and only the daemon that comes
+    next can remove it in every kind of datapath. From now on they go on whatever stops them.
+    """
+    global _ours_are_to_end
+    if starter() != owner:
+        return
+    _ours_are_to_end = True
+    _let_go_on()
+    if not running():
+        start(owner)
+
+
+def stop_if_ours(owner: str) -> None:
+    """Stop Open vSwitch if this run started it and no bridge is left in it."""
+    global _ours_are_to_end
+    if starter() != owner:
+        return
+    _let_go_on()
+    try:
+        if not _database_answers() or bridges():
+            revive_if_ours(owner)
+        if bridges():  # of ours, if a daemon ended just as they were to be deleted
+            delete(*(name for name, run in runs_of_bridges().items() if run == owner))
+        if bridges():
+            return
+        _run(CONTROL, "stop", timeout_s=OPENVSWITCH_TIMEOUT_S, check=_let_go_on)
+        delete_interface(DATAPATH_INTERFACE)
+        (RUNTIME_ROOT / STARTED).unlink(missing_ok=True)  # last: a second signal may come between
+    finally:
+        _ours_are_to_end = False
+
+
+def _let_go_on() -> None:
+    """Let the daemons go on if a signal has stopped them."""
+    for daemon in daemons().values():
+        daemon.signal(signal.SIGCONT)
+
+
+def starter() -> str:
+    """Return which run has started the daemons that run, "" if none of ours did.
+
+    Where both have ended, the run that started the last ones: it can start them again.
+    """
+    found = daemons().values()
+    try:
+        owner, *started = (RUNTIME_ROOT / STARTED).read_text().splitlines()
+    except (OSError, ValueError):
+        owner, started = "", []
+    if not found or set(map(str, found)) & set(started):
+        return owner
+    # A run that was killed before it had noted it, or their monitors have started them again.
+    return next((words for daemon in found if (words := _mark_of(daemon))), "")
+
+
+def _mark_of(daemon: Owner) -> str:
+    """Return the run that a daemon carries in its environment, "" if none."""
+    mark = f"{STARTER}=".encode()
+    try:
+        environment = Path("/proc", str(daemon.pid), "environ").read_bytes().split(b"\0")
+    except OSError:
+        return ""  # it has ended
+    marks = [entry.removeprefix(mark).decode() for entry in environment if entry.startswith(mark)]
+    return marks[0] if marks else ""
+
+
+def bridges() -> list[str]:
+    """Return the names of all bridges, ours or not."""
+    return vsctl(NO_WAIT, "list-br").split()
+
+
+def owner_of(bridge: str) -> str:
+    """Return the run that made a bridge, "" if none of ours did."""
+    return runs_of_bridges().get(bridge, "")
+
+
+def runs_of_bridges() -> dict[str, str]:
+    """Return the run that made each bridge, by one command; "" for what none of ours made."""
+    said = vsctl(NO_WAIT, "--format=json", "--columns=name,external_ids", "list", "Bridge")
+    rows = json.loads(said)["data"] if said.strip() else []
+    return {name: dict(ids[1]).get(OWNER_KEY, "") for name, ids in rows}
+
+
+def add(bridge: str, owner: str, controller: str) -> None:
+    """Make a bridge of ours without ports, for a controller such as "tcp:127.0.0.1:6653"."""
+    kind = "netdev" if datapath() == "user" else "system"
+    settings = [f"datapath_type={kind}", "protocols=OpenFlow14", "fail_mode=secure"]
+    made = ["add-br", bridge, "--", "set", "bridge", bridge, *settings, f"{OWNER}={owner}"]
+    vsctl(*made, "--", "set-controller", bridge, controller)
+
+
+def certify(owner: str, authority: str, certificate: str, private_key: str) -> None:
+    """Show this certificate in TLS; raise NetworkError if somebody else has set another."""
+    others = _certified_for()
+    if others is not None and not (others == owner or owners.gone(others)):
+        raise NetworkError(
+            "Open vSwitch has one certificate for all its bridges, and another is set: run without "
+            "--tls, or beside it by `qmn apart`; `ovs-vsctl get-ssl` shows it"
+        )
+    files = {"private_key": private_key, "certificate": certificate, "ca_cert": authority}
+    words = [f'{name}="{path}"' for name, path in files.items()]
+    made = ["--id=@tls", "create", "SSL", *words, f"{OWNER}={owner}"]
+    vsctl("del-ssl", "--", *made, "--", "set", "Open_vSwitch", ".", "ssl=@tls")
+
+
+def forget_certificate(is_ours: Callable[[str], bool]) -> None:
+    """Take away the certificate that a run of ours has set, if it is still there."""
+    owner = _certified_for()
+    if owner and is_ours(owner):
+        vsctl(NO_WAIT, "del-ssl")  # the switch daemon may have ended with a run's bridges
+
+
+def _certified_for() -> str | None:
+    """Return which run has set the certificate, "" if none of ours has, None if there is none."""
+    if not vsctl(NO_WAIT, "--bare", "--columns=_uuid", "list", "SSL").strip():
+        return None
+    return vsctl(NO_WAIT, "--if-exists", "get", "SSL", ".", OWNER).strip('"\n ')
+
+
+def management(bridge: str) -> Path:
+    """Return the socket by which programs ask for a bridge by its name, as ovs-ofctl does."""
+    return RUN_FOLDER / f"{bridge}.mgmt"
+
+
+def require_made(bridges: Iterable[str]) -> None:
+    """Raise NetworkError if a bridge that was asked for is not there."""
+    missing = [name for name in bridges if not management(name).exists()]
+    if not missing:
+        return
+    name, tun = missing[0], Path(TUN)
+    if not tun.exists():
+        text = f"Open vSwitch cannot make {name} without {tun}"
+        raise NetworkError(f"{text}: in a container, give it --device={tun}")
+    why = vsctl(NO_WAIT, "--bare", "--columns=error", "find", "Interface", f"name={name}").strip()
+    log = LOG_FOLDER / f"{SWITCH_DAEMON}.log"
+    raise NetworkError(f"Open vSwitch did not make {name}: {why or f'its log, {log}, says why'}")
+
+
+def delete(*names: str) -> None:
+    """Delete bridges of ours, those that are there.
+
+    Where the daemon has ended that would remove their interfaces, remove those that nobody holds.
+    """
+    words = [word for name in sorted(names) for word in ("--", "--if-exists", "del-br", name)][1:]
+    if not words:
+        return
+    if DATABASE not in daemons():
+        raise NetworkError(
+            f"bridges {', '.join(sorted(names))} stay, as {DATABASE} does not run: {RESTART}; the "
+            "next run removes them then, and so does `qmn clean`"
+        )
+    for name in names:
+        remove_agent_sockets(name)
+    if _answers(found := daemons(), SWITCH_DAEMON):
+        with packet_sockets.held(found[SWITCH_DAEMON].pid):
+            vsctl(*words)
+        return
+    others = vsctl(NO_WAIT, *words, "--", "list-br").split()
+    delete_interfaces(names if others else [*names, DATAPATH_INTERFACE])
+
+
+def delete_finally(owner: str, *names: str) -> None:
+    """Delete bridges of ours where Open vSwitch has nothing to do for this run any more.
+
+    Its userspace datapath takes time with the square of the ports to delete them. Where this run
+    has started it, and there are no other bridges, its switch daemon ends instead, and all that
+    it has goes with it; see `revive_if_ours`. A database that has ended meanwhile comes back first:
+    it alone can forget bridges.
+    """
+    if names and DATABASE not in daemons():
+        revive_if_ours(owner)
+    found = daemons()
+    is_ours = found.keys() == set(DAEMONS) and starter() == owner
+    if names and is_ours and datapath() == "user" and set(bridges()) <= set(names):
+        with packet_sockets.held(found[SWITCH_DAEMON].pid):
+            _end_now(SWITCH_DAEMON, found[SWITCH_DAEMON])
+        if DATABASE not in daemons():
+            revive_if_ours(owner)
+    delete(*names)
+
+
+def _end_now(name: str, daemon: Owner) -> None:
+    """End a daemon; raise NetworkError if the kernel does not let go of it in time."""
+    limit_s = OPENVSWITCH_TIMEOUT_S + INTERFACE_S * len(os.listdir(INTERFACES))
+    deadline = time.monotonic() + limit_s
+    owners.end([daemon])
+    while daemon.alive:
+        if time.monotonic() > deadline:
+            raise NetworkError(f"{name} (process {daemon.pid}) did not end in {limit_s:g} s")
+        time.sleep(POLL_S)
+
+
+def agent_socket(bridge: str) -> Path:
+    """Return where the agent of a quantum switch listens: one socket a controller, numbered."""
+    return RUN_FOLDER / f"{bridge}.agent"
+
+
+def remove_agent_sockets(bridge: str) -> None:
+    """Remove what an agent that has ended has left."""
+    for left in RUN_FOLDER.glob(f"{bridge}.agent[0-9]*"):
+        left.unlink(missing_ok=True)
+
+
+def delete_interface(name: str) -> None:
+    """Delete an interface of ours, if it is still there: its peer takes it along."""
+    delete_interfaces([name])
+
+
+def delete_interfaces(names: Iterable[str]) -> None:
+    """Delete interfaces of ours by one command; what is gone already is no fault."""
+    if found := there(names):
+        ip([f"link delete {name}" for name in found], fails=True)
+
+
+def ip(commands: Iterable[str], fails: bool = False) -> None:
+    """Run commands of ip(8) together; raise NetworkError for the first that fails, or go on."""
+    lines = "".join(f"{command}\n" for command in commands)
+    force = ["-force"] if fails else []
+    limit_s = OPENVSWITCH_TIMEOUT_S + INTERFACE_S * len(os.listdir(INTERFACES))
+    _run("ip", *force, "-batch", "-", given=lines, fails=fails, timeout_s=limit_s)
+
+
+def await_end_of_interfaces(names: Iterable[str]) -> None:
+    """Wait while interfaces of ours go by themselves, then delete those that stay.
+
+    The kernel takes a namespace away with its interfaces and their peers, many at a time, when
+    the last process in it has ended.
+    """
+    left, since = there(names), time.monotonic()
+    while left and time.monotonic() < since + STAY_S:
+        time.sleep(POLL_S)
+        if len(still := there(left)) < len(left):
+            left, since = still, time.monotonic()
+    delete_interfaces(left)
+
+
+def there(names: Iterable[str]) -> list[str]:
+    """Return which of these interfaces this machine has."""
+    return sorted(set(names) & set(os.listdir(INTERFACES)))
+
+
+def datapath() -> str:
+    """Return "kernel" where Open vSwitch's kernel module is loaded, else "user".
+
+    Starting Open vSwitch loads the module if the machine has one. A container sees the
+    module of the machine it is on, which is not its own to use.
+    """
+    in_container = os.environ.get("QMN_MODE") == "docker"
+    loaded = Path("/sys/module/openvswitch").exists()
+    return "kernel" if loaded and not in_container else "user"
+
+
+def _run(
+    *command: str,
+    timeout_s: float = OPENVSWITCH_COMMAND_TIMEOUT_S,
+    given: str = "",
+    fails: bool = False,
+    check: Callable[[], None] = lambda: None,
+    environment: Mapping[str, str] | None = None,
+) -> str:
+    """Run a command and return what it says; raise NetworkError unless it ends well, in time.
+
+    It reads what is given; if it `fails`, that is all the same. Meanwhile `check` is called, which
+    raises if something else makes the wait useless.
+    """
+    try:
+        # In a session of its own: a Ctrl-C must not leave half of what it does undone.
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=environment,
+            start_new_session=True,
+        )
+    except FileNotFoundError as error:
+        raise NetworkError(f"{command[0]} is not installed; run `make setup`") from error
+    with process:
+        try:
+            said, wrong = _end_of_command(process, given, time.monotonic() + timeout_s, check)
+        except subprocess.TimeoutExpired as error:
+            raise NetworkError(f"{command[0]} did not end in {timeout_s:g} s") from error
+        finally:
+            process.kill()
+    if process.returncode and not fails:
+        words = (wrong or said).strip()
+        raise NetworkError(f"{' '.join(command[:3])} failed: {words}")
+    return said
+
+
+def _end_of_command(
+    process: "subprocess.Popen[str]", given: str, deadline: float, check: Callable[[], None]
+) -> tuple[str, str]:
+    """Return what a command says, and what it says on standard error, when it has ended."""
+    unread: str | None = given
+    while True:
+        try:
+            return process.communicate(unread, timeout=OPENVSWITCH_LOOK_S)
+        except subprocess.TimeoutExpired:
+            unread = None  # it has that now
+            check()
+            if time.monotonic() > deadline:
+                raise

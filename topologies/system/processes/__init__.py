@@ -1,0 +1,1 @@
+"""Processes of a run: each started, watched and ended by its own handle."""

@@ -1,0 +1,195 @@
+"""A program that has imported the programs of a network once, and forks each of them off.
+
+    python -m topologies.system.processes.fork_server DESCRIPTOR MODULES PADDING
+
+It waits on its end of a socket for requests of the runner (forks.py, beside it), and answers each
+with a process id. What it forks off becomes a child of the runner, as what that starts itself.
+"""
+
+import array
+import ctypes
+import gc
+import hmac
+import json
+import os
+import signal
+import socket
+import sys
+import time
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NoReturn
+
+from topologies.timeouts import PARENT_POLL_S, PARENT_TIMEOUT_S
+
+REQUEST_BYTES = 1 << 16
+MOST_FILES = 250  # that one message can carry, in Linux
+LEAST_NUMBER = 1 << 9  # of descriptors on their way: above those that a program is given
+PR_SET_PDEATHSIG = 1
+NAMESPACES = "net", "mnt"
+COMMAND_BEGIN, COMMAND_END = 45, 46  # fields of /proc/PID/stat after the name and the state
+RUNNERS_SIGNALS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP  # that it waits for
+STATE = 1  # number of the first of these fields
+LIBC = ctypes.CDLL(None, use_errno=True)
+
+Main = Callable[[], int | None]
+
+
+def main() -> int:
+    """Import what is to be forked, and fork until the runner ends."""
+    gc.disable()  # while it loads what stays
+    descriptor, modules, _padding = sys.argv[1:]
+    programs = {name: import_module(runnable(name)).main for name in modules.split(",")}
+    if threads() != 1:
+        print(f"fork server: {threads()} threads after imports; only one can fork", file=sys.stderr)
+        return 1
+    hmac.digest(b"", b"", "sha256")  # OpenSSL loads what it needs for the first one
+    gc.collect()
+    gc.freeze()  # so that a collection in a child copies no memory that all share
+    gc.enable()
+    channel = socket.socket(fileno=int(descriptor))
+    print("ready", flush=True)
+    while (request := receive(channel)) is not None:
+        channel.send(str(fork(programs, *request)).encode())
+    return 0
+
+
+def serve(request: dict[str, Any], files: Sequence[int]) -> NoReturn:
+    """Be a fork server in a process that was forked off a runner, to whose code it never returns.
+
+    There, each `with` would clean up the network of the runner.
+    """
+    status: object = 1
+    try:
+        for number in RUNNERS_SIGNALS:
+            signal.signal(number, signal.SIG_DFL)
+        become(request, files)
+        status = main()
+    except SystemExit as end:
+        status = end.code
+    finally:
+        if (error := sys.exception()) is not None:
+            sys.excepthook(type(error), error, error.__traceback__)
+        if isinstance(status, str):
+            print(status, file=sys.stderr)
+        sys.stdout.flush()
+        os._exit(status if isinstance(status, int) else int(status is not None))
+
+
+def threads() -> int:
+    """Return how many threads this process has."""
+    return len(os.listdir("/proc/self/task"))
+
+
+def runnable(module: str) -> str:
+    """Return the module that `python -m` would run."""
+    found = find_spec(module)
+    is_package = found is not None and found.submodule_search_locations is not None
+    return f"{module}.__main__" if is_package else module
+
+
+def receive(channel: socket.socket) -> tuple[dict[str, Any], list[int]] | None:
+    """Return the next request and the files that came with it; None if the runner has ended."""
+    size = array.array("i").itemsize * MOST_FILES
+    data, extra, _flags, _address = channel.recvmsg(REQUEST_BYTES, socket.CMSG_SPACE(size))
+    files = array.array("i")
+    for _level, _kind, sent in extra:
+        files.frombytes(sent)
+    return (json.loads(data), list(files)) if data else None
+
+
+def fork(programs: dict[str, Main], request: dict[str, Any], files: Sequence[int]) -> int:
+    """Return the process id of a new child of the runner, which runs the program.
+
+    Its grandparent takes it in as soon as its parent has ended: so it has asked the kernel
+    (PR_SET_CHILD_SUBREAPER), and so it can wait for it, as for what it starts itself.
+    """
+    reader, writer = os.pipe()
+    parent = os.fork()
+    if not parent:
+        child = os.fork()
+        if not child:
+            become(request, files)
+            status = programs[request["module"]]()
+            sys.stdout.flush()
+            # All is closed: to take the interpreter apart as well would take longer than to end.
+            os._exit(status or 0)
+        os.write(writer, str(child).encode())
+        os._exit(0)
+    os.close(writer)
+    with open(reader) as told:
+        pid = told.read()
+    os.waitpid(parent, 0)
+    for file in files:
+        os.close(file)
+    if not pid:
+        sys.exit("fork server: it cannot fork; the kernel's reason is in its log")
+    return int(pid)
+
+
+def become(request: dict[str, Any], files: Sequence[int]) -> None:
+    """Make this process what Program.start would have started."""
+    keep_files(files, request["descriptors"])
+    os.setsid()
+    follow_runner(request["runner"])
+    enter_namespaces(request["namespace_pid"])
+    os.chdir(request["folder"])
+    sys.argv = request["command"][2:]
+    name_process(request["name"], request["command"])
+
+
+def follow_runner(runner: int) -> None:
+    """Wait until the runner is the parent, and ask for a signal when it dies."""
+    deadline = time.monotonic() + PARENT_TIMEOUT_S
+    while os.getppid() != runner:
+        if time.monotonic() > deadline:
+            sys.exit(
+                f"process {runner}, which was to be the parent, is not in {PARENT_TIMEOUT_S} s"
+            )
+        time.sleep(PARENT_POLL_S)
+    if LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGTERM):
+        raise OSError(ctypes.get_errno(), "prctl(PR_SET_PDEATHSIG)")
+    if os.getppid() != runner:
+        sys.exit(f"process {runner}, the runner, has ended")
+
+
+def enter_namespaces(pid: int | None) -> None:
+    """Enter the network and the files of a process, if there is one, as `mnexec -a` does."""
+    if pid is None:
+        return
+    for kind in NAMESPACES:
+        try:
+            with open(f"/proc/{pid}/ns/{kind}") as namespace:
+                if LIBC.setns(namespace.fileno(), 0):
+                    raise OSError(ctypes.get_errno(), f"setns to the {kind} namespace of {pid}")
+        except FileNotFoundError:
+            sys.exit(f"process {pid}, the shell of its node, was ended")
+
+
+def keep_files(files: Sequence[int], descriptors: Sequence[int]) -> None:
+    """Let a log be where all is said, and keep files by these descriptors; close all others."""
+    moved = [os.dup2(file, LEAST_NUMBER + number) for number, file in enumerate(files)]
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    log, *kept = moved
+    for source, target in ((nothing, 0), (log, 1), (log, 2), *zip(kept, descriptors, strict=True)):
+        os.dup2(source, target)
+    last = 2
+    for descriptor in sorted(descriptors):
+        os.closerange(last + 1, descriptor)
+        last = max(last, descriptor)
+    os.closerange(last + 1, LEAST_NUMBER + len(files))
+
+
+def name_process(name: str, command: Sequence[str]) -> None:
+    """Let `ps` show the command, as far as there is room, and `top` the name."""
+    Path("/proc/self/comm").write_text(name[:15])
+    fields = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
+    begin, end = int(fields[COMMAND_BEGIN]), int(fields[COMMAND_END])
+    text = b"\0".join(map(os.fsencode, command))[: end - begin - 1]
+    ctypes.memmove(begin, text.ljust(end - begin, b"\0"), end - begin)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

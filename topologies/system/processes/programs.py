@@ -1,0 +1,287 @@
+"""The programs of a run: each started, watched and ended by its own handle."""
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Protocol
+
+from topologies.system.processes.owners import mark, owner
+from topologies.timeouts import POLL_S, STOP_TIMEOUT_S
+
+ROOT = Path(__file__).resolve().parents[3]
+ENVIRONMENT = {
+    "PYTHONPATH": str(ROOT),
+    **dict(
+        line.split("=", 1)
+        for line in (ROOT / "topologies" / "environment").read_text().splitlines()
+        if not line.startswith("#")
+    ),
+}
+CALLER = "QMN_CALLER"  # in the environment that bin/qmn has made of its caller's
+# The kernel ends it with the runner; if that has ended before it asked for this, it ends itself.
+UNLESS_ORPHANED = '[ "$PPID" = "$0" ] && exec "$@"'
+WITH_RUNNER = ("setpriv", "--pdeathsig", "TERM", "sh", "-c", UNLESS_ORPHANED)
+TRACEBACK = "Traceback (most recent call last)"
+FRAME = re.compile(r"^[ |]*[|+][-+ |]*(\d+ -+)?(?=\S|$)")  # around errors of a group
+ERROR = re.compile(r"[A-Za-z_][\w.]*(:|$)")
+WELL = ("ready", "listening")
+
+
+def callers_environment() -> dict[str, str]:
+    """Return the environment of who called `qmn`: for what people start, which is not ours.
+
+    bin/qmn sets that of our programs, and keeps what its caller has set of it.
+    """
+    if CALLER not in os.environ:
+        return dict(os.environ)
+    kept = f"{CALLER}_"
+    ours = {name for name in os.environ if name == CALLER or name.startswith(kept)}
+    others = {name: os.environ[name] for name in os.environ.keys() - ENVIRONMENT.keys() - ours}
+    return {**others, **{name.removeprefix(kept): os.environ[name] for name in ours - {CALLER}}}
+
+
+class NetworkError(Exception):
+    """The network cannot start or go on; the text names cause and remedy."""
+
+
+class Process(Protocol):
+    """What a program asks of the process that it is: what subprocess.Popen offers."""
+
+    pid: int
+
+    def poll(self) -> int | None:
+        """Return the exit status, None while it runs."""
+
+    def wait(self, timeout: float) -> int:
+        """Return the exit status; raise subprocess.TimeoutExpired if it has not ended by then."""
+
+    def send_signal(self, number: int, /) -> None:
+        """Send it a signal if it runs."""
+
+    def kill(self) -> None:
+        """End it at once."""
+
+
+class Forks(Protocol):
+    """Who starts some commands faster (topologies/system/processes/forks.py)."""
+
+    def serves(self, command: Sequence[str]) -> bool:
+        """Whether it starts this one."""
+
+    def start(
+        self,
+        name: str,
+        command: Sequence[str],
+        log: int,
+        namespace_pid: int | None,
+        descriptors: Sequence[int],
+    ) -> Process:
+        """Start it as a child of this process, with its environment, and all as Program.start."""
+
+
+class Elsewhere(Protocol):
+    """Another machine, which starts programs (topologies/system/machines/machine.py)."""
+
+    def start(
+        self, command: Sequence[str], write: Callable[[bytes], None], pid: int, python: bool
+    ) -> Process:
+        """Start a command in the namespace of a process there; `write` takes what it says."""
+
+
+def python() -> str:
+    """Return the interpreter that has our packages; Mininet's own `mn` runs on another."""
+    inside = sys.prefix != sys.base_prefix
+    return sys.executable if inside else str(ROOT / ".venv" / "bin" / "python")
+
+
+class Program:
+    """One child process; what it prints goes into a log file."""
+
+    def __init__(self, name: str, log: Path) -> None:
+        self.name = name
+        self.log = log
+        self._process: Process | None = None
+        self._begins = 0  # where in the log this start of it does
+
+    def start(
+        self,
+        command: Sequence[str],
+        namespace_pid: int | None = None,
+        descriptors: Sequence[int] = (),
+        forks: Forks | None = None,
+    ) -> None:
+        """Start the command, in the network namespace of a process if one is given.
+
+        Its environment is marked as that of this run, and so is that of all it starts. `forks`
+        starts it, if it serves this command.
+
+        The child gets a session of its own, so that Ctrl-C reaches only the runner, and a
+        signal when the runner dies, so that nothing is left behind. It keeps the open files
+        with these descriptors.
+        """
+        self._begins = self.log.stat().st_size if self.log.exists() else 0
+        with self.log.open("ab") as log:
+            if forks is not None and forks.serves(command):
+                where = log.fileno(), namespace_pid, descriptors
+                self._process = forks.start(self.name, command, *where)
+                return
+            inside = ["mnexec", "-a", str(namespace_pid)] if namespace_pid else []
+            self._process = subprocess.Popen(
+                [*inside, *WITH_RUNNER, str(os.getpid()), *command],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                cwd=ROOT,
+                env={**os.environ, **ENVIRONMENT, **mark()},
+                start_new_session=True,
+                pass_fds=descriptors,
+            )
+
+    def start_elsewhere(
+        self, machine: Elsewhere, command: Sequence[str], pid: int, python: bool = True
+    ) -> None:
+        """Start the command, or one of our modules, on another machine; its log is here."""
+        self._begins = self.log.stat().st_size if self.log.exists() else 0
+        self.log.touch()
+
+        def write(said: bytes) -> None:
+            with self.log.open("ab") as log:
+                log.write(said)
+
+        self._process = machine.start(command, write, pid, python)
+
+    @property
+    def pid(self) -> int:
+        """The process id; raise NetworkError for a program that was not started."""
+        if self._process is None:
+            raise NetworkError(f"{self.name} was not started")
+        return self._process.pid
+
+    @property
+    def status(self) -> int | None:
+        """The exit status, None while it runs."""
+        return self._process.poll() if self._process else None
+
+    @property
+    def running(self) -> bool:
+        """Whether it was started and has not ended."""
+        return self._process is not None and self._process.poll() is None
+
+    def wait_for(
+        self, text: str, timeout_s: float, check: Callable[[], None] = lambda: None
+    ) -> None:
+        """Wait until a line of the log contains text; raise NetworkError if it will not.
+
+        Meanwhile `check` is called, which raises if something else makes the wait useless.
+        """
+        deadline, words = time.monotonic() + timeout_s, re.compile(rf"\b{re.escape(text)}\b")
+        while not words.search(self.said()):
+            if not self.running:
+                raise NetworkError(f"{self.name} ended at its start: {self.end()}")
+            if time.monotonic() > deadline:
+                raise NetworkError(
+                    f"{self.name} was not ready in {timeout_s:g} s; its log: {self.log}"
+                )
+            check()
+            time.sleep(POLL_S)
+
+    def cut_log(self, most_bytes: int) -> None:
+        """Begin the log anew if it is longer; what was in it is beside it, in <log>.1.
+
+        A program that writes just then may lose a line.
+        """
+        if not self.log.exists() or self.log.stat().st_size <= most_bytes:
+            return
+        shutil.copyfile(self.log, self.log.with_name(f"{self.log.name}.1"))
+        os.truncate(self.log, 0)  # the program goes on at its end, wherever that is
+        self._begins = 0
+
+    def said(self) -> str:
+        """Return what it has printed since it was started last."""
+        with self.log.open("rb") as log:
+            log.seek(self._begins)
+            return log.read().decode(errors="replace")
+
+    def last_words(self) -> str:
+        """Return the last line that it has printed."""
+        lines = self.said().strip().splitlines()
+        return lines[-1] if lines else ""
+
+    def end(self) -> str:
+        """Return how it ended, for an error message."""
+        status = self.status or 0
+        if status < 0:
+            return f"killed by {signal.Signals(-status).name}"
+        if status == 0:
+            return f"it ended by itself, or was told to (SIGTERM); its log: {self.log}"
+        return cause(self.said()) or f"status {status}; its log: {self.log}"
+
+    @property
+    def stopped(self) -> bool:
+        """Whether a signal has stopped it."""
+        process = None if self._process is None else owner(self._process.pid)
+        return process is not None and process.stopped
+
+    @property
+    def processor_ticks(self) -> int:
+        """How long it has had a processor so far, in ticks of the kernel; 0 if it is gone."""
+        process = None if self._process is None else owner(self._process.pid)
+        return 0 if process is None else process.processor_ticks
+
+    def ask_to_stop(self) -> None:
+        """Send the signal that ends it politely, and let it go on if it was stopped."""
+        if self._process is not None and self._process.poll() is None:
+            self._process.send_signal(signal.SIGTERM)
+            self._process.send_signal(signal.SIGCONT)
+
+    def kill(self) -> None:
+        """End it at once, as a crash would; raise NetworkError if it does not end."""
+        if self._process is None:
+            return
+        self._process.kill()
+        try:
+            self._process.wait(STOP_TIMEOUT_S)
+        except subprocess.TimeoutExpired as error:
+            raise NetworkError(
+                f"{self.name} (process {self._process.pid}) did not end in {STOP_TIMEOUT_S:g} s "
+                "although it was killed"
+            ) from error
+
+    def stop(self) -> None:
+        """End it: politely, then by force after STOP_TIMEOUT_S."""
+        if self._process is None:
+            return
+        self.ask_to_stop()
+        try:
+            self._process.wait(STOP_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            self.kill()
+
+
+def cause(said: str) -> str:
+    """Return why a program failed, from all it has said: its last words, "" if they tell nothing.
+
+    Of a Python traceback, also of one of many errors at once, these are the line of the error; a
+    frame around it, or what it said when all was well, is no cause.
+    """
+    lines = [FRAME.sub("", line) for line in said.splitlines()]
+    lines = [line for line in lines if line and line not in WELL]
+    tracebacks = [number for number, line in enumerate(lines) if line.startswith(TRACEBACK)]
+    if tracebacks:
+        errors = [line for line in lines[tracebacks[-1] :] if ERROR.match(line)]
+        return errors[-1] if errors else ""
+    return lines[-1] if lines else ""
+
+
+def stop_all(programs: Sequence[Program]) -> None:
+    """End programs together, before what they stand on is taken away."""
+    for program in programs:
+        program.ask_to_stop()
+    for program in programs:
+        program.stop()

@@ -1,0 +1,1 @@
+"""One run: its shared state, and the start of its programs."""

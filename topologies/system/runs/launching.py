@@ -1,0 +1,126 @@
+"""The start of our own programs: each gets its configuration in a file, and open sockets."""
+
+import os
+import socket
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import astuple, replace
+from pathlib import Path
+from typing import Any
+
+from mininet.node import Node
+
+from topologies.system.machines.machine import Machine
+from topologies.system.processes.programs import NetworkError, Program, python
+from topologies.system.runs.runtime import Runtime, metrics_listener
+from wire.config import Config, ControllerConfig, HostConfig, MeasuredConfig
+from wire.credentials import secret_file
+
+
+def launch(
+    network: Runtime,
+    name: str,
+    module: str,
+    config: Config,
+    host: Node | None = None,
+    descriptors: Sequence[int] = (),
+) -> Program:
+    """Start one of our programs with its configuration, in a host's namespace if given.
+
+    Raise NetworkError for what cannot be on another machine than the first.
+    """
+    if (machine := getattr(host, "machine", None)) is not None:
+        return launch_elsewhere(network, name, module, config, host, machine)
+    program = network.program(name)
+    with listeners(network, name, type(config)) as own:
+        path = write(network, name, config, own)
+        command = [python(), "-m", module, "--config", str(path)]
+        inherited = [*descriptors, *own.values()]
+        program.start(command, host.pid if host else None, inherited, network.forks())
+    return program
+
+
+def launch_elsewhere(
+    network: Runtime, name: str, module: str, config: Config, host: Any, machine: Machine
+) -> Program:
+    """Start the stack of a host that is on another machine, which gets the files that it needs."""
+    if not isinstance(config, HostConfig):
+        raise NetworkError(f"{name} runs on the first machine alone: place {host.name} there")
+    if config.qnic:
+        raise NetworkError(f"{name}: hardware of one's own is on the first machine alone")
+    path, shared = write(network, name, config, {}), Path(config.pair_secrets)
+    needed = [secret_file(shared, name, other) for other in network.addresses if other != name]
+    if config.credentials is not None:
+        needed += map(Path, astuple(config.credentials))
+    for file in (path, Path(config.hosts_file), *needed):
+        machine.put(file, file.read_bytes())
+    for folder in (Path(config.socket).parent, shared, config.keys):
+        machine.ask("folder", path=str(folder))
+    machine.relay(config.socket)
+    program = network.program(name)
+    program.start_elsewhere(machine, ["-m", module, "--config", str(path)], host.pid_there)
+    return program
+
+
+class EarlyStart:
+    """A program that loads what it needs while its configuration is not known yet."""
+
+    def __init__(
+        self, network: Runtime, name: str, module: str, words: Sequence[str], host: Node
+    ) -> None:
+        self._network, self._name = network, name
+        self.program = network.program(name)
+        reader, writer = os.pipe()
+        self._held = os.fdopen(writer, "wb")  # it reads its configuration when this is closed
+        with listeners(network, name, ControllerConfig) as own, os.fdopen(reader):
+            self._descriptors = own
+            path = network.folder / f"{name}.json"
+            command = [python(), "-m", module, "--config", str(path), "--after", str(reader)]
+            descriptors = [reader, *own.values()]
+            self.program.start([*command, *words], host.pid, descriptors, network.forks())
+
+    def go_on(self, config: Config) -> None:
+        """Tell it its configuration."""
+        write(self._network, self._name, config, self._descriptors)
+        self._held.close()
+
+    def stop(self) -> None:
+        """End the program."""
+        self.program.stop()
+        self._held.close()
+
+
+def write(network: Runtime, name: str, config: Config, descriptors: dict[str, int]) -> Path:
+    """Write the file of a program's configuration, with the network's time and its own sockets."""
+    path = network.folder / f"{name}.json"
+    scale, since_ns = network.time.scale, network.time.since_ns
+    replace(config, time_scale=scale, time_since_ns=since_ns, **descriptors).write(path)
+    return path
+
+
+@contextmanager
+def listeners(network: Runtime, name: str, kind: type[Config]) -> Iterator[dict[str, int]]:
+    """Open the sockets that a program with such a configuration has from the runner.
+
+    Give their descriptors by field. A socket stays in the namespace that it was opened in: this
+    machine's.
+    """
+    with ExitStack() as stack:
+        found = {}
+        if network.settings.metrics and issubclass(kind, MeasuredConfig):
+            found["metrics_fd"] = stack.enter_context(metrics_listener(network, name))
+        if network.settings.rest and issubclass(kind, ControllerConfig):
+            found["rest_fd"] = stack.enter_context(rest_listener(network.settings.rest))
+        yield {field: listener.fileno() for field, listener in found.items()}
+
+
+def rest_listener(address: str) -> socket.socket:
+    """Return a socket of this machine's namespace on which the controller serves HTTP."""
+    host, _, port = address.rpartition(":")
+    try:
+        return socket.create_server((host, int(port)))
+    except (OSError, ValueError, OverflowError) as error:
+        raise NetworkError(
+            f"cannot serve HTTP on {address}: {error}; name another address for --rest, such as "
+            "127.0.0.1:8080"
+        ) from error

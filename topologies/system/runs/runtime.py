@@ -1,0 +1,298 @@
+"""The shared state of one emulated network: names, tokens, places and programs.
+
+Mininet makes nodes one by one and gives them no way to see the whole. So each node and
+each fibre registers here as it is made, and the programs learn the rest from here.
+"""
+
+import atexit
+import fcntl
+import json
+import os
+import secrets
+import shutil
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from threading import Lock
+from typing import IO, TYPE_CHECKING, Any
+
+from topologies.system.machines.machine import Machine
+from topologies.system.processes.forks import ForkServer
+from topologies.system.processes.owners import from_words, gone, this_process
+from topologies.system.processes.programs import NetworkError, Program
+from topologies.timeouts import END_TIMEOUT_S
+from wire.config import Cable, Fiber, QuantumSwitch
+from wire.dispatcher_service import RUNNER
+from wire.network_time import NetworkTime
+from wire.parameters.network import NetworkSettings
+from wire.parameters.physics import Device
+
+if TYPE_CHECKING:
+    from topologies.system.certificates.authority import CertificateAuthority
+    from topologies.system.certificates.given import GivenCertificates
+
+RUNTIME_ROOT = Path("/run/qmn")
+DISPATCHER = "dispatcher"  # the program, and its socket
+FIRST_PORT = 10_000
+EPHEMERAL_PORTS = Path("/proc/sys/net/ipv4/ip_local_port_range")  # of connections
+ATTEMPTS = 100
+CONSOLE = "console"  # the controller's socket
+REST_TOKEN = "rest-token"  # noqa: S105 (the name of a file in the private folder)
+RECORD = "dispatcher.record"  # what the dispatcher was asked
+EVENT_LOG = "quantum.log"  # what happened to the qubits, a line an event
+EVENT_CAPTURE = "quantum.pcapng"  # the same for Wireshark and qmn spy
+
+
+@dataclass
+class Runtime:
+    """One network: settings given by the caller, and what its nodes have registered."""
+
+    settings: NetworkSettings = field(default_factory=NetworkSettings)
+    time_scale: float = 1.0  # seconds here for one second of the network
+    record: bool = False  # whether the dispatcher records what it is asked, for a replay
+    events: bool = True  # whether the dispatcher writes what happens to qubits
+    qasm: bool = False  # whether the dispatcher dumps what is done to qubits
+    log_folder: Path | None = None  # where logs and records go; default: the private folder
+    hosts: list[Any] = field(default_factory=list)  # their nodes
+    addresses: dict[str, str] = field(default_factory=dict)  # of the hosts
+    fibers: list[Fiber] = field(default_factory=list)
+    copper: dict[frozenset[str], float] = field(default_factory=dict)  # delay (s) between two nodes
+    bridges: dict[str, Any] = field(default_factory=dict)  # that c0 programs, by name
+    management: set[str] = field(default_factory=set)  # interfaces that they have to c0
+    cables: list[Cable] = field(default_factory=list)  # of it, those that packets are held back on
+    switches: dict[str, QuantumSwitch] = field(default_factory=dict)
+    datapath_ids: dict[str, int] = field(default_factory=dict)  # of the quantum switches
+    programmed_elsewhere: set[str] = field(default_factory=set)  # by other controllers than c0
+    devices: dict[str, Device] = field(default_factory=dict)  # of the hosts
+    source: str = ""
+    dispatcher: str = ""  # "10.0.0.4:50051"
+    programs: list[Program] = field(default_factory=list)
+    fork_server: ForkServer | None = None  # which starts most of them
+    places: dict[str, Machine] = field(default_factory=dict)  # of hosts that are not here
+    tokens: dict[str, str] = field(default_factory=dict)
+    prefix_length: int = 24  # of the hosts' network
+    device_keys: dict[str, str] = field(default_factory=dict)  # of the hosts' node agents
+    user_namespaces: bool = True  # whether hosts can have them, for all that is known
+    hurried: bool = False  # whether commands in nodes' shells have a deadline
+    ending: bool = False  # whether a shell that misses it, or has ended, is no reason to stop
+    metrics_addresses: dict[str, str] = field(default_factory=dict)  # by program: where
+    gnmi_addresses: dict[str, str] = field(default_factory=dict)  # by quantum switch: where
+
+    def __post_init__(self) -> None:
+        self._hosts_written, self._writing_hosts = 0, Lock()
+        self._authority: CertificateAuthority | GivenCertificates | None = None
+        self.time = NetworkTime(self.time_scale, time.time_ns())
+        self.name = str(this_process())
+        self.folder = RUNTIME_ROOT / self.name
+        self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        self.logs = self.log_folder or self.folder
+        self.logs.mkdir(mode=0o700, parents=True, exist_ok=True)
+        self.token(RUNNER)
+
+    @property
+    def machines(self) -> list[Machine]:
+        """Return the other machines on which there are hosts."""
+        return sorted(set(self.places.values()), key=lambda machine: machine.name)
+
+    @property
+    def mtu(self) -> int | None:
+        """Return what copper passes at most where some of it is between machines; else None."""
+        return min((machine.mtu for machine in self.machines), default=None)
+
+    def token(self, node: str) -> str:
+        """Return the secret that names a node to the dispatcher."""
+        return self.tokens.setdefault(node, secrets.token_hex(16))
+
+    @contextmanager
+    def in_a_hurry(self) -> Iterator[None]:
+        """Give commands in nodes' shells a deadline meanwhile."""
+        before, self.hurried = self.hurried, True
+        try:
+            yield
+        finally:
+            self.hurried = before
+
+    def rest_token(self) -> str:
+        """Return the secret that HTTP clients of the controller have read from its file."""
+        file = self.folder / REST_TOKEN
+        if not file.exists():
+            file.touch(mode=0o600)
+            file.write_text(secrets.token_hex(16))
+        return file.read_text()
+
+    @property
+    def tls(self) -> bool:
+        """Whether hosts reach the dispatcher by TLS; between machines they always do."""
+        return self.settings.tls or bool(self.places)
+
+    def authority(self) -> "CertificateAuthority | GivenCertificates":
+        """Return who signs, or has, the certificates of this run's programs."""
+        if self._authority is None:
+            from topologies.system.certificates import authority, given  # they take a while to load
+
+            folder, theirs = self.folder / "tls", self.settings.tls_from
+            self._authority = (
+                given.GivenCertificates(folder, Path(theirs))
+                if theirs
+                else authority.CertificateAuthority(folder, f"qmn run {self.name}")
+            )
+        return self._authority
+
+    def device_key(self, host: str) -> str:
+        """Return the secret that a host's node agent shares with the controller."""
+        return self.device_keys.setdefault(host, secrets.token_hex(16))
+
+    def secrets_folder(self) -> str:
+        """Return the path of the private folder of what two hosts share, to authenticate by."""
+        folder = self.folder / "pair-secrets"
+        folder.mkdir(mode=0o700, exist_ok=True)
+        return str(folder)
+
+    def hosts_file(self) -> str:
+        """Return the path of the file of all hosts that there are now, one for all of them."""
+        file = self.folder / "hosts.json"
+        with self._writing_hosts:
+            if len(self.addresses) != self._hosts_written:
+                self._hosts_written = len(self.addresses)
+                unfinished = file.with_suffix(".new")
+                unfinished.write_text(json.dumps(self.addresses))
+                unfinished.replace(file)
+        return str(file)
+
+    def key_folder(self, host: str) -> str:
+        """Return the path of the folder for the keys of a host; it is private."""
+        folder = Path(self.settings.keys) if self.settings.keys else self.folder / "keys"
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        (folder / host).mkdir(mode=0o700, exist_ok=True)
+        return str(folder / host)
+
+    def private_file(self, name: str) -> Path:
+        """Return the path of a file beside the logs that only its owner can read."""
+        file = self.logs / name
+        file.touch(mode=0o600)
+        file.chmod(0o600)
+        return file
+
+    def own_folder(self, name: str) -> Path:
+        """Return the part of the private folder that people on a host are shown."""
+        folder = self.folder / name
+        folder.mkdir(mode=0o700, exist_ok=True)
+        return folder
+
+    def socket(self, name: str) -> str:
+        """Return the path of a Unix socket (they cross network namespaces)."""
+        own = self.own_folder(name) if name in self.devices else self.folder
+        return str(own / f"{name}.sock")
+
+    def program(self, name: str) -> Program:
+        """Return a new program, watched from now on."""
+        program = Program(name, self.logs / f"{name}.log")
+        self.programs.append(program)
+        return program
+
+    def forks(self) -> ForkServer:
+        """Return what forks programs off; the first time, it begins to load what they need."""
+        if self.fork_server is None:
+            self.fork_server = ForkServer(self.program("fork-server"))
+        return self.fork_server
+
+    def remove(self) -> None:
+        """Remove the private folder with its tokens and sockets, and cables that nobody took."""
+        if self.fork_server is not None:
+            self.fork_server.close()
+        for cable in self.cables:
+            os.close(cable.a_fd)
+            os.close(cable.b_fd)
+        self.cables.clear()
+        deadline = time.monotonic() + END_TIMEOUT_S
+        while self.folder.exists() and time.monotonic() < deadline:
+            shutil.rmtree(self.folder, ignore_errors=True)  # what ends just now may make a file
+
+
+def metrics_listener(network: Runtime, name: str) -> socket.socket:
+    """Return a socket on this machine's loopback for the metrics of a program.
+
+    A program that is started again keeps its address.
+    """
+    address = network.metrics_addresses.setdefault(name, f"127.0.0.1:{free_port()}")
+    host, _, port = address.partition(":")
+    return socket.create_server((host, int(port)))
+
+
+def free_port(count: int = 1) -> int:
+    """Return the first of so many loopback TCP ports in a row that nobody uses now.
+
+    Where it can be, the kernel gives none of them to connections, so that they stay free until
+    somebody listens. Raise NetworkError if there are none.
+    """
+    ephemeral = int(EPHEMERAL_PORTS.read_text().split()[0])
+    limit = (ephemeral if ephemeral > FIRST_PORT + ATTEMPTS else 1 << 16) - count
+    for _ in range(ATTEMPTS):
+        first = FIRST_PORT + secrets.randbelow(limit - FIRST_PORT)
+        try:
+            with ExitStack() as probes:
+                for port in range(first, first + count):
+                    probes.enter_context(socket.create_server(("127.0.0.1", port)))
+        except OSError:
+            continue
+        return first
+    raise NetworkError(
+        f"{ATTEMPTS} TCP ports of 127.0.0.1 from {FIRST_PORT} to {limit} were in use; end what "
+        f"uses them, or see {EPHEMERAL_PORTS}"
+    )
+
+
+def only_run() -> IO[str]:
+    """Lock this machine, or what is apart on it (system/confinement/apart.py), for one network.
+
+    The lock ends with the file or the process.
+    """
+    RUNTIME_ROOT.mkdir(mode=0o755, parents=True, exist_ok=True)
+    lock = (RUNTIME_ROOT / "lock").open("a+")
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        lock.close()
+        raise NetworkError(
+            "another qmn network is running on this machine; end it first, or run this one "
+            "beside it by `qmn apart VERB …`"
+        ) from error
+    return lock
+
+
+NONE_RUNS = "no network runs on this machine; start one that stays, as with `qmn cli sdc`"
+
+
+def folders_of_running(root: Path | None = None) -> list[Path]:
+    """Return the private folders of runs that run now."""
+    found = (root or RUNTIME_ROOT).glob("*")
+    return sorted(path for path in found if (run := from_words(path.name)) and run.alive)
+
+
+def folders_of_gone(root: Path | None = None) -> list[Path]:
+    """Return the private folders of runs that are gone, and nothing else that is there."""
+    found = (root or RUNTIME_ROOT).glob("*")
+    return sorted(path for path in found if gone(path.name) and path.is_dir())
+
+
+_current: Runtime | None = None
+
+
+def current() -> Runtime:
+    """Return the network that nodes are being made for; `mn` begins it by using it."""
+    if _current is not None:
+        return _current
+    atexit.register(only_run().close)
+    runtime = begin(Runtime())
+    atexit.register(runtime.remove)
+    return runtime
+
+
+def begin(runtime: Runtime) -> Runtime:
+    """Let the nodes that are made from now on belong to this network."""
+    global _current
+    _current = runtime
+    return runtime
