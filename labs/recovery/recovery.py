@@ -31,9 +31,7 @@ def findings(runs: Runs) -> Sequence[Finding]:
         Finding("fidelity", "F before", ours[0], Published(0.978, 0.002, "A2 and C1"), 17.2),
         Finding("fidelity", "F after", ours[1], Published(0.947, 5e-4, "A1 and C1", 0, LOSS), 27.5),
         in_range("s until light comes again", dark, 0, 5, "about 5 s"),
-        Finding(
-            "outage", "s dark, beside theirs", dark, Published(5, 0.5, "about 5 s", 0, FAST), 27.5
-        ),
+        Finding("outage", "s dark", dark, Published(5, 0.5, "about 5 s", 0, FAST), 27.5),
         Finding("fidelity", "F, all channels", f, Published(0.76, 0.02, "B2 and C2"), 28, 0, 0.008),
     ]
 
