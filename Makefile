@@ -35,7 +35,7 @@ IN_GROUPS := several_together_do_not_take_more who_takes_more_does_not_go_on_by_
 NOT_IN_IMAGE := $(patsubst %,--ignore=tests/emulation/test_%.py,notebooks held_packet_sockets \
     live_page_in_browser) \
     $(patsubst %,--deselect=tests/emulation/test_memory_shares.py::test_%,$(IN_GROUPS))
-PRODUCT := wire dispatcher hosts controller_apps qswitch_agent copper topologies qmn
+PRODUCT := wire programs dispatcher hosts controller_apps qswitch_agent copper topologies qmn
 PROTOCOLS := $(patsubst %.proto,%,$(wildcard wire/*.proto))
 GENERATED := $(foreach end,_pb2.py _pb2.pyi _pb2_grpc.py,$(addsuffix $(end),$(PROTOCOLS)))
 

@@ -4,8 +4,8 @@ import signal
 import sys
 
 from copper.forwarder import Forwarder
+from programs.config_argument import config_path
 from wire.config import BadConfig, CopperConfig
-from wire.config_argument import config_path
 
 
 def main() -> int:

@@ -10,8 +10,8 @@ os.environ.setdefault("GRPC_VERBOSITY", "NONE")
 import uvloop
 
 from dispatcher.server.server import serve
+from programs.config_argument import config_path
 from wire.config import BadConfig, DispatcherConfig
-from wire.config_argument import config_path
 from wire.parameters.physics import BadParameter
 
 

@@ -35,9 +35,8 @@ def bob(processor: Processor) -> str:
     others = processor.create_pairs("charlie", STATES)
     for half, other in zip(halves, others, strict=True):
         half.cnot(other)
-    found = bytes(processor.measure(others))
     with socket.create_connection((processor.nodes["charlie"], PORT), timeout=30) as charlie:
-        charlie.sendall(found)
+        charlie.sendall(bytes(processor.measure(others)))
     return measured(processor, halves)
 
 
@@ -46,8 +45,7 @@ def charlie(processor: Processor) -> str:
     with socket.create_server((processor.nodes["charlie"], PORT)) as listener:
         listener.settimeout(30)
         halves = processor.receive_pairs("bob", STATES)
-        connection, _address = listener.accept()
-        with connection:
+        with listener.accept()[0] as connection:
             found = connection.recv(STATES, socket.MSG_WAITALL)
     for half, one in zip(halves, found, strict=True):
         if one:

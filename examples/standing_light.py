@@ -1,8 +1,6 @@
 """A controller of one's own, in plain Ryu: it opens light paths, and a session runs over them.
 
-Nothing here knows of quantum metadata: s1 forwards by itself, and on q1 three ordinary flow
-entries send light from charlie (ports 5 and 6) to alice (2) and bob (3), and alice's to bob (4).
-The hosts are told that light stands, so they ask no controller for it:
+s1 forwards by itself, q1 by three flow entries; hosts are told that light stands, and ask nobody:
 
     .venv/bin/python examples/standing_light.py
     sudo PYTHONPATH=. mn --custom topologies/sdc.py --topo sdc,light=standing --controller remote
@@ -21,35 +19,31 @@ from ryu.base.app_manager import RyuApp  # noqa: E402
 from ryu.cmd import manager  # noqa: E402
 from ryu.controller import ofp_event  # noqa: E402
 from ryu.controller.handler import CONFIG_DISPATCHER, MAIN_DISPATCHER, set_ev_cls  # noqa: E402
-from ryu.ofproto import ofproto_v1_4  # noqa: E402
 
-Q1 = 0x1001
-PATHS = {5: 2, 2: 4, 6: 3}  # in_port: out_port
+Q1, PATHS = 0x1001, {5: 2, 2: 4, 6: 3}  # charlie's ports to alice's and bob's; hers to his
 
 
 class StandingLight(RyuApp):
     """Opens the paths as soon as q1 connects."""
 
-    OFP_VERSIONS = [ofproto_v1_4.OFP_VERSION]  # noqa: RUF012 (as Ryu wants it)
+    OFP_VERSIONS = [0x05]  # noqa: RUF012 (OpenFlow 1.4, as Ryu wants it)
 
     @set_ev_cls(ofp_event.EventOFPSwitchFeatures, CONFIG_DISPATCHER)
     def switch_connected(self, event):
         """Give a switch its entries."""
         switch = event.msg.datapath
         if switch.id != Q1:
-            self.add(switch, {}, switch.ofproto.OFPP_NORMAL)
-            return
+            return self.add(switch, switch.ofproto.OFPP_NORMAL)
         for in_port, out_port in PATHS.items():
-            self.add(switch, {"in_port": in_port}, out_port)
-        switch.send_msg(switch.ofproto_parser.OFPBarrierRequest(switch))
+            self.add(switch, out_port, in_port=in_port)
+        return switch.send_msg(switch.ofproto_parser.OFPBarrierRequest(switch))
 
-    def add(self, switch, match, out_port):
+    def add(self, switch, out_port, **match):
         """Send what comes as `match` says out of a port."""
-        parser = switch.ofproto_parser
-        output = parser.OFPActionOutput(out_port)
-        apply = parser.OFPInstructionActions(switch.ofproto.OFPIT_APPLY_ACTIONS, [output])
-        match = parser.OFPMatch(**match)
-        switch.send_msg(parser.OFPFlowMod(switch, match=match, instructions=[apply]))
+        parser, outputs = switch.ofproto_parser, switch.ofproto.OFPIT_APPLY_ACTIONS
+        apply = parser.OFPInstructionActions(outputs, [parser.OFPActionOutput(out_port)])
+        entry = parser.OFPFlowMod(switch, match=parser.OFPMatch(**match), instructions=[apply])
+        return switch.send_msg(entry)
 
     @set_ev_cls(ofp_event.EventOFPBarrierReply, [CONFIG_DISPATCHER, MAIN_DISPATCHER])
     def light_stands(self, _event):
@@ -63,5 +57,4 @@ class StandingLight(RyuApp):
 
 
 if __name__ == "__main__":
-    sys.argv[0] = "ryu-manager"
     manager.main([__file__, *sys.argv[1:]])

@@ -13,8 +13,8 @@ from hosts.hardware.announce import announce
 from hosts.hardware.choice import chosen_qnic
 from hosts.node_agent import start_node_agent
 from hosts.stack import Stack
+from programs.config_argument import config_path
 from wire.config import BadConfig, HostConfig
-from wire.config_argument import config_path
 from wire.metadata import METADATA_PORT
 from wire.netqasm.pair_requests import PAIRS_PORT
 

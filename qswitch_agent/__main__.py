@@ -10,12 +10,12 @@ from contextlib import asynccontextmanager
 
 import uvloop
 
+from programs.config_argument import config_path
 from qswitch_agent.agent import Agent
 from qswitch_agent.bridge import BridgeFault
 from qswitch_agent.hardware.choice import hardware
 from qswitch_agent.hardware.optics import HardwareFault, OpticalHardware
 from wire.config import AgentConfig, BadConfig
-from wire.config_argument import config_path
 
 
 async def serve(config: AgentConfig) -> None:
@@ -37,9 +37,9 @@ async def measured(config: AgentConfig, optics: OpticalHardware) -> AsyncIterato
     if config.metrics_fd is None:
         yield optics
         return
+    from programs.metrics import inherited
+    from programs.metrics_server import serve as serve_metrics
     from qswitch_agent.metrics import MeasuredHardware
-    from wire.prometheus.metrics import inherited
-    from wire.prometheus.metrics_server import serve as serve_metrics
 
     used = MeasuredHardware(optics)
     endpoint = await serve_metrics(inherited(config.metrics_fd), used.registry)

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
 
+from programs.metrics import SECONDS
 from qswitch_agent.hardware.optics import (
     Condition,
     CrossConnect,
@@ -14,7 +15,6 @@ from qswitch_agent.hardware.optics import (
     OpticalHardware,
     Readings,
 )
-from wire.prometheus.metrics import SECONDS
 
 
 class MeasuredHardware:

@@ -11,12 +11,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from programs.ways import Ways, shortest
 from topologies.catalogue.maps import Map, Place, Position, positions, read_map
 from topologies.catalogue.node_kinds import node_device
 from topologies.fabric import FabricTopo, Mininet, controllers, findController
 from topologies.links.copper_lengths import centre
 from wire.parameters.physics import BellAnalyser, Device
-from wire.ways import Ways, shortest
 
 __all__ = ["MapTopo", "Mininet", "controllers", "findController", "topos"]
 

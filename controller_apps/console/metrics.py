@@ -18,7 +18,7 @@ from controller_apps.console.facts import Facts
 from controller_apps.console.questions import Refused
 from controller_apps.openflow.framework import EndOnFault, hub
 from controller_apps.record import Record
-from wire.prometheus.metrics import (
+from programs.metrics import (
     END,
     MAX_HEAD_BYTES,
     SECONDS,
@@ -26,7 +26,7 @@ from wire.prometheus.metrics import (
     inherited,
     unavailable,
 )
-from wire.timeouts import METRICS_TIMEOUT_S
+from programs.timeouts import METRICS_TIMEOUT_S
 
 COUNTS = {
     "pairs_made": "Bell pairs that the host has made.",

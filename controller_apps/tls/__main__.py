@@ -8,8 +8,8 @@ import sys
 import uvloop
 
 from controller_apps.tls.entrance import Entrance
+from programs.config_argument import config_path
 from wire.config import BadConfig, EntranceConfig
-from wire.config_argument import config_path
 
 
 async def serve(config: EntranceConfig) -> None:

@@ -12,6 +12,7 @@ visibility V = V0 |<1|2>|^2 the phase is wrong with probability (1 - V) / 2.
 Linear optics tell Psi+ and Psi- from the rest, and Phi+ from Phi- not (Mattle, Weinfurter, Kwiat,
 Zeilinger, Phys. Rev. Lett. 76, 4656); that outcome is reported as Phi+. A host that measures by
 gates (dispatcher.operations.gate_noise) lets nothing interfere: neither mismatch nor window matter.
+Either arm tells its bit wrongly with the detectors' readout error, whatever has made them click.
 What a beam splitter does with all photons of two pulses is in dispatcher.devices.beam_splitter.
 """
 
@@ -34,6 +35,7 @@ Picoseconds = NDArray[np.float64]
 
 PHI_MINUS = 2
 PHASE = np.uint8(2)  # by which Phi+ and Phi- differ, and Psi+ and Psi-
+PARITY = np.uint8(1)  # by which Phi+ and Psi+ differ, and Phi- and Psi-
 SURE_SIGMAS = 14.0  # no number is drawn so far out: 53 random bits do not reach there
 
 
@@ -130,6 +132,8 @@ class Analyser:
         if late.size:
             outcomes[late] = NO_CLICK
             incidents["late"] = late.size
+        if wrong := self.misread(outcomes, random):
+            incidents["misread"] = wrong
         if self._like.kind == "linear":
             outcomes ^= (outcomes == PHI_MINUS) * PHASE
         return Analysis(outcomes, clicks, incidents)
@@ -170,6 +174,20 @@ class Analyser:
                 bits[lone] = inside.coins("lone photon", lone.size)
             found.append(self.arms[arm].detect(bits, half.extras, half.train, inside, half.further))
         return found[0], found[1]
+
+    def misread(
+        self, outcomes: Bytes, random: PhotonRandom, bits: tuple[np.uint8, ...] = (PHASE, PARITY)
+    ) -> int:
+        """Let detectors tell their arm's bit wrongly now and then; return how many outcomes err."""
+        error = self._detectors.readout_error
+        if not error or not self._interferes:
+            return 0
+        flips = np.zeros(outcomes.size, np.uint8)
+        for arm, bit in enumerate(bits):
+            flips[random.events(f"readout of arm {arm}", error)] ^= bit
+        flips[outcomes == NO_CLICK] = 0
+        outcomes ^= flips
+        return int(np.count_nonzero(flips))
 
     def late(
         self,

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from dispatcher.fiber.noise import Effect, NoiseModel, Passage
 from dispatcher.sabot.kraus import Operators, wrong_with
+from programs.custom_class import fault_in, load_class
 from wire.config import BadConfig
-from wire.custom_class import fault_in, load_class
 
 LARGEST_PAULI = 3
 log = logging.getLogger(__name__)

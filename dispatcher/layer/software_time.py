@@ -17,8 +17,8 @@ from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import NamedTuple, TypeVar
 
+from programs.ways import shortest
 from wire import dispatcher_pb2 as messages
-from wire.ways import shortest
 
 MOST_INTERVALS = 100_000  # that are remembered; of waits that began before, less is known
 MOST_DEEDS = 100_000  # of a node, likewise

@@ -94,6 +94,7 @@ class Flight:
         self._queue: list[tuple[int, int, Line, Beam]] = []
         self._number = count()
         self.lost = 0
+        self.known_ns = departure.last_ns  # when news is back from where light has ended
 
     @property
     def start_ns(self) -> int:
@@ -122,12 +123,17 @@ class Flight:
             time_ns, _number, line, beam = heapq.heappop(self._queue)
             await clock.wait_until(time_ns)
             self._pass(beam, line)
-            if not np.count_nonzero(beam.members & further.lit(self._block)):
-                continue
             switch = self._layer.network.switches.get(line.far.node)
-            if switch is None:
-                return self._arrive(beam, line.far)
-            self._cross(beam, switch, int(line.far.port))
+            if np.count_nonzero(beam.members & further.lit(self._block)):
+                if switch is None:
+                    return self._arrive(beam, line.far)
+                under_way = len(self._queue)
+                self._cross(beam, switch, int(line.far.port))
+                if len(self._queue) > under_way:
+                    continue
+            # A host expects light at its time; from a switch news has to come back.
+            back_ns = beam.delay_ns if switch is not None else 0
+            self.known_ns = max(self.known_ns, time_ns + back_ns)
         return None
 
     def _arrive(self, beam: Beam, end: FiberEnd) -> Arrival:

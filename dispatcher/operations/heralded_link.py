@@ -89,6 +89,12 @@ class Link:
         kind = two_click if self.scheme == "two-click" else single_click
         return kind((first, second), float(dark), self.visibility)
 
+    @property
+    def told_wrongly(self) -> float:
+        """Return how likely one click is told of the other detector, or one of two is."""
+        error = self.station.detectors.readout_error
+        return error if self.scheme == "single-click" else 2 * error * (1 - error)
+
     def emitted_ns(self, half: int, rounds: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return when qubits have emitted, in these rounds: the nearer host waits for the other."""
         return self._first_emission_ns(half) + rounds * self.period_ns

@@ -147,6 +147,7 @@ class Drawing:
         rotated, twirled = _rotated(met, random)
         light = met[0].paulis ^ met[1].paulis ^ rotated
         light ^= _distinguished(link, met, random)
+        light[random.events("readout", link.told_wrongly)] ^= PHASE
         first = light * (kind == 0)  # the others are entangled with no light
         second = np.zeros(count, np.uint8)
         for errors, name, emitter in zip((first, second), self._names, link.emitters, strict=True):

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dispatcher.approximations import CROWD, approximation
-from dispatcher.devices.analyser import Analyser, Analysis, Half, Mismatch
+from dispatcher.devices.analyser import PHASE, Analyser, Analysis, Half, Mismatch
 from dispatcher.devices.beam_splitter import (
     MODES,
     MOST_PHOTONS,
@@ -90,6 +90,9 @@ class Interference:
                 self._incidents[name] = self._incidents.get(name, 0) + count
         if late.size:
             self._incidents["late"] = late.size
+        # An output told wrongly makes Psi- of Psi+, and a second one Psi+ again.
+        if wrong := analyser.misread(outcomes, self._random, (PHASE, PHASE)):
+            self._incidents["misread"] = wrong
         return Analysis(outcomes, sum(each.clicks for each in found), self._incidents)
 
     def _meet(self, analyser: Analyser, mismatch: Mismatch, overlap: Overlap) -> Left:

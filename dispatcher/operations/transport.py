@@ -137,11 +137,14 @@ class Transport:
             layer.software.light(end.node, flight.start_ns, arrival.end.node, landed_block.last_ns)
             landed = True
         layer.photons_lost += flight.lost
-        if not landed:
-            layer.record(end.node, "dark", block, end.port, "no light came out")
         if left:
             layer.drop(block)
             self._wake(block.name, turns)
+            layer.software.light(end.node, flight.start_ns, end.node, flight.known_ns)
+            layer.software.goes_on(flight.start_ns, flight.known_ns)
+            await layer.clock.wait_until(flight.known_ns)
+        if not landed:
+            layer.record(end.node, "dark", block, end.port, "no light came out")
 
     def _part(self, block: Block, arrival: Arrival) -> Block:
         layer = self._layer

@@ -10,7 +10,7 @@ from prometheus_client.registry import Collector
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.server.callers import Callers
 from dispatcher.server.servicer import Failed, Service
-from wire.prometheus.metrics import SECONDS
+from programs.metrics import SECONDS
 
 
 class MeasuredService(Service):

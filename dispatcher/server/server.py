@@ -44,8 +44,8 @@ async def metrics(config: DispatcherConfig, service: Service) -> AsyncIterator[N
         yield
         return
     from dispatcher.server.metrics import MeasuredService
-    from wire.prometheus.metrics import inherited
-    from wire.prometheus.metrics_server import serve as serve_metrics
+    from programs.metrics import inherited
+    from programs.metrics_server import serve as serve_metrics
 
     assert isinstance(service, MeasuredService)
     endpoint = await serve_metrics(inherited(config.metrics_fd), service.registry)

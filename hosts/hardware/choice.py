@@ -8,8 +8,8 @@ from typing import Protocol, cast
 
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.simulated import SimulatedQnic
+from programs.custom_class import load_class
 from wire.config import BadConfig, HostConfig
-from wire.custom_class import load_class
 
 
 class ClosableQnic(Qnic, Protocol):

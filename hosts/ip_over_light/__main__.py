@@ -8,8 +8,8 @@ import sys
 
 from hosts.ip_over_light.interface import Interface
 from hosts.ip_over_light.tun import Tun, TunError
+from programs.config_argument import config_path
 from wire.config import BadConfig
-from wire.config_argument import config_path
 from wire.ip_over_light import INTERFACE, IpOverLightConfig
 
 

@@ -15,8 +15,8 @@ from hosts.key_delivery.routes import open_routes
 from hosts.key_delivery.sessions import StackGone
 from hosts.key_delivery.web import serve
 from hosts.middleware.qkd.key_files import KeyStoreError
+from programs.config_argument import config_path
 from wire.config import BadConfig
-from wire.config_argument import config_path
 from wire.key_manager import KeyManagerConfig
 
 

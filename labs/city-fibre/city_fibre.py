@@ -69,7 +69,7 @@ def session(protocol: str, count: int, rate: float, km: float) -> str:
 
 def wrong(run: Run) -> Estimate:
     """Return how often outcomes in equal bases differ."""
-    told = run.result["asking"]
+    told = run.result["job"]["asking"]
     return proportion(round(told["qber"] * told["disclosed_bits"]), told["disclosed_bits"])
 
 
@@ -102,7 +102,7 @@ def findings(runs: Runs) -> Sequence[Finding]:
             found.append(Finding(chart, words, less(q, times), theirs, rate, inputs=inputs))
     found.append(Finding("", f"F, {rate:g} pairs/s", less(q, 1.5), BEST, inputs=0.75 * error))
     for name in BERLIN:
-        told, f = runs[name].result["asking"], less(wrong(runs[name]), 1.5)
+        told, f = runs[name].result["job"]["asking"], less(wrong(runs[name]), 1.5)
         s = Estimate(told["chsh"], told["chsh_error"])
         found.append(in_range(f"F, {name}", f, 0.85, 0.99, "Berlin, abstract"))
         found.append(in_range(f"S, {name}", s, 2.36, 2.74, "Berlin, abstract"))

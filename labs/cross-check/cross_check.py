@@ -50,7 +50,7 @@ def findings(runs: Runs) -> Sequence[Finding]:
     """Return fidelity and success of one round; readings of the estimate are corrected for."""
     found = []
     for figure in FIGURES["figures"]:
-        told = runs[figure["name"]].result["asking"]
+        told = runs[figure["name"]].result["job"]["asking"]
         kept = (2 * figure["readout"] - 1) ** 2  # of each correlation, by two readings
         width = told["fidelity_high"] - told["fidelity_low"]
         estimate = 1 / 4 + (told["fidelity"] - 1 / 4) / kept

@@ -67,7 +67,7 @@ def findings(runs: Runs) -> Sequence[Finding]:
     """Return gain, errors and key of each distance beside the paper's closed forms."""
     found = []
     for km, run in zip(SIFTED, runs.values(), strict=True):
-        told = run.result["asking"]
+        told = run.result["job"]["asking"]
         pulses, sample = told["photons"], told["disclosed_bits"]
         # What error correction told here is replaced by what it tells in the paper.
         spent = paper.CORRECTION * (told["sifted_bits"] - sample) * binary_entropy(told["qber"])

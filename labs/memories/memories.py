@@ -44,7 +44,7 @@ def findings(runs: Runs) -> Sequence[Finding]:
     found = []
     for kind, copper_km in product(OURS, COPPER_KM):
         run = runs[f"{kind}-{copper_km}-km"]
-        told, waits = run.result["asking"], waited_s(run) / T_S
+        told, waits = run.result["job"]["asking"], waited_s(run) / T_S
         error = (told["fidelity_high"] - told["fidelity_low"]) / 2 / CONFIDENCE_95
         theirs = Published(fidelity(kind, waits), 0.0, TOLD["program"])
         words = f"F, {kind}, copper of {copper_km} km"

@@ -44,7 +44,7 @@ def findings(runs: Runs) -> Sequence[Finding]:
         exactly("light paths opened for them", opened, 4, "section 4: the protocol is repeated"),
         exactly("handshakes in the order drawn", ordered, 4, "figure: handshaking"),
         exactly("pairs of nodes seen talking", there, 4, "figure: Wireshark"),
-        exactly("messages that came", int(run.result["delivered"]), 1, "section 4"),
+        exactly("messages that came", int(run.result.delivered), 1, "section 4"),
     ]
 
 
@@ -59,7 +59,7 @@ def _seen(events: Sequence[Event]) -> list[tuple[str, str]]:
 
 def _handshakes(run: RunFacts) -> Iterator[list[Step]]:
     """Yield the steps from each set-up of one Bell state to the next."""
-    port = run.result["parameters"]["openflow_port"]
+    port = run.result.parameters["openflow_port"]
     begun = [
         each.left_ns
         for each in flights(run.folder, run.network, 1000)

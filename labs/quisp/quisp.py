@@ -45,7 +45,7 @@ def findings(runs: Runs) -> Sequence[Finding]:
     """Return fidelities, and success of one round; readings of the estimate are corrected for."""
     found = []
     for figure in TOLD["figures"]:
-        what, told = task(figure), runs[figure["name"]].result["asking"]
+        what, told = task(figure), runs[figure["name"]].result["job"]["asking"]
         kept = (2 * figure["readout"] - 1) ** 2 if what == "purified" else 1.0  # by two readings
         width = told["fidelity_high"] - told["fidelity_low"]
         estimate = 1 / 4 + (told["fidelity"] - 1 / 4) / kept

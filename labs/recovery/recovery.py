@@ -15,7 +15,7 @@ WIDE = (HERE / "wide.txt").read_text().format(here=HERE)
 
 def findings(runs: Runs) -> Sequence[Finding]:
     """Return what the detour does to light and F, how long it is dark, and F of all channels."""
-    found, wide = runs["cut"].result["found"], runs["wide"].result["asking"]
+    found, wide = runs["cut"].result["found"], runs["wide"].result["job"]["asking"]
     both, dark = (found["before"], found["after"]), Estimate(found["outage_s"], 0.0)
     light = [proportion(each["came"], each["emitted"]) for each in both]
     like = [proportion(each["like_phi"], each["sampled"]) for each in both]  # (2F + 1)/3 of them

@@ -24,14 +24,14 @@ def findings(runs: Runs) -> Sequence[Finding]:
     """Return the visibilities, and whether the intruder, and nobody else, was found in time."""
     found = []
     for name, fraction in TAPPED.items():
-        told = runs[name].result["asking"]
+        told = runs[name].result["job"]["asking"]
         wrong = proportion(round(told["error_rate"] * told["compared"]), told["compared"])
         seen = Estimate(1 - 2 * wrong.value, 2 * wrong.error)
         theirs = Published(visibility(fraction), 0, "one of four that are intercepted differs")
         found.append(
             Finding("visibility", f"visibility, {fraction:g} tapped", seen, theirs, fraction)
         )
-    alarm, silence = (runs[name].result["asking"] for name in ("intruder", "nobody"))
+    alarm, silence = (runs[name].result["job"]["asking"] for name in ("intruder", "nobody"))
     in_time = alarm["alarm"] and alarm["light_s"] <= INTERVAL_S
     source = "abstract: false alarm 1e-9, detection above .9999, in 10 s"
     return [

@@ -29,8 +29,7 @@ class Times:
         return len(self.each_ms) / self.seconds
 
     def __str__(self) -> str:
-        found = percentiles(self.each_ms)
-        return f"p50 {found['p50']:.2f} ms, p99 {found['p99']:.2f} ms, n {found['n']}"
+        return str(percentiles(self.each_ms))
 
     def __add__(self, more: "Times") -> "Times":
         return Times(self.each_ms + more.each_ms, self.seconds + more.seconds)

@@ -134,4 +134,6 @@ def measure(file: Path, runs: Path, options: Sequence[str]) -> Measured:
         raise NetworkError(f"qmn run sdc failed: {done.stderr.strip()}")
     result = json.loads((runs / "latest" / "result.json").read_text())
     shutil.rmtree(runs)
-    return Measured(float(result["pairs_per_s"]), int(result["packets_not_captured"]))
+    return Measured(
+        float(result["job"]["asking"]["pairs_per_s"]), int(result["packets_not_captured"])
+    )

@@ -83,7 +83,9 @@ def request(values: Values, seed: int, message: Path, runs: Path) -> SuperdenseR
 
 def outcome(result: dict[str, Any]) -> Outcome:
     """Return what the result of a run says."""
-    pairs, lost, errors = (result[n] for n in ("bell_pairs", "lost_pairs", "symbol_errors"))
+    pairs, lost, errors = (
+        result["job"]["asking"][n] for n in ("bell_pairs", "lost_pairs", "symbol_errors")
+    )
     came = int(pairs - lost)
     return {
         "dibit_error": proportion(int(errors), came),

@@ -54,7 +54,7 @@ def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
     except (NetworkError, TransferError, BadInput, BadTopology) as error:
         raise SweepError(f"{TELEPORT.place(values)} failed: {error}") from error
     told = json.loads((context.folder / "result.json").read_text())
-    return {**outcome(told["asking"]), **of_software(context.folder)}
+    return {**outcome(told["job"]["asking"]), **of_software(context.folder)}
 
 
 def request(values: Values, seed: int, runs: Path) -> ServiceRequest:

@@ -10,13 +10,12 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from controller_apps.policy.policy import DEFAULT
 from qmn.network.description import NetworkDescription
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput
-from qmn.results.schema import RunFacts
+from qmn.results.run_result import Figures, RunResult, ServiceJob
 from qmn.timeouts import START_TIMEOUT_S
 from topologies.description.description import Description
 from topologies.networks.network import Network
@@ -120,7 +119,7 @@ def tapped_way(
 
 
 @contextmanager
-def eavesdropping(network: Network, attack: Attack | None, facts: RunFacts) -> Iterator[None]:
+def eavesdropping(network: Network, attack: Attack | None, facts: RunResult) -> Iterator[None]:
     """Have eve attack meanwhile, if an attack is given; add what she saw to the facts."""
     if attack is None:
         yield
@@ -132,10 +131,11 @@ def eavesdropping(network: Network, attack: Attack | None, facts: RunFacts) -> I
         yield
     finally:
         eve.stop()
-        facts["eve"] = summary_of(eve)
+        if isinstance(facts.job, ServiceJob):
+            facts.job.eve = summary_of(eve)
 
 
-def summary_of(eve: Program) -> dict[str, Any]:
+def summary_of(eve: Program) -> Figures:
     """Return what she said at her end; nothing if she was ended before."""
     for line in eve.log.read_text(errors="replace").splitlines():
         fields = fields_of(line)

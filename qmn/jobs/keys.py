@@ -17,6 +17,7 @@ from qmn.network.key_options import KeyServiceOptions, key_service
 from qmn.network.options import NetworkOptions
 from qmn.options import check_ranges
 from qmn.results import result
+from qmn.results.run_result import KeysJob
 from topologies.daemons.key_managers import (
     KeyManagers,
     KeyService,
@@ -80,18 +81,20 @@ def run(request: KeysRequest, signals: Signals, console: Console) -> int:
     context = RunContext(eve.with_policy(description), request.run, folder, signals, console)
     own = {name: getattr(request.keys, name) for name in PARAMETERS}
     own |= vars(request.eve) if request.eve.eve is not None else {}
-    facts = known_facts(context, NAME, own)
-    with ending(folder, facts, result.complete, context.options.report):
+    hosts = list(dict.fromkeys(host for pair in service.pairs for host in pair))
+    kept = KeysJob()
+    facts = known_facts(context, NAME, hosts, kept, own)
+    with ending(folder, facts, result.complete, context.options.report) as ended:
         with running_network(context, facts) as network:
             managers = start_key_managers(network, service)
             introduce(console, managers)
             noted = Moments(managers.programs, network.runtime.time, partial(show, console))
-            facts["moments"] = noted.all
+            kept.moments = noted.all
             watch(network, noted, eve, request.seconds)
-            facts["asking"] = moments.summary(noted.all, noted.now_s)
-        facts["delivered"] = facts["asking"]["keys"] > 0
-    result.show(console, facts, folder)
-    return 0 if facts["delivered"] else 1
+            kept.asking = moments.summary(noted.all, noted.now_s)
+        facts.delivered = kept.asking["keys"] > 0
+    result.show(console, facts, folder, ended.report)
+    return 0 if facts.delivered else 1
 
 
 def watch(

@@ -18,12 +18,12 @@ from qmn.network.checks import check_network
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, check_ranges
-from qmn.results.schema import RunFacts
+from qmn.results.run_result import LoadJob, RunResult
 from qmn.traffic import result
 from qmn.traffic.driver import Driver
 from qmn.traffic.plan import MODELS, MOST_SESSIONS, BadTraffic, Planned, Traffic, plan
 from qmn.traffic.session import ACCEPTED, Wanted
-from qmn.traffic.summary import listed, summary
+from qmn.traffic.summary import summary
 from topologies.networks.network import Network, Signals, require_root
 from wire.controller_lines import read_record
 from wire.parameters.option import option
@@ -103,11 +103,12 @@ def run(request: LoadRequest, signals: Signals, console: Console) -> int:
     context = RunContext(network, request.run, folder, signals, console)
     own = {name: getattr(request, name) for name in OWN_OPTIONS}
     own["file"] = str(request.file) if request.file else None
-    facts = known_facts(context, request.service, own)
-    with ending(folder, facts, result.complete, context.options.report):
+    hosts = [*traffic.openers, *(each for each in traffic.acceptors if each not in traffic.openers)]
+    facts = known_facts(context, request.service, hosts, LoadJob(), own)
+    with ending(folder, facts, result.complete, context.options.report) as ended:
         _drive(request, traffic, planned, wanted, context, facts)
-    result.show(console, facts, folder)
-    return 0 if facts["delivered"] else 1
+    result.show(console, facts, folder, ended.report)
+    return 0 if facts.delivered else 1
 
 
 def checked(
@@ -186,7 +187,7 @@ def _drive(
     planned: Sequence[Planned],
     wanted: Wanted,
     context: RunContext,
-    facts: RunFacts,
+    facts: RunResult,
 ) -> None:
     """Start the network, drive the traffic, and add to the facts."""
     with running_network(context, facts) as network:
@@ -206,15 +207,13 @@ def _drive(
         try:
             _follow(driver, len(planned), network, context.console)
         finally:
-            facts["load"] = {
-                **summary(
-                    driver.outcomes, read_record(network.runtime.logs), network.runtime.time.scale
-                ),
-                "controller_ms": 1e3 * (controller_s(network) - before_s) / len(planned),
-                "began_ns": driver.began_ns,
-                "sessions": listed(driver.outcomes),
-            }
-        facts["delivered"] = len(driver.outcomes) == len(planned) and not driver.under_way
+            load = summary(
+                driver.outcomes, read_record(network.runtime.logs), network.runtime.time.scale
+            )
+            load.controller_ms = 1e3 * (controller_s(network) - before_s) / len(planned)
+            load.began_ns = driver.began_ns
+            facts.job = LoadJob(load=load)
+        facts.delivered = len(driver.outcomes) == len(planned) and not driver.under_way
 
 
 def _follow(driver: Driver, total: int, network: Network, console: Console) -> None:

@@ -5,10 +5,9 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from qmn.jobs.transfer import Lines
+from qmn.results.run_result import Moment as Moment
 from topologies.system.processes.programs import Program
 from wire.network_time import NetworkTime
-
-Moment = dict[str, Any]  # at, host, event, and what belongs to it
 
 
 class Moments:

@@ -28,7 +28,7 @@ from qmn.network.description import describe_network
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, check_ranges
 from qmn.results import result
-from qmn.results.schema import RunFacts
+from qmn.results.run_result import NetqasmJob
 from qmn.timeouts import NETQASM_STALL_TIMEOUT_S
 from topologies.networks.network import Network, Signals, require_root
 from topologies.system.processes.programs import NetworkError, Program, python
@@ -82,17 +82,20 @@ def run(request: NetqasmRequest, signals: Signals, console: Console) -> int:
     require_root()
     folder = begin_folder(request.run.runs, "netqasm")
     context = RunContext(description, request.run, folder, signals, console)
-    own = {"application": str(application.path), "rounds": application.rounds}
-    facts = known_facts(context, "netqasm", {**own, "input": list(request.input) or None})
-    facts["roles"], facts["outputs"] = dict(application.hosts), []
+    own: dict[str, Any] = {"application": str(application.path), "rounds": application.rounds}
+    own["input"] = list(request.input) or None
+    played = NetqasmJob(roles=dict(application.hosts))
+    hosts = list(application.hosts.values())
+    facts = known_facts(context, "netqasm", hosts, played, own)
     with (
-        ending(folder, facts, result.complete, context.options.report),
+        ending(folder, facts, result.complete, context.options.report) as ended,
         running_network(context, facts) as network,
     ):
         console.print(f"{application.path.name}: {told(application.hosts)}")
-        play(application, network, folder, facts["outputs"])
-        facts["delivered"] = True
-    result.print_rows(console, {**rows(facts), **result.rows_of_every_run(facts, folder)})
+        play(application, network, folder, played.outputs)
+        facts.delivered = True
+    of_every_run = result.rows_of_every_run(facts, folder, ended.report)
+    result.print_rows(console, {**rows(played.outputs), **of_every_run})
     return 0
 
 
@@ -205,9 +208,8 @@ def _start(
     return network.run_on(application.hosts[role], f"netqasm-{role}", command)
 
 
-def rows(facts: RunFacts) -> dict[str, str]:
+def rows(outputs: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     """Return what a person is told of the outputs: those of the last rounds."""
-    outputs = facts["outputs"]
     shown = {}
     for number in range(max(0, len(outputs) - MOST_SHOWN), len(outputs)):
         for role, output in outputs[number].items():

@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,9 +23,9 @@ from qmn.network.options import settings
 from qmn.options import BadInput, option_names
 from qmn.reports.beside import Draw, report_beside
 from qmn.results.network_facts import network_facts
-from qmn.results.result import note_files, percentiles
+from qmn.results.result import note_files
 from qmn.results.run_folder import give_to_invoker, given_at_the_end, make_folder, point_latest
-from qmn.results.schema import RunFacts
+from qmn.results.run_result import Approximated, EarlyNews, Job, RunResult
 from qmn.results.software_share import note_software
 from qmn.results.timeline import timeline_of_run
 from topologies.links.causality import worst
@@ -52,7 +52,7 @@ NO_PARAMETERS = {
 }
 
 Work = Callable[[Signals, Console], int]
-Complete = Callable[[RunFacts, Path], None]
+Complete = Callable[[RunResult, Path], None]
 
 
 def guarded(work: Work) -> int:
@@ -94,35 +94,32 @@ def begin_folder(runs: Path, name: str) -> Path:
     return folder
 
 
-def known_facts(context: RunContext, service: str, own: Mapping[str, Any]) -> RunFacts:
+def known_facts(
+    context: RunContext, service: str, hosts: Sequence[str], job: Job, own: Mapping[str, Any]
+) -> RunResult:
     """Return the facts before the start, as if nothing came of it; `own`: the job's parameters."""
     options, run = context.network.options, context.options
     said = {name: getattr(options, name) for name in option_names(options)}
     said = {name: value for name, value in said.items() if name not in NO_PARAMETERS}
     said = {**own, **said, "classical_mbps": run.classical_mbps}
-    return {
-        "service": service,
-        "delivered": False,
-        "topology": options.topology,
-        "mode": os.environ.get("QMN_MODE", "native"),
-        "controller": options.controller,
-        "seed": options.seed,
-        "parameters": {name: value for name, value in said.items() if value is not None},
-        "optics": context.network.optics,
-        "devices": context.network.devices,
-        "captures": [],
-        "events": run.events,
-        "backend": options.backend,
-        "exact": None,
-        "emulation": {},
-        "path_setup_ms": percentiles([]),
-        "packet_in_count": 0,
-        "timeline": "",
-    }
+    return RunResult(
+        service=service,
+        hosts=list(hosts),
+        topology=options.topology,
+        mode=os.environ.get("QMN_MODE", "native"),
+        controller=options.controller,
+        seed=options.seed,
+        parameters={name: value for name, value in said.items() if value is not None},
+        optics=context.network.optics,
+        devices=context.network.devices,
+        events=run.events,
+        backend=options.backend,
+        job=job,
+    )
 
 
 @contextmanager
-def running_network(context: RunContext, facts: RunFacts) -> Iterator[Network]:
+def running_network(context: RunContext, facts: RunResult) -> Iterator[Network]:
     """Run a network with its captures, on the machines that are asked for; add to the facts."""
     hosts, check = context.network.hosts, context.signals.check
     with (
@@ -133,7 +130,9 @@ def running_network(context: RunContext, facts: RunFacts) -> Iterator[Network]:
 
 
 @contextmanager
-def _running(context: RunContext, facts: RunFacts, places: dict[str, Machine]) -> Iterator[Network]:
+def _running(
+    context: RunContext, facts: RunResult, places: dict[str, Machine]
+) -> Iterator[Network]:
     description, run, console = context.network, context.options, context.console
     options, chosen = description.options, description.scale
     runtime = settings(
@@ -145,7 +144,7 @@ def _running(context: RunContext, facts: RunFacts, places: dict[str, Machine]) -
         events=run.events,
     )
     runtime.places = places
-    facts["time_scale"], facts["time_scale_because"] = chosen.scale, chosen.reason or None
+    facts.time_scale, facts.time_scale_because = chosen.scale, chosen.reason or None
     console.print(f"starting the network ({options.controller}, seed {options.seed}) ...")
     if chosen.reason:
         console.print(f"time scale {chosen.scale:g}: {chosen.reason}")
@@ -159,61 +158,70 @@ def _running(context: RunContext, facts: RunFacts, places: dict[str, Machine]) -
         ) as network,
     ):
         if runtime.places:
-            facts["machines"] = machine_facts(runtime)
-        facts["network"] = network_facts(network).to_dict()
-        announce_network(network.runtime, facts["network"])
-        facts["backend"] = status(network).backend
+            facts.machines = machine_facts(runtime)
+        facts.network = network_facts(network)
+        announce_network(network.runtime, facts.network.to_dict())
+        facts.backend = status(network).backend
         if run.classical_mbps is not None:
             for host in description.hosts:
                 slow_metadata(network.host(host), run.classical_mbps / chosen.scale)
         if options.metrics:
-            facts["metrics"] = urls = announce(runtime.metrics_addresses, context.folder)
+            facts.metrics = urls = announce(runtime.metrics_addresses, context.folder)
             for program, url in urls.items():
                 console.print(f"metrics of {program}: {url}", soft_wrap=True)
         if options.gnmi:
-            facts["gnmi"] = dict(runtime.gnmi_addresses)
+            facts.gnmi = dict(runtime.gnmi_addresses)
             for switch, address in runtime.gnmi_addresses.items():
                 console.print(f"gNMI of {switch}: {address}", soft_wrap=True)
         if run.packet_bytes:
             switches = network.copper_switches
             files = network.capture(*switches, openflow=True, packet_bytes=run.packet_bytes)
-            facts["captures"] = [str(file) for file in files]
+            facts.captures = [str(file) for file in files]
         with live_view(run.live, context.folder, lambda text: console.print(text, soft_wrap=True)):
             yield network
         reached = status(network)
-        facts["exact"] = reached.exact
-        facts["approximations"] = [
-            {"name": each.name, "most": each.most if each.HasField("most") else None}
+        facts.exact = reached.exact
+        facts.approximations = [
+            Approximated(each.name, each.most if each.HasField("most") else None)
             for each in reached.approximations
         ]
+        facts.pairs_made, facts.photons_lost = reached.pairs_created, reached.photons_lost
         early = worst(network.runtime)
-        facts["acausal"] = early.to_dict() if early else None
+        facts.acausal = EarlyNews(*early) if early else None
         note_software(facts, reached.software, network.runtime.devices.values(), chosen)
     note_files(facts, network)
 
 
+@dataclass
+class Ended:
+    """What is told of a run that has ended, and not kept in its result."""
+
+    report: str = ""  # file, or how to make it
+
+
 @contextmanager
 def ending(
-    folder: Path, facts: RunFacts, complete: Complete, report: bool = True
-) -> Iterator[None]:
+    folder: Path, facts: RunResult, complete: Complete, report: bool = True
+) -> Iterator[Ended]:
     """Leave timeline, facts and report behind, whatever happens inside.
 
     What ends the run tells where the report is; of a network that had not started there is none.
     """
+    ended = Ended()
     fault: Exception | None = None
     with report_beside() if report else nullcontext(_put_off) as draw:
         try:
-            yield
+            yield ended
         except (NetworkError, TransferError, Interrupted) as error:
             fault = error
-            facts["error"] = str(error)
+            facts.error = str(error)
             raise
         finally:
-            facts["timeline"] = timeline_of_run(folder)
+            facts.timeline = timeline_of_run(folder)
             complete(facts, folder)
-            facts["report"] = _report(folder, facts, draw)
-            if fault is not None and "network" in facts:
-                fault.add_note(f"report to look at: {facts['report']}")
+            ended.report = _report(folder, facts, draw)
+            if fault is not None and facts.network is not None:
+                fault.add_note(f"report to look at: {ended.report}")
             give_to_invoker(folder)
 
 
@@ -221,6 +229,6 @@ def _put_off(folder: Path) -> str:
     return f"`qmn report {folder}` makes it"
 
 
-def _report(folder: Path, facts: RunFacts, draw: Draw) -> str:
+def _report(folder: Path, facts: RunResult, draw: Draw) -> str:
     """Return the file of the report, or why there is none."""
-    return draw(folder) if "network" in facts else "not made: the network had not started"
+    return draw(folder) if facts.network is not None else "not made: the network had not started"

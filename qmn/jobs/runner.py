@@ -15,8 +15,8 @@ from qmn.jobs import eavesdropping
 from qmn.jobs.handed_out import handing_out
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.jobs.transfer import TransferError, follow
-from qmn.results import result
-from qmn.results.schema import RunFacts
+from qmn.results import message_result, result, service_result
+from qmn.results.run_result import Message, MessageJob, RunResult, ServiceJob
 from qmn.timeouts import START_TIMEOUT_S
 from topologies.networks.network import Network
 from topologies.system.processes.programs import NetworkError, Program, python
@@ -42,24 +42,27 @@ class Job:
     file: Path | None = None  # of bytes to send, for a service that carries some
     eve: eavesdropping.Attack | None = None  # None: she does nothing
     hand_out: Path | None = None  # a folder for keys, taken out of both ends' stores
-    handshake: str | None = None  # how often light is asked for, if that is chosen
+
+    @property
+    def result(self) -> MessageJob | ServiceJob:
+        """Its part of the result, as if nothing came of it."""
+        if self.file is None:
+            return ServiceJob()
+        return MessageJob(message=Message(str(self.file), self.file.stat().st_size))
 
 
 def run(job: Job, context: RunContext) -> int:
     """Do the whole run and return its exit status."""
     folder, console = context.folder, context.console
-    facts = known_facts(context, job.service, job.parameters)
-    if job.file is not None:
-        facts["file"] = str(job.file)
-    if job.handshake is not None:
-        facts["handshake"] = job.handshake
-    with ending(folder, facts, result.complete, context.options.report):
+    hosts = job.opener, job.acceptor, *job.others
+    facts = known_facts(context, job.service, hosts, job.result, job.parameters)
+    with ending(folder, facts, result.complete, context.options.report) as ended:
         use_network(job, context, facts)
-    result.show(console, facts, folder)
-    return 0 if facts["delivered"] else 1
+    result.show(console, facts, folder, ended.report)
+    return 0 if facts.delivered else 1
 
 
-def use_network(job: Job, context: RunContext, facts: RunFacts) -> None:
+def use_network(job: Job, context: RunContext, facts: RunResult) -> None:
     """Start the network, do the job, and add to the facts."""
     with running_network(context, facts) as network:
         context.console.print(job.said)
@@ -69,14 +72,14 @@ def use_network(job: Job, context: RunContext, facts: RunFacts) -> None:
             _progress_bar(context.console, job, facts, take) as progress,
         ):
             _use(network, job, context.folder, facts, progress)
-        facts["delivered"] = True
+        facts.delivered = True
 
 
 def _use(
     network: Network,
     job: Job,
     folder: Path,
-    facts: RunFacts,
+    facts: RunResult,
     progress: Callable[[Line], None],
 ) -> None:
     """Start both ends' applications, and follow them to their last words."""
@@ -93,7 +96,7 @@ def _use(
             waiting.wait_for("listening", START_TIMEOUT_S)
         asking = _start(network, job, job.opener, "asking", [*address, *source])
         progress(follow(network, asking, progress))
-        facts["asked"] = follow(network, asked, lambda _line: None)
+        _note_asked(facts, follow(network, asked, lambda _line: None))
         for waiting in others:
             follow(network, waiting, lambda _line: None)
     except (TransferError, NetworkError):
@@ -107,8 +110,24 @@ def _start(network: Network, job: Job, host: str, role: str, words: list[str]) -
     return network.run_on(host, role, command)
 
 
+def _note_asking(facts: RunResult, line: Line) -> None:
+    """Keep what the opener has said so far."""
+    if isinstance(facts.job, MessageJob):
+        facts.job.asking = message_result.sent(line, facts.time_scale or 1.0)
+    elif isinstance(facts.job, ServiceJob):
+        facts.job.asking = service_result.numbers(line)
+
+
+def _note_asked(facts: RunResult, line: Line) -> None:
+    """Keep what the acceptor has said at the end."""
+    if isinstance(facts.job, MessageJob):
+        facts.job.asked = message_result.received(line)
+    elif isinstance(facts.job, ServiceJob):
+        facts.job.asked = service_result.numbers(line)
+
+
 @contextmanager
-def _handing_out(network: Network, job: Job, facts: RunFacts) -> Iterator[Callable[[], None]]:
+def _handing_out(network: Network, job: Job, facts: RunResult) -> Iterator[Callable[[], None]]:
     """Have keys of both ends taken whenever that is called, and once more at the end."""
     if job.hand_out is None:
         yield lambda: None
@@ -117,12 +136,13 @@ def _handing_out(network: Network, job: Job, facts: RunFacts) -> Iterator[Callab
     stores = [network.runtime.key_folder(host) for host in ends]
     with handing_out(job.hand_out, ends, stores) as handed_out:
         yield handed_out.take
-    facts["asking"]["handed_out"] = handed_out.count
+    if isinstance(facts.job, ServiceJob):
+        facts.job.asking["handed_out"] = handed_out.count
 
 
 @contextmanager
 def _progress_bar(
-    console: Console, job: Job, facts: RunFacts, take: Callable[[], None]
+    console: Console, job: Job, facts: RunResult, take: Callable[[], None]
 ) -> Iterator[Callable[[Line], None]]:
     """Show how far the opener is; every line also goes into the facts, and keys are taken."""
     rates = [TextColumn("{task.fields[rate]:,.0f} " + f"{job.unit}/s")] if job.rate else []
@@ -131,7 +151,7 @@ def _progress_bar(
         task = bar.add_task(job.unit, total=job.total, rate=0.0)
 
         def note(line: Line) -> None:
-            facts["asking"] = line
+            _note_asking(facts, line)
             take()
             rate = job.rate(line) if job.rate else 0.0
             bar.update(task, completed=min(job.done(line), job.total), rate=rate)

@@ -38,7 +38,7 @@ MERGED_HEADS = {"framed": 0.17, "per-pair": 0.9, "sequential": 0.9}
 SIZE_LIMIT = {"framed": 1 << 30, "per-pair": 1 << 16, "sequential": 1 << 16}
 TELL_ESTIMATE_ABOVE_S = 10
 # What of the session the result keeps as parameters.
-PACKETISATION = ("frame_bytes", "block_pairs", "rate_hz", "fec", "interleave")
+PACKETISATION = ("handshake", "frame_bytes", "block_pairs", "rate_hz", "fec", "interleave")
 SERVICE = Service.SDC.name.lower()
 
 
@@ -125,7 +125,6 @@ def job(request: SuperdenseRequest, file: Path) -> runner.Job:
         done=lambda line: pairs * int(line["delivered_bytes"]) // max(size, 1),
         rate=lambda line: line["bell_pairs"] / max(line["elapsed_s"], 1e-9),
         file=file,
-        handshake=options.handshake,
     )
 
 

@@ -32,7 +32,7 @@ from qmn.network.options import NetworkOptions
 from qmn.network.time_scale import REAL
 from qmn.options import BadInput, check_ranges
 from qmn.results import result
-from qmn.results.schema import RunFacts
+from qmn.results.run_result import KeysJob
 from topologies.daemons.key_managers import KeyService, start_key_managers
 from topologies.networks.network import Network, Signals, require_root
 from topologies.system.processes.programs import NetworkError, Program
@@ -129,13 +129,14 @@ def run(request: VpnRequest, signals: Signals, console: Console) -> int:
     folder = begin_folder(request.run.runs, NAME)
     eve = passing_eve(request, description, folder)
     context = RunContext(eve.with_policy(description), request.run, folder, signals, console)
-    facts = known_facts(context, NAME, parameters(request))
-    with ending(folder, facts, result.complete, context.options.report):
+    kept, hosts = KeysJob(), (request.sender, request.receiver)
+    facts = known_facts(context, NAME, hosts, kept, parameters(request))
+    with ending(folder, facts, result.complete, context.options.report) as ended:
         with running_network(context, facts) as network:
-            use_network(request, network, eve, context, facts)
-        facts["delivered"] = facts["asking"]["file_intact"]
-    result.show(console, facts, folder)
-    return 0 if facts["delivered"] else 1
+            use_network(request, network, eve, context, kept)
+        facts.delivered = kept.asking["file_intact"]
+    result.show(console, facts, folder, ended.report)
+    return 0 if facts.delivered else 1
 
 
 def passing_eve(
@@ -158,9 +159,9 @@ def use_network(
     network: Network,
     eve: PassingEavesdropper,
     context: RunContext,
-    facts: RunFacts,
+    kept: KeysJob,
 ) -> None:
-    """Make keys, a tunnel of them, and move the file through it; add to the facts."""
+    """Make keys, a tunnel of them, and move the file through it; add what comes of it."""
     ends = request.sender, request.receiver
     link = KeyLink("", True, ENOUGH, ENOUGH, pause_s=1.0, options={"count": request.session_bits})
     managers = start_key_managers(network, KeyService([ends], link, withhold=True))
@@ -173,7 +174,7 @@ def use_network(
         )
     watched = {host: managers.programs[host] for host in ends}
     noted = Moments(watched, network.runtime.time, partial(show, context.console))
-    facts["moments"] = noted.all
+    kept.moments = noted.all
     tunnel = start_tunnel(
         network, managers, ends, request.rotate, request.lifetime, request.program
     )
@@ -187,7 +188,7 @@ def use_network(
         watch(network, noted, eve, [*tunnel.programs, moved.server], moved, request.seconds)
     finally:
         noted.finish()
-        facts["asking"] = counted(noted, moved, file)
+        kept.asking = counted(noted, moved, file)
 
 
 def file_of(request: VpnRequest, folder: Path) -> Path:

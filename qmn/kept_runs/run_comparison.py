@@ -65,7 +65,7 @@ def _plain(values: Mapping[str, Any], names: Any) -> dict[str, Any]:
     for name in names:
         value = values.get(name)
         if isinstance(value, Mapping):
-            prefix = "" if name == "parameters" else f"{name} "
+            prefix = "" if name in ("parameters", "job") else f"{name} "
             found |= {f"{prefix}{key}": each for key, each in _plain(value, value).items()}
         elif isinstance(value, int | float | str | bool) or name in values:
             found[name] = value

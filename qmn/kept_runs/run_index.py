@@ -106,7 +106,7 @@ def differing(result: dict[str, Any]) -> dict[str, Any]:
 def _kinds(result: dict[str, Any]) -> Iterator[type[Any]]:
     """Yield the dataclasses of what a run could be told."""
     yield from (NetworkOptions, RunOptions)
-    if "load" in result:
+    if "load" in result.get("job", {}):
         from qmn.jobs.load import LoadRequest  # which takes a moment to load
 
         yield LoadRequest

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
-from typing import Any
 
+from qmn.results.run_result import MachineFacts
 from topologies.system.machines.machine import Machine
 from topologies.system.runs.runtime import Runtime
 from wire.parameters.option import option
@@ -45,13 +45,13 @@ def machines_of(
         yield places
 
 
-def machine_facts(runtime: Runtime) -> dict[str, Any]:
+def machine_facts(runtime: Runtime) -> dict[str, MachineFacts]:
     """Return what other machines there are, with their hosts and how far their clocks are ahead."""
     return {
-        machine.name: {
-            "address": machine.address,
-            "hosts": [host for host, each in runtime.places.items() if each is machine],
-            "clock": asdict(machine.clock_offset()),
-        }
+        machine.name: MachineFacts(
+            machine.address,
+            [host for host, each in runtime.places.items() if each is machine],
+            asdict(machine.clock_offset()),
+        )
         for machine in runtime.machines
     }

@@ -12,11 +12,11 @@ from typing import Any
 
 from mininet.topo import Topo
 
+from programs.custom_class import fault_in, line_in, load_class
 from topologies.description.checked_graph import checked
 from topologies.links.fiber import OPTICS
 from topologies.system.processes.programs import ROOT, python
 from wire.config import BadConfig
-from wire.custom_class import fault_in, line_in, load_class
 from wire.parameters.physics import BadParameter
 
 

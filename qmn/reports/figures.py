@@ -13,6 +13,7 @@ from qmn.reports.markup import figure, missing
 from qmn.reports.network_diagram import network_diagram, path_colour
 from qmn.reports.run_facts import RunFacts
 from qmn.reports.sequence import handshake, lanes
+from qmn.results.run_result import KeysJob, LoadJob, MessageJob
 from qmn.results.timeline import TIMELINE
 from qmn.traffic.fiber_use import fiber_use
 from wire.parameters.network import OPENFLOW_PORT
@@ -35,7 +36,7 @@ def network(run: RunFacts, paths: Sequence[LightPath]) -> str:
 
 
 def _legend(run: RunFacts, paths: Sequence[LightPath]) -> str:
-    if not run.has_events:
+    if not run.result.events:
         return f"Light paths are not shown: {NOT_WRITTEN}"
     if not paths:
         return "No light path stood."
@@ -48,42 +49,42 @@ def _legend(run: RunFacts, paths: Sequence[LightPath]) -> str:
     return f"Light paths: {', '.join(named)}."
 
 
-def load_figure(run: RunFacts) -> str:
+def load_figure(run: RunFacts, job: LoadJob) -> str:
     """Return the picture of heavy traffic."""
     title = "Sessions over time, and the use of every fibre"
-    load = run.result["load"]
-    if not load.get("sessions"):
+    load = job.load
+    if load is None or not load.sessions:
         return missing(title, "no session was asked for.")
     use = fiber_use(run.network, run.events)
-    drawn = load_diagram(load, use, run.result["time_scale"])
+    drawn = load_diagram(load, use, run.result.time_scale or 1.0)
     idle = sum(not intervals for intervals in use.values())
     text = f"Each row is a fibre in one direction; {idle} were never in use. "
-    if not run.has_events:
+    if not run.result.events:
         text = f"The use of fibres is not shown: {NOT_WRITTEN} "
     elif len(use) - idle > MOST_FIBERS:
         text += f"The {MOST_FIBERS} that were in use longest are shown. "
-    reasons = {**load["blocked"], **load["broken"]}
+    reasons = {**load.blocked, **load.broken}
     said = ", ".join(f"{count} {reason}" for reason, count in reasons.items())
     return figure(title, drawn, text + (f"Refused or broken: {said}." if said else ""), "wide")
 
 
 def handshake_figure(run: RunFacts) -> str:
     """Return the sequence diagram."""
-    port = run.result["parameters"].get("openflow_port", OPENFLOW_PORT)
+    port = run.result.parameters.get("openflow_port", OPENFLOW_PORT)
     steps, more = handshake(run.folder, run.network, run.events, port)
     title = "The handshake, in both layers"
     if not steps:
-        packets = "no set-up was captured" if run.has_packets else "packets were not captured"
-        qubits = "nothing happened to a qubit." if run.has_events else NOT_WRITTEN
+        packets = "no set-up was captured" if run.result.captures else "packets were not captured"
+        qubits = "nothing happened to a qubit." if run.result.events else NOT_WRITTEN
         return missing(title, f"{packets}, and {qubits}")
     if not any(step.layer == "metadata" for step in steps):
         title = "The handshake, in the quantum layer"
         text = "Packets were not captured: quantum events alone, from the first on."
     else:
         layers = f"{METADATA}, {OPENFLOW}"
-        text = f"On one clock: {layers}, {QUANTUM}." if run.has_events else f"{layers}."
+        text = f"On one clock: {layers}, {QUANTUM}." if run.result.events else f"{layers}."
         text += " Times count from the first set-up."
-        if not run.has_events:
+        if not run.result.events:
             title = "The handshake, in the classical layer"
             text += f" Quantum events are missing: {NOT_WRITTEN}"
     if more:
@@ -94,11 +95,9 @@ def handshake_figure(run: RunFacts) -> str:
     )
 
 
-def key_figure(run: RunFacts) -> str:
-    """Return the time line of keys, for a run that has kept some."""
-    moments = run.result.get("moments")
-    if moments is None:
-        return ""
+def key_figure(job: KeysJob) -> str:
+    """Return the time line of keys."""
+    moments = job.moments
     if not moments:
         return missing("Keys over time", "nothing has happened to any.")
     text = "Sessions by their error rate, above the dashed line without a key; shaded: eve listens."
@@ -109,10 +108,10 @@ def key_figure(run: RunFacts) -> str:
 
 def chart_figures(run: RunFacts, paths: Sequence[LightPath]) -> Iterator[str]:
     """Yield the charts; those of symbols for superdense coding alone."""
-    if run.carries_bytes:
+    if isinstance(run.result.job, MessageJob):
         yield _rate(run)
         yield _errors(run)
-        yield _confusion(run)
+        yield _confusion(run, run.result.job.asking.bell_states or 4)
     yield _losses(run, paths)
     yield _setup_times(run)
 
@@ -121,7 +120,7 @@ def _rate(run: RunFacts) -> str:
     title = "Bell pairs a second"
     measured = [event for event in run.events if event.kind == "bell-measure"]
     if not measured:
-        return missing(title, "no Bell pair was measured." if run.has_events else NOT_WRITTEN)
+        return missing(title, "no Bell pair was measured." if run.result.events else NOT_WRITTEN)
     measured.sort(key=lambda event: event.time_ns)
     lists = [(event.time_ns, event.photons, without_outcome(event)) for event in measured]
     times, pairs, lost = map(list, zip(*lists, strict=True))
@@ -132,7 +131,7 @@ def _rate(run: RunFacts) -> str:
 
 def _errors(run: RunFacts) -> str:
     title = "Errors over time"
-    sender = run.result["parameters"]["sender"]
+    sender = run.result.parameters["sender"]
     found = error_counts.reported(run.folder, run.network, sender) or error_counts.said(run.sender)
     if found is None:
         return missing(title, "the sender has heard and said nothing.")
@@ -140,7 +139,7 @@ def _errors(run: RunFacts) -> str:
     return figure(title, charts.errors(found.seconds, found.counts), text)
 
 
-def _confusion(run: RunFacts) -> str:
+def _confusion(run: RunFacts, bell_states: int) -> str:
     title, counts = "Symbols sent and received", run.confusion
     if counts is None:
         return missing(title, "the receiver tells at the end, and the transfer had none.")
@@ -148,14 +147,14 @@ def _confusion(run: RunFacts) -> str:
         return missing(title, "no frame was delivered whole.")
     text = "Of the frames delivered in the end, with their rejected versions: before a frame's "
     text += "check is right, the receiver does not know what was sent. Lost pairs are not counted."
-    return figure(title, charts.confusion(counts, run.result.get("bell_states") or 4), text)
+    return figure(title, charts.confusion(counts, bell_states), text)
 
 
 def _losses(run: RunFacts, paths: Sequence[LightPath]) -> str:
     title = "Loss of each hop"
     if not paths:
-        return missing(title, "no light path stood." if run.has_events else NOT_WRITTEN)
-    budget = run.result["parameters"]["loss_budget_db"]
+        return missing(title, "no light path stood." if run.result.events else NOT_WRITTEN)
+    budget = run.result.parameters["loss_budget_db"]
     text = "Every light path that stood, as declared: fibres and ways through switches."
     return figure(title, charts.loss_budget(paths, budget), text)
 

@@ -1,7 +1,6 @@
 """The time line of keys: error rates of sessions, keys in use, when a tunnel was open, its file."""
 
 from collections.abc import Sequence
-from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -9,8 +8,8 @@ from matplotlib.figure import Figure
 from hosts.middleware.services.key_distribution.options import KeyOptions
 from qmn.reports import drawing
 from qmn.reports.drawing import BAD, INK, METADATA, MUTED, QUANTUM
+from qmn.results.run_result import Moment
 
-Moment = dict[str, Any]
 WIDE_INCHES = (9.0, 1.6)  # of each row
 
 

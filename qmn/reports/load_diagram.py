@@ -1,8 +1,7 @@
 """The picture of heavy traffic: sessions over time, and when each fibre was in use."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import accumulate
-from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -10,6 +9,7 @@ from matplotlib.ticker import EngFormatter, MaxNLocator
 
 from qmn.reports import drawing
 from qmn.reports.drawing import BAD, METADATA, QUANTUM
+from qmn.results.run_result import Load, LoadSession
 from qmn.traffic.fiber_use import Use
 from qmn.traffic.session import ACCEPTED
 
@@ -20,14 +20,14 @@ Step = tuple[float, int]  # when, and by how much
 
 
 @drawing.styled
-def load_diagram(load: Mapping[str, Any], use: Use, scale: float) -> str:
+def load_diagram(load: Load, use: Use, scale: float) -> str:
     """Draw how many sessions have light and wait for it, refusals, and the busiest fibres."""
     lines = busiest(use)
     heights = SESSIONS_INCHES, max(1, len(lines)) * ROW_INCHES
     made = Figure(figsize=(WIDTH_INCHES, sum(heights) + REST_INCHES), layout="constrained")
     above, below = made.subplots(2, 1, sharex=True, height_ratios=heights)
-    _sessions(above, load["sessions"])
-    _fibers(below, lines, load["began_ns"], scale)
+    _sessions(above, load.sessions)
+    _fibers(below, lines, load.began_ns, scale)
     made.legend(loc="outside upper center", ncols=3)
     return drawing.svg(made, "sessions over time, and the use of every fibre")
 
@@ -39,22 +39,22 @@ def busiest(use: Use) -> Use:
     return {name: use[name] for name in sorted(kept[:MOST_FIBERS])}
 
 
-def _sessions(axes: Axes, sessions: Sequence[Mapping[str, Any]]) -> None:
+def _sessions(axes: Axes, sessions: Sequence[LoadSession]) -> None:
     light: list[Step] = []
     waiting: list[Step] = []
     for each in sessions:
-        ready_s = each["ended_s"]
-        if each["setup_s"] is not None:
-            ready_s = each["asked_s"] + each["setup_s"]
-            light += [(ready_s, 1), (each["ended_s"], -1)]
-        waiting += [(each["asked_s"], 1), (ready_s, -1)]
+        ready_s = each.ended_s
+        if each.setup_s is not None:
+            ready_s = each.asked_s + each.setup_s
+            light += [(ready_s, 1), (each.ended_s, -1)]
+        waiting += [(each.asked_s, 1), (ready_s, -1)]
     for steps, colour, label in (
         (light, QUANTUM, "with light"),
         (waiting, METADATA, "without yet"),
     ):
         times, counts = counted(steps)
         axes.step(times, counts, where="post", color=colour, linewidth=1.4, label=label)
-    refused = [each["ended_s"] for each in sessions if each["outcome"] != ACCEPTED]
+    refused = [each.ended_s for each in sessions if each.outcome != ACCEPTED]
     axes.plot(
         refused, [0.0] * len(refused), "|", color=BAD, markersize=9, label="refused", clip_on=False
     )

@@ -1,7 +1,8 @@
 """The report as one page: HTML, CSS and SVG, no script, nothing from elsewhere."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from dataclasses import asdict, is_dataclass
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from qmn.reports.light_paths import fiber_name, light_paths, photons_by_port
 from qmn.reports.markup import table
 from qmn.reports.run_facts import RunFacts, read_run
 from qmn.results.result import said_size
+from qmn.results.run_result import Figures, KeysJob, LoadJob, MessageJob, RunResult
 from qmn.results.service_result import number_text
 
 REPORT = "report.html"
@@ -46,45 +48,46 @@ def page(run: RunFacts) -> str:
 
 
 def _outcome(run: RunFacts) -> str:
-    result, done = run.result, run.result["delivered"]
-    words = {True: "delivered exactly", False: "NOT DELIVERED"}
-    if not run.carries_bytes:
-        words = {True: f"{run.service}: done", False: f"{run.service}: NOT DONE"}
+    result, done = run.result, run.result.delivered
+    if isinstance(result.job, MessageJob):
+        words = {True: "delivered exactly", False: "NOT DELIVERED"}
+        numbers = _transfer_numbers(result.job)
+    else:
+        words = {True: f"{result.service}: done", False: f"{result.service}: NOT DONE"}
+        numbers = _numbers(result.asking)
     kind = "good" if done else "failed"
-    numbers = _transfer_numbers(result) if run.carries_bytes else _numbers(result)
-    numbers["seed"] = f"{result['seed']}"
+    numbers["seed"] = f"{result.seed}"
     tiles = "".join(
         f"<div><b>{value}</b><span>{name}</span></div>" for name, value in numbers.items()
     )
-    error = f"<p>{escape(result['error'])}</p>" if result.get("error") else ""
+    error = f"<p>{escape(result.error)}</p>" if result.error else ""
     heard = "" if done else "<p>Counts are the sender's last word; the figures may know more.</p>"
     return f'<p class="{kind}">{words[done]}</p>{error}<div class="tiles">{tiles}</div>{heard}'
 
 
-def _numbers(result: Mapping[str, Any]) -> dict[str, str]:
-    numbers = {
-        name: value for name, value in result["asking"].items() if not isinstance(value, str)
-    }
+def _numbers(told: Figures) -> dict[str, str]:
+    numbers = {name: value for name, value in told.items() if not isinstance(value, str)}
     return {name.replace("_", " "): number_text(value) for name, value in numbers.items()}
 
 
-def _transfer_numbers(result: Mapping[str, Any]) -> dict[str, str]:
-    rate = result["symbol_error_rate"]
+def _transfer_numbers(job: MessageJob) -> dict[str, str]:
+    told, rate = job.asking, job.asking.symbol_error_rate
     return {
-        "Bell pairs": f"{result['bell_pairs']:,}",
-        "Bell pairs/s": f"{result['pairs_per_s']:,.0f}",
-        "lost pairs": f"{result['lost_pairs']:,}",
+        "Bell pairs": f"{told.bell_pairs:,}",
+        "Bell pairs/s": f"{told.pairs_per_s:,.0f}",
+        "lost pairs": f"{told.lost_pairs:,}",
         "symbol error rate": "–" if rate is None else f"{rate:.3g}",  # noqa: RUF001
-        "bytes of message": f"{result['message_bytes']:,}",
+        "bytes of message": f"{job.message.bytes:,}",
     }
 
 
 def _sections(run: RunFacts) -> Iterator[str]:
     paths = light_paths(run.network, run.events)
     yield figures.network(run, paths)
-    if "load" in run.result:
-        yield figures.load_figure(run)
-    yield figures.key_figure(run)
+    if isinstance(run.result.job, LoadJob):
+        yield figures.load_figure(run, run.result.job)
+    if isinstance(run.result.job, KeysJob):
+        yield figures.key_figure(run.result.job)
     yield figures.handshake_figure(run)
     yield '<div class="charts">'
     yield from figures.chart_figures(run, paths)
@@ -116,8 +119,8 @@ def _fibers(run: RunFacts) -> str:
     return f"<section><h2>Fibres</h2>{table(heads, rows)}{note}</section>"
 
 
-def _parameters(result: Mapping[str, Any]) -> str:
-    names = ("seed", "service", "topology", "handshake", "controller", "backend", "exact", "mode")
+def _parameters(result: RunResult) -> str:
+    names = ("seed", "service", "topology", "controller", "backend", "exact", "mode")
     of_time = (
         "time_scale",
         "software_share",
@@ -125,17 +128,14 @@ def _parameters(result: Mapping[str, Any]) -> str:
         "time_scale_kept",
         "acausal",
     )
-    rows = [[name, _said(result.get(name))] for name in (*names, *of_time)]
-    met = result.get("approximations", ())
-    rows += [[f"approximated: {each['name']}", said_size(each)] for each in met]
-    rows += [[name, _said(value)] for name, value in result["parameters"].items()]
-    rows += [
-        [f"in use: {name}", _said(value)] for name, value in (result.get("in_use") or {}).items()
-    ]
-    rows += [[f"fibre: {name}", _said(value)] for name, value in result["optics"].items()]
-    rows += [
-        [f"device: {host}", _said(parts)] for host, parts in result["devices"].items() if parts
-    ]
+    rows = [[name, _said(getattr(result, name))] for name in (*names, *of_time)]
+    met = result.approximations
+    rows += [[f"approximated: {each.name}", said_size(each)] for each in met]
+    rows += [[name, _said(value)] for name, value in result.parameters.items()]
+    in_use = result.job.asking.in_use if isinstance(result.job, MessageJob) else None
+    rows += [[f"in use: {name}", _said(value)] for name, value in (in_use or {}).items()]
+    rows += [[f"fibre: {name}", _said(value)] for name, value in result.optics.items()]
+    rows += [[f"device: {host}", _said(parts)] for host, parts in result.devices.items() if parts]
     made = table(["parameter", "value"], rows, "parameters")
     return f"<section><h2>Parameters and seed</h2>{made}</section>"
 
@@ -145,6 +145,8 @@ def _said(value: Any) -> str:
         return ", ".join(map(_said, value)) or "–"  # noqa: RUF001
     if isinstance(value, dict):
         return ", ".join(f"{name}: {_said(each)}" for name, each in value.items())
+    if is_dataclass(value) and not isinstance(value, type):
+        return _said(asdict(value))
     if value is None or value == "":
         return "–"  # noqa: RUF001
     return value if isinstance(value, str) else json.dumps(value)

@@ -1,6 +1,5 @@
 """The facts of a run that its report reads from the folder."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qmn.live.event_sources import RESULT, recorded
+from qmn.results import schema
 from qmn.results.network_facts import NetworkFacts
-from qmn.results.result import carries_bytes
+from qmn.results.run_result import MessageJob, NetworkResult, RunResult
 from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.application_lines import fields_of
 from wire.controller_lines import read_record
@@ -28,31 +28,11 @@ class RunFacts:
     """A finished run."""
 
     folder: Path
-    result: dict[str, Any]
+    result: RunResult
     network: NetworkFacts
     events: list[Event]  # of blocks, not of single photons
     setup_ms: list[float]  # of every light path
     sender: list[dict[str, Any]]  # what the sending application said, line by line
-
-    @property
-    def service(self) -> str:
-        """The service that was used."""
-        return str(self.result.get("service", "sdc"))
-
-    @property
-    def carries_bytes(self) -> bool:
-        """Whether the run was to bring bytes from one host to the other."""
-        return carries_bytes(self.result)
-
-    @property
-    def has_events(self) -> bool:
-        """Whether the run wrote what happened to qubits."""
-        return bool(self.result.get("events", True))
-
-    @property
-    def has_packets(self) -> bool:
-        """Whether the run captured packets."""
-        return bool(self.result.get("captures"))
 
     @property
     def confusion(self) -> NDArray[np.int64] | None:
@@ -60,14 +40,16 @@ class RunFacts:
 
         None if the receiver did not come to say it.
         """
-        counts = self.result.get("confusion")
-        return None if counts is None else np.array(counts, dtype=np.int64)
+        job = self.result.job
+        if not isinstance(job, MessageJob) or job.asked.confusion is None:
+            return None
+        return np.array(job.asked.confusion, dtype=np.int64)
 
 
 def read_run(folder: Path) -> RunFacts:
     """Read a run; raise BadRun for a folder without, MalformedPacket for a spoiled capture."""
     result, network = read_result(folder)
-    if "delivered" not in result:
+    if not isinstance(result, RunResult):
         raise BadRun(f"{folder} is of `qmn cli` or a script: only `qmn run` has a report")
     capture = folder / EVENT_CAPTURE
     events = recorded(capture, follow=False) if capture.exists() else iter(())
@@ -81,13 +63,10 @@ def read_run(folder: Path) -> RunFacts:
     )
 
 
-def read_result(folder: Path) -> tuple[dict[str, Any], NetworkFacts]:
+def read_result(folder: Path) -> tuple[NetworkResult, NetworkFacts]:
     """Return what a run or a network has left as its result, and the network; raise BadRun."""
     try:
-        result = json.loads((folder / RESULT).read_text())
-        if "network" not in result and "error" in result:
-            raise BadRun(f"the network of {folder} had not started: {result['error']}")
-        return result, NetworkFacts.from_dict(result["network"])
+        result = schema.read_left(folder)
     except OSError as error:
         text = "name the folder of a run that has ended, as runs/latest"
         raise BadRun(f"cannot read {error.filename}: {error.strerror}; {text}") from error
@@ -96,6 +75,9 @@ def read_result(folder: Path) -> tuple[dict[str, Any], NetworkFacts]:
             f"{folder / RESULT} does not say what the network was ({error}): it did not start, or "
             "another version made the run"
         ) from error
+    if result.network is None:
+        raise BadRun(f"the network of {folder} had not started: {result.error}")
+    return result, result.network
 
 
 def _lines(file: Path) -> list[dict[str, Any]]:

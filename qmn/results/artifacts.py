@@ -3,7 +3,6 @@
 One timeline with its dissectors, and result.json: topology, parameters, seed, how it ended.
 """
 
-import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,7 +12,7 @@ from pathlib import Path
 from qmn.live.event_sources import RESULT
 from qmn.network.options import NetworkOptions
 from qmn.results.run_folder import PRIVATE
-from qmn.results.schema import NetworkResult
+from qmn.results.run_result import NetworkResult
 from qmn.results.timeline import timeline_of_run
 from topologies.networks.network import Interrupted
 from topologies.system.processes.programs import NetworkError
@@ -30,28 +29,26 @@ def artifacts_of(options: NetworkOptions, folder: Path | None) -> Iterator[Netwo
         yield facts
         return
     folder.mkdir(mode=PRIVATE, parents=True, exist_ok=True)
-    result = folder / RESULT
-    result.unlink(missing_ok=True)  # of an earlier network: it would say that this one has ended
+    # That of an earlier network would say that this one has ended.
+    (folder / RESULT).unlink(missing_ok=True)
     try:
         yield facts
     except (NetworkError, Interrupted) as error:
-        facts["error"] = str(error)
+        facts.error = str(error)
         raise
     finally:
-        facts["captures"] = [str(file) for file in sorted(folder.glob("*.pcap"))]
-        facts["timeline"] = timeline_of_run(folder)
-        result.write_text(json.dumps(facts, indent=2) + "\n")
+        facts.captures = [str(file) for file in sorted(folder.glob("*.pcap"))]
+        facts.timeline = timeline_of_run(folder)
+        facts.write(folder)
 
 
 def beginning(options: NetworkOptions) -> NetworkResult:
     """Return what is known before the start."""
     given = {name: value for name, value in asdict(options).items() if value not in (None, (), "")}
-    return {
-        "topology": given.pop("topology", None),  # None: a script's own
-        "mode": os.environ.get("QMN_MODE", "native"),
-        "controller": given.pop("controller"),
-        "seed": given.pop("seed"),
-        "parameters": given,
-        "captures": [],
-        "timeline": "",
-    }
+    return NetworkResult(
+        topology=given.pop("topology", None),  # None: a script's own
+        mode=os.environ.get("QMN_MODE", "native"),
+        controller=given.pop("controller"),
+        seed=given.pop("seed"),
+        parameters=given,
+    )

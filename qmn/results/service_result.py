@@ -1,32 +1,26 @@
 """The part of a result that a run of a service adds: what both ends said at the end."""
 
-from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
-from qmn.results.schema import RunFacts
+from qmn.results.run_result import Figures, KeysJob, LoadJob, NetqasmJob, ServiceJob
 
 NOT_NUMBERS = ("event", "peer")
 
 
-def complete(facts: RunFacts, _folder: Path) -> None:
-    """Keep what both ends have said."""
-    facts["asking"] = numbers(facts.get("asking", {}))
-    facts["asked"] = numbers(facts.get("asked", {}))
-
-
-def numbers(told: Mapping[str, Any]) -> dict[str, Any]:
+def numbers(told: Figures) -> Figures:
     """Return what an end has said, without how it said it."""
     return {name: value for name, value in told.items() if name not in NOT_NUMBERS}
 
 
-def rows(facts: RunFacts) -> dict[str, str]:
+def rows(job: ServiceJob | KeysJob | LoadJob | NetqasmJob) -> dict[str, str]:
     """Return what a person is told of the service, and of who listened in."""
-    told = {name.replace("_", " "): number_text(value) for name, value in facts["asking"].items()}
-    eve = {
-        f"eve: {name.replace('_', ' ')}": number_text(v) for name, v in facts.get("eve", {}).items()
-    }
-    return {**told, **eve}
+    if isinstance(job, NetqasmJob):
+        return {}
+    told = {name.replace("_", " "): number_text(value) for name, value in job.asking.items()}
+    if not isinstance(job, ServiceJob) or job.eve is None:
+        return told
+    eve = job.eve.items()
+    return told | {f"eve: {name.replace('_', ' ')}": number_text(value) for name, value in eve}
 
 
 def number_text(value: Any) -> str:

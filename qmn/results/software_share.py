@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from math import inf
 
 from qmn.network.time_scale import SHARE, Scale
-from qmn.results.schema import NetworkResult
+from qmn.results.run_result import NetworkResult, ShortestTime
 from wire.dispatcher_pb2 import SoftwareTime
 from wire.parameters.physics import Device
 
@@ -19,35 +19,34 @@ def note_software(
     waited = software.largest_wait_share > 0 or software.longest_ns > 0
     longest_s = software.longest_ns / 1e9
     coherent_s = min((device.memory.shortest_s for device in devices), default=inf)
-    facts["software_share"] = software.largest_wait_share if waited else None
-    facts["software_s"] = longest_s if waited else None
-    facts["software_share_of_run"] = software.run_share
+    facts.software_share = software.largest_wait_share if waited else None
+    facts.software_s = longest_s if waited else None
+    facts.software_share_of_run = software.run_share
     decayed = software.largest_decaying_share > DOMINATED
-    facts["dominated_by_software"] = decayed and longest_s > MATTERS * coherent_s
-    facts["shortest_time"] = facts["software_of_shortest"] = facts["time_scale_kept"] = None
+    facts.dominated_by_software = decayed and longest_s > MATTERS * coherent_s
     if scale.shortest is not None:
         name, shortest_s = scale.shortest
-        facts["shortest_time"] = {"name": name, "s": shortest_s}
+        facts.shortest_time = ShortestTime(name, shortest_s)
         if waited:
-            facts["software_of_shortest"] = share = longest_s / shortest_s
-            facts["time_scale_kept"] = share < SHARE if scale.reason else None
+            facts.software_of_shortest = share = longest_s / shortest_s
+            facts.time_scale_kept = share < SHARE if scale.reason else None
 
 
 def rows(facts: NetworkResult) -> dict[str, str]:
     """Return what is said of time, for a person to read."""
-    scale = facts["time_scale"]
+    scale = facts.time_scale
     told = {"time": f"1 s of the network took {scale:g} s here"}
-    share = facts.get("software_share")
+    share = facts.software_share
     if share is not None:
-        told["software"] = f"up to {share:.1%} of a wait in memory, {facts['software_s']:.3g} s"
-    early = facts.get("acausal")
+        told["software"] = f"up to {share:.1%} of a wait in memory, {facts.software_s:.3g} s"
+    early = facts.acausal
     if early is not None:
         told["ACAUSAL"] = (
-            f"news of {early['from']} can be at {early['to']} {early['early_s']:.3g} s before light"
+            f"news of {early.origin} can be at {early.receiver} {early.early_s:.3g} s before light"
         )
-    if facts.get("time_scale_kept") is False:
+    if facts.time_scale_kept is False:
         told["BEWARE"] = _missed(facts)
-    if facts.get("dominated_by_software"):
+    if facts.dominated_by_software:
         told["BEWARE"] = (
             "waits were dominated by software: what they did to qubits is this machine's doing; "
             "use --time-scale auto"
@@ -56,11 +55,12 @@ def rows(facts: NetworkResult) -> dict[str, str]:
 
 
 def _missed(facts: NetworkResult) -> str:
-    shortest, share = facts["shortest_time"], facts["software_of_shortest"]
+    shortest, share = facts.shortest_time, facts.software_of_shortest
     assert shortest is not None  # there is a share of it
     assert share is not None
+    assert facts.time_scale is not None
     return (
-        f"software took up to {share:.2%} of {shortest['name']}, {shortest['s']:.3g} s, where "
+        f"software took up to {share:.2%} of {shortest.name}, {shortest.s:.3g} s, where "
         f"--time-scale auto means less than {SHARE:.0%}: a scale of "
-        f"{facts['time_scale'] * share / SHARE:.3g} was needed"
+        f"{facts.time_scale * share / SHARE:.3g} was needed"
     )

@@ -34,6 +34,7 @@ from qmn.results.artifacts import artifacts_of
 from qmn.results.network_facts import network_facts
 from qmn.results.result import note_files
 from qmn.results.run_folder import given_at_the_end
+from qmn.results.run_result import EarlyNews
 from qmn.results.software_share import note_software
 from qmn.scripting.exchange import Exchange, connection, exchange
 from qmn.scripting.light import FiberState, LightPath, fiber_state, light_path
@@ -236,20 +237,20 @@ def running(
         artifacts_of(options, folder) as facts,
         machines_of(where, description.hosts, signals.check) as places,
     ):
-        facts["time_scale"], facts["time_scale_because"] = chosen.scale, chosen.reason or None
+        facts.time_scale, facts.time_scale_because = chosen.scale, chosen.reason or None
         runtime = settings(options, folder, chosen.scale)
         runtime.places = places
         network = QuantumNetwork(description.build, runtime, signals)
         try:
             with network, signals.at_once():
                 if places:
-                    facts["machines"] = machine_facts(runtime)
-                facts["network"] = network_facts(network).to_dict()
-                announce_network(network.runtime, facts["network"])
+                    facts.machines = machine_facts(runtime)
+                facts.network = network_facts(network)
+                announce_network(network.runtime, facts.network.to_dict())
                 early = worst(network.runtime)
-                facts["acausal"] = early.to_dict() if early else None
+                facts.acausal = EarlyNews(*early) if early else None
                 if folder is not None and options.metrics:
-                    facts["metrics"] = announce(runtime.metrics_addresses, folder)
+                    facts.metrics = announce(runtime.metrics_addresses, folder)
                 yield network
                 software = status(network).software
                 note_software(facts, software, network.runtime.devices.values(), chosen)

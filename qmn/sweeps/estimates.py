@@ -52,6 +52,15 @@ def of_counts(figure: Callable[[NDArray[Any]], float], counts: NDArray[Any]) -> 
     return Estimate(figure(counts), math.sqrt(square))
 
 
+def of_two(figure: Callable[[float, float], float], one: Estimate, other: Estimate) -> Estimate:
+    """Return a figure of two estimates; their errors are propagated one by one."""
+    error = math.hypot(
+        figure(one.value + one.error, other.value) - figure(one.value - one.error, other.value),
+        figure(one.value, other.value + other.error) - figure(one.value, other.value - other.error),
+    )
+    return Estimate(figure(one.value, other.value), error / 2)
+
+
 def mean(values: Sequence[float], counts: Sequence[int]) -> Estimate:
     """Return the mean of independent draws of which counts[i] gave values[i].
 

@@ -12,6 +12,7 @@ from controller_apps.light.optics import SwitchOptics, SwitchPort
 from controller_apps.light.paths import HostPort, Network
 from controller_apps.policy.orders import ORDERS, Queue
 from controller_apps.sessions.arbiter import Arbiter
+from programs.ways import Ways, shortest
 from qmn.sweeps.contention import FOR_EVER_S, batched
 from qmn.sweeps.estimates import Estimate
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, number
@@ -21,7 +22,6 @@ from topologies.catalogue.maps import BadMap, Map, read_map
 from topologies.links.copper_lengths import centre
 from wire.optical import ANY_PORT, PathOptics
 from wire.parameters.fiber import SPEED_IN_FIBER_M_PER_S
-from wire.ways import Ways, shortest
 
 RATE = Parameter("rate_per_s", 20.0, 0.001, 1_000.0, "requests/s")
 ORDER = Parameter("order", "fcfs", choices=tuple(ORDERS))

@@ -6,6 +6,7 @@ from itertools import accumulate
 from math import sqrt
 from typing import Any
 
+from qmn.results.run_result import AgedFidelity, Load, LoadSession, Shares
 from qmn.traffic.session import ACCEPTED, BLOCKED, BROKEN, LATE, Outcome
 
 AGES = 5  # portions by age
@@ -14,7 +15,7 @@ SHARES = {"p50": 0.5, "p90": 0.9, "p99": 0.99}
 
 def summary(
     outcomes: Sequence[Outcome], record: Iterable[dict[str, Any]], scale: float = 1.0
-) -> dict[str, Any]:
+) -> Load:
     """Return all that is counted; `record` are the controller's facts (wire.controller_lines).
 
     `scale` is how long a second of the network takes on their clock.
@@ -22,27 +23,26 @@ def summary(
     accepted = [each for each in outcomes if each.outcome == ACCEPTED]
     span_s = max((each.ended_s for each in outcomes), default=0.0)
     pairs = sum(int(each.summary.get("pairs", 0)) for each in accepted)
-    return {
-        "offered": len(outcomes),
-        "accepted": len(accepted),
-        "blocked": reasons(outcomes, BLOCKED),
-        "late": sum(each.outcome == LATE for each in outcomes),
-        "broken": reasons(outcomes, BROKEN),
-        "forgotten": sum(not each.outcome for each in outcomes),
-        "setup_s": shares([each.setup_s for each in outcomes if each.setup_s is not None]),
+    return Load(
+        offered=len(outcomes),
+        accepted=len(accepted),
+        blocked=reasons(outcomes, BLOCKED),
+        late=sum(each.outcome == LATE for each in outcomes),
+        broken=reasons(outcomes, BROKEN),
+        forgotten=sum(not each.outcome for each in outcomes),
+        setup_s=shares([each.setup_s for each in outcomes if each.setup_s is not None]),
         **light_times(list(record), scale),
-        "span_s": span_s,
+        span_s=span_s,
         **load(outcomes, accepted, span_s),
-        "pairs": pairs,
-        "pairs_per_s": pairs / span_s if span_s else 0.0,
-        "fidelity_by_age": fidelity_by_age(accepted),
-        "fairness": fairness(outcomes),
-    }
+        pairs=pairs,
+        pairs_per_s=pairs / span_s if span_s else 0.0,
+        fidelity_by_age=fidelity_by_age(accepted),
+        fairness=fairness(outcomes),
+        sessions=listed(outcomes),
+    )
 
 
-def load(
-    outcomes: Sequence[Outcome], accepted: Iterable[Outcome], span_s: float
-) -> dict[str, float | int | None]:
+def load(outcomes: Sequence[Outcome], accepted: Iterable[Outcome], span_s: float) -> dict[str, Any]:
     """Return which load that was: sessions asked for a second, and under way at a time.
 
     `carried` is how many had light at a time on average, in erlang.
@@ -64,14 +64,14 @@ def reasons(outcomes: Iterable[Outcome], kind: str) -> dict[str, int]:
     return dict(Counter(each.reason for each in outcomes if each.outcome == kind).most_common())
 
 
-def shares(values: Sequence[float]) -> dict[str, float | int | None]:
+def shares(values: Sequence[float]) -> Shares:
     """Return the values that a half, 90 % and 99 % do not exceed, and how many there are."""
     in_order = sorted(values)
     found = {
         name: in_order[min(int(share * len(in_order)), len(in_order) - 1)] if in_order else None
         for name, share in SHARES.items()
     }
-    return {**found, "n": len(in_order)}
+    return Shares(**found, n=len(in_order))
 
 
 def light_times(record: Sequence[dict[str, Any]], scale: float) -> dict[str, Any]:
@@ -98,7 +98,7 @@ def mean(values: Sequence[float]) -> float | None:
     return sum(values) / len(values) if values else None
 
 
-def fidelity_by_age(outcomes: Iterable[Outcome]) -> list[dict[str, float]]:
+def fidelity_by_age(outcomes: Iterable[Outcome]) -> list[AgedFidelity]:
     """Return the fidelity to Phi+ of pairs by how long ago they were handed over.
 
     F = (1 + XX - YY + ZZ) / 4, of outcomes at both ends, a third of the pairs in each basis.
@@ -110,7 +110,7 @@ def fidelity_by_age(outcomes: Iterable[Outcome]) -> list[dict[str, float]]:
     return [_estimate(measured[at : at + size]) for at in range(0, len(measured), size or 1)]
 
 
-def _estimate(portion: Sequence[Outcome]) -> dict[str, float]:
+def _estimate(portion: Sequence[Outcome]) -> AgedFidelity:
     right: defaultdict[str, int] = defaultdict(int)
     count: defaultdict[str, int] = defaultdict(int)
     for each in portion:
@@ -119,12 +119,12 @@ def _estimate(portion: Sequence[Outcome]) -> dict[str, float]:
             right[basis] += each.right[basis]
     share = {basis: right[basis] / count[basis] if count[basis] else 0.5 for basis in count}
     variance = sum(s * (1 - s) / max(count[basis], 1) for basis, s in share.items())
-    return {
-        "age_s": sum(each.age_s for each in portion) / len(portion),
-        "fidelity": (1 + sum(2 * s - 1 for s in share.values())) / 4,
-        "standard_error": sqrt(variance) / 2,
-        "pairs": sum(count.values()),
-    }
+    return AgedFidelity(
+        age_s=sum(each.age_s for each in portion) / len(portion),
+        fidelity=(1 + sum(2 * s - 1 for s in share.values())) / 4,
+        standard_error=sqrt(variance) / 2,
+        pairs=sum(count.values()),
+    )
 
 
 def fairness(outcomes: Iterable[Outcome]) -> float | None:
@@ -143,23 +143,23 @@ def fairness(outcomes: Iterable[Outcome]) -> float | None:
     return sum(got) ** 2 / (len(got) * squares) if squares else None
 
 
-def listed(outcomes: Iterable[Outcome]) -> list[dict[str, Any]]:
+def listed(outcomes: Iterable[Outcome]) -> list[LoadSession]:
     """Return every session for result.json."""
     return [
-        {
-            "at_s": each.planned.at_s,
-            "asked_s": each.asked_s,
-            "opener": each.opener,
-            "acceptor": each.acceptor,
-            "outcome": each.outcome,
-            "reason": each.reason,
-            "text": each.text,
-            "setup_s": each.setup_s,
-            "ended_s": each.ended_s,
-            "priority": each.planned.priority,
-            "holding_s": each.planned.holding_s,
-            "pairs": each.summary.get("pairs"),
-            "session": each.summary.get("session"),
-        }
+        LoadSession(
+            at_s=each.planned.at_s,
+            asked_s=each.asked_s,
+            opener=each.opener,
+            acceptor=each.acceptor,
+            outcome=each.outcome,
+            reason=each.reason,
+            text=each.text,
+            setup_s=each.setup_s,
+            ended_s=each.ended_s,
+            priority=each.planned.priority,
+            holding_s=each.planned.holding_s,
+            pairs=each.summary.get("pairs"),
+            session=each.summary.get("session"),
+        )
         for each in outcomes
     ]

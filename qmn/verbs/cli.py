@@ -4,13 +4,11 @@ Commands come from the keyboard, or from a file: qmn cli sdc < commands
 """
 
 import argparse
-import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from qmn.live.event_sources import RESULT
 from qmn.live.metrics_targets import urls
 from qmn.live_view.beside import LiveOptions, live_view
 from qmn.machines.options import MachineOptions
@@ -22,7 +20,7 @@ from qmn.network.options import NetworkOptions
 from qmn.network.q0_options import Q0Options, ip_over_light, with_both_ways
 from qmn.network.topologies import TOPOLOGIES, topology_name
 from qmn.options import BadInput, add_options, read
-from qmn.results import software_share
+from qmn.results import schema, software_share
 from qmn.results.run_folder import give_to_invoker, make_folder, point_latest
 from qmn.scripting.network import QuantumNetwork, running
 from topologies.daemons.ip_over_light import start_ip_over_light
@@ -120,7 +118,7 @@ def start_and_obey(
                     print(f"q0 of {host}: {address}", flush=True)
             with live_view(extras.live, folder):
                 status = obey(network)
-        for name, text in software_share.rows(json.loads((folder / RESULT).read_text())).items():
+        for name, text in software_share.rows(schema.read_left(folder)).items():
             print(f"{name}: {text}")
         return status
     finally:

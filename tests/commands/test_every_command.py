@@ -149,7 +149,8 @@ def test_each_excuse_is_needed() -> None:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return where a reader works, who has had runs before."""
     made = tmp_path_factory.mktemp("work")
-    (made / "examples").symlink_to(ROOT / "examples")
+    for own in ("docs", "examples"):
+        (made / own).symlink_to(ROOT / own)
     (made / "big.bin").write_bytes(bytes(100_000))
     (made / "commands.txt").write_text("alice qsend bob hello\n")
     for _run in range(2):

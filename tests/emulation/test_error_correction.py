@@ -54,10 +54,11 @@ def test_a_noisy_network_delivers_by_an_interleaved_code(tmp_path: Path) -> None
     assert done.returncode == 0, done.stdout + done.stderr
     result = json.loads((tmp_path / "latest" / "result.json").read_text())
     assert (tmp_path / "latest" / "received").read_text() == message
-    assert (result["in_use"]["fec"], result["in_use"]["interleave"]) == ("golay", "on")
-    assert result["corrected_symbols"] > 100
+    told = result["job"]["asking"]
+    assert (told["in_use"]["fec"], told["in_use"]["interleave"]) == ("golay", "on")
+    assert told["corrected_symbols"] > 100
     frames = -(-len(message) // 16)
-    assert result["repeated_frames"] < frames  # without a code nearly every try fails
+    assert told["repeated_frames"] < frames  # without a code nearly every try fails
     assert "golay, interleaved, rate 0.5" in done.stdout
 
 

@@ -1,5 +1,9 @@
-"""Every file of examples/, run as its first lines say; flicker.py is in test_run_sdc.py, ageing.py
-in test_run_part_noise.py, damping.py in test_run_kraus.py."""
+"""Every file of examples/, and every program beside a page of docs/, run as its first lines say.
+
+Others are with what they change: standing_light.py is in test_own_controller.py, flicker.py in
+test_run_sdc.py, ageing.py in test_run_part_noise.py, damping.py in test_run_kraus.py,
+lying_relay.py in test_run_qkd.py, trunk.py in test_run_load.py.
+"""
 
 import csv
 import json
@@ -18,11 +22,12 @@ from scapy.utils import rdpcap
 
 EXAMPLES = ROOT / "examples"
 TIMEOUT_S = 110
+DOCS = ROOT / "docs"
 PROTOCOLS = {  # programs of hosts.qubits, and where they run beside alice
-    "ghz": ("bob", "charlie"),
-    "e91": ("bob",),
-    "teleported_cnot": ("bob",),
-    "position": ("charlie", "bob"),
+    EXAMPLES / "ghz.py": ("bob", "charlie"),
+    DOCS / "netqasm" / "e91.py": ("bob",),
+    DOCS / "netqasm" / "teleported_cnot.py": ("bob",),
+    DOCS / "netqasm" / "position.py": ("charlie", "bob"),
 }
 
 
@@ -70,16 +75,16 @@ def captured(runs: Path) -> set[str]:
     return {file.stem for file in (runs / "latest").glob("*.pcap")}
 
 
-def listening(program: str, log: Path) -> str:
+def listening(program: Path, log: Path) -> str:
     """Return commands that start a program on bob and wait until it listens."""
     until = f"bob timeout 30 sh -c 'until grep -q listening {log}; do sleep 0.1; done'"
-    return f"bob python {EXAMPLES}/{program} > {log} &\n{until}\n"
+    return f"bob python {program} > {log} &\n{until}\n"
 
 
 def test_a_socket_says_hello(tmp_path: Path) -> None:
     log = tmp_path / "log"
     alice = f"alice python {EXAMPLES}/hello.py bob 'how are you?'\n"
-    printed = said(listening("hello.py", log) + alice + "bob wait\n", tmp_path)
+    printed = said(listening(EXAMPLES / "hello.py", log) + alice + "bob wait\n", tmp_path)
     # 12 bytes of four pairs each, by Hamming(7,4) seven fourths of that.
     assert "sent, by 84 Bell pairs" in printed
     assert log.read_text() == "listening\n10.0.0.1: how are you?\n"
@@ -90,14 +95,17 @@ def protocols(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, l
     """Return what each program of hosts.qubits has printed at each host, on one network."""
     folder = tmp_path_factory.mktemp("protocols")
     commands = ""
-    for name, others in PROTOCOLS.items():
-        program = f"python {EXAMPLES}/{name}.py > {folder}/{name}"
+    for file, others in PROTOCOLS.items():
+        program = f"python {file} > {folder}/{file.stem}"
         commands += "".join(f"{host} {program}-{host} &\n" for host in others)
         commands += f"alice {program}-alice\n" + "".join(f"{host} wait\n" for host in others)
     said(commands, folder / "runs")
     return {
-        name: {host: (folder / f"{name}-{host}").read_text().split() for host in ("alice", *others)}
-        for name, others in PROTOCOLS.items()
+        file.stem: {
+            host: (folder / f"{file.stem}-{host}").read_text().split()
+            for host in ("alice", *others)
+        }
+        for file, others in PROTOCOLS.items()
     }
 
 
@@ -167,8 +175,9 @@ def test_a_message_survives_the_cut_of_a_fibre() -> None:
 
 
 def test_openssl_talks_tls_by_a_key_of_photons(tmp_path: Path) -> None:
-    alice = f"alice python {EXAMPLES}/tls_psk.py bob 'hello there'\n"
-    commands = listening("tls_psk.py", tmp_path / "log") + alice + "bob wait\n"
+    program = DOCS / "keys" / "tls_psk.py"
+    alice = f"alice python {program} bob 'hello there'\n"
+    commands = listening(program, tmp_path / "log") + alice + "bob wait\n"
     printed = said(commands, tmp_path / "runs", "--key-pair", "alice:bob", "--capture")
     assert "ereht olleh" in printed
     assert "Protocol version: TLSv1.3" in printed
@@ -183,7 +192,7 @@ def test_openssl_talks_tls_by_a_key_of_photons(tmp_path: Path) -> None:
 
 
 def test_an_alarm_closes_the_fibre_that_somebody_taps() -> None:
-    printed = run("script", str(EXAMPLES / "watched.py"))
+    printed = run("script", str(DOCS / "services" / "watched.py"))
     moments = re.findall(r"^ *[0-9.]+ s  (.*)$", printed, re.MULTILINE)
     tapped = moments.index("somebody measures 0.5 of the photons between q2 and q3")
     closed = moments.index("closed: q2-q3")

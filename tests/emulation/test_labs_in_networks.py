@@ -19,7 +19,7 @@ LAB = Lab(
     "a lab that cannot agree",
     "nobody's",
     {"short": "run sdc --message N --captures none --no-report"},
-    lambda runs: [exactly("Bell pairs", runs["short"].result["bell_pairs"], 5, "nowhere")],
+    lambda runs: [exactly("Bell pairs", runs["short"].result["pairs_made"], 5, "nowhere")],
 )
 """
 
@@ -165,7 +165,7 @@ def test_classical_light_in_the_photons_band_spoils_what_is_teleported(tmp_path:
         timeout=110,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    told = json.loads((tmp_path / "latest" / "result.json").read_text())["asking"]
+    told = json.loads((tmp_path / "latest" / "result.json").read_text())["job"]["asking"]
     sigma = (0.58986 * (1 - 0.58986) / told["arrived"]) ** 0.5
     assert 5 * sigma < 0.96513 - 0.58986  # so many have arrived that it can be told
     assert abs(told["fidelity"] - 0.58986) < 5 * sigma

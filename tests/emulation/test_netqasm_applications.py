@@ -125,9 +125,9 @@ def test_the_teleport_of_the_sdk_runs_as_it_is(tmp_path: Path) -> None:
     log = (tmp_path / "latest" / "quantum.log").read_text()
     for host, instruction in (("alice", "recv_epr"), ("bob", "create_epr"), ("bob", "cnot Q0 Q1")):
         assert re.search(rf" {host} +subroutine +set [^\n]*{instruction}", log)
-    assert result["roles"] == {"receiver": "alice", "sender": "bob"}
-    assert len(result["outputs"]) == 4
-    for each in result["outputs"]:
+    assert result["job"]["roles"] == {"receiver": "alice", "sender": "bob"}
+    assert len(result["job"]["outputs"]) == 4
+    for each in result["job"]["outputs"]:
         sent, done = each["sender"], each["receiver"]
         assert done["correction1"] == ("Z" if sent["m1"] else "None")
         assert done["correction2"] == ("X" if sent["m2"] else "None")
@@ -142,9 +142,9 @@ def test_the_netqmpi_program_of_the_documentation_runs_on_a_host_for_each_rank(
     program.write_text(text)
     places = ["--place", "rank_0=charlie"]
     result = run(tmp_path, str(program), "--ranks", "2", "--rounds", str(rounds), *places)
-    assert result["roles"] == {"rank_0": "charlie", "rank_1": "alice"}
-    assert result["outputs"] == [{"rank_0": {"0": rounds}, "rank_1": {"1": rounds}}]
-    for role, counts in result["outputs"][0].items():  # a program says its own alone
+    assert result["job"]["roles"] == {"rank_0": "charlie", "rank_1": "alice"}
+    assert result["job"]["outputs"] == [{"rank_0": {"0": rounds}, "rank_1": {"1": rounds}}]
+    for role, counts in result["job"]["outputs"][0].items():  # a program says its own alone
         log = (tmp_path / "latest" / f"netqasm-{role}.log").read_text()
         assert re.findall(r"^\{(?:'.*)?\}$", log, re.MULTILINE) == [str(counts)]
     quantum = (tmp_path / "latest" / "quantum.log").read_text()
@@ -156,8 +156,9 @@ def test_what_a_netqmpi_program_scatters_and_flips_is_gathered(tmp_path: Path) -
     """Charlie scatters |1> and |0>, and gathers |0> and |1> behind his own |1>."""
     words = ["--ranks", "3", "--place", "rank_0=charlie", "--rounds", "3"]
     result = run(tmp_path, str(RANKS / "scattered.py"), *words)
-    assert result["roles"] == {"rank_0": "charlie", "rank_1": "alice", "rank_2": "bob"}
-    assert result["outputs"] == [{"rank_0": {"101": 3}, "rank_1": {"": 3}, "rank_2": {"": 3}}]
+    job = result["job"]
+    assert job["roles"] == {"rank_0": "charlie", "rank_1": "alice", "rank_2": "bob"}
+    assert job["outputs"] == [{"rank_0": {"101": 3}, "rank_1": {"": 3}, "rank_2": {"": 3}}]
 
 
 def test_a_state_comes_over_and_nobody_knows_from_whom(tmp_path: Path) -> None:
@@ -169,7 +170,7 @@ def test_a_state_comes_over_and_nobody_knows_from_whom(tmp_path: Path) -> None:
     words += ["--rounds", "4"]  # one in four would be right without corrections
     result = run(tmp_path, "anonymous_transmission", *words, "--input", "charlie.receiver=true")
     state = cos(theta / 2), cmath.exp(1j * phi) * sin(theta / 2)
-    for outputs in result["outputs"]:
+    for outputs in result["job"]["outputs"]:
         fidelity = overlap(outputs["charlie"]["qubit_state"], state)
         assert abs(fidelity - 1) < 1e-6  # the SDK meets an angle to 1e-4 of pi
 
@@ -195,7 +196,7 @@ def test_anonymous_transmission_is_as_good_as_the_pairs_of_its_ghz_states(tmp_pa
         words += ["--input", given]
     result = run(tmp_path, "anonymous_transmission", *words, "--input", "charlie.receiver=true")
     state = cos(theta / 2), cmath.exp(1j * phi) * sin(theta / 2)
-    found = [overlap(each["charlie"]["qubit_state"], state) for each in result["outputs"]]
+    found = [overlap(each["charlie"]["qubit_state"], state) for each in result["job"]["outputs"]]
     assert len(found) == rounds
     bound = 4 * sqrt(expected * (1 - expected) / rounds)
     assert bound < 1 - expected

@@ -27,7 +27,7 @@ def test_three_hosts_get_the_same_keys(tmp_path: Path) -> None:
     keys = tmp_path / "keys"
     done = run_qmn("run", "conference", *words, "--keys", str(keys), "--runs", str(tmp_path))
     assert done.returncode == 0, done.stdout + done.stderr
-    told = json.loads((tmp_path / "latest" / "result.json").read_text())["asking"]
+    told = json.loads((tmp_path / "latest" / "result.json").read_text())["job"]["asking"]
     expected = (1 - (1 - NOISE) ** 4) / 2
     for found, tests in ((told["qber_x"], "tests_in_x"), (told["qber_z"][1], "tests_in_z")):
         assert abs(found - expected) < 5 * sqrt(expected / told[tests])

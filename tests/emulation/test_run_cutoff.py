@@ -26,7 +26,7 @@ def test_a_cutoff_of_the_controllers_keeps_the_fidelity_up(tmp_path: Path) -> No
     words += ["--time-scale", "10", "--policy", str(policy)]
     for host in ("alice", "bob"):
         words += ["--device", f"{host}.memory.t2_s={T2_S}"]
-    asking = result_of(tmp_path, *words)["asking"]
+    asking = result_of(tmp_path, *words)["job"]["asking"]
     assert asking["pairs"] == 10
     assert asking["shared"] < asking["emitted"] / 2  # of 325 pairs, those of the last 100 ms
     require_estimate(asking, polarised((1 + kept(CUTOFF_S)) / 2), 0.0)

@@ -34,7 +34,7 @@ def test_alice_and_bob_hold_purified_pairs_of_charlie(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
     result = json.loads((tmp_path / "latest" / "result.json").read_text())
     assert result["delivered"] is True
-    alice, bob = result["asking"], result["asked"]
+    alice, bob = result["job"]["asking"], result["job"]["asked"]
     assert alice["pairs"] == bob["pairs"] == 1000
     assert alice["session"] == bob["session"]
     assert alice["rounds"] == bob["rounds"] >= 1

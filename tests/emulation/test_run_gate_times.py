@@ -26,7 +26,7 @@ def test_ends_decohere_while_a_repeater_swaps(tmp_path: Path) -> None:
     }
     for name, value in told.items():
         words += ["--device", f"{name}={value}"]
-    asking = result_of(tmp_path, *words)["asking"]
+    asking = result_of(tmp_path, *words)["job"]["asking"]
     assert asking["sampled"] >= 1_000
     # Beside the gate, messages and programs: of the latter 50 ms here at most, in all.
     error = 1.5 * 0.5 / asking["sampled"] ** 0.5

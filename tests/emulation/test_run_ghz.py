@@ -14,7 +14,7 @@ def test_the_fidelity_of_ghz_states_is_that_of_theory(tmp_path: Path) -> None:
     done = run_qmn("run", "ghz", *words, "--no-report", "--runs", str(tmp_path))
     assert done.returncode == 0, done.stdout + done.stderr
     result = json.loads((tmp_path / "latest" / "result.json").read_text())
-    told, p = result["asking"], 1 - (1 - NOISE) ** 2
+    told, p = result["job"]["asking"], 1 - (1 - NOISE) ** 2
     expected = ((1 - p / 2) ** 2 + (1 - p) ** 2) / 2
     assert told["states"] >= 20_000
     assert abs(told["fidelity"] - expected) < 5 * told["fidelity_error"] < 0.015

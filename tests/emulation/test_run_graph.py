@@ -16,8 +16,8 @@ def told(folder: Path, *words: str) -> dict[str, Any]:
     done = run_qmn("run", "graph", *words, "--count", "20000", "--runs", str(folder))
     assert done.returncode == 0, done.stdout + done.stderr
     result = json.loads((folder / "latest" / "result.json").read_text())
-    assert result["asking"]["states"] >= 20_000
-    return dict(result["asking"])
+    assert result["job"]["asking"]["states"] >= 20_000
+    return dict(result["job"]["asking"])
 
 
 def test_the_fidelity_of_a_ring_is_that_of_theory(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ def test_pairs_are_heralded_at_the_rate_of_round_trips_to_the_station(tmp_path: 
     words = ["distribute", "--node", "charlie=station", *emitters("alice", "bob"), "--count", "400"]
     words += ["--device", "charlie.detectors.dark_count_hz=0", "--sample", "0.5"]
     told = result_of(tmp_path, *words, "--length-km", str(KM), "--loss-db-per-km", "0.02")
-    asking = told["asking"]
+    asking = told["job"]["asking"]
     efficiency = 0.5 * 10 ** (-2 * KM * 0.02 / 10)  # two fibres to the station
     p = efficiency**2 / 2
     expected = p * asking["attempts"]
@@ -42,6 +42,6 @@ def test_links_of_a_chain_are_heralded_by_stations_of_their_own(tmp_path: Path) 
     hosts = emitters("alice", "r1", "bob")
     words = ["swap", "--stations", *hosts, "--count", "400", "--sample", "0.5", "--length-km", "5"]
     told = result_of(tmp_path, *words)
-    require_estimate(told["asking"], OF_A_LINK**2, 0.0)
+    require_estimate(told["job"]["asking"], OF_A_LINK**2, 0.0)
     log = (tmp_path / "latest" / "quantum.log").read_text()
     assert {"m1", "m2"} == {line.split()[1] for line in log.splitlines() if " herald " in line}

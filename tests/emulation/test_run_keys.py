@@ -33,7 +33,7 @@ def test_an_eavesdropper_comes_and_leaves_on_one_time_line(tmp_path: Path) -> No
     eve = ("--eve", "1", "--at", "2", "--until", "4")
     done, result = run_keys(tmp_path, "--seconds", "15", "--withhold", "--no-events", *marks, *eve)
     assert done.returncode == 0, done.stdout + done.stderr
-    moments = result["moments"]
+    moments = result["job"]["moments"]
     at = {each["event"]: each["at"] for each in moments if each["event"].startswith("eve")}
     opened = [each for each in moments if each.get("opened")]
     for moment in opened:  # a quarter is wrong when she measures everything, nothing else is
@@ -48,7 +48,7 @@ def test_an_eavesdropper_comes_and_leaves_on_one_time_line(tmp_path: Path) -> No
     last = max(each["at"] for each in opened if each["event"] == "session")
     assert last > at["eve_leaves"]
     assert [each["at"] for each in moments] == sorted(each["at"] for each in moments)
-    assert result["asking"]["keys"] == sum(each["keys"] for each in opened)
+    assert result["job"]["asking"]["keys"] == sum(each["keys"] for each in opened)
     require_schema(tmp_path / "latest")
     policy = tomllib.loads((tmp_path / "latest" / "policy.toml").read_text())
     assert "tap" not in policy

@@ -20,12 +20,12 @@ def test_light_is_handed_out_in_slots_and_none_is_given_too_late(tmp_path: Path)
     rows = [f"0.1,a{n},b{n},0.05,1.2,{n}" for n in range(1, 7)]
     header = "at_s,opener,acceptor,holding_s,deadline_s,priority"
     trace.write_text("\n".join([header, *rows]) + "\n")
-    words = ["run", "load", "--topology", f"{ROOT}/examples/trunk.py:Trunk", "--source", "own"]
+    words = ["run", "load", "--topology", f"{ROOT}/docs/traffic/trunk.py:Trunk", "--source", "own"]
     words += ["--traffic", "trace", "--file", str(trace), "--policy", str(policy), "--no-capture"]
     words += ["--from", SIDES[0], "--to", SIDES[1], "--time-scale", "5"]  # software is quick enough
     done = run_qmn(*words, "--runs", str(tmp_path), timeout_s=110)
     assert done.returncode == 0, done.stdout + done.stderr
-    load = json.loads((tmp_path / "latest" / "result.json").read_text())["load"]
+    load = json.loads((tmp_path / "latest" / "result.json").read_text())["job"]["load"]
     assert (load["offered"], load["forgotten"], load["blocked"]) == (6, 0, {})
     assert load["accepted"] + load["late"] == 6
     assert load["accepted"] in (4, 5, 6)
@@ -33,13 +33,13 @@ def test_light_is_handed_out_in_slots_and_none_is_given_too_late(tmp_path: Path)
 
 
 def test_two_fibres_are_busy_as_often_as_erlang_says(tmp_path: Path) -> None:
-    words = ["run", "load", "--topology", f"{ROOT}/examples/trunk.py:Trunk", "--seed", "1"]
+    words = ["run", "load", "--topology", f"{ROOT}/docs/traffic/trunk.py:Trunk", "--seed", "1"]
     words += ["--from", SIDES[0], "--to", SIDES[1], "--source", "own", "--idle", "--no-capture"]
     words += ["--sessions", f"{SESSIONS}", "--rate-per-s", "12", "--holding-s", "0.15"]
     done = run_qmn(*words, "--runs", str(tmp_path), timeout_s=110)
     assert done.returncode == 0, done.stdout + done.stderr
     result = json.loads((tmp_path / "latest" / "result.json").read_text())
-    load = result["load"]
+    load = result["job"]["load"]
     assert (load["offered"], load["forgotten"], load["broken"]) == (SESSIONS, 0, {})
     assert set(load["blocked"]) <= {"BUSY", "NO_IDLE_HOST"}
     assert load["accepted"] + sum(load["blocked"].values()) == SESSIONS

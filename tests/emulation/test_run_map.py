@@ -33,7 +33,7 @@ def test_seattle_and_washington_teleport_as_the_lengths_of_the_map_say(tmp_path:
     ways = [networkx.dijkstra_path(graph, source, end, weight="dist") for end in ENDS]
     km = sum(networkx.path_weight(graph, way, "dist") + 2 * AT_HOST_KM for way in ways)
     fibers = sum(len(way) + 1 for way in ways)
-    told = result["asking"]
+    told = result["job"]["asking"]
     wanted = 10 ** (-LOSS_DB_PER_KM * km / 10)
     assert abs(told["arrived"] / COUNT - wanted) < 5 * sqrt(wanted * (1 - wanted) / COUNT)
     # Each fibre shrinks the Bloch ball by 1 - p (Nielsen and Chuang, 8.3.4): a Werner pair of

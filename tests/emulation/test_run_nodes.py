@@ -74,8 +74,8 @@ def test_two_ion_traps_and_a_fibre_are_enough_for_pairs(tmp_path: Path) -> None:
     words = ["--node", "ion-trap", *with_source("alice")]
     words += ["--source", "alice", "--count", "16", "--fidelity", "0.8"]
     result = result_of(tmp_path, "distribute", *words)
-    alice = result["asking"]
-    assert alice["pairs"] == result["asked"]["pairs"] == 16
+    alice = result["job"]["asking"]
+    assert alice["pairs"] == result["job"]["asked"]["pairs"] == 16
     require_estimate(alice, polarised(PAIR) * READ**2, 2 * alice["elapsed_s"])
     assert result["parameters"]["rate_hz"] == RATE_HZ
 
@@ -105,7 +105,7 @@ def test_heralds_for_ion_traps_come_the_slower_the_longer_the_fibres(tmp_path: P
     words = ["--node", "ion-trap", "--node", "charlie=station", "--time-scale", "1"]
     words += ["--length-km", str(length_km / 2), "--loss-db-per-km", "0", "--sample", "0"]
     words += ["--switch", "insertion_loss_db=0", "--count", str(count)]
-    alice = result_of(tmp_path, "distribute", *words)["asking"]
+    alice = result_of(tmp_path, "distribute", *words)["job"]["asking"]
     chance = ION_TRAP.emitter.efficiency**2 / 2
     # Each failure costs a round trip, and of the attempts there are `modes` at a time.
     expected = count / chance
@@ -116,7 +116,7 @@ def test_heralds_for_ion_traps_come_the_slower_the_longer_the_fibres(tmp_path: P
 
 def test_ion_traps_teleport(tmp_path: Path) -> None:
     words = ["--node", "ion-trap", *with_source("alice"), "--source", "alice", "--count", "1000"]
-    alice = result_of(tmp_path, "teleport", *words)["asking"]
+    alice = result_of(tmp_path, "teleport", *words)["job"]["asking"]
     assert alice["arrived"] == 1000
     waited_s = 2 * alice["waited_ms"] / 1000 + BLOCK_S  # alice's halves wait for the light, too
     expected = (2 * waiting(polarised(PAIR) * BELL_GATES * BITS * READ, waited_s) + 1) / 3
@@ -133,7 +133,7 @@ def test_an_ion_trap_is_the_repeater_of_its_like_and_of_photonic_hosts(
         words += ["--device", f"alice.{GOOD}", "--device", f"bob.{GOOD}"]
     words += ["--count", "12", "--fidelity", "0.8", "--sample", "0.8"]
     result = result_of(tmp_path, "swap", *words)
-    alice, bob = result["asking"], result["asked"]
+    alice, bob = result["job"]["asking"], result["job"]["asked"]
     assert alice["pairs"] == bob["pairs"] == 12
     links = polarised(0.99 if mixed else PAIR) * polarised(PAIR)
     require_estimate(alice, links * BELL_GATES * BITS * READ**2, 4 * alice["elapsed_s"])
@@ -172,8 +172,8 @@ def test_a_memory_that_heralds_badly_is_given_less_and_delivers_empty_places(
     words += ["--device", f"bob.memory.herald_efficiency={seen}"]
     words += ["--device", f"bob.memory.false_herald={mistaken}"]
     result = result_of(tmp_path, "distribute", "--count", str(count), *words)
-    alice = result["asking"]
-    assert alice["pairs"] == result["asked"]["pairs"] == count
+    alice = result["job"]["asking"]
+    assert alice["pairs"] == result["job"]["asked"]["pairs"] == count
     error = sqrt(shared * (1 - shared) / alice["emitted"])
     assert abs(alice["shared"] / alice["emitted"] - shared) < 5 * error
     gathered = [line for line in log_of(tmp_path) if " bob " in line and " gather " in line]

@@ -1,4 +1,4 @@
-"""Noise of one's own in a memory, over the real components: examples/ageing.py, as it says."""
+"""Noise of one's own in a memory, over the real components: docs/physical-layer/ageing.py."""
 
 import re
 from math import exp
@@ -17,9 +17,10 @@ def test_a_memory_ages_as_the_example_says(tmp_path: Path) -> None:
     then software and the way to alice take their time, which is as the log says.
     """
     words = ["distribute", "--rate-hz", str(RATE_HZ), "--count", "300", "--sample", "0.8"]
-    words += ["--device", "bob.memory.noise=examples/ageing.py:Ageing", "--time-scale", "10"]
+    words += ["--device", "bob.memory.noise=docs/physical-layer/ageing.py:Ageing"]
+    words += ["--time-scale", "10"]
     words += ["--device", f'bob.memory.noise_parameters={{"time_s": {T_S}}}']
-    asking = result_of(tmp_path, *words)["asking"]
+    asking = result_of(tmp_path, *words)["job"]["asking"]
     pairs = asking["emitted"]
     assert pairs < 2_500  # one block
     (least_s, most_s), *later = waits_until_measured("bob", log_of(tmp_path))

@@ -34,7 +34,7 @@ def test_blocks_follow_each_other_where_memories_take_them_and_their_waits_cost_
     words += ["--time-scale", str(scale), f"--device=r2.memory.capacity={capacity}"]
     words += [f"--device={node}.memory.t2_s={T2_S}" for node in NODES]
     result = run(tmp_path, *words)
-    asking, asked = result["asking"], result["asked"]
+    asking, asked = result["job"]["asking"], result["job"]["asked"]
     assert least_per_s < asking["emitted"] / asking["elapsed_s"] < most_per_s
     waited_ms = [2 * each for each in asked["repeaters_waited_ms"]]
     waited_s = sum([*waited_ms, asking["sampled_waited_ms"], asked["sampled_waited_ms"]]) / 1e3

@@ -50,6 +50,6 @@ def test_spans_are_purified_before_they_are_swapped(tmp_path: Path, rounds: int)
     words += ["--purification", "none", "--count", "200", "--sample", "0.8"]
     for host in ("alice", "r1", "r2", "r3"):
         words += ["--device", f"{host}.source.fidelity={FIDELITY}"]
-    asking = result_of(tmp_path, *words)["asking"]
+    asking = result_of(tmp_path, *words)["job"]["asking"]
     assert asking["pairs"] == 200
     require_estimate(asking, polarised(nested(rounds)), 0.0)

@@ -25,7 +25,7 @@ from wire.qkd import Confirm, Proposal
 FIBERS = {"bb84": 2, "bbm92": 4, "e91": 4, "mdi": 4}
 
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+LIAR = Path(__file__).parents[2] / "docs" / "qkd" / "lying_relay.py"
 
 
 def run_qkd(runs: Path, *words: str) -> tuple[subprocess.CompletedProcess[str], dict[str, Any]]:
@@ -47,7 +47,7 @@ def test_keys_are_the_same_in_the_stores_of_both_hosts(tmp_path: Path, protocol:
     done, result = run_qkd(tmp_path, *words, "--keys", str(keys))
     assert done.returncode == 0, done.stdout + done.stderr
     assert result["delivered"]
-    told = result["asking"]
+    told = result["job"]["asking"]
     qber = (1 - (1 - share) ** FIBERS[protocol]) / 2
     assert abs(told["qber"] - qber) < 5 * sqrt(qber * (1 - qber) / told["disclosed_bits"])
     assert told["sifted_bits"] >= 100_000
@@ -73,7 +73,7 @@ def test_what_the_hosts_say_of_keys_is_read_from_the_captures(tmp_path: Path) ->
     said = {host: said_of_keys(folder, host) for host in ("10.0.0.1", "10.0.0.2")}
     first, last = said["10.0.0.1"][0], said["10.0.0.2"][-1]
     assert (first.kind, last.kind) == (Proposal.KIND, Confirm.KIND)
-    assert last.payload.length == result["asking"]["key_bits"]
+    assert last.payload.length == result["job"]["asking"]["key_bits"]
     assert "max_qber" in typed("timeline.md", 1, folder)
     # A packet may hold two messages.
     numbers = shown(folder, "qkd.session", "-T", "fields", "-e", "qkd.sequence")
@@ -112,7 +112,7 @@ def test_eve_on_the_fibre_causes_a_quarter_of_her_fraction_in_errors(
     words = ("--protocol", protocol, "--eve", str(fraction), "--count", "50000")
     done, result = run_qkd(tmp_path, *words)
     assert done.returncode == 0, done.stdout + done.stderr
-    told, eve = result["asking"], result["eve"]
+    told, eve = result["job"]["asking"], result["job"]["eve"]
     qber = fraction / 4
     assert abs(told["qber"] - qber) < 5 * sqrt(qber * (1 - qber) / told["disclosed_bits"])
     assert eve["photons"] == told["photons"]
@@ -126,7 +126,7 @@ def test_s_of_e91_is_that_of_pairs_of_which_eve_has_measured_some(tmp_path: Path
     words = ("--protocol", "e91", "--eve", str(fraction), "--count", "20000")
     done, result = run_qkd(tmp_path, *words, "--chsh-margin", "0.75")
     assert done.returncode == 1
-    told, s = result["asking"], 2 * sqrt(2) * (1 - fraction / 2)
+    told, s = result["job"]["asking"], 2 * sqrt(2) * (1 - fraction / 2)
     assert abs(told["chsh"] - s) < 5 * sqrt(16 * (1 - (s / 4) ** 2) / told["chsh_pairs"])
     assert f"S is {told['chsh']:.4f} of {told['chsh_pairs']} pairs" in done.stderr
     assert told["key_bits"] == 0
@@ -135,13 +135,13 @@ def test_s_of_e91_is_that_of_pairs_of_which_eve_has_measured_some(tmp_path: Path
 def test_a_relay_that_lies_is_seen_as_noise_and_brings_no_key(tmp_path: Path) -> None:
     """Psi- for Psi+, of 30 %: of these bits of X are wrong, which are half."""
     share = 0.3
-    liar = f"charlie.detectors.noise={EXAMPLES / 'lying_relay.py'}:Liar"
+    liar = f"charlie.detectors.noise={LIAR}:Liar"
     words = ["--device", liar]
     words += ["--device", f'charlie.detectors.noise_parameters={{"share": {share}}}']
     done, result = run_qkd(tmp_path, "--protocol", "mdi", *words, "--count", "20000")
     assert done.returncode == 1
     assert "at most 0.1000 is allowed: noise or an eavesdropper" in done.stderr
-    told, qber = result["asking"], share / 2
+    told, qber = result["job"]["asking"], share / 2
     assert abs(told["qber"] - qber) < 5 * sqrt(qber * (1 - qber) / told["disclosed_bits"])
     assert told["key_bits"] == 0
 
@@ -154,7 +154,7 @@ def test_decoys_of_both_ends_make_a_key_by_a_relay(tmp_path: Path) -> None:
     bound = ("--bound", "asymptotic", "--count", "20000")
     done, result = run_qkd(tmp_path, "--protocol", "mdi", *given, *bound)
     assert done.returncode == 0, done.stdout + done.stderr
-    told = result["asking"]
+    told = result["job"]["asking"]
     means = list(zip((0.4, 0.1, 0.0), (0.5, 0.35, 0.15), strict=True))
     gain = sum(
         p * q * formula(a, b, 0.0, 0.0)[0]
@@ -179,7 +179,7 @@ def test_heralded_photons_come_as_their_pairs_and_unlike_detectors_tell_fewer_on
     given = [part for word in words for part in ("--device", word)]
     done, result = run_qkd(tmp_path, *given, "--count", "20000", "--bound", "asymptotic")
     assert done.returncode == 0, done.stdout + done.stderr
-    told = result["asking"]
+    told = result["job"]["asking"]
     likely = [mean**n / (1 + mean) ** (n + 1) * (1 - (1 - herald) ** n) for n in range(40)]
     several = sum(likely[2:])
     assert abs(told["multi_photon"] - several) < 1e-9
@@ -199,8 +199,8 @@ def test_if_eve_measures_everything_the_key_is_refused(tmp_path: Path) -> None:
     done, result = run_qkd(tmp_path, "--eve", "1", "--count", "20000", "--keys", str(keys))
     assert done.returncode == 1
     assert "at most 0.1000 is allowed: noise or an eavesdropper" in done.stderr
-    assert result["asking"]["qber"] > 0.2
-    assert result["eve"]["measured"] == result["eve"]["photons"] > 0
+    assert result["job"]["asking"]["qber"] > 0.2
+    assert result["job"]["eve"]["measured"] == result["job"]["eve"]["photons"] > 0
     assert [path for path in keys.rglob("*") if path.is_file()] == []
 
 
@@ -214,7 +214,7 @@ def test_who_splits_photon_numbers_is_not_seen_and_leaves_no_key(tmp_path: Path)
     done, result = run_qkd(tmp_path, *LASER, *words, "--count", "20000")
     assert done.returncode == 1
     assert "which an eavesdropper can divide" in done.stderr
-    told, eve = result["asking"], result["eve"]
+    told, eve = result["job"]["asking"], result["job"]["eve"]
     gain = 1 - exp(-0.5 * 10 ** (-hides_db / 10))
     assert abs(told["raw_bits"] - gain * told["photons"]) < 5 * sqrt(gain * told["photons"])
     assert told["qber"] == 0
@@ -231,8 +231,8 @@ def test_decoys_find_who_splits_photon_numbers(tmp_path: Path) -> None:
     words = ("--eve", "1", "--eve-attack", "split", "--eve-hides-db", "4", "--count", "60000")
     done, result = run_qkd(tmp_path, *source, *words)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert abs(result["asking"]["single_photon_fraction"] - 0.533) < 0.05
-    assert result["asking"]["qber"] == 0
+    assert abs(result["job"]["asking"]["single_photon_fraction"] - 0.533) < 0.05
+    assert result["job"]["asking"]["qber"] == 0
 
 
 def taken_part(listener: ServiceSocket) -> None:

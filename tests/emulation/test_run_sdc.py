@@ -20,19 +20,15 @@ RESULT_KEYS = {
     "topology",
     "mode",
     "controller",
-    "handshake",
     "seed",
-    "message_bytes",
-    "sha256_sent",
-    "sha256_received",
+    "hosts",
     "delivered",
-    "bell_pairs",
-    "lost_pairs",
-    "symbol_error_rate",
-    "repeated_frames",
+    "sessions",
+    "pairs_made",
+    "photons_lost",
     "elapsed_s",
-    "pairs_per_s",
     "path_setup_ms",
+    "job",
     "packet_in_count",
     "captures",
     "timeline",
@@ -76,10 +72,11 @@ def test_bob_holds_exactly_what_alice_sent(tmp_path: Path, controller: str, hand
     assert result.keys() >= RESULT_KEYS
     assert (tmp_path / "latest" / "received").read_text() == message
     assert result["delivered"] is True
-    assert result["sha256_sent"] == result["sha256_received"]
-    assert (result["controller"], result["handshake"]) == (controller, handshake)
-    assert (result["bell_pairs"], result["lost_pairs"]) == (4 * len(message), 0)
-    assert result["symbol_error_rate"] == 0.0
+    carried, sent = result["job"]["message"], result["job"]["asking"]
+    assert carried["sha256_sent"] == carried["sha256_received"]
+    assert (result["controller"], result["parameters"]["handshake"]) == (controller, handshake)
+    assert (sent["bell_pairs"], sent["lost_pairs"]) == (4 * len(message), 0)
+    assert sent["symbol_error_rate"] == 0.0
     assert (result["backend"], result["exact"]) == ("chp", True)
     set_ups = {"framed": 1, "per-pair": 4 * len(message)}[handshake]
     assert result["path_setup_ms"]["n"] == set_ups
@@ -99,7 +96,7 @@ def test_each_pair_of_sequential_handshakes_has_a_light_path_of_its_own(
     folder, result = sequential_run
     assert (folder / "received").read_text() == SEQUENTIAL
     pairs = 4 * len(SEQUENTIAL)
-    assert (result["bell_pairs"], result["path_setup_ms"]["n"]) == (pairs, pairs)
+    assert (result["job"]["asking"]["bell_pairs"], result["path_setup_ms"]["n"]) == (pairs, pairs)
     events = [json.loads(line) for line in (folder / "controller.jsonl").read_text().splitlines()]
     paths = [each["event"] for each in events if each["event"] in ("path_ready", "torn_down")]
     assert paths[: 2 * pairs] == ["path_ready", "torn_down"] * pairs
@@ -112,7 +109,7 @@ def test_captures_of_headers_hold_set_up_messages_whole_and_little_else(
     packets = [packet for file in folder.glob("s1-*.pcap") for packet in rdpcap(str(file))]
     assert max(len(packet) for packet in packets) <= 640
     setups = [packet for packet in packets if TCP in packet and setup_in(packet) is not None]
-    assert len(setups) >= result["bell_pairs"]
+    assert len(setups) >= result["job"]["asking"]["bell_pairs"]
 
 
 def test_qmn_by_itself_forks_off_programs_that_say_in_their_logs_what_they_do(
@@ -130,7 +127,7 @@ def test_a_binary_file_of_many_blocks_arrives(tmp_path: Path) -> None:
     file.write_bytes(bytes(range(256)) * 300)
     result = run(tmp_path, "--file", str(file), "--block-pairs", "65536")
     assert (tmp_path / "latest" / "received").read_bytes() == file.read_bytes()
-    assert result["bell_pairs"] == 4 * 76_800
+    assert result["job"]["asking"]["bell_pairs"] == 4 * 76_800
     log = (tmp_path / "latest" / "quantum.log").read_text()
     measured = re.findall(r" bell-measure .* block=(\d+)/0 photons=(\d+) ", log)
     assert [int(number) for number, _photons in measured] == [1, 2, 3, 4, 5]
@@ -147,23 +144,24 @@ def test_an_empty_file_arrives(tmp_path: Path) -> None:
     file = tmp_path / "empty"
     file.touch()
     result = run(tmp_path, "--file", str(file))
-    assert (result["message_bytes"], result["bell_pairs"]) == (0, 0)
+    assert (result["job"]["message"]["bytes"], result["job"]["asking"]["bell_pairs"]) == (0, 0)
     assert (tmp_path / "latest" / "received").read_bytes() == b""
 
 
 def test_the_experiment_of_2017_has_its_symbol_errors(tmp_path: Path) -> None:
     result = run(tmp_path, "--preset", "fiber-2017", "--frame-bytes", "8")
-    pairs, expected = result["bell_pairs"], 0.75 * 0.0598
-    errors = result["symbol_errors"]
+    sent = result["job"]["asking"]
+    pairs, expected = sent["bell_pairs"], 0.75 * 0.0598
+    errors = sent["symbol_errors"]
     assert abs(errors - pairs * expected) < 5 * (pairs * expected * (1 - expected)) ** 0.5
-    assert result["lost_pairs"] == 0
+    assert sent["lost_pairs"] == 0
 
 
 def test_detectors_lose_pairs_and_a_source_of_many_pairs_is_not_exact(tmp_path: Path) -> None:
     options = ["--message", "device " * 100, "--device", "bob.detectors.efficiency=0.8"]
     result = run(tmp_path, *options)
-    pairs, expected = result["bell_pairs"], 1 - 0.8**2
-    errors = abs(result["lost_pairs"] - pairs * expected)
+    pairs, expected = result["job"]["asking"]["bell_pairs"], 1 - 0.8**2
+    errors = abs(result["job"]["asking"]["lost_pairs"] - pairs * expected)
     assert errors < 5 * (pairs * expected * (1 - expected)) ** 0.5
     assert result["exact"] is True
     assert result["devices"]["bob"] == {"detectors": {"efficiency": 0.8}}
@@ -184,10 +182,10 @@ def test_a_noise_model_of_the_user_s_own_acts_on_every_fibre(tmp_path: Path) -> 
     parameters = 'noise_parameters={"flip": 0.005, "switched": 0}'
     arguments = ["--fiber", noise, "--fiber", parameters, "--frame-bytes", "8"]
     result = run(tmp_path, *arguments, "--message", "flicker " * 100)
-    pairs = result["bell_pairs"]
+    pairs = result["job"]["asking"]["bell_pairs"]
     # Six fibres that flip: an odd number of times with (1 - .99^6) / 2.
     expected = (1 - 0.99**6) / 2
-    errors = result["symbol_errors"]
+    errors = result["job"]["asking"]["symbol_errors"]
     assert abs(errors - pairs * expected) < 5 * (pairs * expected * (1 - expected)) ** 0.5
     assert result["optics"]["noise_parameters"] == {"flip": 0.005, "switched": 0}
 
@@ -205,13 +203,14 @@ def test_losses_and_errors_are_repaired_and_counted(tmp_path: Path) -> None:
     options = ["--length-km", "1", "--loss-db-per-km", "0.5", "--depolarizing", "0.004"]
     result = run(tmp_path, "--file", str(file), *options, "--frame-bytes", "32")
     assert (tmp_path / "latest" / "received").read_bytes() == file.read_bytes()
-    pairs = result["bell_pairs"]
+    pairs = result["job"]["asking"]["bell_pairs"]
     # Three light paths of two fibres each; a pair is lost unless all six let it through, and the
     # delay line of 2 km in which one half waits for the one that goes by way of alice.
     lost = 1 - 10 ** (-(6 * 0.5 + 2 * 0.2) / 10)
-    assert abs(result["lost_pairs"] - pairs * lost) < 5 * (pairs * lost * (1 - lost)) ** 0.5
-    assert result["symbol_error_rate"] > 0
-    assert result["repeated_frames"] > 0
+    sent = result["job"]["asking"]
+    assert abs(sent["lost_pairs"] - pairs * lost) < 5 * (pairs * lost * (1 - lost)) ** 0.5
+    assert sent["symbol_error_rate"] > 0
+    assert sent["repeated_frames"] > 0
 
 
 def test_files_that_become_too_long_end_and_the_run_goes_on(tmp_path: Path) -> None:
@@ -302,11 +301,14 @@ def test_every_backend_gives_the_same_losses_and_errors(
     others = [run(tmp_path, *LOSSY, "--backend", name) for name in ("stim", "dense")]
     results = [lossy_result, *others]
     assert [result["backend"] for result in results] == ["chp", "stim", "dense"]
-    assert results[0]["lost_pairs"] > 0
-    for name in ("lost_pairs", "symbol_error_rate", "repeated_frames", "exact"):
+    sent = [result["job"]["asking"] for result in results]
+    assert sent[0]["lost_pairs"] > 0
+    for name in ("lost_pairs", "symbol_error_rate", "repeated_frames"):
+        assert len({each[name] for each in sent}) == 1
+    for name in ("photons_lost", "exact"):
         assert len({result[name] for result in results}) == 1
 
 
 def test_the_same_seed_gives_the_same_losses(tmp_path: Path, lossy_result: dict[str, Any]) -> None:
     again = run(tmp_path, *LOSSY)
-    assert again["lost_pairs"] == lossy_result["lost_pairs"] > 0
+    assert again["job"]["asking"]["lost_pairs"] == lossy_result["job"]["asking"]["lost_pairs"] > 0

@@ -16,7 +16,7 @@ def sealed(runs: Path, *words: str) -> dict[str, Any]:
     done = run_qmn("run", "seal", "--depolarizing", str(NOISE), *words, "--runs", str(runs))
     assert done.returncode == 0, done.stdout + done.stderr
     result: dict[str, Any] = json.loads((runs / "latest" / "result.json").read_text())
-    return {**result["asking"], "eve": result.get("eve")}
+    return {**result["job"]["asking"], "eve": result["job"]["eve"]}
 
 
 @pytest.mark.parametrize("eve", [None, 0.5])

@@ -30,7 +30,7 @@ def run(runs: Path, *options: str) -> dict[str, Any]:
 def test_pairs_come_by_way_of_repeaters(tmp_path: Path, repeaters: int) -> None:
     result = run(tmp_path, "--repeaters", str(repeaters), "--count", "1000")
     assert result["delivered"] is True
-    alice, bob = result["asking"], result["asked"]
+    alice, bob = result["job"]["asking"], result["job"]["asked"]
     assert (alice["pairs"], alice["fidelity"]) == (bob["pairs"], bob["fidelity"]) == (1000, 1)
     assert bob["waited_ms"] > 0
     assert result["path_setup_ms"]["n"] == repeaters + 1  # a path for each link
@@ -38,7 +38,7 @@ def test_pairs_come_by_way_of_repeaters(tmp_path: Path, repeaters: int) -> None:
 
 def test_a_pair_source_host_with_two_fibres_can_be_the_repeater(tmp_path: Path) -> None:
     result = run(tmp_path, "--topology", "sdc", "--count", "500")
-    assert (result["asking"]["pairs"], result["asking"]["fidelity"]) == (500, 1)
+    assert (result["job"]["asking"]["pairs"], result["job"]["asking"]["fidelity"]) == (500, 1)
 
 
 def test_the_controller_has_the_repeaters_take_turns_and_a_noisy_run_is_replayed(
@@ -52,10 +52,11 @@ def test_the_controller_has_the_repeaters_take_turns_and_a_noisy_run_is_replayed
     (chain,) = [fact for fact in read_record(folder) if fact["event"] == "chain"]
     assert chain["schedule"] == "nested"
     assert len(chain["nodes"]) == 5
-    first, middle, last = result["asked"]["repeaters_waited_ms"]
+    first, middle, last = result["job"]["asked"]["repeaters_waited_ms"]
     assert 0 < min(first, last) < middle
-    waited_s = 2 * (first + middle + last + result["asked"]["waited_ms"]) / 1000
-    told = result["asking"]  # whose halves wait as long as bob's, and until they are measured
+    waited_s = 2 * (first + middle + last + result["job"]["asked"]["waited_ms"]) / 1000
+    # Her halves wait as long as bob's, and until they are measured.
+    told = result["job"]["asking"]
     error = 5 * sqrt(3 * 0.25 / 4 * 3 / told["sampled"])
     assert fidelity(waited_s + 0.3) - error < told["fidelity"] < fidelity(waited_s) + error
     assert verb("replay", str(folder)).stdout.startswith("identical: ")

@@ -42,12 +42,12 @@ def test_states_are_teleported(tmp_path: Path, controller: str) -> None:
     noise = ("--depolarizing", "0.01", "--controller", controller)
     result = run_service(tmp_path, "teleport", "--count", "40000", *noise, report=True)
     assert result["delivered"]
-    told = result["asking"]
+    told = result["job"]["asking"]
     assert told["states"] == told["arrived"] == 40_000
     pair = (1 + 3 * 0.99**4) / 4  # each half passes two fibres
     assert abs(told["fidelity"] - (2 * pair + 1) / 3) < 5 * told["fidelity_error"]
     assert told["waited_ms"] > 0
-    assert {name: result["asked"][name] for name in ("arrived", "fidelity")} == {
+    assert {name: result["job"]["asked"][name] for name in ("arrived", "fidelity")} == {
         name: told[name] for name in ("arrived", "fidelity")
     }
     folder = tmp_path / "latest"
@@ -64,7 +64,7 @@ def test_states_are_teleported(tmp_path: Path, controller: str) -> None:
 
 def test_any_state_is_teleported_on_dense(tmp_path: Path) -> None:
     words = ("teleport", "--backend", "dense", "--state", "haar", "--depolarizing", "0.02")
-    told = run_service(tmp_path, *words)["asking"]
+    told = run_service(tmp_path, *words)["job"]["asking"]
     pair = (1 + 3 * 0.98**4) / 4  # each half passes two fibres
     assert abs(told["fidelity"] - (2 * pair + 1) / 3) < 5 * told["fidelity_error"]
     result = json.loads((tmp_path / "latest" / "result.json").read_text())
@@ -73,7 +73,7 @@ def test_any_state_is_teleported_on_dense(tmp_path: Path) -> None:
 
 def test_states_are_teleported_over_two_switches(tmp_path: Path) -> None:
     result = run_service(tmp_path, "teleport", "--topology", "chain", "--switches", "2")
-    assert result["asking"]["fidelity"] == 1
+    assert result["job"]["asking"]["fidelity"] == 1
     assert result["path_setup_ms"]["n"] == 1
 
 

@@ -19,6 +19,7 @@ from scapy.layers.inet import ICMP
 from scapy.utils import rdpcap
 
 from qmn.scripting.network import start
+from wire.config import DISPATCHER_PORT
 from wire.metadata import METADATA_PORT
 
 LIGHT_M_PER_S = 2.04e8
@@ -31,6 +32,22 @@ CONNECT = f"""
 import socket
 with socket.create_connection(("10.0.0.2", {METADATA_PORT})):
     print("connected")
+"""
+
+EMISSIONS = 3
+EMIT = f"""
+import asyncio, sys, time
+from hosts.hardware.simulated import SimulatedQnic
+
+async def emit(dispatcher, token, *ports):
+    qnic = SimulatedQnic(dispatcher, token, list(ports))
+    for number in range({EMISSIONS}):
+        began_s = time.monotonic()
+        await qnic.emit_pairs(7, number, 10, ports, 1_000_000_000, 1_550_000)
+        print(time.monotonic() - began_s)
+    await qnic.close()
+
+asyncio.run(emit(*sys.argv[1:]))
 """
 
 
@@ -76,7 +93,22 @@ def test_copper_that_is_too_short_for_light_is_marked(tmp_path: Path) -> None:
         pass
     told = json.loads((tmp_path / "result.json").read_text())["acausal"]
     assert told["early_s"] == pytest.approx(one_way_s(4000))
-    assert {told["from"], told["to"]} < {"alice", "bob", "charlie"}
+    assert {told["origin"], told["receiver"]} < {"alice", "bob", "charlie"}
+
+
+def test_light_lost_at_a_far_switch_is_known_when_news_is_back(tmp_path: Path) -> None:
+    """q1 is 2000 km from charlie, and has no path: news comes after 50 x 2 x 9.8 ms here."""
+    with start("sdc", folder=tmp_path, length_km=2000.0, time_scale=50.0) as network:
+        script = network.runtime.logs.parent / "emit.py"  # the run's folder is not for hosts
+        script.write_text(EMIT)
+        ed = f"{network.host('ed').IP()}:{DISPATCHER_PORT}"
+        words = f"{ed} {network.runtime.token('charlie')} charlie-q0 charlie-q1"
+        told = network.host("charlie").cmd(f"{sys.executable} {script} {words}")
+    took_s = [float(line) for line in told.splitlines()]
+    assert len(took_s) == EMISSIONS
+    assert (tmp_path / "quantum.log").read_text().count(" dark ") == 2 * EMISSIONS
+    back_s = 50 * 2 * one_way_s(2000)
+    assert back_s <= min(took_s) < 2 * back_s
 
 
 @pytest.mark.timeout(2 * SLOW_S)
@@ -173,12 +205,12 @@ def test_a_busy_machine_does_not_change_what_waiting_does_to_qubits(tmp_path: Pa
     with busy_machine():
         busy = teleported(tmp_path / "busy", length_km, t2_s)
     for result in (quiet, busy):
-        told = result["asking"]
+        told = result["job"]["asking"]
         assert told["states"] == told["arrived"] == STATES
         assert abs(told["fidelity"] - expected) < 5 * math.sqrt(expected * (1 - expected) / STATES)
         assert told["waited_ms"] / 1e3 >= waits_s - 1e-6
         assert result["time_scale"] == 4000
         assert 0 < result["software_share"] < 0.5
         assert not result["dominated_by_software"]
-    difference = quiet["asking"]["fidelity"] - busy["asking"]["fidelity"]
+    difference = quiet["job"]["asking"]["fidelity"] - busy["job"]["asking"]["fidelity"]
     assert abs(difference) < 5 * math.sqrt(2 * expected * (1 - expected) / STATES)

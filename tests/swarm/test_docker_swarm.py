@@ -136,7 +136,8 @@ def workers(first: Engine) -> list[str]:
 def facts(run: Path) -> dict[str, Any]:
     """Return what time does not change."""
     result = json.loads((run / "result.json").read_text())
-    return {name: result[name] for name in ("delivered", "bell_pairs", "lost_pairs", "exact")}
+    told = {name: result["job"]["asking"][name] for name in ("bell_pairs", "lost_pairs")}
+    return {**told, "delivered": result["delivered"], "exact": result["exact"]}
 
 
 def events(run: Path) -> list[str]:

@@ -43,6 +43,21 @@ def test_every_example_is_on_their_page() -> None:
             assert f"]({file.relative_to(folder)})" in text, file
 
 
+def test_examples_are_few_and_short() -> None:
+    programs = [file for file in (ROOT / "examples").iterdir() if file.suffix in {".py", ".toml"}]
+    assert 5 <= len(programs) <= 8
+    for file in programs:
+        assert 10 <= len(file.read_text().splitlines()) <= 60, file
+
+
+def test_a_program_beside_the_documentation_is_in_the_folder_of_a_page_that_links_to_it() -> None:
+    programs = list((ROOT / "docs").rglob("*.py"))
+    assert programs
+    for file in programs:
+        folder = file.parent
+        assert f"]({folder.name}/{file.name})" in folder.with_suffix(".md").read_text(), file
+
+
 def test_nothing_is_loaded_from_elsewhere() -> None:
     assert CONFIGURATION["theme"]["font"] is False
     assert "offline" in CONFIGURATION["plugins"]

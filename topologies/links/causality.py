@@ -2,9 +2,9 @@
 
 from typing import Any, NamedTuple
 
+from programs.ways import Ways, shortest
 from topologies.links.copper_link import LEAST_DELAY_S
 from topologies.system.runs.runtime import Runtime
-from wire.ways import Ways, shortest
 
 
 class Early(NamedTuple):

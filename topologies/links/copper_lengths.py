@@ -13,10 +13,10 @@ from typing import Any
 
 from mininet.topo import Topo
 
+from programs.ways import Ways, shortest
 from topologies.links.copper_link import CopperLink, delay_s
 from topologies.links.fiber import FiberLink
 from wire.parameters.fiber import FiberOptics
-from wire.ways import Ways, shortest
 
 ROUNDING = 1e-9  # more than sums of lengths are off by
 

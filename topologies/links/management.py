@@ -13,11 +13,11 @@ from ipaddress import IPv4Address
 
 from mininet.node import Node
 
+from programs.ways import shortest
 from topologies.links.copper_link import CopperLink, delay_s, length_km
 from topologies.system.kernel.interfaces import network_of, switch_ipv6_off
 from topologies.system.open_vswitch.openvswitch import ip
 from topologies.system.runs.runtime import Runtime
-from wire.ways import shortest
 
 BRIDGE_ADDRESS = "02:71:6d:6e:63:30"
 NETWORK = IPv4Address("198.18.0.0")  # /15, of RFC 2544, which no host on the Internet has

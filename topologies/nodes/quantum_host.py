@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from topologies.links.fiber import python_file, qnics
+from topologies.links.keywords import refuse_unknown
 from topologies.nodes.addresses import broadcast
 from topologies.nodes.classical_host import ClassicalHost
 from topologies.nodes.tls import credentials
+from topologies.system.runs import runtime
 from topologies.system.runs.launching import launch
 from wire.announcement import period_s
 from wire.config import (
@@ -84,8 +86,9 @@ class QuantumHost(ClassicalHost):
         described = device_of(name, {"source": source, "device": device, **parts})
         self.qnic = python_file(f"{name}: qnic", qnic)
         self.qnic_parameters = dict(qnic_parameters or {})
+        refuse_unknown(name, params, type(self))  # before a network begins
+        runtime.current().devices[name] = described  # the shell is told the socket by it
         super().__init__(name, confined, memory_mib, **params)
-        self.network.devices[name] = described
         self.network.token(name)
         self.pairs_from = pairs_from
         self.light = light

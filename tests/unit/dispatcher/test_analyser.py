@@ -123,6 +123,28 @@ def test_both_photons_must_be_detected() -> None:
     assert np.array_equal(outcomes[seen], STATES[seen])
 
 
+@pytest.mark.parametrize("error", [0.01, 0.2])
+def test_either_arm_tells_its_bit_wrongly_by_itself(error: float) -> None:
+    """Right with (1 - e)^2; of either bit alone wrong with e (1 - e), of both with e^2."""
+    found = analyse(detectors=Detectors(readout_error=error))
+    flips = found.outcomes ^ STATES
+    right = (1 - error) ** 2, error * (1 - error), error * (1 - error), error**2
+    assert all(within(int((flips == each).sum()), COUNT, right[each]) for each in range(4))
+    assert found.incidents == {"misread": int(np.count_nonzero(flips))}
+    linear = analyse(BellAnalyser("linear"), Detectors(readout_error=error)).outcomes
+    psi_plus = STATES == 1
+    told = dict(zip(range(4), (error, right[0], 0.0, right[2]), strict=True))
+    for outcome, chance in told.items():
+        count = int((linear[psi_plus] == outcome).sum())
+        assert within(count, int(psi_plus.sum()), chance)
+
+
+def test_what_is_no_coincidence_is_not_made_one_by_a_wrong_reading() -> None:
+    found = analyse(detectors=Detectors(readout_error=0.5), states=NONE, halves=(LIGHT, DARKNESS))
+    assert (found.outcomes == NO_CLICK).all()
+    assert found.incidents == {}
+
+
 def test_dark_counts_alone_make_accidental_coincidences_of_any_outcome() -> None:
     detectors = Detectors(dark_count_hz=1e8, gate_s=1e-9)
     found = analyse(detectors=detectors, states=NONE, halves=(DARKNESS, DARKNESS))

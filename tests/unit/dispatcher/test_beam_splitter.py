@@ -114,6 +114,17 @@ def test_equal_photons_of_unequal_time_or_colour_tell_psi_minus(visibility: floa
     assert within(int(np.count_nonzero(outcomes == 1)), COUNT, both * visibility / 2 + minus)
 
 
+def test_an_output_that_is_told_wrongly_makes_psi_minus_of_psi_plus() -> None:
+    """|++> is told as Psi+ alone; with an error e of either detector as Psi- with 2 e (1 - e)."""
+    error = 0.05
+    single = PairSource(), PairSource()
+    detectors = Detectors(readout_error=error)
+    outcomes, _ = asyncio.run(meet(single, constant(2, 2), detectors))
+    told = int(np.count_nonzero(outcomes != NO_CLICK))
+    assert within(told, COUNT, ARRIVES**2 / 2)
+    assert within(int(np.count_nonzero(outcomes == 3)), told, 2 * error * (1 - error))
+
+
 def test_pulses_of_unlike_photons_mark_the_result() -> None:
     lasers = {host: Device(PairSource("poisson", 2.0)) for host in ("alice", "bob")}
     lasers["charlie"] = Device(analyser=BellAnalyser("beam-splitter"))

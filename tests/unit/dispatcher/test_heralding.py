@@ -306,6 +306,26 @@ def test_dark_counts_herald_pairs_that_are_none(scheme: str) -> None:
     scene(act, device, station)
 
 
+@pytest.mark.parametrize("scheme", list(SCHEMES))
+def test_clicks_that_are_told_of_the_other_detector_flip_phases(scheme: str) -> None:
+    """One of one click with e, one of two with 2 e (1 - e); Z does not see it."""
+    alpha, efficiency, error, count = 0.2, 0.01, 0.1, 40_000
+    device = Device(emitter=Emitter(scheme, efficiency, alpha, modes=1000))
+    station = Device(detectors=Detectors(readout_error=error), analyser=BellAnalyser("linear"))
+    state = in_fock_space(scheme, (Arm(efficiency, alpha),) * 2, 0.0, 1.0)[1]
+    psi = 1 - state[3, 3].real / np.trace(state).real
+    keeps = 1 - 2 * error if scheme == "single-click" else 1 - 4 * error * (1 - error)
+
+    async def act(laboratory: Laboratory) -> None:
+        told, _attempts, _took_s = await heralded(laboratory, count)
+        right = await correlations(laboratory, told)
+        assert within(*right["Z"], psi)
+        assert within(*right["X"], (1 + psi * keeps) / 2)
+        assert within(*right["Y"], (1 + psi * keeps) / 2)
+
+    scene(act, device, station)
+
+
 def test_noise_of_fibres_and_of_emitters_is_in_the_pairs() -> None:
     """Werner pairs: each basis errs with 2 (1 - F) / 3, fibres with p / 2 each, on four."""
     fidelity, p, count = 0.94, 0.02, 60_000
@@ -369,7 +389,7 @@ def test_light_of_attempts_meets_no_kraus_operators() -> None:
         with pytest.raises(BadConfig, match=r"fibre to 1 of q1: light of heralded attempts cannot"):
             await heralded(laboratory, 10)
 
-    damping = str(Path(__file__).parents[3] / "examples" / "damping.py") + ":Damping"
+    damping = str(Path(__file__).parents[3] / "docs" / "physical-layer" / "damping.py") + ":Damping"
     own: dict[str, Any] = {"noise": damping, "noise_parameters": {"gamma": 0.1}}
     scene(act, Device(emitter=Emitter("two-click")), **own)
 

@@ -301,6 +301,33 @@ def test_light_that_meets_no_path_never_arrives(tmp_path: Path) -> None:
     uvloop.run(run())
 
 
+@pytest.mark.parametrize("loss_db_per_km", [0.0, 1.0])
+def test_who_sends_hears_of_light_lost_before_a_switch_or_at_it_when_news_is_back(
+    tmp_path: Path, loss_db_per_km: float
+) -> None:
+    """The last of 1000 photons leaves after 999 ns; 2,000 km take 9.8 ms there, and back."""
+    there_ns = round(2_000e3 / 2.04e8 * 1e9)
+    fibers = {"length_km": 2_000.0, "loss_db_per_km": loss_db_per_km}
+    config = with_fibers(configuration(tmp_path), **fibers)
+
+    async def run() -> None:
+        clock = ManualClock()
+        async with running(config, clock) as bench:
+            await bench.charlie.create(1000)
+            sending = asyncio.ensure_future(bench.charlie.send((block(), "charlie-q0")))
+            for time_ns in (START_NS + 999 + there_ns, START_NS + 999 + 2 * there_ns):
+                await clock.waiters(1)
+                await clock.set(time_ns)
+                await bench.runner.status()
+                assert not sending.done()
+                assert "dark" not in [event.kind for event in bench.layer.history._events]
+                await clock.set(time_ns + 1)
+            await sending
+            assert [event.kind for event in bench.layer.history._events][-1] == "dark"
+
+    uvloop.run(run())
+
+
 def test_light_goes_through_several_switches(tmp_path: Path) -> None:
     async def run() -> None:
         config = configuration(tmp_path)

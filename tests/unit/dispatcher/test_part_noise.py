@@ -43,7 +43,7 @@ class Wrong:
     def effect(self, moment):
         return Effect(paulis=np.full(moment.photons, 7, np.uint8))
 """
-AGEING = str(Path(__file__).parents[3] / "examples" / "ageing.py") + ":Ageing"
+AGEING = str(Path(__file__).parents[3] / "docs" / "physical-layer" / "ageing.py") + ":Ageing"
 
 
 @pytest.fixture

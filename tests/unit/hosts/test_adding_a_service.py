@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
-FOLDERS = ("wire", "hosts", "dispatcher", "qswitch_agent", "tests/unit/hosts")
+FOLDERS = ("wire", "programs", "hosts", "dispatcher", "qswitch_agent", "tests/unit/hosts")
 PAGE = (ROOT / "docs" / "adding-a-service.md").read_text()
 TRY = """
 import json, sys

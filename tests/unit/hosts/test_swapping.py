@@ -31,11 +31,12 @@ LINKS: list[Bell] = [
 
 @pytest.mark.parametrize("repeaters", [1, 2, 3, 16])
 def test_ideal_pairs_come_by_way_of_repeaters(tmp_path: Path, repeaters: int) -> None:
+    began = time.monotonic()
     alice, bob = swapped(tmp_path, repeaters, count=COUNT, block_pairs=1000)
     for summary in (alice, bob):
         assert (summary["pairs"], summary["fidelity"]) == (COUNT, 1)
         assert summary["shared"] == summary["emitted"]
-    assert 0 < bob["waited_ms"] < 1000
+    assert 0 < bob["waited_ms"] < (time.monotonic() - began) * 1e3
 
 
 def test_links_are_asked_for_as_their_chain_was(tmp_path: Path) -> None:

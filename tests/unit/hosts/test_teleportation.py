@@ -1,6 +1,7 @@
 """Teleportation between whole stacks over loopback, with a real dispatcher."""
 
 import asyncio
+import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from math import cos, exp, pi, sin, sqrt
@@ -23,11 +24,13 @@ GIVEN = {"1.1,-0.4": 1.1, "2.5,3": 2.5, "pi,0": pi, "pi/2,1": pi / 2}  # their t
 
 
 def test_every_state_arrives_over_ideal_fibres(tmp_path: Path) -> None:
+    began = time.monotonic()
     alice, bob = ask(tmp_path, "teleport", count=COUNT)
+    took_ms = (time.monotonic() - began) * 1e3
     for summary in (alice, bob):
         assert summary["states"] == summary["arrived"] == COUNT
         assert summary["fidelity"] == 1
-        assert 0 < summary["waited_ms"] < 1000
+        assert 0 < summary["waited_ms"] < took_ms
 
 
 @pytest.mark.parametrize("state", ["haar", "pi/3,pi/4", "random", "-i"])

@@ -10,8 +10,18 @@ from scapy.layers.l2 import Ether
 from scapy.utils import PcapWriter
 
 from dispatcher.layer.history import EventCapture
+from qmn.results.message_result import sent
 from qmn.results.network_facts import NetworkFacts
 from qmn.results.result import complete
+from qmn.results.run_result import (
+    Approximated,
+    Figures,
+    Message,
+    MessageJob,
+    Received,
+    RunResult,
+    ServiceJob,
+)
 from wire.config import PathOptics, QuantumSwitch
 from wire.controller_lines import RECORD
 from wire.dispatcher_pb2 import BlockId, Event
@@ -124,33 +134,59 @@ def record_run(folder: Path, captured: bool = True, delivered: bool = True) -> P
     done = {"event": "done", "elapsed_s": 0.01, "bell_pairs": 100, "lost_pairs": 40}
     done |= {"symbol_errors": 3, "received_symbols": 60, "repeated_frames": 1, "symbols": 4}
     (folder / "asking.log").write_text(f"{json.dumps({'event': 'said'})}\n{json.dumps(done)}\n")
-    (folder / "message").write_bytes(b"two bits")
-    (folder / "received").write_bytes(b"two bits" if delivered else b"")
-    facts: Any = {
-        "topology": "chain",
-        "mode": "native",
-        "controller": "ryu",
+    facts = message_run(folder, b"two bits" if delivered else b"", done, confusion=CONFUSION)
+    facts.topology = "chain"
+    facts.parameters = {
+        "sender": "alice",
         "handshake": "framed",
-        "seed": 1,
-        "parameters": {
-            "sender": "alice",
-            "fec": "none <&>",
-            "loss_budget_db": 30.0,
-            "openflow_port": 6653,
-        },
-        "optics": {"length_km": 5.0},
-        "devices": {},
-        "file": str(folder / "message"),
-        "captures": [],
-        "backend": "chp",
-        "exact": False,
-        "approximations": [
-            {"name": "one thing", "most": 0.19471},
-            {"name": "another", "most": None},
-        ],
-        "network": NETWORK.to_dict(),
-        "asking": done,
-        "asked": {"confusion": CONFUSION},
+        "fec": "none <&>",
+        "loss_budget_db": 30.0,
+        "openflow_port": 6653,
     }
+    facts.optics = {"length_km": 5.0}
+    facts.exact = False
+    facts.approximations = [Approximated("one thing", 0.19471), Approximated("another", None)]
+    facts.network = NETWORK
     complete(facts, folder)
     return folder
+
+
+def message_run(
+    folder: Path,
+    received: bytes | None,
+    told: Figures | None = None,
+    time_scale: float = 1.0,
+    confusion: list[list[int]] | None = None,
+) -> RunResult:
+    """Return what is known of a run that brings b"two bits", before its result is complete."""
+    message = folder / "message"
+    message.write_bytes(b"two bits")
+    if received is not None:
+        (folder / "received").write_bytes(received)
+    job = MessageJob(
+        message=Message(str(message), 8),
+        asking=sent(told or {}, time_scale),
+        asked=Received(confusion),
+    )
+    return run_of("sdc", job, time_scale)
+
+
+def service_run(**told: Any) -> RunResult:
+    """Return what is known of a run of a service, whose opener has said this."""
+    return run_of("teleport", ServiceJob(asking=told, asked=told), 1.0)
+
+
+def run_of(service: str, job: MessageJob | ServiceJob, time_scale: float) -> RunResult:
+    """Return what is known of a run between alice and bob."""
+    return RunResult(
+        service=service,
+        hosts=["alice", "bob"],
+        topology="sdc",
+        mode="native",
+        controller="ryu",
+        seed=1,
+        parameters={},
+        backend="chp",
+        time_scale=time_scale,
+        job=job,
+    )

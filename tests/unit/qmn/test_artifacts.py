@@ -11,6 +11,7 @@ from qmn.live.event_sources import RESULT
 from qmn.network.options import NetworkOptions
 from qmn.reports.report_file import NoReport, made_report
 from qmn.results.artifacts import artifacts_of
+from qmn.results.network_facts import NetworkFacts
 from qmn.results.timeline import TIMELINE
 from topologies.system.processes.programs import NetworkError
 from topologies.system.runs.runtime import EVENT_CAPTURE
@@ -28,20 +29,14 @@ def result(folder: Path) -> dict[str, Any]:
 def test_parameters_seed_and_timeline_are_left(tmp_path: Path) -> None:
     folder = tmp_path / "new"
     with artifacts_of(OPTIONS, folder) as facts:
-        facts["network"] = {
-            "addresses": {},
-            "source": "",
-            "fibers": [],
-            "switches": [],
-            "copper": [],
-        }
+        facts.network = NetworkFacts({}, "", [], [], [])
         with (folder / EVENT_CAPTURE).open("wb") as opened:
             EventCapture(opened, []).record(Event(time_ns=10**18, node="bob", kind="create"))
     left = result(folder)
     assert (left["seed"], left["controller"], left["topology"]) == (7, "ryu", None)
     assert left["parameters"]["length_km"] == 2
     assert left["parameters"]["fiber"] == ["filter_nm=2"]
-    assert left["network"] == facts["network"]
+    assert left["network"] == facts.network.to_dict()
     assert left["timeline"] == str(folder / TIMELINE)
     assert (folder / TIMELINE).stat().st_size > 0
     assert (folder / SCRIPT).read_text() == script()
@@ -67,5 +62,5 @@ def test_the_result_of_an_earlier_network_is_gone_while_another_runs(tmp_path: P
 def test_without_a_folder_nothing_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     with artifacts_of(OPTIONS, None) as facts:
-        facts["network"] = {}
+        facts.network = NetworkFacts({}, "", [], [], [])
     assert list(tmp_path.iterdir()) == []

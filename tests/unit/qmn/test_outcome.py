@@ -1,11 +1,13 @@
 """The outcome of a run, as a person is told, and a program that asks for the status."""
 
 import json
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import pytest
+from recorded_run import message_run
 from rich.console import Console
 
 from hosts.middleware.services.superdense.options import SuperdenseOptions
@@ -15,21 +17,13 @@ from qmn.jobs.run_options import RunOptions
 from qmn.jobs.superdense import SuperdenseRequest
 from qmn.network.options import NetworkOptions
 from qmn.results.result import complete, show
-from qmn.results.schema import RunFacts
+from qmn.results.run_result import Approximated, RunResult
 from topologies.networks.network import Signals
-
-
-def begin(folder: Path, received: bytes | None) -> Any:
-    (folder / "message").write_bytes(b"two bits")
-    if received is not None:
-        (folder / "received").write_bytes(received)
-    return {"file": str(folder / "message")}
 
 
 def shown(folder: Path, **facts: Any) -> list[str]:
     """Return the lines that a person reads of a run with these facts."""
-    known = begin(folder, facts.pop("received", b"two bits"))
-    known["asking"] = {
+    told = {
         "bell_pairs": 12_345,
         "lost_pairs": 6_789,
         "received_symbols": 5_000,
@@ -37,18 +31,11 @@ def shown(folder: Path, **facts: Any) -> list[str]:
         "repeated_frames": 31,
         "elapsed_s": 2.0,
     }
+    known = message_run(folder, facts.pop("received", b"two bits"), told)
     complete(known, folder)
-    said: Any = {
-        "backend": "chp",
-        "exact": True,
-        "events": False,
-        "timeline": "t",
-        "report": "r",
-    }
-    said["time_scale"] = 1.0
+    said = {"exact": True, "events": False, "timeline": "t", "captures": ["s1-eth1.pcap"]}
     text = StringIO()
-    known |= {**said, "captures": True, **facts}
-    show(Console(file=text, width=200), known, folder)
+    show(Console(file=text, width=200), replace(known, **{**said, **facts}), folder, "r")
     return [" ".join(line.split()) for line in text.getvalue().splitlines()]
 
 
@@ -66,7 +53,7 @@ def test_a_person_is_told_what_was_lost_and_what_was_missed(tmp_path: Path) -> N
 
 
 def test_a_person_is_told_what_is_approximated_and_by_how_much(tmp_path: Path) -> None:
-    met = [{"name": "one thing", "most": 0.19471}, {"name": "another", "most": None}]
+    met = [Approximated("one thing", 0.19471), Approximated("another", None)]
     words = "one thing: a probability is wrong by 0.19 at most; another: size not known"
     lines = shown(tmp_path, exact=False, approximations=met)
     assert {"quantum states chp, with approximations", f"approximated {words}"} <= set(lines)
@@ -84,10 +71,10 @@ def test_the_status_is_that_of_the_bytes(
 ) -> None:
     """Whatever a network leaves behind: a real one does not leave wrong bytes."""
 
-    def leave(job: runner.Job, context: RunContext, facts: RunFacts) -> None:
+    def leave(job: runner.Job, context: RunContext, facts: RunResult) -> None:
         assert job.file
         assert job.file.read_bytes() == b"two bits"
-        facts["time_scale"] = 1.0
+        facts.time_scale = 1.0
         if received is not None:
             (context.folder / "received").write_bytes(received)
 

@@ -103,7 +103,9 @@ def test_what_was_not_recorded_is_said_and_not_drawn(tmp_path: Path) -> None:
     for name in ("quantum.pcapng", "asking.log", "controller.jsonl"):
         (tmp_path / name).unlink()
     result = json.loads((tmp_path / "result.json").read_text())
-    (tmp_path / "result.json").write_text(json.dumps({**result, "confusion": None}))
+    (tmp_path / "result.json").write_text(
+        json.dumps({**result, "job": {**result["job"], "asked": {"confusion": None}}})
+    )
     page = made_page(tmp_path)
     assert list(figures(page)) == ["The network"]
     assert page.count("Not drawn: ") == 6

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from json_schema import problems
-from recorded_run import record_run
+from recorded_run import record_run, service_run
 
 from qmn.results import schema
 from qmn.results.result import complete
@@ -24,8 +24,7 @@ def wrong(result: dict[str, Any]) -> list[str]:
 def of_message(folder: Path) -> dict[str, Any]:
     """Return the result of a recorded run, whatever is known only of a network that has run."""
     result: dict[str, Any] = json.loads((record_run(folder) / "result.json").read_text())
-    rest = {"service": "sdc", "timeline": "all.pcapng", "events": True}
-    return {**rest, **result}
+    return result
 
 
 def test_the_schema_in_docs_is_that_of_the_code() -> None:
@@ -39,22 +38,18 @@ def test_the_result_of_a_message_fits(tmp_path: Path) -> None:
 
 def test_the_result_of_a_service_fits(tmp_path: Path) -> None:
     told = {"event": "done", "states": 7, "arrived": 7, "fidelity": 1.0, "elapsed_s": 2.0}
-    own = ("topology", "mode", "controller", "seed", "parameters", "optics", "devices", "captures")
-    (tmp_path / "message").mkdir()
-    message = of_message(tmp_path / "message")
-    facts: Any = {name: message[name] for name in (*own, "events", "backend", "exact", "timeline")}
-    facts |= {"service": "teleport", "delivered": True, "asking": told, "asked": told}
-    complete(facts, tmp_path)
+    complete(service_run(**told), tmp_path)
     assert wrong(json.loads((tmp_path / "result.json").read_text())) == []
 
 
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        ({"bell_pairs": 7.5}, "/bell_pairs: 7.5 is not of type integer"),
+        ({"pairs_made": 7.5}, "/pairs_made: 7.5 is not of type integer"),
         ({"delivered": 1}, "/delivered: 1 is not of type boolean"),
-        ({"confusion": [[1, "2"]]}, "/confusion"),
-        ({"bell_pair": 7}, "/bell_pair is unknown"),
+        ({"sessions": {"granted": 1, "refused": 0, "ids": [7]}}, "/sessions/ids/0: 7 is not"),
+        ({"pair_made": 7}, "/pair_made is unknown"),
+        ({"job": {"asking": {}, "asked": {}}}, "/job/eve is missing"),
         ({"path_setup_ms": {"p50": 1.0, "n": 1}}, "/path_setup_ms/p99 is missing"),
     ],
 )

@@ -4,14 +4,14 @@ import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pytest
+from recorded_run import NETWORK, service_run
 from rich.console import Console
 
 from qmn.jobs.run_context import ending, guarded
 from qmn.reports.run_facts import BadRun, read_result
-from qmn.results.schema import RunFacts
+from qmn.results.run_result import RunResult
 from topologies.networks.network import Interrupted, Signals
 from topologies.system.processes.programs import NetworkError
 
@@ -24,17 +24,16 @@ FAULTS = pytest.mark.parametrize(
 )
 
 
-def failed(folder: Path, facts: Any, fault: Exception) -> int:
-    """Return the status of a run that a fault has ended when so much was known of it."""
-
-    def complete(facts: RunFacts, folder: Path) -> None:
-        (folder / "result.json").write_text(json.dumps(facts))
+def failed(folder: Path, facts: RunResult, fault: Exception) -> tuple[int, str]:
+    """Return the status of a run that a fault has ended when so much was known, and its report."""
+    left = []
 
     def work(_signals: Signals, _console: Console) -> int:
-        with ending(folder, facts, complete):
+        with ending(folder, facts, RunResult.write) as ended:
+            left.append(ended)
             raise fault
 
-    return guarded(work)
+    return guarded(work), left[0].report
 
 
 @FAULTS
@@ -46,11 +45,13 @@ def test_a_run_that_fails_tells_why_and_where_its_report_is(
     words: str,
 ) -> None:
     fault = make()
-    facts: Any = {"network": {"hosts": []}}
-    assert failed(tmp_path, facts, fault) == status
+    facts = service_run()
+    facts.network = NETWORK
+    found, report = failed(tmp_path, facts, fault)
+    assert found == status
     said = capsys.readouterr()
     assert said.out == ""
-    assert said.err.splitlines() == [words, f"report to look at: {facts['report']}"]
+    assert said.err.splitlines() == [words, f"report to look at: {report}"]
     assert json.loads((tmp_path / "result.json").read_text())["error"] == str(fault)
 
 
@@ -63,9 +64,9 @@ def test_a_run_whose_network_had_not_started_names_no_report(
     words: str,
 ) -> None:
     fault = make()
-    facts: Any = {}
-    assert failed(tmp_path, facts, fault) == status
+    found, report = failed(tmp_path, service_run(), fault)
+    assert found == status
     assert capsys.readouterr().err.splitlines() == [words]
-    assert facts["report"] == "not made: the network had not started"
+    assert report == "not made: the network had not started"
     with pytest.raises(BadRun, match=f"of {tmp_path} had not started: {fault}$"):
         read_result(tmp_path)

@@ -49,7 +49,7 @@ def called(runs: Path, *words: str) -> int:
 
 def test_runs_are_listed_with_what_is_not_the_default(runs: Path) -> None:
     old, new = runs_in(runs)
-    assert (old.name, old.began, old.what) == (OLD, "2026-01-01 10:00:00", "network chain")
+    assert (old.name, old.began, old.what) == (OLD, "2026-01-01 10:00:00", "sdc chain")
     assert (old.outcome, new.outcome) == ("done", "not done")
     assert old.parameters == {"fec": "none <&>"}  # the loss budget and the port are as always
     assert old.bytes == sum(file.stat().st_size for file in (runs / OLD).iterdir())
@@ -98,7 +98,7 @@ def test_two_runs_are_compared(runs: Path, capsys: pytest.CaptureFixture[str]) -
     assert called(runs, "compare", OLD, "latest") == 0
     told = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert ["loss", "budget", "db", "30", "3"] in told
-    assert ["bell", "pairs", "100", "100"] in told
+    assert ["asking", "bell", "pairs", "100", "100"] in told
     assert ["bell-measure", "3.000", "3.000"] in told  # 5 ms, and paths opened at 2 ms
     assert not any(words[:1] == ["fec"] for words in told)
 
@@ -150,7 +150,9 @@ def test_a_prune_of_everything_is_not_guessed(
 
 
 def test_a_run_travels_as_one_file(runs: Path, tmp_path: Path) -> None:
-    file = tmp_path / "run.zip"
+    file, result = tmp_path / "run.zip", runs / OLD / "result.json"
+    told = json.loads(result.read_text())
+    result.write_text(json.dumps({name: told[name] for name in told if name != "service"}))
     assert called(runs, "export", OLD, str(file)) == 0
     assert called(tmp_path / "other", "import", str(file)) == 0
     copy = tmp_path / "other" / OLD

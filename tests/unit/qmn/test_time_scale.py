@@ -3,14 +3,15 @@
 import argparse
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import pytest
+from recorded_run import service_run
 
 from qmn.network.description import describe_network
 from qmn.network.options import NetworkOptions
 from qmn.network.time_scale import SHARE, SOFTWARE_S, Scale, scale, scale_of
 from qmn.options import add_options, read
+from qmn.results.run_result import RunResult, ShortestTime
 from qmn.results.software_share import note_software, rows
 from topologies.description.description import describe
 from topologies.sdc import SdcTopo
@@ -102,11 +103,12 @@ def test_a_network_without_a_time_of_its_own_runs_in_real_time() -> None:
 NAMED = Scale(1.0)
 
 
-def facts_of(share: float, software_s: float, t2_s: float, scale: Scale = NAMED) -> Any:
+def facts_of(share: float, software_s: float, t2_s: float, scale: Scale = NAMED) -> RunResult:
     told = SoftwareTime(
         largest_wait_share=share, largest_decaying_share=share, longest_ns=round(software_s * 1e9)
     )
-    facts: Any = {"time_scale": scale.scale}
+    facts = service_run()
+    facts.time_scale = scale.scale
     note_software(facts, told, [Device(), Device(memory=Memory(t2_s=t2_s))], scale)
     return facts
 
@@ -115,9 +117,9 @@ def facts_of(share: float, software_s: float, t2_s: float, scale: Scale = NAMED)
 def test_what_auto_means_is_held_against_what_was_measured(software_s: float, kept: bool) -> None:
     auto = Scale(40.0, "because", ("T2 of bob", 0.1))
     facts = facts_of(0.1, software_s, 0.1, auto)
-    assert facts["software_of_shortest"] == pytest.approx(software_s / 0.1)
-    assert facts["shortest_time"] == {"name": "T2 of bob", "s": 0.1}
-    assert facts["time_scale_kept"] is kept
+    assert facts.software_of_shortest == pytest.approx(software_s / 0.1)
+    assert facts.shortest_time == ShortestTime("T2 of bob", 0.1)
+    assert facts.time_scale_kept is kept
     assert ("BEWARE" in rows(facts)) is not kept
     if not kept:  # 1.1 % instead of 1 % wants 1.1 times the scale
         assert "1.10% of T2 of bob" in rows(facts)["BEWARE"]
@@ -126,22 +128,22 @@ def test_what_auto_means_is_held_against_what_was_measured(software_s: float, ke
 
 def test_a_scale_that_is_named_promises_nothing_but_is_told_its_share() -> None:
     facts = facts_of(0.1, 0.05, 0.1, Scale(40.0, shortest=("T2 of bob", 0.1)))
-    assert facts["software_of_shortest"] == pytest.approx(0.5)
-    assert facts["time_scale_kept"] is None
+    assert facts.software_of_shortest == pytest.approx(0.5)
+    assert facts.time_scale_kept is None
 
 
 def test_a_result_is_marked_if_most_of_a_wait_that_matters_was_software() -> None:
     marked = facts_of(0.9, 0.02, t2_s=0.1)
-    assert marked["dominated_by_software"] is True
+    assert marked.dominated_by_software is True
     assert "BEWARE" in rows(marked)
-    assert facts_of(0.9, 0.02, t2_s=10.0)["dominated_by_software"] is False  # .2 % of T2
-    assert facts_of(0.4, 0.02, t2_s=0.1)["dominated_by_software"] is False
+    assert facts_of(0.9, 0.02, t2_s=10.0).dominated_by_software is False  # .2 % of T2
+    assert facts_of(0.4, 0.02, t2_s=0.1).dominated_by_software is False
     assert "BEWARE" not in rows(facts_of(0.4, 0.02, t2_s=0.1))
 
 
 def test_where_nothing_waited_no_share_is_made_up() -> None:
-    facts: Any = {"time_scale": 1.0}
+    facts = service_run()
     note_software(facts, SoftwareTime(), [Device()], Scale(40.0, "because", ("T2 of bob", 0.1)))
-    assert facts["software_share"] is None
-    assert facts["software_of_shortest"] is facts["time_scale_kept"] is None
+    assert facts.software_share is None
+    assert facts.software_of_shortest is facts.time_scale_kept is None
     assert "software" not in rows(facts)

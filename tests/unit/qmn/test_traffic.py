@@ -14,6 +14,7 @@ from qmn.jobs.load import checked
 from qmn.network.description import describe_network
 from qmn.options import BadInput
 from qmn.results.network_facts import NetworkFacts
+from qmn.results.run_result import Shares
 from qmn.traffic.erlang import erlang_b, erlang_c, mean_wait, waits_longer
 from qmn.traffic.fiber_use import fiber_use, shares, span_of
 from qmn.traffic.plan import BadTraffic, Planned, Traffic, plan
@@ -157,35 +158,35 @@ def test_every_session_is_counted_once() -> None:
     told = [outcome("h1", setup_s=0.25, ended_s=2.0, summary={"pairs": 6}), outcome("h2", "late")]
     told += [outcome("h1", BLOCKED, "BUSY"), outcome("h3", BLOCKED, "BUSY"), outcome("h3", "")]
     found = summary(told, [])
-    assert (found["offered"], found["accepted"], found["late"], found["forgotten"]) == (5, 1, 1, 1)
-    assert (found["blocked"], found["broken"]) == ({"BUSY": 2}, {})
-    assert found["setup_s"] == {"p50": 0.25, "p90": 0.25, "p99": 0.25, "n": 1}
-    assert found["pairs_per_s"] == 3.0
+    assert (found.offered, found.accepted, found.late, found.forgotten) == (5, 1, 1, 1)
+    assert (found.blocked, found.broken) == ({"BUSY": 2}, {})
+    assert found.setup_s == Shares(0.25, 0.25, 0.25, 1)
+    assert found.pairs_per_s == 3.0
 
 
 def test_the_load_is_that_of_sessions_by_littles_law() -> None:
     """A session a second, each a quarter of a second without light and two with it."""
     told = [outcome("h1", asked_s=at, setup_s=0.25, ended_s=at + 2.25) for at in range(100)]
     found = summary(told, [])
-    assert found["offered_per_s"] == pytest.approx(100 / 99)
-    assert found["at_a_time"] == 3
-    assert found["carried"] == pytest.approx(100 * 2 / 101.25)
+    assert found.offered_per_s == pytest.approx(100 / 99)
+    assert found.at_a_time == 3
+    assert found.carried == pytest.approx(100 * 2 / 101.25)
 
 
 def test_the_controller_s_record_says_who_waited_and_who_had_light() -> None:
     events = [("queued", 0), ("path_ready", 3), ("torn_down", 7), ("torn_down", 9)]
     record = [{"session": "7", "event": event, "time_ns": at * 10**9} for event, at in events]
     found = light_times(record, scale=2.0)
-    assert (found["queued"], found["waited_s"]["p50"], found["light_s"]) == (1, 1.5, 2.0)
+    assert (found["queued"], found["waited_s"].p50, found["light_s"]) == (1, 1.5, 2.0)
 
 
 def test_a_third_of_the_outcomes_in_each_basis_gives_the_fidelity_of_a_werner_pair() -> None:
     """Halves agree as those of Phi+ with probability (1 + c) / 2, where F = (1 + 3c) / 4."""
     told = outcome("h1", measured=dict.fromkeys("XYZ", 1000), right=dict.fromkeys("XYZ", 900))
     (found,) = fidelity_by_age([told])
-    assert found["fidelity"] == pytest.approx((1 + 3 * 0.8) / 4)
+    assert found.fidelity == pytest.approx((1 + 3 * 0.8) / 4)
     # Var F = (1/4)^2 * 3 * 4 * s (1 - s) / n
-    assert found["standard_error"] == pytest.approx(sqrt(3 / 4 * 0.9 * 0.1 / 1000))
+    assert found.standard_error == pytest.approx(sqrt(3 / 4 * 0.9 * 0.1 / 1000))
 
 
 def test_a_fibre_is_in_use_in_the_direction_of_its_light() -> None:

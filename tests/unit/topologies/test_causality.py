@@ -4,13 +4,13 @@ from collections.abc import Iterator
 
 import pytest
 
+from programs.ways import Ways, shortest
 from topologies.links import causality
 from topologies.links.causality import ways_of_news, worst
 from topologies.links.copper_link import delay_s
 from topologies.system.runs.runtime import Runtime
 from wire.config import QuantumSwitch
 from wire.parameters.fiber import Fiber, FiberEnd
-from wire.ways import Ways, shortest
 
 LIGHT_KM_PER_S = 2.04e5
 

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from mininet.topo import Topo
 
+from programs.ways import shortest
 from topologies.chain import ChainTopo
 from topologies.leaf_spine import LeafSpineTopo
 from topologies.links.copper_lengths import assign_copper_lengths, centre
@@ -17,7 +18,6 @@ from topologies.nodes import ClassicalSwitch, OpticalSwitch, QuantumHost
 from topologies.repeaters import RepeatersTopo
 from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
-from wire.ways import shortest
 
 
 def lengths(topo: Topo) -> dict[str, float]:

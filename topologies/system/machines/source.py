@@ -5,7 +5,7 @@ import sys
 
 from topologies.system.processes.programs import ROOT
 
-FOLDERS = ("wire", "hosts", "topologies")
+FOLDERS = ("wire", "programs", "hosts", "topologies")
 
 
 def fingerprint() -> str:

@@ -3,8 +3,8 @@
     alice: control === pair === target :bob
 
 qmn cli sdc
-qmn> bob python examples/teleported_cnot.py &
-qmn> alice python examples/teleported_cnot.py
+qmn> bob python docs/netqasm/teleported_cnot.py &
+qmn> alice python docs/netqasm/teleported_cnot.py
 
 Controls are 0, 1, + and + in turns, targets 0: both find 0, then 1, then by chance the same
 along Z, and along X.

@@ -8,8 +8,8 @@ from functools import partial
 
 from prometheus_client import CollectorRegistry
 
-from wire.prometheus.metrics import END, MAX_HEAD_BYTES, answer
-from wire.timeouts import METRICS_TIMEOUT_S
+from programs.metrics import END, MAX_HEAD_BYTES, answer
+from programs.timeouts import METRICS_TIMEOUT_S
 
 
 async def serve(listener: socket.socket, registry: CollectorRegistry) -> asyncio.Server:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from programs.custom_class import load_class
 from wire.config import BadConfig
-from wire.custom_class import load_class
 
 SOURCE = """
 class Good:

@@ -8,8 +8,8 @@ import pytest
 from prometheus_client import CollectorRegistry, Counter
 from prometheus_client.parser import text_string_to_metric_families
 
-from wire.prometheus import metrics, metrics_server
-from wire.prometheus.metrics import answer
+from programs import metrics, metrics_server
+from programs.metrics import answer
 
 
 @pytest.fixture

@@ -3,8 +3,8 @@
     alice === bob      pairs Phi+; each half is measured along one of three axes, by chance
 
 qmn cli sdc
-qmn> bob python examples/e91.py &
-qmn> alice python examples/e91.py
+qmn> bob python docs/netqasm/e91.py &
+qmn> alice python docs/netqasm/e91.py
 
 Where both have chosen the same axis the bits are key. The others give S of CHSH: 2 sqrt 2 of
 perfect pairs, less over noise, and no more than 2 if every half was measured on its way.

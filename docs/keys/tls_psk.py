@@ -3,8 +3,8 @@
     alice's key manager -- key, its id -> alice -- id --> bob -- id --> his key manager -- key -->
 
 qmn cli sdc --key-pair alice:bob
-qmn> bob python examples/tls_psk.py &
-qmn> alice python examples/tls_psk.py bob "hello there"
+qmn> bob python docs/keys/tls_psk.py &
+qmn> alice python docs/keys/tls_psk.py bob "hello there"
 
 There is no certificate: who lacks the key cannot finish the handshake. Bob sends each line back
 from its end. Other users of a host can see the key while openssl runs: it is one of its arguments.

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from wire.config_argument import config_path
+from programs.config_argument import config_path
 
 
 @pytest.fixture

@@ -2,8 +2,8 @@
 
     a1 … a6 --- q1 ===== q2 --- b1 … b6
 
-qmn run load --topology examples/trunk.py:Trunk --from a1,a2,a3,a4,a5,a6 --to b1,b2,b3,b4,b5,b6 \\
-    --source own --idle --rate-per-s 10 --holding-s 0.2 --sessions 100
+qmn run load --topology docs/traffic/trunk.py:Trunk --source own --idle \\
+    --from a1,a2,a3,a4,a5,a6 --to b1,b2,b3,b4,b5,b6 --rate-per-s 10 --holding-s 0.2 --sessions 100
 """
 
 from mininet.topo import Topo

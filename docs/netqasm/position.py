@@ -3,9 +3,9 @@
     alice === bob --- charlie      alice and charlie verify where bob is
 
 qmn cli sdc
-qmn> charlie python examples/position.py &
-qmn> bob python examples/position.py &
-qmn> alice python examples/position.py
+qmn> charlie python docs/netqasm/position.py &
+qmn> bob python docs/netqasm/position.py &
+qmn> alice python docs/netqasm/position.py
 
 Alice measures her halves of pairs along Z or X, by chance, and tells charlie in private; bob's
 halves wait in his memory. Charlie tells bob the bases and takes the time until bob's outcomes are
