@@ -10,10 +10,11 @@ from campus import Campus
 
 from qmn.emulated.flapping import dark_spans
 from qmn.emulated.using import session
-from qmn.live.event_sources import RESULT, recorded
+from qmn.live.event_sources import recorded
 from qmn.results.run_folder import make_folder
 from qmn.scripting import QuantumNetwork, start
 from topologies.system.runs.runtime import EVENT_CAPTURE
+from wire.results.run_result import RESULT
 
 ENDS, WAY, SESSIONS = ("alice", "charlie"), ("source", "charlie"), 5
 
@@ -45,6 +46,5 @@ with start(Campus, folder, seed=int(seed)) as network:
     after = sum((shared(network) for _ in range(SESSIONS)), Counter())
     dark = dark_spans(recorded(folder / EVENT_CAPTURE, follow=False), network.runtime.fibers, WAY)
 outage_ns = max(end - begin for begin, end in dark if begin_ns < begin and end < end_ns)
-facts = json.loads((folder / RESULT).read_text())
-facts["found"] = {"before": before, "after": after, "outage_s": outage_ns / 1e9}
-(folder / RESULT).write_text(json.dumps(facts))
+found = {"found": {"before": before, "after": after, "outage_s": outage_ns / 1e9}}
+(folder / RESULT).write_text(json.dumps(json.loads((folder / RESULT).read_text()) | found))

@@ -17,7 +17,7 @@ from qmn.live.controller_console import NoAnswer, wide_console
 from qmn.network.custom_topology import BadTopology
 from qmn.options import BadInput
 from qmn.scripting.network import QuantumNetwork
-from topologies.system.processes.programs import ROOT, NetworkError
+from topologies.system.processes.programs import ROOT, NetworkError, callers_environment
 from wire.parameters.checks import range_words
 
 STATUS = "QMN_STATUS"  # variable in a host's shell: how the last command of a script ended
@@ -129,7 +129,7 @@ class QuantumCLI(CLI):
         """Run a command of this machine's shell, which finds `qmn`.
         Usage: sh COMMAND"""
         path = f"{ROOT / 'bin'}{os.pathsep}{os.environ.get('PATH', os.defpath)}"
-        subprocess.run(line, shell=True, check=False, env={**os.environ, "PATH": path})  # noqa: S602
+        subprocess.run(line, shell=True, check=False, env={**callers_environment(), "PATH": path})  # noqa: S602
 
     def getLocals(self) -> dict[str, Any]:  # noqa: N802 (Mininet's name)
         """Return what `py` sees: `network` as scripts have it, `net`, and every node."""

@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 from qmn.live_view.beside import LiveOptions, begin_page_of_command
 from qmn.live_view.pages import Pages
 from qmn.options import add_options
-from topologies.system.processes.programs import ENVIRONMENT, NetworkError
+from topologies.system.processes.programs import ENVIRONMENT, NetworkError, callers_environment
 
 MODULE = "qmn.scripting.script"
 
@@ -42,7 +42,7 @@ def call(arguments: argparse.Namespace) -> int:
 
 def become(file: Path, words: Sequence[str]) -> NoReturn:
     """Run the script in place of this program."""
-    environment = {**os.environ, "PYTHONPATH": ENVIRONMENT["PYTHONPATH"]}
+    environment = {**callers_environment(), "PYTHONPATH": ENVIRONMENT["PYTHONPATH"]}
     # -P: what is in the folder of the user is found by name only if the script is there, too.
     command = [sys.executable, "-P", "-m", MODULE, str(file), *words]
     os.execve(sys.executable, command, environment)  # noqa: S606

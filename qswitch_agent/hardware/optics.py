@@ -62,15 +62,15 @@ class Condition:
 
 @dataclass(frozen=True)
 class PortReading:
-    """What a port has counted and measures."""
+    """What a port has counted and measures; a power of None is one that it has no reading of."""
 
     photons_in: int = 0  # came from the fibre
     photons_out: int = 0  # went into the fibre
     photons_lost: int = 0  # of those that came in, did not leave anywhere
     tx_mhz: int = 0  # to which the filter for light that leaves is tuned
     rx_mhz: int = 0  # and that for light that comes in
-    tx_dbm: float = 0.0  # launched into the fibre
-    rx_dbm: float = 0.0  # from the fibre
+    tx_dbm: float | None = None  # launched into the fibre
+    rx_dbm: float | None = None  # from the fibre
     bias_ma: float = 0.0
 
 

@@ -237,7 +237,7 @@ class ScpiSwitch:
         not_measured |= set() if sent else {Quantity.TX_POWER}
         return Readings(
             ports={
-                port: PortReading(tx_dbm=sent.get(port, 0.0), rx_dbm=received.get(port, 0.0))
+                port: PortReading(tx_dbm=sent.get(port), rx_dbm=received.get(port))
                 for port in self._ports
             },
             circuits={

@@ -92,17 +92,17 @@ def light(readings: Readings, port: int, whole: bool, grid_mhz: int) -> PortLigh
     """
     reading = readings.ports.get(port)
     missing = set(readings.not_measured) if reading else set(Quantity)
-    if not whole:
-        missing.add(Quantity.RX_POWER)
     reading = reading or PortReading()
-    tx_dbm = optical.DARK if Quantity.TX_POWER in missing else reading.tx_dbm * 10
-    rx_dbm = optical.DARK if Quantity.RX_POWER in missing else reading.rx_dbm * 10
+    tx_dbm = None if Quantity.TX_POWER in missing else reading.tx_dbm
+    rx_dbm = None if Quantity.RX_POWER in missing or not whole else reading.rx_dbm
+    missing |= {Quantity.TX_POWER} if tx_dbm is None else set()
+    missing |= {Quantity.RX_POWER} if rx_dbm is None else set()
     return PortLight(
         sum(bits for quantity, bits in VALID.items() if quantity not in missing),
         *(reading.tx_mhz, 0, grid_mhz),
         *(reading.rx_mhz, 0, grid_mhz),
-        _signed(tx_dbm),
-        _signed(rx_dbm),
+        optical.DARK if tx_dbm is None else _signed(tx_dbm * 10),
+        optical.DARK if rx_dbm is None else _signed(rx_dbm * 10),
         round(max(0.0, min(65535.0, reading.bias_ma * 10))),
         _signed(readings.temperature_c * 10),
     )

@@ -22,9 +22,9 @@ from wire.features import (
     Feature,
     NodeFeatures,
 )
+from wire.outcomes import BELL_STATES
 from wire.parameters.checks import check_choice, check_names, check_number
 
-BELL_STATES = ("Phi+", "Psi+", "Phi-", "Psi-")  # as Bell measurements number them
 ENCODINGS = ("polarization", "time-bin")
 BEAM_SPLITTER = "beam-splitter"
 ANALYSERS = ("complete", "linear", "gates", BEAM_SPLITTER)  # kinds of Bell analysers

@@ -148,3 +148,19 @@ def test_fidelity_beside_traffic_is_that_of_the_supplement() -> None:
         visible *= (coincident - accidental) / (coincident + accidental)
     own = globals_of("coexistence")
     assert own["fidelity"]("o-band", 18.7) == pytest.approx((1 + visible) / 2, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("kind", "decay", "end"), [("dephasing", 2, 7 / 15), ("depolarizing", 4 / 3, 1 / 4)]
+)
+def test_memories_of_sequence_keep_as_much_as_ours_are_given(
+    kind: str, decay: float, end: float
+) -> None:
+    """Of a Werner pair of 0.9: what both waits together leave, in coherence times."""
+    own = globals_of("memories")
+    for waits in (0, 0.05, 0.4, 1.3, 3.0):
+        expected = end + (0.9 - end) * exp(-decay * waits)
+        assert own["fidelity"](kind, waits) == pytest.approx(expected, abs=6e-4)
+    name, time_s = own["OURS"][kind]
+    assert own["T_S"] / time_s == pytest.approx(decay)
+    assert f"alice.memory.{name}={time_s:g} " in own["said"](kind, 1000)

@@ -482,20 +482,23 @@ RX_TUNE, TX_TUNE, TX_PWR, RX_PWR, TX_BIAS, TX_TEMP = 1, 2, 4, 16, 32, 64
 
 
 @pytest.mark.parametrize(
-    ("missing", "cut", "flags"),
+    ("missing", "powers", "cut", "flags"),
     [
-        (set(), False, RX_TUNE | TX_TUNE | TX_PWR | RX_PWR | TX_BIAS | TX_TEMP),
-        ({Quantity.FREQUENCY, Quantity.BIAS, Quantity.TEMPERATURE}, False, TX_PWR | RX_PWR),
-        ({Quantity.TX_POWER}, False, RX_TUNE | TX_TUNE | RX_PWR | TX_BIAS | TX_TEMP),
-        (set(), True, RX_TUNE | TX_TUNE | TX_PWR | TX_BIAS | TX_TEMP),
+        (set(), (0, 0), False, RX_TUNE | TX_TUNE | TX_PWR | RX_PWR | TX_BIAS | TX_TEMP),
+        ({Quantity.FREQUENCY, Quantity.BIAS, Quantity.TEMPERATURE}, (0, 0), False, TX_PWR | RX_PWR),
+        ({Quantity.TX_POWER}, (0, 0), False, RX_TUNE | TX_TUNE | RX_PWR | TX_BIAS | TX_TEMP),
+        (set(), (0, 0), True, RX_TUNE | TX_TUNE | TX_PWR | TX_BIAS | TX_TEMP),
+        (set(), (0,), False, RX_TUNE | TX_TUNE | TX_PWR | TX_BIAS | TX_TEMP),
+        (set(), (), False, RX_TUNE | TX_TUNE | TX_BIAS | TX_TEMP),
     ],
+    ids=["all", "powers", "received", "cut", "none received yet", "no power"],
 )
 def test_flags_of_statistics_say_what_is_measured(
-    missing: set[Quantity], cut: bool, flags: int
+    missing: set[Quantity], powers: tuple[float, ...], cut: bool, flags: int
 ) -> None:
     async def scene() -> None:
         async with stage() as now:
-            reading = PortReading(5, 6, 7, 193_400_000, 193_450_000)
+            reading = PortReading(5, 6, 7, 193_400_000, 193_450_000, *powers)
             now.optics.readings = Readings({1: reading}, not_measured=frozenset(missing))
             if cut:
                 now.switch._channels.update([of.port(1, state=ofp.OFPPS_LINK_DOWN)])

@@ -1,11 +1,16 @@
 """The parameters of kinds of nodes, and what no node is made of."""
 
+import shlex
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from topologies.nodes import OpticalSwitch, QuantumHost
+from topologies.system.confinement import confinement
+from topologies.system.confinement.confinement import ConfinedNode
+from topologies.system.machines.node import NodeElsewhere
 from topologies.system.runs import runtime
 from topologies.system.runs.runtime import Runtime
 from wire.parameters.physics import (
@@ -80,3 +85,29 @@ def test_parts_of_a_hosts_hardware_replace_those_of_its_device(
         BellAnalyser("linear"),
         Gates("paulis"),
     )
+
+
+@pytest.mark.parametrize("kind", [ConfinedNode, NodeElsewhere])
+def test_root_of_a_host_without_a_user_namespace_cannot_take_limits_off(
+    kind: type[ConfinedNode | NodeElsewhere], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who has SYS_RESOURCE raises hard limits: capabilities(7)."""
+    told: list[str] = []
+    machine = SimpleNamespace(root="/qmn", ask=lambda *_, **__: None, put=lambda *_: None)
+    node: Any = SimpleNamespace(
+        name="bob",
+        machine=machine,
+        write=told.append,
+        await_shell=lambda *_: None,
+        shell=SimpleNamespace(pid=1),
+        _user=None,
+        _admit=lambda _pid: None,
+    )
+    monkeypatch.setattr(confinement, "children", lambda _pid: [2])
+    monkeypatch.setattr(
+        "topologies.system.confinement.confinement.MemoryGroup.of_host", lambda *_: None
+    )
+    kind.confine(node, [], [], tmp_path / "fstab", 64)
+    words = shlex.split(told[0])
+    given_up = words[words.index("bob") + 2].split(",")
+    assert {"-sys_admin", "-sys_resource", "-dac_read_search", "-sys_module"} <= set(given_up)

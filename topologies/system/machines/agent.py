@@ -29,7 +29,13 @@ from topologies.system.machines.relays import Stream, join
 from topologies.system.machines.source import fingerprint
 from topologies.system.machines.tunnel import TunnelEnd
 from topologies.system.processes.owners import mark
-from topologies.system.processes.programs import ENVIRONMENT, ROOT, NetworkError, python
+from topologies.system.processes.programs import (
+    ENVIRONMENT,
+    ROOT,
+    NetworkError,
+    callers_environment,
+    python,
+)
 from topologies.system.processes.shells import LOCAL_FLAGS
 from topologies.timeouts import AGENT_CONNECT_TIMEOUT_S
 from wire.machine_channel import MOST_BODY_BYTES, Header, encode, receive
@@ -125,6 +131,7 @@ class Agent:
         """Start a program; what it says, and how it ends, follows."""
         words = [python(), *header["command"]] if header["python"] else header["command"]
         within = ["mnexec", "-a", str(header["pid"])] if header["pid"] else []
+        own = ENVIRONMENT if header["python"] else {}
         number, ours = header["ask"], None
         ends: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE}
         if header["terminal"]:
@@ -136,7 +143,7 @@ class Agent:
             **ends,
             stderr=subprocess.STDOUT,
             cwd=ROOT,
-            env={**os.environ, **ENVIRONMENT, **mark(), **header["environment"]},
+            env={**callers_environment(), **own, **mark(), **header["environment"]},
             start_new_session=True,
         )
         if ours is not None:

@@ -9,14 +9,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from topologies.system.confinement.confinement import APART, fstab
+from topologies.system.confinement.confinement import APART, GIVEN_UP, fstab
 from topologies.system.kernel.memory_share import KIB, MIB
 from topologies.system.machines.machine import NOWHERE, Machine, ProcessElsewhere
 from topologies.system.processes.programs import NetworkError
 from topologies.system.processes.shells import PROMPT
 from topologies.timeouts import COMMAND_TIMEOUT_S, END_TIMEOUT_S
-
-GIVEN_UP = "-sys_admin,-dac_read_search,-sys_module,-sys_rawio,-sys_boot,-perfmon"
 
 
 class NodeElsewhere:

@@ -15,7 +15,7 @@ from topologies.system.kernel import packet_sockets
 from topologies.system.kernel.interfaces import TUN
 from topologies.system.processes import owners
 from topologies.system.processes.owners import Owner
-from topologies.system.processes.programs import ENVIRONMENT, NetworkError
+from topologies.system.processes.programs import NetworkError, callers_environment
 from topologies.system.runs.runtime import RUNTIME_ROOT
 from topologies.timeouts import (
     INTERFACE_S,
@@ -189,7 +189,6 @@ def start(owner: str) -> None:
         _let_go_on()
     else:
         _refuse_half(daemons())
-    inherited = {name: text for name, text in os.environ.items() if name not in ENVIRONMENT}
     deadline = time.monotonic() + OPENVSWITCH_TIMEOUT_S
     # ovs-ctl takes a daemon that is just ending for one that runs, and stands in the way of a
     # monitor that starts one again.
@@ -204,7 +203,7 @@ def start(owner: str) -> None:
             *(CONTROL, "start", "--system-id=random"),
             timeout_s=OPENVSWITCH_TIMEOUT_S,
             check=_refuse_stopped,
-            environment={**inherited, **FAST_MEMORY, STARTER: owner},
+            environment={**callers_environment(), **FAST_MEMORY, STARTER: owner},
         )
     _note_starter(owner)
 

@@ -23,6 +23,7 @@ ENVIRONMENT = {
         if not line.startswith("#")
     ),
 }
+CALLER = "QMN_CALLER"  # in the environment that bin/qmn has made of its caller's
 # The kernel ends it with the runner; if that has ended before it asked for this, it ends itself.
 UNLESS_ORPHANED = '[ "$PPID" = "$0" ] && exec "$@"'
 WITH_RUNNER = ("setpriv", "--pdeathsig", "TERM", "sh", "-c", UNLESS_ORPHANED)
@@ -30,6 +31,19 @@ TRACEBACK = "Traceback (most recent call last)"
 FRAME = re.compile(r"^[ |]*[|+][-+ |]*(\d+ -+)?(?=\S|$)")  # around errors of a group
 ERROR = re.compile(r"[A-Za-z_][\w.]*(:|$)")
 WELL = ("ready", "listening")
+
+
+def callers_environment() -> dict[str, str]:
+    """Return the environment of who called `qmn`: for what people start, which is not ours.
+
+    bin/qmn sets that of our programs, and keeps what its caller has set of it.
+    """
+    if CALLER not in os.environ:
+        return dict(os.environ)
+    kept = f"{CALLER}_"
+    ours = {name for name in os.environ if name == CALLER or name.startswith(kept)}
+    others = {name: os.environ[name] for name in os.environ.keys() - ENVIRONMENT.keys() - ours}
+    return {**others, **{name.removeprefix(kept): os.environ[name] for name in ours - {CALLER}}}
 
 
 class NetworkError(Exception):

@@ -15,11 +15,12 @@ from typing import Any
 from mininet.log import warn
 
 from topologies.system.processes.owners import mark, owner
-from topologies.system.processes.programs import NetworkError
+from topologies.system.processes.programs import NetworkError, callers_environment
 from topologies.timeouts import COMMAND_TIMEOUT_S, END_TIMEOUT_S, SHELL_POLL_MS, SHELL_TIMEOUT_S
 
 PROMPT = chr(127)  # Mininet's
-QUIETLY = "unset HISTFILE; set +m\n"  # what a shell is told first
+# What a shell is told first. What it prints would end where a program prints the prompt.
+QUIETLY = "unset HISTFILE; export -n PS1; set +m\n"
 PROMPTS = 2  # of a new shell: this one comes after it
 NEEDED = ("mnexec", "ifconfig", "bash")
 LOCAL_FLAGS = 3  # of the settings of a terminal
@@ -87,7 +88,7 @@ class ShellWatcher:
             stdin=self.slave,
             stdout=self.slave,
             stderr=self.slave,
-            env={**os.environ, **self.environment(), "PS1": PROMPT, **mark()},
+            env={**callers_environment(), **self.environment(), "PS1": PROMPT, **mark()},
             start_new_session=True,
             pass_fds=descriptors,
         )
@@ -110,7 +111,7 @@ class ShellWatcher:
         self._await_prompts()
 
     def environment(self) -> dict[str, str]:
-        """Return what is in the environment of the shell beside that of this process."""
+        """Return what is in the environment of the shell beside that of the caller of `qmn`."""
         return {}
 
     def _await_prompts(self) -> None:
