@@ -73,7 +73,7 @@ def findings(runs: Runs) -> Sequence[Finding]:
             there = THERE[chart] if name == "paper" else None
             errors = (FIDELITY_ERROR, unsure(chart)) if there else (0.0, 0.0)
             found.append(Finding(chart, CHARTS[chart][2], each, there, fidelity, *errors))
-    pairs, s = runs["ions-z"].result["asking"], told(runs["ions"])[0]
+    pairs, s = runs["ions-z"].result["job"]["asking"], told(runs["ions"])[0]
     in_z = pairs["states"] // 2
     qber = proportion(round((1 - pairs["equal_in_z"]) * in_z), in_z)
     f = Estimate(pairs["fidelity"], pairs["fidelity_error"])
