@@ -5,6 +5,7 @@ when they are asked for nor on how the block was divided. Rare events cost only 
 are of them.
 """
 
+from math import erfc, sqrt
 from typing import Protocol
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 RARE = 1 / 32  # below, gaps between events are drawn instead of a byte for each photon
 STEPS = 256  # of a byte
+TAIL = 1.0  # standard deviations, from which on a tail is drawn by itself
 
 
 class Source(Protocol):
@@ -46,6 +48,23 @@ class PhotonRandom:
     def normal(self, purpose: str) -> NDArray[np.float64]:
         """Return a number of mean 0 and variance 1 for each photon, shape (k,)."""
         return self.generator(purpose).standard_normal(self.photons)
+
+    def outliers(self, purpose: str, least: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return of which photons a number as in `normal` is at least so far from 0, and it.
+
+        Those of others are not drawn. Marsaglia, Technometrics 6, 101 (1964), for the tail.
+        """
+        if least < TAIL:
+            numbers = self.normal(purpose)
+            found = np.flatnonzero(np.abs(numbers) >= least)
+            return found, numbers[found]
+        found = self.events(f"{purpose}, far", erfc(least / sqrt(2)))
+        generator, far = self.generator(purpose), np.zeros(0)
+        while far.size < found.size:
+            tried = np.sqrt(least**2 + 2 * generator.standard_exponential(found.size + 8))
+            far = np.append(far, tried[generator.random(tried.size) * tried < least])
+        signs = generator.integers(0, 2, found.size) * 2 - 1
+        return found, far[: found.size] * signs
 
     def events(self, purpose: str, probability: float) -> NDArray[np.int64]:
         """Return to which photons something of this probability happens, ascending."""

@@ -1,6 +1,6 @@
 """The seal on a host's LLDP: proof of who announces a fibre.
 
-It is the last TLV of ours in a frame, behind the OUI of wire.features:
+It is the last TLV of ours in a frame (wire.lldp):
 
     +---------+--------+----------------+
     | subtype | number | HMAC, 16 bytes |   u8, u64; network byte order
@@ -18,7 +18,6 @@ import struct
 
 from wire.metadata import MalformedPacket
 
-SUBTYPE = 3
 SPEAKER = b"fibre"  # no datagram or verdict under the same key begins so
 TAG_BYTES = 16
 PERIOD_S = 5.0  # between two announcements on a fibre, of a small network

@@ -1,6 +1,6 @@
 """Logical features: what a node can do, whatever it is made of (paper, section "Middleware").
 
-A host announces them by LLDP (IEEE 802.1AB), in an organizationally specific TLV behind its OUI:
+A host announces them by LLDP, in an organizationally specific TLV of ours (wire.lldp):
 
     +---------+----------+---------------+
     | subtype | features | memory_qubits |   u8, u8 (Feature), u32; network byte order
@@ -13,8 +13,6 @@ from enum import Flag
 
 from wire.metadata import MalformedPacket
 
-OUI = b"\x02QM"  # locally administered
-SUBTYPE = 2  # of ours; 1 is the seal on what switches say
 _FIELDS = struct.Struct("!BI")
 
 

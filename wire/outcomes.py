@@ -1,4 +1,4 @@
-"""Numbers of outcomes, bases and Pauli operators in messages that have one for each qubit."""
+"""Outcomes, bases, Pauli operators and Bell states: their numbers in messages, and their names."""
 
 from wire.metadata import Pauli
 
@@ -7,3 +7,5 @@ NO_COINCIDENCE = NO_CLICK  # in place of a Bell state
 BASES = ("Z", "X", "Y", "Z+X", "Z-X")  # by number, as in MeasureRequest of wire/dispatcher.proto
 PAULI_BASES = 3  # the first of these; the others lie halfway between Z and X, or Z and -X
 PAULIS = tuple(pauli.name for pauli in Pauli)  # names by number
+ERRORS = PAULIS[1:]  # those that change a qubit
+BELL_STATES = ("Phi+", "Psi+", "Phi-", "Psi-")  # by number, that of the Pauli that Phi+ has met

@@ -8,7 +8,6 @@ remains: a host with fibres to two switches that has not announced itself can ca
 messages from one to the other, both ways, and so pose as the fibre that it could be.
 """
 
-import struct
 from dataclasses import dataclass, replace
 from hashlib import blake2b
 from hmac import compare_digest
@@ -19,15 +18,21 @@ from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import HostPort
 from controller_apps.openflow.framework import lldp
 from controller_apps.timeouts import LINK_TTL_S
-from wire.announcement import SUBTYPE as HOST_SEAL
-from wire.features import OUI, SUBTYPE, NodeFeatures
+from wire.features import NodeFeatures
+from wire.lldp import (
+    FEATURES,
+    HOST_SEAL,
+    IPV4,
+    LOCALLY_ASSIGNED,
+    OUI,
+    PORT_COMPONENT,
+    SWITCH_PORT,
+    SWITCH_PREFIX,
+    SWITCH_SEAL,
+)
+from wire.lldp import switch_message as message_of
 from wire.metadata import MalformedPacket
 
-IPV4_ADDRESS = 1  # IANA address family number
-MULTICAST = bytes.fromhex("0180c200000e")
-SWITCH_PREFIX = b"dpid:"
-PORT = struct.Struct("!I")
-SEAL = 1  # our subtype
 SEAL_LENGTH = 16
 
 
@@ -75,7 +80,7 @@ def _host(chassis: Any, port: Any, ttl: Any, tlvs: list[Any]) -> Announcement:
         bytes(tlv.addr)
         for tlv in tlvs
         if tlv.tlv_type == lldp.LLDP_TLV_MANAGEMENT_ADDRESS
-        and tlv.addr_subtype == IPV4_ADDRESS
+        and tlv.addr_subtype == IPV4
         and len(tlv.addr) == 4
     ]
     if not addresses:
@@ -98,7 +103,7 @@ def _sealed(data: bytes, tlvs: list[Any]) -> tuple[bytes, bytes]:
 
 def _node_features(tlvs: list[Any]) -> NodeFeatures | None:
     """Return what a host says that it can do; None if it says nothing of it."""
-    told = _ours(tlvs, SUBTYPE)
+    told = _ours(tlvs, FEATURES)
     if len(told) > 1:
         raise MalformedPacket(f"LLDP that tells {len(told)} times what a host can do")
     return NodeFeatures.decode(told[0]) if told else None
@@ -120,16 +125,16 @@ def _switch(chassis: Any, port: Any, tlvs: list[Any]) -> SwitchSaid:
         dpid = int.from_bytes(bytes.fromhex(digits.decode("ascii")), "big")
     except ValueError as error:
         raise MalformedPacket(f"LLDP of a switch with datapath id {digits!r}") from error
-    if len(digits) != 16 or len(number) != PORT.size:
+    if len(digits) != 16 or len(number) != SWITCH_PORT.size:
         raise MalformedPacket(f"LLDP of switch {digits!r} with port id {number!r}")
-    if port.subtype != lldp.PortID.SUB_PORT_COMPONENT:
+    if port.subtype != PORT_COMPONENT:
         raise MalformedPacket(f"LLDP of switch {digits!r} with port subtype {port.subtype}")
-    seals = _ours(tlvs, SEAL)
-    return SwitchSaid(SwitchPort(dpid, *PORT.unpack(number)), seals[0] if seals else b"")
+    seals = _ours(tlvs, SWITCH_SEAL)
+    return SwitchSaid(SwitchPort(dpid, *SWITCH_PORT.unpack(number)), seals[0] if seals else b"")
 
 
 def _name(subtype: int, value: bytes) -> str:
-    if subtype != lldp.ChassisID.SUB_LOCALLY_ASSIGNED:  # 7, for ports as well
+    if subtype != LOCALLY_ASSIGNED:
         raise MalformedPacket(f"LLDP identifier of subtype {subtype}, 7 is understood")
     try:
         name = bytes(value).decode("ascii")
@@ -142,15 +147,7 @@ def _name(subtype: int, value: bytes) -> str:
 
 def switch_message(at: SwitchPort, address: bytes, key: bytes) -> bytes:
     """Return the frame to be sent out of a port whose hardware address is given."""
-    tlvs = (
-        (lldp.LLDP_TLV_CHASSIS_ID, b"\x07" + SWITCH_PREFIX + b"%016x" % at.dpid),
-        (lldp.LLDP_TLV_PORT_ID, b"\x02" + PORT.pack(at.port)),
-        (lldp.LLDP_TLV_TTL, LINK_TTL_S.to_bytes(2, "big")),
-        (lldp.LLDP_TLV_ORGANIZATIONALLY_SPECIFIC, OUI + bytes([SEAL]) + seal(at, key)),
-        (lldp.LLDP_TLV_END, b""),
-    )
-    body = b"".join(struct.pack("!H", kind << 9 | len(value)) + value for kind, value in tlvs)
-    return MULTICAST + address + b"\x88\xcc" + body
+    return message_of(at.dpid, at.port, address, LINK_TTL_S, seal(at, key))
 
 
 def seal(at: SwitchPort, key: bytes) -> bytes:

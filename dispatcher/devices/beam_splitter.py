@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dispatcher.devices.detectors import Bits, Detection, Told, hide
-from wire.parameters.physics import BELL_STATES
+from wire.outcomes import BELL_STATES
 
 MODES = 4  # c H, c V, d H, d V
 PSI_PLUS, PSI_MINUS = BELL_STATES.index("Psi+"), BELL_STATES.index("Psi-")

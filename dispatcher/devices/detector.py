@@ -114,9 +114,9 @@ class Detector:
         return found
 
     def _remember(self, seen: Mask, afterpulses: Slots, train: Train) -> None:
-        clicked = np.flatnonzero(seen)
-        if clicked.size:
-            self._last_ns = max(self._last_ns or 0, train.time_ns(clicked[-1]))
+        before_end = int(seen[::-1].argmax())
+        if seen[train.count - 1 - before_end]:
+            self._last_ns = max(self._last_ns or 0, train.time_ns(train.count - 1 - before_end))
         to_come = afterpulses[afterpulses > train.count - 0.5] * train.interval_ns
         fresh = train.start_ns + to_come.astype(np.int64)
         kept = self._to_come_ns[self._to_come_ns >= train.time_ns(train.count)]

@@ -124,18 +124,39 @@ class DetectorPair:
         random: PhotonRandom,
     ) -> Mask:
         """Return in which slots clicks of light are counted; those between two gates are not."""
-        slots = np.flatnonzero(clicks)
-        moved_ps = random.generator("jitter").standard_normal(slots.size) * self._like.jitter_ps
-        if late_ps is not None:
-            moved_ps += late_ps[slots]
-        interval_ps = train.interval_ns * 1e3
+        half_ps, interval_ps = self._like.gate_s * 5e11, train.interval_ns * 1e3
+        stays_ps = min(half_ps, interval_ps / 2) if interval_ps else half_ps
+        slots, moved_ps = self._far(clicks, late_ps, stays_ps, random)
         steps = np.rint(moved_ps / interval_ps) if interval_ps else np.zeros(slots.size)
         off_ps = np.abs(moved_ps - steps * interval_ps)
         places = slots + steps.astype(np.int64)
-        kept = (off_ps <= self._like.gate_s * 5e11) & (places >= 0) & (places < clicks.size)
-        found = np.zeros(clicks.size, dtype=bool)
+        kept = (off_ps <= half_ps) & (places >= 0) & (places < clicks.size)
+        found = clicks.copy()
+        found[slots] = False
         found[places[kept]] = True
         return found
+
+    def _far(
+        self,
+        clicks: Mask,
+        late_ps: NDArray[np.float64] | None,
+        stays_ps: float,
+        random: PhotonRandom,
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return clicks that may be off by more than so much, in order, and by how much they are.
+
+        Of all others nothing is drawn: they are less off than the least that may bring one there.
+        """
+        jitter_ps = self._like.jitter_ps
+        if not jitter_ps:
+            assert late_ps is not None
+            slots = np.flatnonzero(clicks & (np.abs(late_ps) > stays_ps))
+            return slots, late_ps[slots]
+        latest_ps = 0.0 if late_ps is None else float(np.abs(late_ps).max(initial=0.0))
+        slots, off = random.outliers("jitter", max(stays_ps - latest_ps, 0.0) / jitter_ps)
+        there = clicks[slots]
+        slots, moved_ps = slots[there], off[there] * jitter_ps
+        return slots, moved_ps if late_ps is None else moved_ps + late_ps[slots]
 
     def _add_further(self, light: list[Mask], further: Told, random: PhotonRandom) -> None:
         """Draw the clicks of further photons, each in the detector of its bit."""

@@ -33,6 +33,7 @@ from dispatcher.sabot.draws import Draws
 from dispatcher.sabot.registers import Mask, Register
 from dispatcher.sabot.simulation import Simulation
 from wire.features import ABSORB, STORE
+from wire.outcomes import ERRORS
 from wire.parameters.fiber import SPEED_IN_FIBER_M_PER_S
 from wire.parameters.physics import BellAnalyser, Memory
 
@@ -268,7 +269,7 @@ class Memories:
                 some = np.flatnonzero(met)
                 paulis[some] = 1 + _which(decay(memory, waits.of(some)), random)
                 tally = np.bincount(paulis[some], minlength=4)
-                counts |= {name: int(tally[i]) for i, name in enumerate(("X", "Z", "XZ"), 1)}
+                counts |= {name: int(tally[i]) for i, name in enumerate(ERRORS, 1)}
             else:
                 counts["Z"] = int(np.count_nonzero(met))
             self._sabot.explain(block.register, f"decay in the memory of {block.node}", paulis)

@@ -10,7 +10,8 @@ from dispatcher.layer.ownership import Block, Further
 from dispatcher.operations.preparation import prepare
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.backend import Bytes
-from wire.parameters.physics import BELL_STATES, PairSource
+from wire.outcomes import BELL_STATES
+from wire.parameters.physics import PairSource
 
 PAIRS = ("none", "1", "2", "more")
 

@@ -28,7 +28,7 @@ from dispatcher.refusal import Refusal, exhausted, invalid, precondition
 from dispatcher.sabot.limits import require_count
 from wire.dispatcher_pb2 import Feedback, HeraldRequest
 from wire.features import HERALD, INTERFERE
-from wire.parameters.physics import BELL_STATES
+from wire.outcomes import BELL_STATES
 
 MAX_OFFERS = 10_000
 # What each half is in where there is no entanglement, by kind; shape (kinds, 2).

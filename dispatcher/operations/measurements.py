@@ -24,9 +24,9 @@ from dispatcher.sabot.registers import Mask
 from wire import dibits
 from wire.dispatcher_pb2 import Feedback, MeasureRequest
 from wire.features import MEASURE
-from wire.outcomes import BASES, NO_CLICK, PAULI_BASES
+from wire.outcomes import BASES, BELL_STATES, NO_CLICK, PAULI_BASES
 from wire.parameters.fiber import SPEED_IN_FIBER_M_PER_S
-from wire.parameters.physics import BEAM_SPLITTER, BELL_STATES, BellAnalyser
+from wire.parameters.physics import BEAM_SPLITTER, BellAnalyser
 
 
 class Measurements:

@@ -18,6 +18,7 @@ from wire.config import FiberEnd
 from wire.dispatcher_pb2 import Feedback
 from wire.features import EMIT
 from wire.optical import DEFAULT_FREQUENCY_MHZ
+from wire.outcomes import ERRORS
 
 TURNS_OF_SENDER = 3  # of the event loop, from the end of a flight to the sender's answer
 
@@ -174,7 +175,7 @@ class Transport:
         block.first_ns = arrival.schedule.time_ns(first)
         block.last_ns = arrival.schedule.time_ns(last)
         end = arrival.end
-        counts = zip(("X", "Z", "XZ"), arrival.errors, strict=True)
+        counts = zip(ERRORS, arrival.errors, strict=True)
         noise = " ".join(f"{pauli}={count}" for pauli, count in counts if count)
         detail = f"noise: {noise}" if noise else ""
         layer.record(end.node, "arrive", block, end.port, detail, block.last_ns)

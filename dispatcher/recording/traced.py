@@ -15,7 +15,7 @@ from dispatcher.sabot.gates import ROTATIONS
 from dispatcher.sabot.kraus import Operators
 from dispatcher.sabot.registers import Mask, Pick, Register
 from dispatcher.sabot.simulation import Simulation
-from wire.outcomes import NO_CLICK
+from wire.outcomes import BELL_STATES, NO_CLICK
 from wire.outcomes import PAULIS as PAULI_NAMES
 
 # As the file writes Paulis, bases and gates. XZ is Z first; its phase cannot be seen.
@@ -31,7 +31,6 @@ GATES: dict[GateName, str] = {
 }
 DIFFERS = "what is found of them later may differ"
 UNWRITTEN = f"with a photon that is not written: {DIFFERS}"
-BELL_STATES = ("Phi+", "Psi+", "Phi-", "Psi-")
 
 
 class TracedSabot:

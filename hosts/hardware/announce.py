@@ -5,11 +5,11 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 
-from hosts.hardware.lldp import announcement
 from hosts.network_loop import wall_sleep
 from hosts.timeouts import ANNOUNCEMENTS_HELD, FASTEST_ANNOUNCEMENTS_S, SLOWER
 from wire.announcement import PERIOD_S
 from wire.config import HostConfig
+from wire.lldp import announcement
 
 
 async def announce(config: HostConfig, found: Callable[[], bool]) -> None:

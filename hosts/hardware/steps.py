@@ -18,9 +18,10 @@ from wire.dispatcher_pb2 import (
     Step,
     StoreRequest,
 )
+from wire.metadata import Pauli
 
 GATES = frozenset(kind for kind in Kind if kind.value in Gate.Name.DESCRIPTOR.values_by_name)
-PAULIS = {Kind.X: b"\1", Kind.Z: b"\2", Kind.Y: b"\3"}
+PAULIS = {Kind.X: Pauli.X, Kind.Z: Pauli.Z, Kind.Y: Pauli.XZ}
 MAX_GATES = 256  # in one step
 IN_Z = bytes([MeasureRequest.Z])
 
@@ -74,7 +75,7 @@ def _step(operation: Operation) -> Step:
         case Kind.DISCARD:
             return Step(discard=DiscardRequest(block=block))
         case pauli:
-            return Step(apply=ApplyRequest(block=block, paulis=PAULIS[pauli]))
+            return Step(apply=ApplyRequest(block=block, paulis=bytes([PAULIS[pauli]])))
 
 
 def _id(block: BlockName) -> BlockId:

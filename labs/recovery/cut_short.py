@@ -45,6 +45,5 @@ with start(Campus, folder, seed=int(seed)) as network:
     after = sum((shared(network) for _ in range(SESSIONS)), Counter())
     dark = dark_spans(recorded(folder / EVENT_CAPTURE, follow=False), network.runtime.fibers, WAY)
 outage_ns = max(end - begin for begin, end in dark if begin_ns < begin and end < end_ns)
-facts = json.loads((folder / RESULT).read_text())
-facts["found"] = {"before": before, "after": after, "outage_s": outage_ns / 1e9}
-(folder / RESULT).write_text(json.dumps(facts))
+found = {"found": {"before": before, "after": after, "outage_s": outage_ns / 1e9}}
+(folder / RESULT).write_text(json.dumps(json.loads((folder / RESULT).read_text()) | found))

@@ -24,9 +24,9 @@ from types import FrameType
 from scapy.layers.inet import IP, TCP
 from scapy.layers.l2 import ARP, Ether
 
-from hosts.hardware.lldp import ETHER_TYPE, announcement
 from qmn.timeouts import LIE_PERIOD_S, TOLD_TIMEOUT_S
 from wire.features import EVERYTHING, NodeFeatures
+from wire.lldp import ETHER_TYPE, announcement
 from wire.metadata import METADATA_PORT, Service, Setup
 
 BEFORE_TOLD = 20  # lies, more than a kernel overhears because it has asked a second ago

@@ -123,7 +123,7 @@ def running_network(context: RunContext, facts: RunResult) -> Iterator[Network]:
     """Run a network with its captures, on the machines that are asked for; add to the facts."""
     hosts, check = context.network.hosts, context.signals.check
     with (
-        machines_of(context.options, hosts, check) as places,
+        machines_of(context.options, hosts, context.folder, check) as places,
         _running(context, facts, places) as network,
     ):
         yield network

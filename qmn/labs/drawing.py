@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from qmn.labs.lab import Chart, Finding
+from qmn.labs.lab import Chart, Finding, Published
 from qmn.sweeps.estimates import Estimate
 from qmn.sweeps.experiment import Measure
 from qmn.sweeps.figure import Mark, Picture, Point, draw
@@ -40,7 +40,10 @@ def draw_several(
 
 
 def picture(chart: Chart, findings: Sequence[Finding]) -> Picture:
-    """Return what a chart shows of its findings; a closed form is the line, and no star."""
+    """Return what a chart shows of its findings; a closed form is the line, and no star.
+
+    A published range is as long a bar.
+    """
     places = [(each, each.at) for each in findings if each.at is not None]
     theory = chart.theory
 
@@ -54,8 +57,13 @@ def picture(chart: Chart, findings: Sequence[Finding]) -> Picture:
         Measure(chart.name, chart.y, expected, chart.logarithmic),
         [(chart.ours, [({X: at}, each.ours) for each, at in places])],
         [
-            Mark(at, each.published.value, each.published.error, chart.theirs, each.at_error)
+            Mark(at, each.published.value, _bar(each.published), chart.theirs, each.at_error)
             for each, at in places
-            if each.published is not None and each.published.error > 0
+            if each.published is not None and _bar(each.published)
         ],
     )
+
+
+def _bar(published: Published) -> float:
+    """Return how far a published number may be from what is printed."""
+    return published.half_range + published.error

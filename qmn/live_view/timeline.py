@@ -4,8 +4,6 @@ A message is an object of JSON with `t` (seconds since the origin) and `what`: a
 dispatcher, a fact of the controller's record, an act of the live view, the state of devices.
 """
 
-from collections import deque
-from itertools import islice
 from threading import Lock
 from typing import Any
 
@@ -20,15 +18,21 @@ class Timeline:
         """Begin empty; the origin is on the clock of the captures."""
         self.origin_ns = origin_ns
         self.ended = False  # whether nothing comes any more
-        self._messages: deque[Message] = deque(maxlen=most)
+        # Number n is at n % most: readers get what is new without passing all that is old.
+        self._messages: list[Message] = []
+        self._most = most
         self._count = 0  # of all that have ever come
         self._lock = Lock()
 
     def add(self, what: str, time_ns: int, fields: dict[str, Any]) -> None:
         """Append a message."""
         seconds = round((time_ns - self.origin_ns) / 1e9, 9)
+        message = {"t": seconds, "what": what, **fields}
         with self._lock:
-            self._messages.append({"t": seconds, "what": what, **fields})
+            if self._count < self._most:
+                self._messages.append(message)
+            else:
+                self._messages[self._count % self._most] = message
             self._count += 1
 
     def after(self, position: int, most: int) -> tuple[list[Message], int, int]:
@@ -39,5 +43,6 @@ class Timeline:
         with self._lock:
             first = self._count - len(self._messages)
             begin = min(max(position, first), self._count)
-            found = list(islice(self._messages, begin - first, begin - first + most))
-        return found, begin + len(found), max(first - position, 0)
+            end = min(begin + most, self._count)
+            found = [self._messages[number % self._most] for number in range(begin, end)]
+        return found, end, max(first - position, 0)

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
+from pathlib import Path
 
 from qmn.results.run_result import MachineFacts
 from topologies.system.machines.machine import Machine
@@ -32,16 +33,20 @@ MACHINES = tuple(each.name for each in fields(MachineOptions))
 
 @contextmanager
 def machines_of(
-    asked: MachineOptions, hosts: Sequence[str], check: Callable[[], None]
+    asked: MachineOptions, hosts: Sequence[str], folder: Path | None, check: Callable[[], None]
 ) -> Iterator[dict[str, Machine]]:
-    """Give the machine of each host that is not on this one; `check` may raise meanwhile."""
+    """Give the machine of each host that is not on this one; `check` may raise meanwhile.
+
+    In the folder of the run, if it has one, is the key log of what goes between the machines.
+    """
     if asked.machines == 1 and not asked.place:
         yield {}
         return
     # Dask takes a second to load: who has one machine does not wait for it.
     from qmn.machines.workers import on_machines
 
-    with on_machines(asked.machines, asked.place, asked.scheduler, hosts, check) as places:
+    where = asked.machines, asked.place, asked.scheduler, hosts
+    with on_machines(*where, folder, check) as places:
         yield places
 
 

@@ -7,6 +7,7 @@ import os
 import subprocess
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import dask
@@ -61,6 +62,7 @@ def on_machines(
     placed: Sequence[str],
     scheduler: str,
     hosts: Sequence[str],
+    folder: Path | None,
     check: Callable[[], None],
 ) -> Iterator[dict[str, Machine]]:
     """Give the machine of each host that is not on the first one, until this context ends.
@@ -82,7 +84,7 @@ def on_machines(
             begun[name] = runner
 
         try:
-            with gathered(used, begin, check) as machines:
+            with gathered(used, begin, folder, check) as machines:
                 yield {host: machines[name] for host, name in where.items()}
         finally:
             there = client.scheduler_info(n_workers=-1)["workers"]

@@ -235,7 +235,7 @@ def running(
         Signals() as signals,
         given_at_the_end(options.keys),
         artifacts_of(options, folder) as facts,
-        machines_of(where, description.hosts, signals.check) as places,
+        machines_of(where, description.hosts, folder, signals.check) as places,
     ):
         facts.time_scale, facts.time_scale_because = chosen.scale, chosen.reason or None
         runtime = settings(options, folder, chosen.scale)

@@ -4,7 +4,7 @@ import asyncio
 
 from qmn.sweeps.bell_measurements import CHSH, DELAY_LINE
 from qmn.sweeps.classical_light import CLASSICAL_LIGHT
-from qmn.sweeps.conference import CONFERENCE
+from qmn.sweeps.conference import CONFERENCE, FAR_CONFERENCE
 from qmn.sweeps.contention import LIGHT
 from qmn.sweeps.cutoff import CUTOFF_TIMES
 from qmn.sweeps.decoy_states import DECOY_STATES
@@ -26,6 +26,7 @@ from qmn.sweeps.photon_splitting import PHOTON_SPLITTING
 from qmn.sweeps.polarization import MODES, POLARIZATION
 from qmn.sweeps.purification import PURIFICATION
 from qmn.sweeps.relayed_keys import RELAYED_KEYS
+from qmn.sweeps.relayed_pairs import RELAYED_PAIRS
 from qmn.sweeps.scheduling import SCHEDULE
 from qmn.sweeps.seal import SEAL
 from qmn.sweeps.sensing import SENSING
@@ -58,6 +59,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         CLASSICAL_LIGHT,
         PAIR_KEYS,
         RELAYED_KEYS,
+        RELAYED_PAIRS,
         DECOY_STATES,
         PHOTON_SPLITTING,
         POLARIZATION,
@@ -67,6 +69,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         GHZ,
         GRAPH,
         CONFERENCE,
+        FAR_CONFERENCE,
         HERALDING,
         CUTOFF_TIMES,
         LIGHT,

@@ -1,39 +1,74 @@
-"""Conference keys of GHZ states: error rates of both tests, and the key of endless sessions."""
+"""Conference keys of GHZ states: error rates of both tests, and the key of endless sessions.
+
+Over distance: fibres of .2 dB/km, errors of .5 % of a link, detectors as superconducting nanowires
+(those of qmn.sweeps.relayed_keys). States count that every host has seen, and every fusion.
+"""
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dispatcher.laboratory import LaboratoryHost
 from hosts.middleware.qkd.conference import asymptotic_rate
 from qmn.sweeps import theory
+from qmn.sweeps.decoy_states import ERROR, LENGTH, LOSS_DB_PER_KM
 from qmn.sweeps.estimates import Estimate, of_counts, proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, number, pairs_parameter
 from qmn.sweeps.ghz import HOSTS, NOISE, line, states
 from qmn.sweeps.parameters import Values
+from qmn.sweeps.relayed_keys import DARK_COUNT, DETECTORS, EFFICIENCY
 from qmn.sweeps.superdense import blocks
 from wire.dispatcher_pb2 import MeasureRequest
+from wire.outcomes import NO_CLICK
+from wire.parameters.physics import Device
 
 Counts = NDArray[np.int64]  # wrong and right, of the parity in X and of each other host in Z
 
 
 async def agree(values: Values, seed: int) -> Outcome:
     """Measure half of the states in X and half in Z at all hosts."""
-    hosts, ways = line(values, seed)
+    hosts, ways = line(int(values[HOSTS.name]), seed, depolarizing=number(values, NOISE.name))
+    counts, _seen = await _measured(values, hosts, ways)
+    return _told(counts) | {"key": _key(counts)}
+
+
+async def agree_far(values: Values, seed: int) -> Outcome:
+    """Do so over fibres that lose light; a key is of all states that were attempted in Z."""
+    optics = {"length_km": number(values, LENGTH.name), "loss_db_per_km": LOSS_DB_PER_KM}
+    hosts, ways = line(
+        int(values[HOSTS.name]), seed, Device(detectors=DETECTORS), depolarizing=2 * ERROR, **optics
+    )
+    counts, seen = await _measured(values, hosts, ways)
+    gain, share = proportion(*seen), _key(counts)
+    spread = float(np.hypot(gain.error * share.value, gain.value * share.error))
+    key = Estimate(gain.value * share.value, spread)
+    return _told(counts) | {"gain": gain, "key": key}
+
+
+async def _measured(
+    values: Values, hosts: Sequence[LaboratoryHost], ways: Sequence[tuple[str, str]]
+) -> tuple[Counts, tuple[int, int]]:
+    """Return errors of what all have seen, how many states that were, and how many there were."""
     counts = np.zeros((len(hosts), 2), np.int64)
-    number_of_pair = 0
+    number_of_pair, seen, attempted = 0, 0, 0
     for basis in (MeasureRequest.X, MeasureRequest.Z):
         for size in blocks(int(values["pairs"]) // 2):
-            kept, _there = await states(hosts, ways, number_of_pair, size)
+            kept, there = await states(hosts, ways, number_of_pair, size)
             number_of_pair += len(ways)
             found = np.vstack(
                 [await host.measure(name, basis) for host, name in zip(hosts, kept, strict=True)]
             )
-            _count(counts, found, in_x=basis == MeasureRequest.X)
+            there &= (found != NO_CLICK).all(axis=0)
+            _count(counts, found[:, there], in_x=basis == MeasureRequest.X)
+            seen, attempted = seen + int(there.sum()), attempted + size
+    return counts, (seen, attempted)
+
+
+def _told(counts: Counts) -> Outcome:
+    """Return the error rates of both tests."""
     in_x, *in_z = (proportion(int(wrong), int(wrong + right)) for wrong, right in counts)
-    return {
-        "qber_x": in_x,
-        "qber_z": max(in_z, key=lambda estimate: estimate.value),
-        "key": _key(counts),
-    }
+    return {"qber_x": in_x, "qber_z": max(in_z, key=lambda estimate: estimate.value)}
 
 
 def _count(counts: Counts, found: NDArray[np.uint8], *, in_x: bool) -> None:
@@ -64,6 +99,38 @@ def key(values: Values) -> float:
     return max(0.0, 1 - 2 * theory.entropy((qber, 1 - qber)))
 
 
+def _far(values: Values) -> tuple[float, float]:
+    """Return how likely all see a state, and how often it then has an error of either test.
+
+    A present qubit is told rightly with r and wrongly with w, a lost one with u as either bit.
+    Every lost one leaves the last bit, and the parity in X, to chance; each of N - 1 links has
+    another bit, and another phase, with p/2. Of the 2 N - 2 readings, N decide about an error:
+    in X those of all hosts, in Z those of the first, of the last and of all fusions between.
+    """
+    links, dark = int(values[HOSTS.name]) - 1, DARK_COUNT
+    either = dark * (1 - dark) + dark**2 / 2
+    wrong = EFFICIENCY * dark / 2 + (1 - EFFICIENCY) * either
+    right = EFFICIENCY * (1 - dark / 2) + (1 - EFFICIENCY) * either
+    comes = theory.transmission(LOSS_DB_PER_KM * number(values, LENGTH.name))
+    told = right + wrong
+    gain = told**links * (comes * told + (1 - comes) * 2 * either) ** links
+    keeps = (comes * (1 - 2 * ERROR) * told) ** links * told**-1 * (right - wrong) ** (links + 1)
+    return gain, (1 - keeps / gain) / 2
+
+
+def _far_gain(values: Values) -> float:
+    return _far(values)[0]
+
+
+def _far_qber(values: Values) -> float:
+    return _far(values)[1]
+
+
+def _far_key(values: Values) -> float:
+    gain, qber = _far(values)
+    return gain * max(0.0, 1 - 2 * theory.entropy((qber, 1 - qber)))
+
+
 CONFERENCE = Experiment(
     "conference",
     "conference keys of a line of hosts, by GHZ states",
@@ -74,4 +141,17 @@ CONFERENCE = Experiment(
         Measure("key", "secret bits of a state in Z", key),
     ),
     agree,
+)
+
+FAR_CONFERENCE = Experiment(
+    "conference-distance",
+    "conference keys of a line of hosts over distance, by GHZ states",
+    (LENGTH, HOSTS, pairs_parameter(200_000)),
+    (
+        Measure("gain", "states that all hosts see", _far_gain),
+        Measure("qber_x", "parities in X that are odd", _far_qber),
+        Measure("qber_z", "bits that differ in Z, of the worst host", _far_qber),
+        Measure("key", "secret bits of a state that is attempted in Z", _far_key),
+    ),
+    agree_far,
 )

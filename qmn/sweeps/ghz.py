@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from qmn.sweeps.link import configuration, fiber
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.sweeps.superdense import blocks
 from wire.dispatcher_pb2 import Gate
+from wire.parameters.physics import Device
 
 NOISE = Parameter("depolarizing", 0.0, 0.0, 1.0)
 HOSTS = Parameter("hosts", 3, 3, 8)
@@ -22,7 +24,7 @@ HOSTS = Parameter("hosts", 3, 3, 8)
 
 async def fuse(values: Values, seed: int) -> Outcome:
     """Send half of each pair to the next host, fuse where two pairs meet, measure stabilisers."""
-    hosts, ways = line(values, seed)
+    hosts, ways = line(int(values[HOSTS.name]), seed, depolarizing=number(values, NOISE.name))
     random, tally = np.random.default_rng(seed), Tally()
     for block, size in enumerate(blocks(int(values["pairs"]))):
         kept, _there = await states(hosts, ways, block * len(ways), size)
@@ -37,12 +39,14 @@ async def fuse(values: Values, seed: int) -> Outcome:
     return {"fidelity": Estimate(float(tally.summary()["fidelity"]), error), "equal": equal}
 
 
-def line(values: Values, seed: int) -> tuple[list[LaboratoryHost], list[tuple[str, str]]]:
-    """Return hosts in a line, and the ports of the fibres between neighbours."""
-    names = [f"h{each}" for each in range(int(values[HOSTS.name]))]
+def line(
+    count: int, seed: int, device: Device | None = None, **optics: Any
+) -> tuple[list[LaboratoryHost], list[tuple[str, str]]]:
+    """Return hosts in a line, and the ports of the fibres between neighbours; all are alike."""
+    names = [f"h{each}" for each in range(count)]
     ways = [(f"{a}-q1", f"{b}-q0") for a, b in pairwise(names)]
-    fibers = [fiber(*way, depolarizing=number(values, NOISE.name)) for way in ways]
-    laboratory = Laboratory(configuration(seed, fibers))
+    devices = dict.fromkeys(names, device) if device is not None else None
+    laboratory = Laboratory(configuration(seed, [fiber(*way, **optics) for way in ways], devices))
     return [laboratory.host(name) for name in names], ways
 
 

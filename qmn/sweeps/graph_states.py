@@ -33,7 +33,7 @@ class End(NamedTuple):
 async def fuse(values: Values, seed: int) -> Outcome:
     """Make graph states, and measure a stabiliser of each."""
     graph = _graph(values)
-    hosts, ways = line(values, seed)
+    hosts, ways = line(int(values[HOSTS.name]), seed, depolarizing=number(values, NOISE.name))
     random, tally, first = np.random.default_rng(seed), Stabilisers(graph), 0
     for size in blocks(int(values["pairs"])):
         kept = await states(graph, hosts, ways, first, size)

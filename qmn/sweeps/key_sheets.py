@@ -81,6 +81,27 @@ KEY_SHEETS = (
             )
         ],
     ),
+    Sheet(
+        "conference-distance",
+        "conference-distance",
+        {"length_km": "0:40:5", "hosts": [3, 4, 5], "pairs": 400_000},
+        [
+            Curve(
+                f"conference-distance-{measure}",
+                f"Conference keys over distance: {text}",
+                "length_km",
+                "length of each fibre (km)",
+                measure,
+                by=["hosts"],
+                logarithmic=measure != "qber_z",
+            )
+            for measure, text in (
+                ("gain", "states that all hosts see"),
+                ("qber_z", "bits of the worst host that differ"),
+                ("key", "key of endless sessions"),
+            )
+        ],
+    ),
     *(
         Sheet(
             f"sensing-{axis}",
@@ -174,6 +195,28 @@ KEY_SHEETS = (
                 ("qber", "errors of signals in Z"),
                 ("qber_x", "errors of signals in X"),
                 ("key", "key of long blocks"),
+            )
+        ],
+    ),
+    Sheet(
+        "mdi-spdc",
+        "mdi-pairs",
+        {"length_km": "0:60:4", "heralding_efficiency": [0.0, 0.7], "pairs": 4_000_000},
+        [
+            Curve(
+                f"mdi-spdc-{measure}",
+                f"MDI-QKD by down-conversion, .2 pairs a pulse, relay in the middle: {text}",
+                "length_km",
+                "length of both fibres (km)",
+                measure,
+                by=["heralding_efficiency"],
+                logarithmic=measure in ("gain", "key"),
+            )
+            for measure, text in (
+                ("gain", "pulses told of, in Z"),
+                ("qber", "errors in Z"),
+                ("qber_x", "errors in X"),
+                ("key", "key of long blocks, photons being counted"),
             )
         ],
     ),

@@ -30,6 +30,7 @@ from wire.parameters.physics import BEAM_SPLITTER, BellAnalyser, Detectors, Devi
 SIGNAL, WEAK = 0.4, 0.1
 MEAN = Parameter("mean_photons", SIGNAL, 0.2, 1.0)
 EFFICIENCY, DARK_COUNT, ERROR, CORRECTION = 0.9, 1e-6, 0.015, 1.16
+DETECTORS = Detectors(EFFICIENCY, -math.log1p(-DARK_COUNT) / GATE_S, GATE_S)
 PREPARATION_ERROR = (1 - math.sqrt(1 - 2 * ERROR)) / 2  # of either end: one of both, and not both
 WAYS = ("alice-q0", "charlie-q0"), ("bob-q0", "charlie-q1")
 Z, X = 0, 1
@@ -87,9 +88,12 @@ def devices(decoys: Decoys) -> dict[str, Device]:
     laser = PairSource(
         "poisson", decoys.means[0], decoys=decoys.means[1:], preparation_error=PREPARATION_ERROR
     )
-    detectors = Detectors(EFFICIENCY, -math.log1p(-DARK_COUNT) / GATE_S, GATE_S)
-    relay = Device(detectors=detectors, analyser=BellAnalyser(BEAM_SPLITTER))
-    return {"alice": Device(laser), "bob": Device(laser), "charlie": relay}
+    return {"alice": Device(laser), "bob": Device(laser), "charlie": relay()}
+
+
+def relay() -> Device:
+    """Return what measures in the middle."""
+    return Device(detectors=DETECTORS, analyser=BellAnalyser(BEAM_SPLITTER))
 
 
 def key(decoys: Decoys, counts: Counts, pulses: int) -> Estimate:

@@ -15,11 +15,11 @@ from scapy.packet import Packet
 from scapy.utils import rdpcap
 from test_service_faults import ALICE, BOB, CHARLIE, facts, listening, require_nothing_left
 
-from hosts.hardware.lldp import announcement
 from hosts.stack_socket import QuantumSocketError
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
 from wire.features import EVERYTHING, NodeFeatures
+from wire.lldp import announcement
 from wire.metadata import (
     METADATA_PORT,
     NUMBERS_APART,

@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -137,16 +138,18 @@ def test_bob_on_a_second_machine_gets_what_he_gets_on_this_one(
 ) -> None:
     file = message(tmp_path, BYTES)
     before = second.things()
-    for name, words in (("one", ()), ("two", ON_SECOND)):
-        done = subprocess.run(
-            command(tmp_path / name, file, *words),
-            cwd=ROOT,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=100,
-        )
-        assert done.returncode == 0, done.stderr
+    between = tmp_path / "between.pcap"
+    with tcpdump(between):
+        for name, words in (("one", ()), ("two", ON_SECOND)):
+            done = subprocess.run(
+                command(tmp_path / name, file, *words),
+                cwd=ROOT,
+                capture_output=True,
+                text=True,
+                check=False,
+                timeout=100,
+            )
+            assert done.returncode == 0, done.stderr
     one, two = tmp_path / "one" / "latest", tmp_path / "two" / "latest"
     assert (two / "received").read_bytes() == file.read_bytes()
     assert facts(one)["symbol_errors"] > 0
@@ -165,6 +168,35 @@ def test_bob_on_a_second_machine_gets_what_he_gets_on_this_one(
     assert second.things() == before
     # Between machines hosts reach the dispatcher by TLS, whose records begin so (RFC 8446, 5.1).
     assert {data[:2] for data in firsts([two / "bob-eth0.pcap"], DISPATCHER_PORT)} == {b"\x16\3"}
+    # So does the runner speak with its agent; who has the key log reads what it asks for.
+    assert (two / "machines.keys").stat().st_mode & 0o777 == 0o600
+    assert '"do": "start"' not in spoken(between)
+    assert '"do": "start"' in spoken(between, f"-otls.keylog_file:{two / 'machines.keys'}")
+
+
+@contextmanager
+def tcpdump(file: Path) -> Iterator[None]:
+    """Capture what goes by TCP between the machines."""
+    words = ["tcpdump", "-i", "under1", "-U", "-Z", "root", "-w", str(file), "tcp"]
+    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as program:
+        assert program.stderr is not None
+        assert "listening" in program.stderr.readline()
+        try:
+            yield
+        finally:
+            program.send_signal(signal.SIGINT)
+            program.communicate(timeout=10)
+
+
+def spoken(file: Path, *words: str) -> str:
+    """Return what Wireshark reads in the connections of a capture that go by TLS."""
+    tshark = ["tshark", "-r", str(file), *words]
+    begins = [*tshark, "-Y", "tls.handshake.type == 1", "-T", "fields", "-e", "tcp.stream"]
+    streams = subprocess.run(begins, capture_output=True, text=True, check=True, timeout=60).stdout
+    assert streams
+    follow = [f"-zfollow,tls,ascii,{stream}" for stream in streams.split()]
+    told = [*tshark, "-q", *follow]
+    return subprocess.run(told, capture_output=True, text=True, check=True, timeout=60).stdout
 
 
 def packets(file: Path) -> dict[bytes, int]:

@@ -23,7 +23,6 @@ from target import Target
 
 from controller_apps.openflow import discovery
 from controller_apps.packets import datagrams, segments
-from hosts.hardware.lldp import announcement
 from hosts.middleware.services.key_distribution.messages import Cutter
 from wire import (
     announcement as host_seal,
@@ -52,6 +51,7 @@ from wire.conference import ConferenceProposal
 from wire.dispatcher_pb2 import BlockId, Event
 from wire.features import EVERYTHING, NodeFeatures
 from wire.key_routes import Hop, KeyLinks, LinkState
+from wire.lldp import announcement
 from wire.lost_packet import Packet
 from wire.metadata import MalformedPacket, Verdict
 from wire.netqasm import messages, pair_requests, subroutine, texts

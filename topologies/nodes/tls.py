@@ -11,7 +11,7 @@ from topologies.system.runs.runtime import Runtime
 from wire.config import EntranceConfig
 from wire.credentials import Credentials
 
-KEY_LOGS = "*.keys"  # of OpenFlow, and of each key manager
+KEY_LOGS = "*.keys"  # of OpenFlow, of each key manager, and between machines
 KEY_LOG = "openflow.keys"  # file beside the captures, by which Wireshark reads OpenFlow
 ENTRANCE = "c0-tls"  # the program
 OPERATOR = "operator"  # name in the certificate of who reads telemetry

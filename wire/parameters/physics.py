@@ -22,8 +22,8 @@ from wire.features import (
     Feature,
     NodeFeatures,
 )
+from wire.outcomes import BELL_STATES
 
-BELL_STATES = ("Phi+", "Psi+", "Phi-", "Psi-")  # as Bell measurements number them
 ENCODINGS = ("polarization", "time-bin")
 BEAM_SPLITTER = "beam-splitter"
 ANALYSERS = ("complete", "linear", "gates", BEAM_SPLITTER)  # kinds of Bell analysers

@@ -7,12 +7,13 @@ from collections.abc import Collection
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+from wire.outcomes import PAULIS
 from wire.parameters.physics import BadParameter, check, parameter
 
 TEMPERATURE_C = (-100.0, 300.0)
 LOSS_DB = (0.0, 100.0)
 FREQUENCY_MHZ = (1, 2**32 - 1)
-PAULIS = "I, X, Z, XZ"
+ROTATIONS = (0, len(PAULIS) - 1, ", ".join(PAULIS))
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,7 @@ class PathOptics:
     in_port: int
     out_port: int
     insertion_loss_db: float = parameter(0.0, *LOSS_DB)
-    rotation: int = parameter(0, 0, 3, PAULIS)  # wire.metadata.Pauli
+    rotation: int = parameter(0, *ROTATIONS)  # wire.metadata.Pauli
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class QuantumSwitch:
     name: str
     switching_time_s: float = parameter(100e-9, 0.0, 60.0)
     insertion_loss_db: float = parameter(0.0, *LOSS_DB)
-    rotation: int = parameter(0, 0, 3, PAULIS)  # wire.metadata.Pauli that every path applies
+    rotation: int = parameter(0, *ROTATIONS)  # wire.metadata.Pauli that every path applies
     # Of what leaves it, X, Y and Z each with p/4.
     depolarizing: float = parameter(0.0, 0.0, 1.0)
     paths: list[PathOptics] = field(default_factory=list)  # that differ from the rest

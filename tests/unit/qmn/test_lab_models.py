@@ -178,3 +178,19 @@ def test_scattered_light_costs_as_much_fidelity_as_its_share_of_the_clicks() -> 
     of_pair, of_noise = pairs * (1 - 0.32 * others), noise * (1 - others)
     visible = own["visibility"](own["light"](2e5)) * of_pair / (of_pair + of_noise)
     assert own["beside"](60.0) == pytest.approx((1 + 3 * visible) / 4, abs=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("kind", "decay", "end"), [("dephasing", 2, 7 / 15), ("depolarizing", 4 / 3, 1 / 4)]
+)
+def test_memories_of_sequence_keep_as_much_as_ours_are_given(
+    kind: str, decay: float, end: float
+) -> None:
+    """Of a Werner pair of 0.9: what both waits together leave, in coherence times."""
+    own = globals_of("memories")
+    for waits in (0, 0.05, 0.4, 1.3, 3.0):
+        expected = end + (0.9 - end) * exp(-decay * waits)
+        assert own["fidelity"](kind, waits) == pytest.approx(expected, abs=6e-4)
+    name, time_s = own["OURS"][kind]
+    assert own["T_S"] / time_s == pytest.approx(decay)
+    assert f"alice.memory.{name}={time_s:g} " in own["said"](kind, 1000)

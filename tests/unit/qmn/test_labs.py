@@ -179,6 +179,8 @@ def test_a_star_stands_for_what_is_published_and_a_closed_form_is_the_line(tmp_p
         (1.0, 2.2, 0.1, 0.2)
     ]
     assert residuals(made) == {0: [(1.0, 1.0), (2.0, 0.0)]}
+    wide = Finding("line", "d", Estimate(1.0, 0.5), Published(2.5, 0.0, "abstract", 1.5), 3.0)
+    assert [(mark.y, mark.error) for mark in picture(chart, [wide]).marks] == [(2.5, 1.5)]
     (file,) = draw_charts([chart], [star, form, other], tmp_path)
     assert file.stat().st_size > 10_000
 

@@ -6,7 +6,9 @@ Gaussian spectra are 1/2 (1 - V exp(-(sigma tau)^2)). Bounds are five standard e
 
 from itertools import product
 from math import cos, exp, log2, pi, prod, sqrt
+from typing import Any
 
+import numpy as np
 import pytest
 
 from qmn.sweeps import relay_theory, theory
@@ -78,6 +80,32 @@ def test_conference_keys_over_links_that_depolarise(
     slope = 2 * abs(log2(qber / (1 - qber)))
     told = measured("conference", "key", hosts=hosts, depolarizing=p)
     assert abs(told - key) < 5 * slope * sqrt(qber / (PAIRS / 2)) + 1e-4
+
+
+@pytest.mark.parametrize(("hosts", "km"), [(3, 0.0), (4, 20.0), (3, 80.0)])
+def test_conference_keys_over_distance(hosts: int, km: float) -> None:
+    """By a sum over which photons are lost: who misses one has seen the dark, and has any bit."""
+    links, dark = hosts - 1, 1 - (1 - 1e-6) ** 2
+    reads = 0.9 + 0.1 * dark  # rightly, but for 1e-6
+    gain = alike = 0.0
+    for lost in product((0, 1), repeat=links):
+        chance = prod(1 - 10 ** (-0.02 * km) if each else 10 ** (-0.02 * km) for each in lost)
+        chance *= reads**links * prod(dark if each else reads for each in lost)
+        gain += chance
+        alike += chance * (0.5 if any(lost) else (1 + 0.99**links) / 2)
+    pairs, qber = 200_000, 1 - alike / gain
+    given: Values = {"hosts": hosts, "length_km": km, "pairs": pairs}
+    found = measure("conference-distance", complete("conference-distance", given), SEED)
+    slack = 1e-5 * gain  # of bits that the dark has told in place of a photon
+    assert abs(found["gain"][0] - gain) < 5 * sqrt(gain / pairs) + slack
+    for name in ("qber_x", "qber_z"):
+        assert abs(found[name][0] - qber) < 5 * sqrt(qber / (gain * pairs / 2)) + slack
+    experiment = EXPERIMENTS["conference-distance"]
+    theories = [experiment.measure(name).theory for name in ("gain", "qber_z")]
+    values = complete("conference-distance", given)
+    for theory_of, expected in zip(theories, (gain, qber), strict=True):
+        assert theory_of is not None
+        assert theory_of(values) == pytest.approx(expected, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -172,6 +200,68 @@ def test_a_relay_tells_as_much_of_lasers_as_the_published_forms_say() -> None:
     qber = errs / told
     assert 0.24 < qber < 0.25  # a quarter by pairs of one end, and of the others few
     assert abs(found["qber_x"][0] - qber) < 5 * sqrt(qber / (told * signals))
+
+
+@pytest.mark.parametrize("heralding", [0.0, 0.7])
+@pytest.mark.parametrize("km", [0.0, 40.0])
+def test_a_relay_tells_as_much_of_heralded_pairs_as_gaussian_states_say(
+    heralding: float, km: float
+) -> None:
+    """Thermal light is a Gaussian state: no detector of a set clicks with 1/det(1 + e N).
+
+    N is the coherency of its modes. What a herald misses is thermal light, too, and let out is not.
+    """
+    share = 1 / (1 + 0.2 * heralding)
+    parts = [(1.0, 0.2)]
+    if heralding:
+        parts += [(-share, 0.2 * (1 - heralding) * share), (share, 0.0)]
+    half, seen, pairs = sqrt(0.5), 0.9 * 10 ** (-0.01 * km), 1_000_000
+    bases = {
+        "qber": ([(1.0, 0.0), (0.0, 1.0)], {"Psi+": 1, "Psi-": 1}),
+        "qber_x": ([(half, half), (half, -half)], {"Psi+": 0, "Psi-": 1}),
+    }
+    values = complete(
+        "mdi-pairs", {"length_km": km, "heralding_efficiency": heralding, "pairs": pairs}
+    )
+    found = measure("mdi-pairs", values, SEED)
+    for name, (states, differ) in bases.items():
+        right = wrong = 0.0
+        for (state, ways), her, his in product(CLICKS.items(), (0, 1), (0, 1)):
+            chance = sum(
+                one * other * told_of_thermal(states[her], states[his], (a * seen, b * seen), way)
+                for (one, a), (other, b) in product(parts, repeat=2)
+                for way in ways
+            )
+            if (her != his) == bool(differ[state]):
+                right += chance / 4
+            else:
+                wrong += chance / 4
+        gain, errs = right + wrong, MISALIGNED * right + (1 - MISALIGNED) * wrong
+        qber = errs / gain
+        expected = EXPERIMENTS["mdi-pairs"].measure(name).theory
+        assert expected is not None
+        assert expected(values) == pytest.approx(qber, rel=1e-6)
+        assert abs(found[name][0] - qber) < 5 * sqrt(qber / (gain * pairs / 4))
+        if name == "qber":
+            assert abs(found["gain"][0] - gain) < 5 * sqrt(gain / (pairs / 4))
+
+
+def told_of_thermal(
+    her: tuple[float, float], his: tuple[float, float], means: tuple[float, float], way: Any
+) -> float:
+    """Return how likely these two detectors click alone, of thermal light in these states."""
+    modes = [
+        np.sqrt(mean / 2) * np.array([h, v, sign * h, sign * v])
+        for (h, v), mean, sign in zip((her, his), means, (1, -1), strict=True)
+    ]
+    coherency = np.outer(modes[0], modes[0]) + np.outer(modes[1], modes[1])
+    others = [mode for mode in range(4) if mode not in way]
+    found = 0.0
+    for some in ((), way[:1], way[1:], way):
+        silent = [*others, *some]
+        lit = np.eye(len(silent)) + coherency[np.ix_(silent, silent)]
+        found += (-1) ** len(some) * (1 - DARK) ** len(silent) / float(np.linalg.det(lit))
+    return found
 
 
 DARK, MISALIGNED, PHASES = 1e-6, 0.015, 48

@@ -21,6 +21,7 @@ from wire.machine_channel import receive
 
 COPPER_MTU = 1500
 LEAST_MTU = 576
+KEY_LOG = "machines.keys"  # file in the folder of the run
 
 # Begins the agent of a name: told where the runner listens, its authority's certificate, and the
 # agent's own with its key, all PEM.
@@ -29,16 +30,17 @@ Begin = Callable[[str, str, dict[str, str]], None]
 
 @contextmanager
 def gathered(
-    addresses: Mapping[str, str], begin: Begin, check: Callable[[], None]
+    addresses: Mapping[str, str], begin: Begin, logs: Path | None, check: Callable[[], None]
 ) -> Iterator[dict[str, Machine]]:
     """Give the machines with these names and IPv4 addresses, until this context ends.
 
+    In the folder of logs is then a file of secrets, by which Wireshark reads what goes to them.
     Raise NetworkError for one that does not come; `check` may raise meanwhile.
     """
     loop = asyncio.new_event_loop()
     thread = Thread(target=loop.run_forever, name="machines", daemon=True)
     thread.start()
-    gathering = Gathering(addresses, loop)
+    gathering = Gathering(addresses, logs, loop)
     try:
         with TemporaryDirectory(prefix="qmn-machines-") as folder:
             gathering.call(Path(folder) / "certificates", begin)
@@ -54,8 +56,10 @@ def gathered(
 class Gathering:
     """Those that are to come, and those that have."""
 
-    def __init__(self, addresses: Mapping[str, str], loop: asyncio.AbstractEventLoop) -> None:
-        self._addresses, self._loop = addresses, loop
+    def __init__(
+        self, addresses: Mapping[str, str], logs: Path | None, loop: asyncio.AbstractEventLoop
+    ) -> None:
+        self._addresses, self._logs, self._loop = addresses, logs, loop
         self._here = {name: address_towards(each) for name, each in addresses.items()}
         self._servers: list[asyncio.Server] = []
         self._refused = ""
@@ -67,9 +71,12 @@ class Gathering:
         own = authority.issue(
             "runner", {f"r{n}": a for n, a in enumerate(set(self._here.values()))}
         )
-        listening = asyncio.run_coroutine_threadsafe(
-            self._listen(trust(authority.certificate, own)), self._loop
-        ).result(AGENT_CONNECT_TIMEOUT_S)
+        context = trust(authority.certificate, own)
+        if self._logs is not None:
+            log_keys(context, self._logs / KEY_LOG)
+        listening = asyncio.run_coroutine_threadsafe(self._listen(context), self._loop).result(
+            AGENT_CONNECT_TIMEOUT_S
+        )
         for name, here in self._here.items():
             files = authority.issue(name)
             texts = {
@@ -139,6 +146,12 @@ def trust(authority: Path, own: CertificateFiles) -> ssl.SSLContext:
     context.verify_mode = ssl.CERT_REQUIRED
     context.load_cert_chain(own.certificate, own.private_key)
     return context
+
+
+def log_keys(context: ssl.SSLContext, file: Path) -> None:
+    """Write the secrets of all its connections into a file that only its owner can read."""
+    file.touch(mode=0o600)
+    context.keylog_filename = str(file)
 
 
 def address_towards(address: str) -> str:

@@ -42,7 +42,7 @@ from controller_apps.openflow.mac_table import MacTable
 from controller_apps.record import Record
 from controller_apps.sessions.state_folder import StateFolder
 from wire.config import ControllerConfig, Station
-from wire.features import OUI, SUBTYPE
+from wire.lldp import FEATURES, OUI
 from wire.optical import (
     ANY_PORT,
     EXPERIMENTER,
@@ -246,7 +246,7 @@ def announcement(
     )
     for data in node_features:
         code = int.from_bytes(OUI, "big")
-        frame /= LLDPDUGenericOrganisationSpecific(org_code=code, subtype=SUBTYPE, data=data)
+        frame /= LLDPDUGenericOrganisationSpecific(org_code=code, subtype=FEATURES, data=data)
     return bytes(frame / LLDPDUEndOfLLDPDU())
 
 

@@ -40,8 +40,9 @@ from controller_apps.console.questions import EventQuestion
 from controller_apps.light.optics import SwitchPort
 from controller_apps.openflow import discovery, framework
 from controller_apps.openflow.framework import ofproto
-from hosts.hardware.lldp import announcement as host_announcement
-from wire.features import EVERYTHING, OUI, NodeFeatures
+from wire.features import EVERYTHING, NodeFeatures
+from wire.lldp import OUI
+from wire.lldp import announcement as host_announcement
 from wire.metadata import (
     MalformedPacket,
 )

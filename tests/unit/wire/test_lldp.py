@@ -1,12 +1,12 @@
-"""The frames by which hosts name their fibre ports."""
+"""The frames by which hosts and switches name their ports."""
 
 from ipaddress import IPv4Address
 
 from scapy.contrib.lldp import LLDPDUGenericOrganisationSpecific, LLDPDUManagementAddress
 from scapy.layers.l2 import Ether
 
-from hosts.hardware.lldp import announcement
 from wire.features import EMIT, EVERYTHING, STORE, NodeFeatures
+from wire.lldp import announcement, switch_message
 
 MAC = bytes.fromhex("020000000100")
 KEY = "00112233445566778899aabbccddeeff"
@@ -33,6 +33,19 @@ def test_a_sealed_frame_has_these_bytes() -> None:
     frame = announcement("alice", "alice-q0", "10.0.0.1", MAC, 30, ABLE, KEY, 0x0102030405060708)
     sealed = "fe1c 02514d 03 0102030405060708 b5ef4ffafcf3aca9c4b6f81f0c6323e8 0000"
     assert frame == bytes.fromhex(GOLDEN.removesuffix("0000") + sealed)
+
+
+def test_what_a_switch_says_has_these_bytes() -> None:
+    # Type and length by IEEE 802.1AB; the frameworks' topology app writes such ids.
+    expected = (
+        "0180c200000e 020000000100 88cc"
+        "0216 07 647069643a 30303030303030303030303031303031"  # dpid:0000000000001001
+        "0405 02 00000006"
+        "0602 0078"
+        "fe14 02514d 01 000102030405060708090a0b0c0d0e0f"
+        "0000"
+    )
+    assert switch_message(0x1001, 6, MAC, 120, bytes(range(16))) == bytes.fromhex(expected)
 
 
 def test_os_ken_reads_what_was_meant() -> None:

@@ -1,0 +1,35 @@
+"""Numbers of a normal distribution of which only the far ones are drawn; 5 sigma, seed 1."""
+
+from math import erfc, sqrt
+
+import numpy as np
+import pytest
+from five_sigma import within
+
+from dispatcher.photon_random import PhotonRandom
+from dispatcher.sabot.draws import Draws
+
+COUNT = 2_000_000
+RANDOM = PhotonRandom(Draws(1), (7, 0, 0), "here", COUNT)
+
+
+def beyond(least: float) -> float:
+    return erfc(least / sqrt(2))
+
+
+@pytest.mark.parametrize("least", [0.0, 0.9, 1.0, 1.5, 2.5, 4.0])
+def test_outliers_are_as_common_and_as_far_out_as_normal_numbers(least: float) -> None:
+    photons, numbers = RANDOM.outliers(f"beyond {least}", least)
+    assert (np.diff(photons) > 0).all()
+    assert within(photons.size, COUNT, beyond(least))
+    assert within(int((photons < COUNT // 3).sum()), photons.size, 1 / 3)
+    assert within(int((numbers > 0).sum()), photons.size, 1 / 2)
+    assert (np.abs(numbers) >= least).all()
+    for further in (0.1, 0.3, 1.0):
+        farther = int((np.abs(numbers) > least + further).sum())
+        assert within(farther, photons.size, beyond(least + further) / beyond(least))
+
+
+def test_nothing_is_so_far_out_that_no_number_reaches_there() -> None:
+    photons, numbers = RANDOM.outliers("nowhere", 40.0)
+    assert photons.size == numbers.size == 0
