@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from controller_apps.light.paths import Network
 from wire.device import MAX_UNDER_WAY
 from wire.features import EMIT, INTERFERE, STORE, Feature, names
-from wire.metadata import MemoryState, Reason, Service, Setup
+from wire.metadata import Reason, Service, Setup
 from wire.services import WANT_OF, Making, Role, making, needs
 
 HALVES = 2  # that a repeater keeps of each pair it makes, and that its memory has to take
@@ -72,11 +72,8 @@ def blocks_under_way(
 ) -> int:
     """Return how many blocks of a chain may be under way at once.
 
-    As many as fit into the smallest memory, and one at least. One alone where links are heralded,
-    whose qubits attempt for one block at a time.
+    As many as fit into the smallest memory, and one at least.
     """
-    if setup.memory == MemoryState.HERALDED:
-        return 1
     pairs = block_pairs(setup, hosts, repeaters, network)
     room = _pairs_in_memories(setup, hosts, repeaters, network)
     return max(min([MAX_UNDER_WAY, *(most // pairs for most in room)]), 1)

@@ -9,9 +9,9 @@ from pathlib import Path
 from coexistence import TRAFFIC_DBM, settings
 
 from qmn.emulated.using import session
-from qmn.live.event_sources import RESULT
 from qmn.results.run_folder import make_folder
 from qmn.scripting import start
+from wire.results.run_result import RESULT
 
 folder, words = make_folder(Path(sys.argv[4]), "sdc"), settings("o-band", TRAFFIC_DBM)
 fiber, device = (

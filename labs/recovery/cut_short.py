@@ -10,10 +10,11 @@ from campus import Campus
 
 from qmn.emulated.flapping import dark_spans
 from qmn.emulated.using import session
-from qmn.live.event_sources import RESULT, recorded
+from qmn.live.event_sources import recorded
 from qmn.results.run_folder import make_folder
 from qmn.scripting import QuantumNetwork, start
 from topologies.system.runs.runtime import EVENT_CAPTURE
+from wire.results.run_result import RESULT
 
 ENDS, WAY, SESSIONS = ("alice", "charlie"), ("source", "charlie"), 5
 

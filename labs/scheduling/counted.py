@@ -10,10 +10,10 @@ from pathlib import Path
 from numpy.random import default_rng
 
 from controller_apps.policy.orders import Queue
-from qmn.live.event_sources import RESULT
 from qmn.results.run_folder import make_folder
 from qmn.sweeps.packets import Drawn, measured, tree_of
 from topologies.catalogue.maps import read_map
+from wire.results.run_result import RESULT
 
 COUNT, PACKETS, GARR = 30, 10, read_map("garr")
 MAPS = {"tree": tree_of(GARR, "rm2"), "garr": GARR}

@@ -15,12 +15,12 @@ from controller_apps.policy.policy import DEFAULT
 from qmn.network.description import NetworkDescription
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput
-from qmn.results.run_result import Figures, RunResult, ServiceJob
 from qmn.timeouts import START_TIMEOUT_S
 from topologies.description.description import Description
 from topologies.networks.network import Network
 from topologies.system.processes.programs import Program, python
 from wire.application_lines import fields_of
+from wire.results.run_result import Figures, RunResult, ServiceJob
 
 EVE = "eve"
 TOPOLOGY = "tapped"  # that has her

@@ -17,7 +17,6 @@ from qmn.network.key_options import KeyServiceOptions, key_service
 from qmn.network.options import NetworkOptions
 from qmn.options import check_ranges
 from qmn.results import result
-from qmn.results.run_result import KeysJob
 from topologies.daemons.key_managers import (
     KeyManagers,
     KeyService,
@@ -27,6 +26,7 @@ from topologies.daemons.key_managers import (
 from topologies.networks.network import Interrupted, Network, Signals, require_root
 from topologies.timeouts import POLL_S
 from wire.parameters.option import option
+from wire.results.run_result import KeysJob
 
 NAME = "keys"
 PAIR = "alice:bob"  # that keeps keys if none is named

@@ -18,7 +18,6 @@ from qmn.network.checks import check_network
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, check_ranges
-from qmn.results.run_result import LoadJob, RunResult
 from qmn.traffic import result
 from qmn.traffic.driver import Driver
 from qmn.traffic.plan import MODELS, MOST_SESSIONS, BadTraffic, Planned, Traffic, plan
@@ -27,6 +26,7 @@ from qmn.traffic.summary import summary
 from topologies.networks.network import Network, Signals, require_root
 from wire.controller_lines import read_record
 from wire.parameters.option import option
+from wire.results.run_result import LoadJob, RunResult
 
 BYTES = "sdc"  # the service that carries some
 OWN = "own"

@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from qmn.jobs.transfer import Lines
-from qmn.results.run_result import Moment as Moment
 from topologies.system.processes.programs import Program
 from wire.network_time import NetworkTime
+from wire.results.run_result import Moment as Moment
 
 
 class Moments:

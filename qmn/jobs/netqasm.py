@@ -28,11 +28,11 @@ from qmn.network.description import describe_network
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, check_ranges
 from qmn.results import result
-from qmn.results.run_result import NetqasmJob
 from qmn.timeouts import NETQASM_STALL_TIMEOUT_S
 from topologies.networks.network import Network, Signals, require_root
 from topologies.system.processes.programs import NetworkError, Program, python
 from wire.parameters.option import option
+from wire.results.run_result import NetqasmJob
 
 PREFIX, SUFFIX = "app_", ".py"
 RANK = "rank_"  # as NetQMPI calls its roles

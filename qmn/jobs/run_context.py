@@ -25,7 +25,6 @@ from qmn.reports.beside import Draw, report_beside
 from qmn.results.network_facts import network_facts
 from qmn.results.result import note_files
 from qmn.results.run_folder import give_to_invoker, given_at_the_end, make_folder, point_latest
-from qmn.results.run_result import Approximated, EarlyNews, Job, RunResult
 from qmn.results.software_share import note_software
 from qmn.results.timeline import timeline_of_run
 from topologies.links.causality import worst
@@ -33,6 +32,7 @@ from topologies.links.slow_copper import slow_metadata
 from topologies.networks.network import Interrupted, Network, Signals
 from topologies.system.machines.machine import Machine
 from topologies.system.processes.programs import NetworkError
+from wire.results.run_result import Approximated, EarlyNews, Job, RunResult
 
 # Options that a result tells elsewhere, or that do not change what comes out.
 NO_PARAMETERS = {

@@ -16,10 +16,10 @@ from qmn.jobs.handed_out import handing_out
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.jobs.transfer import TransferError, follow
 from qmn.results import message_result, result, service_result
-from qmn.results.run_result import Message, MessageJob, RunResult, ServiceJob
 from qmn.timeouts import START_TIMEOUT_S
 from topologies.networks.network import Network
 from topologies.system.processes.programs import NetworkError, Program, python
+from wire.results.run_result import Message, MessageJob, RunResult, ServiceJob
 
 Line = dict[str, Any]  # that an application has said
 

@@ -32,13 +32,13 @@ from qmn.network.options import NetworkOptions
 from qmn.network.time_scale import REAL
 from qmn.options import BadInput, check_ranges
 from qmn.results import result
-from qmn.results.run_result import KeysJob
 from topologies.daemons.key_managers import KeyService, start_key_managers
 from topologies.networks.network import Network, Signals, require_root
 from topologies.system.processes.programs import NetworkError, Program
 from topologies.timeouts import POLL_S
 from wire.key_manager import KeyLink
 from wire.parameters.option import option
+from wire.results.run_result import KeysJob
 from wire.vpn import PROGRAMS, STRONGSWAN, TLS, WIREGUARD
 
 NAME = "vpn"

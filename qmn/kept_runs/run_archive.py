@@ -7,8 +7,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from qmn.kept_runs.shared_copy import FILE_MODE, CannotShare, share
-from qmn.live.event_sources import RESULT
 from qmn.results.run_folder import PRIVATE, give, give_tree
+from wire.results.run_result import RESULT
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,99}")
 OWN_MODE = 0o600

@@ -5,9 +5,10 @@ from collections.abc import Container, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from qmn.live.event_sources import RESULT, recorded
+from qmn.live.event_sources import recorded
 from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.controller_lines import read_record
+from wire.results.run_result import RESULT
 
 Row = tuple[str, str, str]
 FROM_THE_START = ("open", "create", "send", "arrive", "store", "measure", "bell-measure", "close")

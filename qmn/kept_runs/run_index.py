@@ -15,9 +15,9 @@ from typing import Any
 
 from hosts.middleware.services import NAMES
 from qmn.jobs.run_options import RunOptions
-from qmn.live.event_sources import RESULT
 from qmn.network.options import NetworkOptions
 from qmn.results.run_folder import give
+from wire.results.run_result import RESULT
 
 INDEX = ".index.sqlite"
 COLUMNS = (

@@ -4,8 +4,8 @@ import json
 import shutil
 from pathlib import Path
 
-from qmn.live.event_sources import RESULT
 from wire.metadata import Service
+from wire.results.run_result import RESULT
 
 # Services that make no keys; in a network of `qmn cli` or a script anybody may have made some.
 WITHOUT_KEYS = {

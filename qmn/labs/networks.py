@@ -12,8 +12,8 @@ from qmn.as_root import COMMAND
 from qmn.labs.lab import Run
 from qmn.timeouts import LAB_END_TIMEOUT_S, LAB_POLL_S, LAB_RUN_TIMEOUT_S
 from topologies.system.processes.programs import NetworkError, cause
+from wire.results.run_result import RESULT
 
-RESULT = "result.json"
 TOLD = "qmn: "  # before what is told of a fault
 
 

@@ -19,9 +19,9 @@ from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.dispatcher_service import CHANNEL_OPTIONS, RUNNER, metadata
 from wire.events import decode_record
 from wire.pcapng import LINKTYPE_USER0, Reader
+from wire.results.run_result import RESULT
 
 T = TypeVar("T")
-RESULT = "result.json"  # written when a run has ended
 ENDED = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.CANCELLED)
 
 

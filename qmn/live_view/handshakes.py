@@ -5,10 +5,10 @@ from pathlib import Path
 from qmn.live.event_sources import recorded
 from qmn.reports.packets import messages
 from qmn.reports.sequence import handshake, lanes
-from qmn.results.network_facts import NetworkFacts
 from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.metadata import Setup
 from wire.parameters.network import OPENFLOW_PORT
+from wire.results.network_facts import NetworkFacts
 
 
 def newest_setup_ns(folder: Path, network: NetworkFacts) -> int:

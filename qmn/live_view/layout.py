@@ -5,7 +5,7 @@ from typing import Any
 
 from qmn.reports.light_paths import fiber_name
 from qmn.reports.places import Place, columns, of_nodes, on_paper
-from qmn.results.network_facts import NetworkFacts
+from wire.results.network_facts import NetworkFacts
 
 WIDTH = 1000.0  # of the drawing, in its own units
 ROW = 90.0

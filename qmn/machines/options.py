@@ -5,10 +5,10 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
-from qmn.results.run_result import MachineFacts
 from topologies.system.machines.machine import Machine
 from topologies.system.runs.runtime import Runtime
 from wire.parameters.option import option
+from wire.results.run_result import MachineFacts
 
 
 @dataclass(frozen=True, kw_only=True)

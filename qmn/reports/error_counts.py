@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from qmn.reports.packets import messages
-from qmn.results.network_facts import NetworkFacts
 from wire.metadata import Block, Emit, Report
+from wire.results.network_facts import NetworkFacts
 
 MAX_CAPTURE_BYTES = 50_000_000  # 0.4 s to read
 NAMES = {

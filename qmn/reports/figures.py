@@ -13,10 +13,10 @@ from qmn.reports.markup import figure, missing
 from qmn.reports.network_diagram import network_diagram, path_colour
 from qmn.reports.run_facts import RunFacts
 from qmn.reports.sequence import handshake, lanes
-from qmn.results.run_result import KeysJob, LoadJob, MessageJob
 from qmn.results.timeline import TIMELINE
 from qmn.traffic.fiber_use import fiber_use
 from wire.parameters.network import OPENFLOW_PORT
+from wire.results.run_result import KeysJob, LoadJob, MessageJob
 
 MOST_NAMED = 12  # light paths
 NOT_WRITTEN = "what happened to qubits was not written (--no-events)."

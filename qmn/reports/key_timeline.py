@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from hosts.middleware.services.key_distribution.options import KeyOptions
 from qmn.reports import drawing
 from qmn.reports.drawing import BAD, INK, METADATA, MUTED, QUANTUM
-from qmn.results.run_result import Moment
+from wire.results.run_result import Moment
 
 WIDE_INCHES = (9.0, 1.6)  # of each row
 

@@ -5,10 +5,10 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from qmn.results.network_facts import NetworkFacts
 from wire.config import QuantumSwitch
 from wire.dispatcher_pb2 import Event
 from wire.parameters.fiber import Fiber, FiberEnd
+from wire.results.network_facts import NetworkFacts
 
 _OUTCOME = re.compile(r"(?:Phi|Psi)[+-]=(\d+)")
 

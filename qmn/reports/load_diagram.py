@@ -9,9 +9,9 @@ from matplotlib.ticker import EngFormatter, MaxNLocator
 
 from qmn.reports import drawing
 from qmn.reports.drawing import BAD, METADATA, QUANTUM
-from qmn.results.run_result import Load, LoadSession
 from qmn.traffic.fiber_use import Use
 from qmn.traffic.session import ACCEPTED
+from wire.results.run_result import Load, LoadSession
 
 WIDTH_INCHES, SESSIONS_INCHES, ROW_INCHES, REST_INCHES = 8.6, 2.0, 0.16, 0.7
 MOST_FIBERS = 60

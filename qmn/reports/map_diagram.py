@@ -7,8 +7,8 @@ from qmn.reports.labels import Labels
 from qmn.reports.light_paths import LightPath
 from qmn.reports.network_diagram import bundle, described, lit, node, used
 from qmn.reports.places import MARGIN_INCHES, WIDTH_INCHES, Place, of_nodes, on_paper
-from qmn.results.network_facts import NetworkFacts
 from wire.parameters.fiber import Fiber
+from wire.results.network_facts import NetworkFacts
 
 LINE_LETTERS = 20  # of a box
 

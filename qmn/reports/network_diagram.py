@@ -12,8 +12,8 @@ from qmn.reports.drawing import GRID, INK, MUTED, PAPER, PATHS, QUANTUM
 from qmn.reports.labels import BUNDLE_INCHES, Labels
 from qmn.reports.light_paths import LightPath, fiber_name
 from qmn.reports.places import LEAST_HEIGHT_INCHES, NODE_INCHES, WIDTH_INCHES, Place, columns
-from qmn.results.network_facts import NetworkFacts
 from wire.parameters.fiber import Fiber
+from wire.results.network_facts import NetworkFacts
 
 NODE_ROW_INCHES = 0.72
 BESIDE_INCHES, STROKE_INCHES = 0.22, 0.045  # between fibres; between paths in one

@@ -12,7 +12,6 @@ from itertools import islice
 from pathlib import Path
 
 from qmn.reports.streams import Flow, framed
-from qmn.results.network_facts import NetworkFacts
 from wire.metadata import (
     MAGIC,
     METADATA_PORT,
@@ -24,6 +23,7 @@ from wire.metadata import (
     decode,
     message_length,
 )
+from wire.results.network_facts import NetworkFacts
 
 _OPENFLOW = struct.Struct("!BBHI")  # version, type, length, transaction
 OPENFLOW_1_4 = 5

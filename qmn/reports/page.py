@@ -12,8 +12,8 @@ from qmn.reports.light_paths import fiber_name, light_paths, photons_by_port
 from qmn.reports.markup import table
 from qmn.reports.run_facts import RunFacts, read_run
 from qmn.results.result import said_size
-from qmn.results.run_result import Figures, KeysJob, LoadJob, MessageJob, RunResult
 from qmn.results.service_result import number_text
+from wire.results.run_result import Figures, KeysJob, LoadJob, MessageJob, RunResult
 
 REPORT = "report.html"
 LAST_WORD = "Counts are the sender's last word; the figures may know more."

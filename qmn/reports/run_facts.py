@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from qmn.live.event_sources import RESULT, recorded
-from qmn.results import schema
-from qmn.results.network_facts import NetworkFacts
-from qmn.results.run_result import MessageJob, NetworkResult, RunResult
+from qmn.live.event_sources import recorded
 from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.application_lines import fields_of
 from wire.controller_lines import read_record
 from wire.dispatcher_pb2 import Event
+from wire.results import schema
+from wire.results.network_facts import NetworkFacts
+from wire.results.run_result import RESULT, MessageJob, NetworkResult, RunResult
 
 SENDER_LOG = "asking.log"
 

@@ -12,7 +12,6 @@ from types import MappingProxyType
 from qmn.reports.packets import Flight, flights, holds_setup, openflow
 from qmn.reports.places import columns
 from qmn.reports.streams import Flow
-from qmn.results.network_facts import NetworkFacts
 from wire.dispatcher_pb2 import Event
 from wire.metadata import (
     FEC_NAMES,
@@ -32,6 +31,7 @@ from wire.metadata import (
     Values,
     Verdict,
 )
+from wire.results.network_facts import NetworkFacts
 
 METADATA, OPENFLOW, QUANTUM = "metadata", "openflow", "quantum"
 CONTROLLER = "c0"

@@ -9,13 +9,12 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 
-from qmn.live.event_sources import RESULT
 from qmn.network.options import NetworkOptions
 from qmn.results.run_folder import PRIVATE
-from qmn.results.run_result import NetworkResult
 from qmn.results.timeline import timeline_of_run
 from topologies.networks.network import Interrupted
 from topologies.system.processes.programs import NetworkError
+from wire.results.run_result import RESULT, NetworkResult
 
 
 @contextmanager

@@ -3,8 +3,8 @@
 from hashlib import file_digest
 from pathlib import Path
 
-from qmn.results.run_result import Figures, Message, MessageJob, Received, Sent
 from wire.device import RANGES, setting_name
+from wire.results.run_result import Figures, Message, MessageJob, Received, Sent
 
 RECEIVED = "received"  # in the folder of the run
 COUNTS = (

@@ -8,7 +8,12 @@ from rich.console import Console
 
 from qmn.results import message_result, service_result, software_share
 from qmn.results.message_result import RECEIVED as RECEIVED
-from qmn.results.run_result import (
+from topologies.networks.network import Network
+from topologies.system.runs.runtime import EVENT_LOG, RECORD
+from wire.controller_lines import read_record
+from wire.dispatcher_record import has_ended
+from wire.metadata import Reason
+from wire.results.run_result import (
     Approximated,
     Figures,
     MessageJob,
@@ -18,11 +23,6 @@ from qmn.results.run_result import (
     SetUpTimes,
     WatchedLight,
 )
-from topologies.networks.network import Network
-from topologies.system.runs.runtime import EVENT_LOG, RECORD
-from wire.controller_lines import read_record
-from wire.dispatcher_record import has_ended
-from wire.metadata import Reason
 
 EXACTNESS = {True: "exact", False: "with approximations", None: "exactness unknown"}
 MOST_IDS = 100  # of sessions

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from qmn.results.run_result import Figures, KeysJob, LoadJob, NetqasmJob, ServiceJob
+from wire.results.run_result import Figures, KeysJob, LoadJob, NetqasmJob, ServiceJob
 
 NOT_NUMBERS = ("event", "peer")
 

@@ -34,7 +34,6 @@ from qmn.results.artifacts import artifacts_of
 from qmn.results.network_facts import network_facts
 from qmn.results.result import note_files
 from qmn.results.run_folder import given_at_the_end
-from qmn.results.run_result import EarlyNews
 from qmn.results.software_share import note_software
 from qmn.scripting.exchange import Exchange, connection, exchange
 from qmn.scripting.light import FiberState, LightPath, fiber_state, light_path
@@ -42,6 +41,7 @@ from qmn.scripting.tables import SIMPLE, Row, TableOf, Tabular, drawn, row_of
 from topologies.links.causality import worst
 from topologies.networks.network import Network, Signals
 from topologies.nodes import QuantumHost
+from wire.results.run_result import EarlyNews
 
 # What only the `build` of a topology that is chosen by name is told.
 NAMED_ONLY = {

@@ -6,8 +6,8 @@ from itertools import accumulate
 from math import sqrt
 from typing import Any
 
-from qmn.results.run_result import AgedFidelity, Load, LoadSession, Shares
 from qmn.traffic.session import ACCEPTED, BLOCKED, BROKEN, LATE, Outcome
+from wire.results.run_result import AgedFidelity, Load, LoadSession, Shares
 
 AGES = 5  # portions by age
 SHARES = {"p50": 0.5, "p90": 0.9, "p99": 0.99}

@@ -20,13 +20,14 @@ from qmn.network.options import NetworkOptions
 from qmn.network.q0_options import Q0Options, ip_over_light, with_both_ways
 from qmn.network.topologies import TOPOLOGIES, topology_name
 from qmn.options import BadInput, add_options, read
-from qmn.results import schema, software_share
+from qmn.results import software_share
 from qmn.results.run_folder import give_to_invoker, make_folder, point_latest
 from qmn.scripting.network import QuantumNetwork, running
 from topologies.daemons.ip_over_light import start_ip_over_light
 from topologies.daemons.key_managers import start_key_managers
 from topologies.networks.network import Interrupted, require_root
 from topologies.system.processes.programs import NetworkError
+from wire.results import schema
 
 INTERRUPTED = 130  # status of a script that Ctrl-C has ended, as of a shell
 

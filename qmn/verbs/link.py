@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from qmn.live.running import announced_network
-from qmn.results.network_facts import NetworkFacts
 from qmn.timeouts import ORDER_TIMEOUT_S
 from topologies.system.processes.programs import NetworkError
+from wire.results.network_facts import NetworkFacts
 
 INTERFACES = Path("/sys/class/net")
 

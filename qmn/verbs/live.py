@@ -22,10 +22,10 @@ from qmn.live_view.sources import following, timeline_of_run
 from qmn.live_view.timeline import Timeline
 from qmn.options import add_options, read
 from qmn.reports.run_facts import BadRun, read_result
-from qmn.results.network_facts import NetworkFacts
 from topologies.system.processes.programs import NetworkError
 from wire.metadata import MalformedPacket
 from wire.parameters.option import option
+from wire.results.network_facts import NetworkFacts
 
 
 @dataclass(frozen=True)

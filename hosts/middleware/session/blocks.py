@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from hosts.hardware.qnic import BlockName, Positions, Qnic, Symbols
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.protocol import Side, Steps, do, hear
+from hosts.middleware.session.protocol import Say, Side, Steps, do, hear
 from hosts.timeouts import HERALD_TIMEOUT_S
 from wire.metadata import Reason, Topic
 
@@ -90,16 +90,18 @@ def correct_rotation(name: BlockName, arrived: NDArray[np.bool_], rotation: int)
     return (yield from store(name))
 
 
-def correct_heralded(side: Side, name: BlockName, size: int, port: str) -> Steps[tuple[Mask, int]]:
+def correct_heralded(
+    side: Side, name: BlockName, size: int, port: str, ready: Say
+) -> Steps[tuple[Mask, int]]:
     """Do what the end does that does not ask the station, for a block that was announced.
 
-    It attempts, hears what was heralded, and makes Phi+ of that behind the paths. Return which of
-    the heralded pairs are kept, as the other end is told, and the mean time (ns) from which they
-    wait.
+    It attempts, says that it is ready, hears what was heralded, and makes Phi+ of that behind the
+    paths. Return which of the heralded pairs are kept, as the other end is told, and the mean time
+    (ns) from which they wait.
     """
     number = name.number
     yield from do(Qnic.attempt, name, port, side.setup.wavelength_pm)
-    yield side.agree()
+    yield ready
     states = yield from hear(Topic.HERALDED, number, None, MAX_STATE, HERALD_TIMEOUT_S)
     if states.size > size:
         text = f"{states.size} pairs of block {number} heralded, of {size}"

@@ -11,9 +11,14 @@ from scapy.utils import PcapWriter
 
 from dispatcher.layer.history import EventCapture
 from qmn.results.message_result import sent
-from qmn.results.network_facts import NetworkFacts
 from qmn.results.result import complete
-from qmn.results.run_result import (
+from wire.config import PathOptics, QuantumSwitch
+from wire.controller_lines import RECORD
+from wire.dispatcher_pb2 import BlockId, Event
+from wire.metadata import Answer, Handshake, Reason, Service, Setup, Verdict
+from wire.parameters.fiber import Fiber, FiberEnd
+from wire.results.network_facts import NetworkFacts
+from wire.results.run_result import (
     Approximated,
     Figures,
     Message,
@@ -22,11 +27,6 @@ from qmn.results.run_result import (
     RunResult,
     ServiceJob,
 )
-from wire.config import PathOptics, QuantumSwitch
-from wire.controller_lines import RECORD
-from wire.dispatcher_pb2 import BlockId, Event
-from wire.metadata import Answer, Handshake, Reason, Service, Setup, Verdict
-from wire.parameters.fiber import Fiber, FiberEnd
 
 START_NS = 1_700_000_000 * 10**9
 SESSION = 0xABC

@@ -7,16 +7,16 @@ from typing import Any
 import pytest
 
 from dispatcher.layer.history import EventCapture
-from qmn.live.event_sources import RESULT
 from qmn.network.options import NetworkOptions
 from qmn.reports.report_file import NoReport, made_report
 from qmn.results.artifacts import artifacts_of
-from qmn.results.network_facts import NetworkFacts
 from qmn.results.timeline import TIMELINE
 from topologies.system.processes.programs import NetworkError
 from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.dispatcher_pb2 import Event
 from wire.dissection.dissectors import SCRIPT, script
+from wire.results.network_facts import NetworkFacts
+from wire.results.run_result import RESULT
 
 OPTIONS = NetworkOptions(seed=7, length_km=2.0, fiber=("filter_nm=2",))
 

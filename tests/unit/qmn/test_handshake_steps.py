@@ -30,7 +30,6 @@ from qmn.reports.sequence import (
     lanes,
     together,
 )
-from qmn.results.network_facts import NetworkFacts
 from wire.metadata import (
     KINDS,
     Block,
@@ -46,6 +45,7 @@ from wire.metadata import (
     Topic,
     Values,
 )
+from wire.results.network_facts import NetworkFacts
 
 THERE = (ALICE, BOB)
 

@@ -4,7 +4,7 @@ import pytest
 from recorded_run import NETWORK, events
 
 from qmn.reports.light_paths import light_paths, photons_by_port, without_outcome
-from qmn.results.network_facts import NetworkFacts
+from wire.results.network_facts import NetworkFacts
 
 
 def test_a_path_leads_through_switches_that_were_connected_at_the_same_time() -> None:

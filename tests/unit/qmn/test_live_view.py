@@ -27,7 +27,7 @@ from qmn.live_view.layout import placed
 from qmn.live_view.server import PAGE
 from qmn.live_view.sources import timeline_of_run
 from qmn.live_view.timeline import Timeline
-from qmn.results.network_facts import NetworkFacts
+from wire.results.network_facts import NetworkFacts
 
 EXAMPLES = {
     "link": {"a": "alice", "b": "q1", "state": "down"},

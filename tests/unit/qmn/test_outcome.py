@@ -17,8 +17,8 @@ from qmn.jobs.run_options import RunOptions
 from qmn.jobs.superdense import SuperdenseRequest
 from qmn.network.options import NetworkOptions
 from qmn.results.result import complete, show
-from qmn.results.run_result import Approximated, RunResult
 from topologies.networks.network import Signals
+from wire.results.run_result import Approximated, RunResult
 
 
 def shown(folder: Path, **facts: Any) -> list[str]:

@@ -11,10 +11,10 @@ from qmn.reports.light_paths import Hop, LightPath, fiber_name
 from qmn.reports.map_diagram import in_a_line, map_diagram
 from qmn.reports.network_diagram import network_diagram
 from qmn.reports.places import NODE_INCHES, WIDTH_INCHES, columns, of_nodes, on_paper
-from qmn.results.network_facts import NetworkFacts
 from topologies.catalogue.maps import read_map
 from wire.config import QuantumSwitch
 from wire.parameters.fiber import Fiber, FiberEnd
+from wire.results.network_facts import NetworkFacts
 
 LINE = ["q1", "q2", "q3", "q4", "q5"]
 RING = [*pairwise(LINE), ("q5", "q1")]

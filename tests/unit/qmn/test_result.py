@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 from recorded_run import message_run, service_run
 
-from qmn.results import schema
 from qmn.results.message_result import coding, sent
 from qmn.results.result import (
     complete,
@@ -16,7 +15,9 @@ from qmn.results.result import (
     sessions,
     watched_light,
 )
-from qmn.results.run_result import (
+from wire.controller_lines import RECORD, read_record
+from wire.results import schema
+from wire.results.run_result import (
     MessageJob,
     RunResult,
     Sent,
@@ -24,7 +25,6 @@ from qmn.results.run_result import (
     SetUpTimes,
     WatchedLight,
 )
-from wire.controller_lines import RECORD, read_record
 
 
 def test_percentiles_of_nothing_of_one_and_of_many() -> None:

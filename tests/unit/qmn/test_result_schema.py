@@ -8,9 +8,9 @@ import pytest
 from json_schema import problems
 from recorded_run import record_run, service_run
 
-from qmn.results import schema
 from qmn.results.result import complete
 from topologies.system.processes.programs import ROOT
+from wire.results import schema
 
 FILE = ROOT / "docs" / "result.schema.json"
 
@@ -28,7 +28,7 @@ def of_message(folder: Path) -> dict[str, Any]:
 
 
 def test_the_schema_in_docs_is_that_of_the_code() -> None:
-    """Made anew by: python -m qmn.results.schema > docs/result.schema.json."""
+    """Made anew by: python -m wire.results.schema > docs/result.schema.json."""
     assert FILE.read_text() == schema.text()
 
 

@@ -13,8 +13,6 @@ from qmn.__main__ import described
 from qmn.jobs.load import checked
 from qmn.network.description import describe_network
 from qmn.options import BadInput
-from qmn.results.network_facts import NetworkFacts
-from qmn.results.run_result import Shares
 from qmn.traffic.erlang import erlang_b, erlang_c, mean_wait, waits_longer
 from qmn.traffic.fiber_use import fiber_use, shares, span_of
 from qmn.traffic.plan import BadTraffic, Planned, Traffic, plan
@@ -24,6 +22,8 @@ from qmn.verbs.run import load_request
 from wire.config import QuantumSwitch
 from wire.dispatcher_pb2 import Event
 from wire.parameters.fiber import Fiber, FiberEnd
+from wire.results.network_facts import NetworkFacts
+from wire.results.run_result import Shares
 
 HOSTS = ["h1", "h2", "h3"]
 PLAIN = Traffic(HOSTS, HOSTS, rate_per_s=20.0, holding_s=0.5)

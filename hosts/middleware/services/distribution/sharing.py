@@ -49,7 +49,7 @@ def share(side: HostSide, pairs: Pairs, message: Values) -> Steps[None]:
     name = side.block(number, half=1)
     if side.setup.memory == MemoryState.HERALDED:
         pairs.admit(number)
-        kept, _since_ns = yield from correct_heralded(side, name, size, side.ports[0])
+        kept, _since_ns = yield from correct_heralded(side, name, size, side.ports[0], side.agree())
         pairs.add(number, kept.size, int(np.count_nonzero(kept)))
         return
     light = yield from side.expect_light(name)

@@ -13,12 +13,13 @@ Several blocks may be under way; each says and hears all this by itself, and lig
 at a time.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from hosts.hardware.qnic import BlockName, Stored
+from hosts.hardware.qnic import BlockName
 from hosts.middleware.services.swapping.bits import MAX_OPERATOR, Bits, Swapped
 from hosts.middleware.services.swapping.spans import (
     MAX_SEED,
@@ -61,6 +62,8 @@ from wire.metadata import (
     Verdict,
 )
 
+A = TypeVar("A")
+
 NO_DIGEST = bytes(32)
 MAX_WAITED_US = (1 << 32) - 1
 
@@ -88,16 +91,17 @@ class OutgoingLink:
         """Make a block of pairs; return what has reached both ends."""
         side = self._side
         if side.setup.memory == MemoryState.HERALDED:
-            yield from side.announce(number, size)
             return (yield from self._herald(number, size))
-        stored = yield from self._light(number, size)
+        stored = yield from self._in_turn(number, size, own_pairs)
         yield side.say(Topic.ARRIVED, number, stored.arrived, 1)
         theirs = yield from hear(Topic.ARRIVED, number, size, 1)
         both = stored.arrived & theirs.astype(bool)
         return Kept((yield from keep_of_all(self.block(number), both)), stored.since_ns)
 
-    def _light(self, number: int, size: int) -> Steps[Stored]:
-        """Make the light of a block when that of others is over; return what is kept of it.
+    def _in_turn(
+        self, number: int, size: int, make: Callable[[Side, int, int, str], Steps[A]]
+    ) -> Steps[A]:
+        """Make the light of a block when that of others is over.
 
         The right end hears of the block only then: nobody expects light that has to wait.
         """
@@ -105,14 +109,14 @@ class OutgoingLink:
         self._lit = True
         try:
             yield from self._side.call(number, size)
-            return (yield from own_pairs(self._side, number, size, self._port))
+            return (yield from make(self._side, number, size, self._port))
         finally:
             self._lit = False
 
     def _herald(self, number: int, size: int) -> Steps[Kept]:
         """Have a station herald pairs; return what is at both ends."""
         side, name = self._side, self.block(number)
-        heralds = yield from heralded(side, number, size, self._port)
+        heralds = yield from self._in_turn(number, size, heralded)
         yield side.say(Topic.HERALDED, number, heralds.states, 2)
         kept = yield from hear(Topic.ARRIVED, number, heralds.states.size, 1)
         if not kept.size:
@@ -180,7 +184,9 @@ class IncomingLink:
         """Store a block that was announced; return what has reached both ends."""
         side, name = self._side, self.block(number)
         if side.setup.memory == MemoryState.HERALDED:
-            kept, since_ns = yield from correct_heralded(side, name, size, self._port)
+            kept, since_ns = yield from correct_heralded(
+                side, name, size, self._port, side.ready(number, size)
+            )
             return Kept(int(np.count_nonzero(kept)), since_ns)
         light = yield from side.expect_light(name, self._port)
         yield side.ready(number, size)

@@ -10,9 +10,9 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from qmn.live.event_sources import RESULT
-from qmn.results.network_facts import NetworkFacts
+from wire.results.network_facts import NetworkFacts
 
+RESULT = "result.json"  # file of a run's folder, written when it has ended
 Figures = dict[str, Any]  # what one end has said at the end: each service has words of its own
 Moment = dict[str, Any]  # at (s since the start), host, event, and what belongs to that
 

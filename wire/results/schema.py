@@ -1,8 +1,8 @@
 """The JSON of result.json: its schema, as programs read it, and how a result is read back.
 
-python -m qmn.results.schema > docs/result.schema.json
+python -m wire.results.schema > docs/result.schema.json
 
-Both follow from the dataclasses of qmn.results.run_result.
+Both follow from the dataclasses of wire.results.run_result.
 """
 
 import json
@@ -13,9 +13,8 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
-from qmn.live.event_sources import RESULT
-from qmn.results.network_facts import NetworkFacts
-from qmn.results.run_result import NetworkResult, RunResult
+from wire.results.network_facts import NetworkFacts
+from wire.results.run_result import RESULT, NetworkResult, RunResult
 
 Schema = dict[str, Any]
 T = TypeVar("T")

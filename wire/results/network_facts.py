@@ -1,0 +1,46 @@
+"""The parts of a network as result.json keeps them: hosts, switches, fibres, copper."""
+
+from dataclasses import asdict, dataclass, field
+from typing import Any, Self
+
+from wire.config import QuantumSwitch
+from wire.parameters.fiber import Fiber
+
+
+@dataclass(frozen=True)
+class NetworkFacts:
+    """A network as it was built."""
+
+    addresses: dict[str, str]  # of the hosts
+    source: str  # the host that makes pairs
+    fibers: list[Fiber]
+    switches: list[QuantumSwitch]
+    copper: list[list[str]]  # of each link: node and interface at one end, and at the other
+    # Where nodes are on a map, from left to right and upwards; empty: on none.
+    positions: dict[str, tuple[float, float]] = field(default_factory=dict)
+    datapath_ids: dict[str, int] = field(default_factory=dict)  # of the quantum switches
+    copper_switches: list[str] = field(default_factory=list)  # those of copper alone
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON takes it."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, given: dict[str, Any]) -> Self:
+        """Build it from decoded JSON."""
+        fibers = [Fiber.from_dict(fiber) for fiber in given["fibers"]]
+        switches = [QuantumSwitch.from_dict(switch) for switch in given["switches"]]
+        positions = {name: (x, y) for name, (x, y) in given.get("positions", {}).items()}
+        # Results that do not say it are of networks that could call theirs by one name alone.
+        copper_switches = given.get("copper_switches", ["s1"])
+        built = {"fibers": fibers, "switches": switches, "positions": positions}
+        return cls(**{**given, **built, "copper_switches": copper_switches})
+
+    def host_at(self, interface: str) -> str:
+        """Return the host that a switch's copper interface leads to, "" if there is none."""
+        for node1, name1, node2, name2 in self.copper:
+            if interface == name1:
+                return node2
+            if interface == name2:
+                return node1
+        return ""
