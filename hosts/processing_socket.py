@@ -13,7 +13,7 @@ class ProcessingSocket(StackSocket):
 
     def begin(self) -> dict[str, str]:
         """Begin an application; return the addresses of all nodes by name, in NetQASM's order."""
-        self._socket.sendall(encode_fields(Call.PROCESS))
+        self._send(encode_fields(Call.PROCESS))
         call, payload = self._read()
         if call != Call.DONE:
             raise QuantumSocketError(f"the stack answered {call.name} to PROCESS")
@@ -26,7 +26,7 @@ class ProcessingSocket(StackSocket):
 
         Raise QuantumSocketError with the reason if it cannot be done.
         """
-        self._socket.sendall(encode(Call.DATA, message))
+        self._send(encode(Call.DATA, message))
         answers: list[UnitMessage] = []
         while True:
             call, payload = self._read()
@@ -42,6 +42,6 @@ class ProcessingSocket(StackSocket):
 
         Raise QuantumSocketError where states may not be looked at, as in none of hardware.
         """
-        self._socket.sendall(encode_fields(Call.ASK, look=qubit, entangled=entangled))
+        self._send(encode_fields(Call.ASK, look=qubit, entangled=entangled))
         fields = not_refused(self._done())
         return np.array(fields["real"]) + 1j * np.array(fields["imaginary"])

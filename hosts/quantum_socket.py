@@ -51,7 +51,7 @@ class QuantumSocket(ServiceSocket):
     def sendall(self, data: bytes) -> None:
         """Send all of data; return when the other end's stack holds every byte of it."""
         for start in range(0, len(data), MAX_PAYLOAD):
-            self._socket.sendall(encode(Call.DATA, data[start : start + MAX_PAYLOAD]))
+            self._send(encode(Call.DATA, data[start : start + MAX_PAYLOAD]))
             self.summary = self._done()
 
     def recv(self, size: int) -> bytes:
@@ -76,7 +76,7 @@ class QuantumSocket(ServiceSocket):
         is raised because the network ends.
         """
         words = {"session": session, "history": history, "follow": follow}
-        self._socket.sendall(encode_fields(Call.WATCH, **words))
+        self._send(encode_fields(Call.WATCH, **words))
         self._done()
         while True:
             call, payload = self._read()

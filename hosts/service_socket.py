@@ -39,7 +39,7 @@ class ServiceSocket(StackSocket):
         """
         host, port = address
         words = {"service": service, "host": host, "port": port}
-        self._socket.sendall(encode_fields(Call.REQUEST, **words, **options))
+        self._send(encode_fields(Call.REQUEST, **words, **options))
         return self.results()
 
     def results(self) -> Iterator[dict[str, Any]]:
@@ -65,13 +65,13 @@ class ServiceSocket(StackSocket):
         It has begun when this returns. Yield what was seen of each block, until `shutdown`;
         `summary` is there then. Raise QuantumSocketError with the reason if it cannot be.
         """
-        self._socket.sendall(encode_fields(Call.INTERCEPT, fraction=fraction, **options))
+        self._send(encode_fields(Call.INTERCEPT, fraction=fraction, **options))
         self._done()
         return self.results()
 
     def stop(self) -> None:
         """Let an interception end, from any thread or signal handler; its results then end, too."""
-        self._socket.sendall(encode(Call.CLOSE))
+        self._send(encode(Call.CLOSE))
 
     def ask(self, **question: Any) -> dict[str, Any]:
         """Ask about what the service has left here; return the answer.
@@ -79,7 +79,7 @@ class ServiceSocket(StackSocket):
         Raise QuantumSocketError with the reason if it is refused; then one may go on asking.
         """
         if not self.over:
-            self._socket.sendall(encode_fields(Call.ASK, **question))
+            self._send(encode_fields(Call.ASK, **question))
             call, payload = self._read()
             if call == Call.DONE:
                 return not_refused(decode_fields(payload))
@@ -91,5 +91,5 @@ class ServiceSocket(StackSocket):
     def shutdown(self) -> None:
         """End the session that this end has asked for; return when it is over at both ends."""
         if not self.over:
-            self._socket.sendall(encode(Call.CLOSE))
+            self._send(encode(Call.CLOSE))
             list(self.results())

@@ -38,7 +38,7 @@ class StackSocket:
         self._socket = self._open()
         # Its number must not go to another file while a call waits on it.
         self._receiving = threading.RLock()
-        self._broken = False
+        self._broken = self._closed = False
         self._listening_port = 0
         self.summary: dict[str, Any] = {}  # of the session, as far as this end has heard
 
@@ -61,7 +61,7 @@ class StackSocket:
 
     def listen(self, port: int, service: str = BYTES) -> None:
         """Let other hosts connect to this port for a service, until close."""
-        self._socket.sendall(encode_fields(Call.LISTEN, port=port, service=service))
+        self._send(encode_fields(Call.LISTEN, port=port, service=service))
         self._done()
         self._listening_port = port
 
@@ -70,7 +70,7 @@ class StackSocket:
         accepted = type(self)(self._stack)
         try:
             accepted.settimeout(self._socket.gettimeout())
-            accepted._socket.sendall(encode_fields(Call.ACCEPT, port=self._listening_port))
+            accepted._send(encode_fields(Call.ACCEPT, port=self._listening_port))
             accepted.summary = accepted._done()
         except BaseException:
             accepted._socket.close()
@@ -82,6 +82,7 @@ class StackSocket:
 
         A call of another thread that waits on this socket ends, with QuantumSocketError.
         """
+        self._closed = True
         with suppress(OSError):  # the stack may have ended before
             self._socket.shutdown(socket.SHUT_RDWR)
         with self._receiving:
@@ -117,7 +118,7 @@ class StackSocket:
         while len(parts) < size:
             part = self._receive(size - len(parts))
             if not part:
-                raise StackEnded("the host's stack has ended")
+                raise self._end()
             parts += part
         return bytes(parts)
 
@@ -126,9 +127,23 @@ class StackSocket:
             with self._receiving:
                 return self._socket.recv(size)
         except OSError as error:
-            if self._socket.fileno() >= 0:
-                raise
-            raise QuantumSocketError("this socket has been closed") from error
+            if self._closed:
+                raise self._end() from error
+            raise
+
+    def _send(self, data: bytes) -> None:
+        try:
+            self._socket.sendall(data)
+        except OSError as error:
+            if self._closed or isinstance(error, BrokenPipeError | ConnectionResetError):
+                raise self._end() from error
+            raise
+
+    def _end(self) -> QuantumSocketError:
+        """Return why nothing goes through it any more."""
+        if self._closed:
+            return QuantumSocketError("this socket has been closed")
+        return StackEnded("the host's stack has ended")
 
     def __enter__(self) -> Self:
         return self

@@ -130,10 +130,9 @@ class Outgoing:
         try:
             with light:
                 self._carry(service, light)
+        except StackEnded:
+            raise
         except QuantumSocketError as error:
-            stranded = service == RETURNED and self._returned_on is None
-            if isinstance(error, StackEnded) and not stranded:
-                raise
             self._broken += 1
             log.warning("%s: light lost (%s): %s", self.neighbor.host, service, error)
             if self._broken >= ATTEMPTS:

@@ -84,13 +84,9 @@ def strike_standing(arguments: argparse.Namespace, wanted: int | None) -> int:
     import standing
 
     deadline, made, wrong = time.monotonic() + 60 * arguments.minutes, 0, 0
-    strikes = standing.strikes(arguments.strikes, arguments.seed, arguments.first)
-    for each in strikes:
+    for each in standing.strikes(arguments.strikes, arguments.seed, arguments.first, deadline):
         print(standing.told(each), flush=True)
         made, wrong = made + each.is_strike, wrong + bool(each.faults)
-        if time.monotonic() > deadline:
-            strikes.close()
-            break
     print(f"strikes          {made} at one network\nwrong            {wrong}")
     if fewer := too_few(made, wanted, arguments.minutes):
         print(fewer)

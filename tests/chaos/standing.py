@@ -11,7 +11,7 @@ import signal
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
@@ -201,8 +201,8 @@ STRIKES: tuple[tuple[int, Strike], ...] = (
 )
 
 
-def strikes(count: int, seed: int, first: int = 0) -> Generator[Struck, None, None]:
-    """Make so many strikes at one network; yield what each has led to.
+def strikes(count: int, seed: int, first: int, deadline: float) -> Iterator[Struck]:
+    """Make so many strikes at one network, until a deadline; yield what each has led to.
 
     The last one is none, and tells what is left when the network is gone.
     """
@@ -211,10 +211,12 @@ def strikes(count: int, seed: int, first: int = 0) -> Generator[Struck, None, No
     with tempfile.TemporaryDirectory(prefix="chaos") as folder:
         with start("ring", Path(folder) / "run", switches=3) as network:
             standing = Standing(network)
-            for number in range(first, first + count):
+            number = first
+            while number < first + count and time.monotonic() < deadline:
                 yield one(standing, number, Random(f"{seed}/{number}"))
+                number += 1
             network.check()
-        yield Struck(first + count, "the end", faults=machine.left(before), is_strike=False)
+        yield Struck(number, "the end", faults=machine.left(before), is_strike=False)
     machine.stop_open_vswitch()
 
 
