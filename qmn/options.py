@@ -8,10 +8,10 @@ makes --length-km KM of a parser and length_km=… of a script.
 import argparse
 from collections.abc import Collection, Mapping
 from dataclasses import Field, fields
-from difflib import get_close_matches
-from math import inf
 from types import UnionType
 from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin, get_type_hints
+
+from wire.parameters.checks import check_choice, check_number, remedy
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -57,9 +57,7 @@ def from_keywords(kind: type[Kind], given: Mapping[str, Any]) -> Kind:
     hints = get_type_hints(kind)
     known = {each.name: each for each in fields(kind) if "help" in each.metadata}
     for name in sorted(given.keys() - known.keys()):
-        nearest = get_close_matches(name, known, 1)
-        remedy = f"did you mean {nearest[0]}?" if nearest else f"choose of {', '.join(known)}"
-        raise BadInput(f"there is no option {name}: {remedy}")
+        raise BadInput(f"there is no option {name}: {remedy(name, known)}")
     return kind(**{name: _value(known[name], hints, value) for name, value in given.items()})
 
 
@@ -78,9 +76,7 @@ def check_ranges(options: "DataclassInstance") -> None:
 
 def check_range(name: str, value: float, least: float, most: float) -> None:
     """Raise BadInput unless the value of the option of this name is in its range."""
-    if not least <= value <= most:
-        range_text = f"{least:g} or more" if most == inf else f"{least:g} to {most:g}"
-        raise BadInput(f"--{name.replace('_', '-')} {value}: choose {range_text}")
+    check_number(f"--{name.replace('_', '-')}", value, least, most, BadInput)
 
 
 def _fields(kind: "type[DataclassInstance]") -> list["Field[Any]"]:
@@ -131,6 +127,6 @@ def _value(option: "Field[Any]", hints: Mapping[str, Any], given: Any) -> Any:
         value = said.get("parse", kind)(str(given))
     except (ValueError, argparse.ArgumentTypeError) as error:
         raise BadInput(f"{option.name}: {error}") from error
-    if "choices" in said and value not in said["choices"]:
-        raise BadInput(f"{option.name} {given!r}: choose one of {', '.join(said['choices'])}")
+    if "choices" in said:
+        check_choice(option.name, value, said["choices"], BadInput)
     return value

@@ -39,6 +39,7 @@ from wire.metadata import (
     Reason,
 )
 from wire.padded_name import padded_name
+from wire.parameters.checks import check_number
 from wire.seal_orders import GiveBack, SealOrder
 from wire.session_estimates import SessionEstimate
 
@@ -86,10 +87,8 @@ def check_settings(settings: DeviceSettings) -> None:
     """Raise ValueError naming value and range for a setting out of range."""
     for name, (least, most) in RANGES.items():
         value = getattr(settings, name)
-        if value is None:
-            continue
-        if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
-            raise ValueError(f"{name} is {value!r}: choose {least} to {most}")
+        if value is not None:
+            check_number(name, value, least, most)
 
 
 _SETTINGS = struct.Struct(f"!{len(fields(DeviceSettings))}I")

@@ -82,7 +82,7 @@ from controller_apps.policy.schedules import (
     UNPURIFIED,
     Purification,
 )
-from controller_apps.policy.watches import KINDS, MAX_WATCHES, RANGES, Watch
+from controller_apps.policy.watches import MAX_WATCHES, RANGES, Watch
 from wire.device import (
     MAX_LEVEL_ROUNDS,
     MAX_SHARE,
@@ -92,6 +92,7 @@ from wire.device import (
     setting_number,
 )
 from wire.metadata import Service
+from wire.parameters.checks import check_choice, check_names, check_number
 from wire.services import LIGHT, RETURNS
 
 SHIPPED = Path(__file__).parent
@@ -424,7 +425,7 @@ def _parse_watch(given: object, place: str) -> Watch:
         remedy = 'write over = ["q1", "q2"], two different switches'
         over = _two(table["over"], place, remedy, "over")
     numbers = {
-        name: _number(table[name], *RANGES[name], f"{place}: {name}", KINDS[name])
+        name: _number(table[name], *RANGES[name], f"{place}: {name}")
         for name in RANGES
         if name in table
     }
@@ -472,7 +473,7 @@ def _parse_queue(table: dict[str, Any]) -> Queue:
     if "slot_s" in table and order != SLOTS:
         raise ValueError(f'queue: slot_s is of order = "{SLOTS}", not of {order!r}')
     slot_s = table.get("slot_s", Queue.slot_s)
-    return Queue(order, float(_number(slot_s, *SLOT_S, "queue: slot_s", (int, float))))
+    return Queue(order, float(_number(slot_s, *SLOT_S, "queue: slot_s")))
 
 
 def _parse_refusal(table: dict[str, Any]) -> bool:
@@ -508,16 +509,14 @@ def _parse_reporting(table: dict[str, Any]) -> Reporting:
     ranges = {"period_s": PERIODS_S, "lost_share": MAX_SHARE, "symbol_error_share": MAX_SHARE}
     return Reporting(
         **{
-            name: float(_number(value, *ranges[name], f"report: {name}", (int, float)))
+            name: float(_number(value, *ranges[name], f"report: {name}"))
             for name, value in table.items()
         }
     )
 
 
 def _only(table: dict[str, Any], place: str, known: set[str]) -> None:
-    for name in table:
-        if name not in known:
-            raise ValueError(f"{place}: unknown {name!r}; known are {', '.join(sorted(known))}")
+    check_names(place, table, sorted(known))
 
 
 def _array(content: dict[str, Any], name: str, most: int) -> list[Any]:
@@ -537,19 +536,11 @@ def _typed(value: object, kind: type[T], place: str, remedy: str) -> T:
     return value
 
 
-def _one_of(value: object, choices: tuple[str, ...], place: str) -> str:
-    if not isinstance(value, str) or value not in choices:
-        raise ValueError(f"{place} is {value!r}: choose one of {', '.join(choices)}")
-    return value
+def _one_of(value: Any, choices: tuple[str, ...], place: str) -> str:
+    check_choice(place, value, choices)
+    return str(value)
 
 
-def _number(
-    value: object,
-    least: float,
-    most: float,
-    place: str,
-    kinds: type | tuple[type, ...] = int,
-) -> Any:
-    if not isinstance(value, kinds) or isinstance(value, bool) or not least <= value <= most:  # type: ignore[operator]
-        raise ValueError(f"{place} is {value!r}: choose {least:g} to {most:g}")
+def _number(value: Any, least: float, most: float, place: str) -> Any:
+    check_number(place, value, least, most)
     return value

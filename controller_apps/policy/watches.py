@@ -15,10 +15,6 @@ RANGES: dict[str, tuple[float, float]] = {
     "false_alarm": (1e-15, 0.1),
     "missed": (1e-15, 0.1),
 }
-WHOLE = ("pairs", "rate_hz")
-KINDS: dict[str, type | tuple[type, ...]] = {
-    name: int if name in WHOLE else (int, float) for name in RANGES
-}
 
 
 @dataclass(frozen=True)

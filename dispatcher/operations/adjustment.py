@@ -61,7 +61,7 @@ def _illuminate(layer: PhysicalLayer, lines: Iterable[Line], power_mw: float) ->
 def _tap(layer: PhysicalLayer, lines: Iterable[Line], fraction: float) -> None:
     """Let this fraction of the photons be measured and sent on from now on."""
     if not 0 <= fraction <= 1:
-        raise invalid(f"tapped {fraction} is not 0 to 1: it is a fraction of the photons")
+        raise invalid(f"tapped {fraction}: choose 0 to 1, a fraction of the photons")
     now_ns = layer.clock.now_ns()
     for line in lines:
         detail = f"tapped {fraction:g}"

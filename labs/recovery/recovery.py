@@ -8,8 +8,7 @@ from qmn.labs.lab import Chart, Finding, Lab, Published, Runs, in_range
 from qmn.sweeps.estimates import Estimate, proportion
 
 LOSS, FAST = "of another pair than before; loss changes nothing here", "switches in 100 ns here"
-WAY = "loss from the source to the farther host (dB)"
-HERE = Path(__file__).parent
+HERE, WAY = Path(__file__).parent, "loss from the source to the farther host (dB)"
 WIDE = (HERE / "wide.txt").read_text().format(here=HERE)
 
 

@@ -18,6 +18,7 @@ from qmn.network.custom_topology import BadTopology
 from qmn.options import BadInput
 from qmn.scripting.network import QuantumNetwork
 from topologies.system.processes.programs import ROOT, NetworkError, callers_environment
+from wire.parameters.checks import range_words
 
 STATUS = "QMN_STATUS"  # variable in a host's shell: how the last command of a script ended
 FAULTS = (BadInput, BadTopology, NetworkError, NoAnswer, TransferError)
@@ -238,7 +239,8 @@ def _number(text: str, what: str, least: float, most: float) -> float:
     try:
         number = float(text)
     except ValueError as error:
-        raise BadInput(f"{what} {text!r} is not a number: choose {least:g} to {most:g}") from error
+        choices = range_words(least, most)
+        raise BadInput(f"{what} {text!r} is not a number: choose {choices}") from error
     if not least <= number <= most:
-        raise BadInput(f"{what} {text}: choose {least:g} to {most:g}")
+        raise BadInput(f"{what} {text}: choose {range_words(least, most)}")
     return number

@@ -47,7 +47,7 @@ class ServiceRequest:
         None,
         "put eve on the fibre, who attacks this fraction of the photons",
         metavar="FRACTION",
-        range=(0, 1),
+        range=(0.0, 1),
     )
     eve_attack: str = option(
         RESEND,
@@ -58,7 +58,7 @@ class ServiceRequest:
         None,
         "split: by how much less light is lost from her to a click than both ends expect (0)",
         metavar="DB",
-        range=(0, 100),
+        range=(0.0, 100),
     )
     hand_out: Path | None = option(
         None,

@@ -59,7 +59,7 @@ class LoadRequest:
         0.2,
         "mean time that a session holds its light, when it has it (0.2)",
         metavar="S",
-        range=(0, 600),
+        range=(0.0, 600),
     )
     constant: bool = option(False, "holding times are all alike, not exponential")
     deadline_s: float | None = option(
@@ -72,7 +72,7 @@ class LoadRequest:
         0.0,
         "share of the sessions that have priority 1, for a policy that orders by it (0)",
         metavar="SHARE",
-        range=(0, 1),
+        range=(0.0, 1),
     )
     senders: str = option(
         "", "hosts that ask, with commas (all but sources)", flag="--from", metavar="HOSTS"

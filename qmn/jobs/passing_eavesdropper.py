@@ -31,10 +31,10 @@ class PassingEve:
         None,
         "put eve on the fibre, who measures this fraction of the photons and resends them",
         metavar="FRACTION",
-        range=(0, 1),
+        range=(0.0, 1),
     )
-    at: float = option(10.0, "when eve comes (10)", metavar="S", range=(0, MOST_S))
-    until: float | None = option(None, "when she leaves (never)", metavar="S", range=(0, MOST_S))
+    at: float = option(10.0, "when eve comes (10)", metavar="S", range=(0.0, MOST_S))
+    until: float | None = option(None, "when she leaves (never)", metavar="S", range=(0.0, MOST_S))
 
     def check(self, ends: Collection[str], network: NetworkDescription) -> None:
         """Raise BadInput if she cannot come so."""

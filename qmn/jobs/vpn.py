@@ -76,7 +76,7 @@ class VpnRequest:
         "no key is used for longer (5)",
         flag="--key-lifetime",
         metavar="S",
-        range=(1, 86_400),
+        range=(1.0, 86_400),
     )
     session_bits: int = option(
         12_000,
@@ -89,7 +89,7 @@ class VpnRequest:
         None, f"to move (random bytes that take {DEFAULT_S:g} s)", metavar="FILE"
     )
     seconds: float = option(
-        90.0, "until the file has to be there (90)", metavar="S", range=(1, 86_400)
+        90.0, "until the file has to be there (90)", metavar="S", range=(1.0, 86_400)
     )
     eve: PassingEve
     network: NetworkOptions

@@ -1,12 +1,12 @@
 """The labs that there are: the folders of labs/, and any other that is named by its path."""
 
-from difflib import get_close_matches
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 from qmn.labs.lab import Lab
 from qmn.options import BadInput
 from topologies.system.processes.programs import ROOT
+from wire.parameters.checks import remedy
 
 LABS = ROOT / "labs"
 
@@ -23,11 +23,10 @@ def lab(name: str, folder: Path = LABS) -> Lab:
         folder, name = place.parent, place.name
     known = names(folder) if folder.is_dir() else []
     if name not in known:
-        nearest = get_close_matches(name, known, 1)
-        remedy = f"did you mean {nearest[0]}?" if nearest else f"choose {', '.join(known)}"
+        text = remedy(name, known)
         if folder != LABS:
-            remedy = f"{_file(folder, name)} is to say LAB = Lab(…)"
-        raise BadInput(f"there is no lab {name}: {remedy}")
+            text = f"{_file(folder, name)} is to say LAB = Lab(…)"
+        raise BadInput(f"there is no lab {name}: {text}")
     return _loaded(_file(folder, name))
 
 

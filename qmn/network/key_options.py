@@ -45,7 +45,7 @@ class KeyServiceOptions:
         0.0,
         "keys of 256 bits that one application gets in the long run (0: no limit)",
         metavar="R",
-        range=(0, 1e6),
+        range=(0.0, 1e6),
     )
     withhold: bool = option(False, "give out no key while the last session had too many errors")
     certificates: Path | None = option(

@@ -2,10 +2,10 @@
 
 from collections.abc import Callable, Collection, Coroutine
 from dataclasses import dataclass
-from difflib import get_close_matches
 
 from qmn.sweeps.estimates import Estimate
 from qmn.sweeps.parameters import BadGrid, Parameter, Value, Values
+from wire.parameters.checks import remedy
 
 Outcome = dict[str, Estimate]
 
@@ -59,9 +59,7 @@ class Experiment:
             if parameter.name == name:
                 return parameter
         names = [parameter.name for parameter in self.parameters]
-        near = get_close_matches(name, names, 1)
-        remedy = f"did you mean {near[0]}?" if near else f"choose {', '.join(names)}"
-        raise BadGrid(f"{name} is not a parameter of {self.name}: {remedy}")
+        raise BadGrid(f"{name} is not a parameter of {self.name}: {remedy(name, names)}")
 
     def measure(self, name: str) -> Measure:
         """Return a measure by its name."""

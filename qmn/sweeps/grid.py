@@ -10,6 +10,7 @@ from typing import Any
 
 from qmn.sweeps.experiment import Experiment, Outcome
 from qmn.sweeps.parameters import BadGrid, Value, Values
+from wire.parameters.checks import check_names
 
 MAX_POINTS = 10_000
 MAX_PAIRS = 100_000_000_000
@@ -66,9 +67,7 @@ def read(path: Path) -> dict[str, Any]:
         raise BadGrid(f"cannot read {path}: {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise BadGrid(f"{path} is not a TOML file: {error}") from error
-    unknown = sorted(content.keys() - set(FILE_KEYS))
-    if unknown:
-        raise BadGrid(f"{path}: {unknown[0]} is unknown: choose {', '.join(FILE_KEYS)}")
+    check_names(str(path), content, FILE_KEYS, BadGrid)
     if not isinstance(content.get("sweep"), str):
         raise BadGrid(f'{path} does not say what to sweep: sweep = "sdc", for example')
     if not isinstance(content.get("grid", {}), dict):

@@ -93,17 +93,18 @@ def several_pairs(
     statistics: str,
     mean_pairs: float,
     arrives: tuple[float, float],
-    dark_count: float = 0.0,
+    dark_count: float | tuple[float, float] = 0.0,
     error: float = 0.0,
 ) -> tuple[float, float]:
     """Return the error rate, and how often both ends see something, of pulses of Phi+ pairs.
 
     A pair has a fair bit, with `error` another at one end than at the other, and each half arrives
-    with its probability; each detector has a dark count with `dark_count`. The probability that no
-    detector of a set clicks is the generating function of the number of pairs (of `single`: there
-    is one) at the probability that one pair hits none of them, without dark counts; the rest is
-    inclusion and exclusion.
+    with its probability; each detector has a dark count with `dark_count`, or with that of its end.
+    The probability that no detector of a set clicks is the generating function of the number of
+    pairs (of `single`: there is one) at the probability that one pair hits none of them, without
+    dark counts; the rest is inclusion and exclusion.
     """
+    counts = dark_count if isinstance(dark_count, tuple) else (dark_count, dark_count)
 
     def dark(detectors: frozenset[tuple[int, int]]) -> float:
         misses = 0.0
@@ -111,7 +112,10 @@ def several_pairs(
             told = bit, bit ^ flip
             hits = (arrives[end] * ((end, told[end]) in detectors) for end in (0, 1))
             misses += math.prod(1 - hit for hit in hits) * (error if flip else 1 - error) / 2
-        none, missing = (1 - dark_count) ** len(detectors), mean_pairs * (1 - misses)
+        none, missing = (
+            math.prod(1 - counts[end] for end, _ in detectors),
+            mean_pairs * (1 - misses),
+        )
         if statistics == "single":
             return none * misses
         return none * (math.exp(-missing) if statistics == "poisson" else 1 / (1 + missing))

@@ -187,7 +187,7 @@ def test_our_facts_are_there_for_scripts(http: Http) -> None:
     )
     for device, content, words in (
         ("eve", {"rate_hz": 1}, "no device 'eve'"),
-        ("alice", {"rate_hz": 0}, "rate_hz is 0: choose 1 to"),
+        ("alice", {"rate_hz": 0}, "rate_hz 0: choose 1 to"),
         ("alice", {"rate_hz": "1"}, "give a whole number"),
         ("alice", {"speed": 1}, "no setting 'speed'"),
         ("alice", [], "settings are an object"),

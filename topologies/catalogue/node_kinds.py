@@ -12,6 +12,7 @@ The controller does not know them: it goes by the features that follow from a de
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from wire.parameters.checks import check_choice
 from wire.parameters.physics import (
     BadParameter,
     BellAnalyser,
@@ -139,6 +140,5 @@ NODE_KINDS = {
 
 def node_device(kind: str, base: Device) -> Device:
     """Return the device of a host of a kind; raise BadParameter with the kinds there are."""
-    if kind not in NODE_KINDS:
-        raise BadParameter(f"node {kind!r} is unknown; choose {', '.join(NODE_KINDS)}")
+    check_choice("node", kind, NODE_KINDS, BadParameter)
     return NODE_KINDS[kind].of(base)

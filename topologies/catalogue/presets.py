@@ -7,6 +7,7 @@ sudo PYTHONPATH=. mn --custom topologies/sdc.py --topo sdc,preset=metro
 from dataclasses import dataclass, field
 from typing import Any
 
+from wire.parameters.checks import check_choice
 from wire.parameters.physics import BadParameter, Detectors, Device, PairSource
 
 # Superconducting nanowires: 92 % efficient, under 130 dark counts a second, over 150 million
@@ -64,6 +65,5 @@ PRESETS = {
 
 def preset(name: str) -> Preset:
     """Return the preset of this name; raise BadParameter with those there are."""
-    if name not in PRESETS:
-        raise BadParameter(f"preset {name!r} is unknown; choose {', '.join(PRESETS)}")
+    check_choice("preset", name, PRESETS, BadParameter)
     return PRESETS[name]

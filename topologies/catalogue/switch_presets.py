@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from wire.parameters.checks import check_choice
 from wire.parameters.physics import BadParameter
 from wire.parameters.switch import OPTICS, QuantumSwitch
 
@@ -75,9 +76,7 @@ def optics_of(name: str, given: Mapping[str, Any]) -> QuantumSwitch:
     Raise BadParameter for what no switch can have.
     """
     preset = given.get("preset") or "ideal"
-    if preset not in SWITCH_PRESETS:
-        known = ", ".join(SWITCH_PRESETS)
-        raise BadParameter(f"{name}: preset {preset!r} is unknown; choose {known}")
+    check_choice(f"{name}: preset", preset, SWITCH_PRESETS, BadParameter)
     own = {each: given[each] for each in OPTICS & given.keys()}
     paths = list(own.pop("paths", ()))
     switch = QuantumSwitch(name, **{**SWITCH_PRESETS[preset].optics, **own}, paths=paths)

@@ -21,6 +21,7 @@ from topologies.system.processes.programs import NetworkError
 from topologies.system.runs import runtime
 from topologies.timeouts import COMMAND_TIMEOUT_S
 from wire.config import Cable
+from wire.parameters.checks import check_number
 from wire.parameters.fiber import SPEED_IN_FIBER_M_PER_S
 from wire.parameters.network import LEAST_MBPS, MOST_KM, MOST_MBPS
 from wire.parameters.physics import BadParameter
@@ -61,15 +62,11 @@ class CopperLink(Link):
     ) -> None:
         where = f"copper {node1.name} to {node2.name}"
         refuse_unknown(where, params, type(self), Intf)
-        if not isinstance(length_km, int | float) or not 0 <= length_km <= MOST_KM:
-            raise BadParameter(f"{where}: length_km {length_km!r} is not 0 to {MOST_KM:g}")
+        check_number(f"{where}: length_km", length_km, 0.0, float(MOST_KM), BadParameter)
         if not isinstance(loss, int | float) or not 0 <= loss < 1:
             raise BadParameter(f"{where}: loss {loss!r} is not 0 to below 1")
-        if mbps is not None and (
-            not isinstance(mbps, int | float) or not LEAST_MBPS <= mbps <= MOST_MBPS
-        ):
-            text = f"{where}: mbps {mbps!r} is not {LEAST_MBPS:g} to {MOST_MBPS:g}"
-            raise BadParameter(text)
+        if mbps is not None:
+            check_number(f"{where}: mbps", mbps, LEAST_MBPS, MOST_MBPS, BadParameter)
         self.length_km, self.loss = float(length_km), float(loss)
         self.mbps = mbps
         super().__init__(node1, node2, **quick(params))

@@ -8,6 +8,7 @@ import inspect
 from collections.abc import Iterable, Iterator
 from difflib import get_close_matches
 
+from wire.parameters.checks import remedy
 from wire.parameters.physics import BadParameter
 
 # What Mininet passes or looks up without naming it in a signature.
@@ -27,9 +28,8 @@ def refuse_unknown(
     known = {*ours, *FROM_MININET, *_taken(each for kind in kinds for each in kind.__mro__)}
     for name in sorted(set(given) - known):
         nearest = get_close_matches(name, known, 1)
-        remedy = f"did you mean {nearest[0]}? " if nearest else ""
-        choices = sorted((ours or known) - {"name", "node1", "node2"})
-        raise BadParameter(f"{where} has no {name}: {remedy}choose of {', '.join(choices)}")
+        choices = nearest or sorted((ours or known) - {"name", "node1", "node2"})
+        raise BadParameter(f"{where} has no {name}: {remedy(name, choices)}")
 
 
 def _is_mininets(kind: type) -> bool:

@@ -19,6 +19,7 @@ from topologies.system.runs.runtime import DISPATCHER, free_port
 from topologies.timeouts import READY_TIMEOUT_S, RECONNECT_MS
 from wire.config import AgentConfig
 from wire.credentials import Credentials
+from wire.parameters.checks import check_number
 from wire.parameters.physics import BadParameter
 from wire.parameters.switch import OPTICS
 
@@ -49,8 +50,8 @@ class OpticalSwitch(ClassicalSwitch):
         given = {each: params.pop(each) for each in OPTICS & params.keys()}
         refuse_unknown(name, params, type(self), also=sorted(OPTICS))
         optics = optics_of(name, {**given, "preset": preset})
-        if controller_port is not None and not 0 < controller_port < 1 << 16:
-            raise BadParameter(f"{name}: controller_port {controller_port} is not 1 to 65535")
+        if controller_port is not None:
+            check_number(f"{name}: controller_port", controller_port, 1, 65_535, BadParameter)
         super().__init__(name, **params)
         self.network.switches[name] = optics
         self.network.datapath_ids[name] = int(self.dpid, 16)

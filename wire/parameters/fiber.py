@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Self
 
 from wire.optical import CHANNEL_MHZ, DEFAULT_FREQUENCY_MHZ
+from wire.parameters.checks import check_names
 from wire.parameters.physics import SUM_TOLERANCE, BadParameter, check, choice, parameter
 
 SPEED_IN_FIBER_M_PER_S = 2.04e8  # group index 1.468
@@ -188,8 +189,7 @@ def optics(where: str, **given: Any) -> FiberOptics:
     Raise BadParameter for a name, a kind or a value that cannot be.
     """
     known = [each.name for each in fields(FiberOptics)]
-    if unknown := sorted(given.keys() - set(known)):
-        raise BadParameter(f"{where} has no {', '.join(unknown)}; choose of {', '.join(known)}")
+    check_names(where, given, known, BadParameter)
     kind = given.get("kind", "ideal")
     result = FiberOptics(**{**KINDS.get(kind, {}), **given})
     result.check(where)

@@ -8,6 +8,8 @@ class Settings:
 from dataclasses import field, fields
 from typing import Any
 
+from wire.parameters.checks import check_choice, check_number
+
 
 def option(default: Any, help: str, **words: Any) -> Any:  # noqa: A002 (argparse's word)
     """Return a field that is an option.
@@ -27,10 +29,7 @@ def check_options(options: Any) -> None:
         value, words = getattr(options, each.name), each.metadata
         if value is None and each.default is None:
             continue
-        if "choices" in words and value not in words["choices"]:
-            names = ", ".join(words["choices"])
-            raise ValueError(f"{each.name} {value!r}: choose one of {names}")
+        if "choices" in words:
+            check_choice(each.name, value, words["choices"])
         if "range" in words:
-            least, most = words["range"]
-            if not least <= value <= most:
-                raise ValueError(f"{each.name} {value}: choose {least:g} to {most:g}")
+            check_number(each.name, value, *words["range"])

@@ -23,6 +23,7 @@ from wire.features import (
     NodeFeatures,
 )
 from wire.outcomes import BELL_STATES
+from wire.parameters.checks import check_choice, check_names, check_number
 
 ENCODINGS = ("polarization", "time-bin")
 BEAM_SPLITTER = "beam-splitter"
@@ -55,13 +56,12 @@ def check(where: str, parameters: Any) -> None:
         value = getattr(parameters, each.name)
         if value is None and each.default is None:
             continue
-        if "choices" in each.metadata and value not in each.metadata["choices"]:
-            names = ", ".join(each.metadata["choices"])
-            raise BadParameter(f"{where}: {each.name} {value!r} is unknown; choose {names}")
-        if "range" in each.metadata:
-            least, most = each.metadata["range"]
-            meaning = each.metadata["meaning"]
-            _check_range(f"{where}: {each.name}", value, least, most, meaning)
+        what, said = f"{where}: {each.name}", each.metadata
+        if "choices" in said:
+            check_choice(what, value, said["choices"], BadParameter)
+        if "range" in said:
+            least, most = said["range"]
+            check_number(what, value, least, most, BadParameter, said["meaning"])
 
 
 def _check_noise(where: str, parameters: Any) -> None:
@@ -71,15 +71,6 @@ def _check_noise(where: str, parameters: Any) -> None:
             f"{where}: noise {noise!r} with noise_parameters {keywords!r}; give FILE.py:CLASS and "
             "a dictionary of keywords"
         )
-
-
-def _check_range(what: str, value: object, least: float, most: float, meaning: str) -> None:
-    whole = isinstance(least, int)
-    kinds = int if whole else (int, float)
-    if isinstance(value, bool) or not isinstance(value, kinds) or not least <= value <= most:
-        meaning = meaning or ("a whole number" if whole else "")
-        words = f" ({meaning})" if meaning else ""
-        raise BadParameter(f"{what} {value!r} is not {least:g} to {most:g}{words}")
 
 
 @dataclass(frozen=True)
@@ -242,7 +233,7 @@ class Memory:
         check(where, self)
         if self.t2_s > 2 * self.t1_s:
             raise BadParameter(
-                f"{where}: t2_s {self.t2_s!r} is not 1e-12 to {2 * self.t1_s:g} (twice t1_s)"
+                f"{where}: t2_s {self.t2_s!r}: choose 1e-12 to {2 * self.t1_s:g} (twice t1_s)"
             )
         if self.depolarizing_s < math.inf and self.t1_s < math.inf:
             raise BadParameter(
@@ -414,8 +405,11 @@ class Device:
     @classmethod
     def from_dict(cls, given: Mapping[str, Any]) -> Self:
         """Build the device from decoded JSON; what is absent is ideal."""
-        if unknown := given.keys() - {part.name for part in fields(cls)}:
-            raise BadParameter(f"a device has no {', '.join(sorted(unknown))}")
+        check_names("a device", given, [part.name for part in fields(cls)], BadParameter)
+        for part in fields(cls):
+            kind: Any = part.default
+            known = [each.name for each in fields(kind)]
+            check_names(f"a device's {part.name}", given.get(part.name, {}), known, BadParameter)
         source = dict(given.get("source", {}))
         if source.get("decoys") is not None:
             source["decoys"] = tuple(source["decoys"])

@@ -8,10 +8,17 @@ from hosts.middleware.session.errors import SessionError
 from hosts.timeouts import MAX_BLOCK_S
 from wire.device import OF_LIGHT, DeviceSettings
 from wire.metadata import Reason, Setup
+from wire.parameters import checks
+from wire.parameters.checks import check_names, check_number
 
 MAX_FRAME_BYTES = 1 << 16
 MAX_BLOCK_PAIRS = 1 << 18
 MIN_BLOCK_PAIRS = 4
+
+
+def unsupported(text: str) -> SessionError:
+    """Return the error of an option that cannot be."""
+    return SessionError(Reason.UNSUPPORTED, text)
 
 
 @dataclass(frozen=True)
@@ -22,9 +29,7 @@ class Options:
     def from_fields(cls, given: dict[str, Any]) -> Self:
         """Check what an application sent; raise SessionError naming value and remedy."""
         known = [field.name for field in fields(cls)]
-        if unknown := given.keys() - set(known):
-            text = f"unknown option {min(unknown)!r}: known are {', '.join(known)}"
-            raise SessionError(Reason.UNSUPPORTED, text)
+        check_names("a session", given, known, unsupported)
         try:
             options = cls(**given)
         except TypeError as error:
@@ -56,16 +61,17 @@ def check_block_time(pairs: int, block_pairs: int, rate_hz: int) -> None:
 
 def check_whole(name: str, value: Any, least: int, most: int) -> None:
     """Raise SessionError unless the value is a whole number in this range."""
-    if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
-        text = f"{name} is {value!r}: choose {least} to {most}"
-        raise SessionError(Reason.UNSUPPORTED, text)
+    check_number(name, value, least, most, unsupported)
+
+
+def check_share(name: str, value: Any, least: float, most: float) -> None:
+    """Raise SessionError unless the value is a number in this range."""
+    check_number(name, value, float(least), most, unsupported)
 
 
 def check_choice(name: str, value: Any, choices: Collection[str]) -> None:
     """Raise SessionError unless the value is one of these words."""
-    if not isinstance(value, str) or value not in choices:
-        text = f"{name} {value!r}: choose one of {', '.join(choices)}"
-        raise SessionError(Reason.UNSUPPORTED, text)
+    checks.check_choice(name, value, choices, unsupported)
 
 
 def overridden(setup: Setup, settings: DeviceSettings) -> Setup:

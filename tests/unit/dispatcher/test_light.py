@@ -403,9 +403,9 @@ def test_the_order_of_arrival_does_not_change_what_photons_meet(tmp_path: Path) 
     [
         ({"a": FiberEnd("bob", "bob-q0")}, "two fibres end in port bob-q0"),
         ({"b": FiberEnd("q1", "east")}, "not a port number"),
-        ({"length_km": -1.0}, "length_km -1.0 is not 0 to 2000"),
-        ({"loss_db_per_km": -0.1}, "loss_db_per_km -0.1 is not 0 to 1000"),
-        ({"depolarizing": 1.5}, "depolarizing 1.5 is not 0 to 1"),
+        ({"length_km": -1.0}, "length_km -1.0: choose 0 to 2000"),
+        ({"loss_db_per_km": -0.1}, "loss_db_per_km -0.1: choose 0 to 1000"),
+        ({"depolarizing": 1.5}, "depolarizing 1.5: choose 0 to 1"),
     ],
 )
 def test_a_fiber_that_cannot_be_is_refused(

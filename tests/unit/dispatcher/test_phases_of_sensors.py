@@ -99,6 +99,6 @@ def test_more_amplitudes_than_there_may_be_are_refused_before_anything_changes()
 
 
 def test_a_phase_that_is_no_number_is_refused() -> None:
-    with pytest.raises(BadParameter, match="phase_rad nan is not -1000 to 1000"):
+    with pytest.raises(BadParameter, match="phase_rad nan: choose -1000 to 1000"):
         Device(sensor=Sensor(float("nan"))).check("alice")
     assert Device.from_dict({"sensor": {"phase_rad": 0.5}}).sensor == Sensor(0.5)

@@ -259,7 +259,7 @@ def test_photons_come_as_their_pairs_are_heralded(statistics: str, efficiency: f
         ({"heralding_efficiency": 0.5}, "choose poisson or thermal pairs"),
         (
             {"statistics": "poisson", "mean_pairs": 0.1, "heralding_efficiency": 1.5},
-            "is not 0 to 1",
+            ": choose 0 to 1",
         ),
         (
             {

@@ -97,7 +97,7 @@ def test_too_few_states_leave_no_key(tmp_path: Path) -> None:
 
 
 def test_an_option_out_of_range_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(QuantumSocketError, match=r"epsilon is 2\.0: choose a fraction"):
+    with pytest.raises(QuantumSocketError, match=r"epsilon 2\.0: choose a fraction"):
         agreed(tmp_path, epsilon=2.0)
 
 

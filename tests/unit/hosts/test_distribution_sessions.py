@@ -349,15 +349,15 @@ def test_an_opener_that_breaks_the_protocol_is_refused(
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"count": 2_000_000}, "count is 2000000: choose 1 to 1000000"),
-        ({"fidelity": 1.5}, "fidelity is 1.5: choose 0 to 1"),
-        ({"fidelity": "high"}, "fidelity is 'high': choose 0 to 1"),
-        ({"fidelity": True}, "fidelity is True: choose 0 to 1"),
-        ({"fidelity": float("nan")}, "fidelity is nan: choose 0 to 1"),
-        ({"sample": 0.95}, "sample is 0.95: choose 0 to 0.9"),
+        ({"count": 2_000_000}, "count 2000000: choose 1 to 1000000"),
+        ({"fidelity": 1.5}, "fidelity 1.5: choose 0 to 1"),
+        ({"fidelity": "high"}, "fidelity 'high': choose 0 to 1"),
+        ({"fidelity": True}, "fidelity True: choose 0 to 1"),
+        ({"fidelity": float("nan")}, "fidelity nan: choose 0 to 1"),
+        ({"sample": 0.95}, "sample 0.95: choose 0 to 0.9"),
         ({"sample": 0, "fidelity": 0.9}, "fidelity 0.9 cannot be known with sample 0"),
         ({"purification": "magic"}, "purification 'magic': choose one of none, bbpssw, dejmps"),
-        ({"rounds": 9}, "rounds is 9: choose 0 to 8"),
+        ({"rounds": 9}, "rounds 9: choose 0 to 8"),
         ({"rounds": 1, "purification": "none"}, "choose bbpssw or dejmps"),
     ],
 )

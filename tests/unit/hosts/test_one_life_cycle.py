@@ -62,7 +62,7 @@ def test_a_refused_option_is_named_by_every_service(tmp_path: Path, service: str
                 list(alice.request(service, ("bob", 9), rate=7))
         return str(caught.value)
 
-    assert "unknown option 'rate': known are host, port, " in _with_network(tmp_path, ask)
+    assert "a session has no rate: did you mean rate_hz" in _with_network(tmp_path, ask)
 
 
 def test_bytes_go_through_the_socket_of_services_too(tmp_path: Path) -> None:

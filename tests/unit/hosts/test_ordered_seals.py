@@ -130,7 +130,7 @@ def test_an_order_that_cannot_be_is_answered_with_why(tmp_path: Path) -> None:
 
     answer = network_loop.run(run())
     assert answer.reason == Reason.UNSUPPORTED
-    assert "fraction is 2.0: choose 0.001 to 1" in answer.text
+    assert "fraction 2.0: choose 0.001 to 1" in answer.text
 
 
 def test_a_host_takes_part_in_the_seal_that_was_ordered_once_and_in_no_other() -> None:

@@ -162,4 +162,4 @@ def test_a_dark_fibre_is_no_seal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ("name", "value"), [("whole_error", 0.5), ("false_alarm", 0), ("missed", "x"), ("fraction", 2)]
 )
 def test_what_cannot_be_asked_is_refused(tmp_path: Path, name: str, value: Any) -> None:
-    assert f"{name} is {value!r}: choose" in refusal(tmp_path, "seal", **{name: value})
+    assert f"{name} {value!r}: choose" in refusal(tmp_path, "seal", **{name: value})

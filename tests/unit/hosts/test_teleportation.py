@@ -179,9 +179,9 @@ def test_one_state_can_be_asked_for(tmp_path: Path, state: str) -> None:
         ({"state": "up"}, "state 'up': choose one of random, 0, 1"),
         ({"state": "180,0"}, "theta is 180, choose 0 to 3.14159 rad"),
         ({"state": 3}, "state 3: choose one of random, 0, 1"),
-        ({"count": 0}, "count is 0: choose 1 to"),
-        ({"count": True}, "count is True: choose 1 to"),
-        ({"colour": "red"}, "unknown option 'colour': known are host, port"),
+        ({"count": 0}, "count 0: choose 1 to"),
+        ({"count": True}, "count True: choose 1 to"),
+        ({"colour": "red"}, "a session has no colour: choose of host, port"),
         ({"rate_hz": 100, "block_pairs": 1000}, "take more than 5 s"),
     ],
 )

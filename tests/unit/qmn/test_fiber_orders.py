@@ -55,8 +55,8 @@ def test_orders_reach_the_fibres_of_the_running_network(
     ("words", "text"),
     [
         ("calibrate alice bob", "no fibre joins alice and bob; alice is joined to q1"),
-        ("classical alice q1 2000", "classical_mw 2000.0 is not 0 to 1000"),
-        ("tap alice q1 1.5", "tapped 1.5 is not 0 to 1"),
+        ("classical alice q1 2000", "classical_mw 2000.0: choose 0 to 1000"),
+        ("tap alice q1 1.5", "tapped 1.5: choose 0 to 1"),
     ],
 )
 def test_an_order_that_cannot_be_followed_is_named(

@@ -150,6 +150,36 @@ def test_fidelity_beside_traffic_is_that_of_the_supplement() -> None:
     assert own["fidelity"]("o-band", 18.7) == pytest.approx((1 + visible) / 2, abs=1e-5)
 
 
+def test_berlins_fibre_is_lit_as_the_line_beside_it_is_drawn() -> None:
+    """What 18.7 dBm scatter is that of the lab of coexistence; and pairs are lost as they say."""
+    own, said = globals_of("city-fibre"), catalogue.lab("city-fibre").runs["60-km"].split()
+    given = dict(each.removeprefix("q1-bob.").split("=") for each in said if "q1-bob." in each)
+    power, lost, raman, _filter, middle, _window = own["CLASSICAL"]
+    assert float(given["classical_mw"]) == power == pytest.approx(10**1.87, rel=1e-3)
+    assert float(given["classical_db_per_km"]) == lost
+    assert float(given["filter_center_nm"]) == middle
+    o_band, _nm = globals_of("coexistence")["BANDS"]["o-band"]
+    assert float(given["raman_per_km_nm"]) == raman == pytest.approx(o_band, rel=1e-4)
+    assert float(given["loss_db_per_km"]) == pytest.approx(own["FIBER_DB"] / own["KM"])
+    assert float(given["connectors_db"]) == pytest.approx(own["TOTAL_DB"] - own["FIBER_DB"])
+
+
+def test_scattered_light_costs_as_much_fidelity_as_its_share_of_the_clicks() -> None:
+    """At 60 km clicks of one pair are V or random as at New York; one by noise is random."""
+    own = globals_of("city-fibre")
+    mean = 2 * own["light"](2e5) / 0.68
+    pairs = mean * 0.9 * 10 ** (-(3.01 + 60 * 0.425) / 10)
+    power, lost, raman, width, _nm, window = own["CLASSICAL"]
+    q, c = 0.425 * 0.2302585, lost * 0.2302585
+    km = (exp(-q * 60) - exp(-c * 60)) / (c - q)
+    photon_j = 6.62607015e-34 * 299_792_458 / 1324e-9
+    noise = 0.9 * 10**-0.301 * power * 1e-3 * km * raman * width * window / photon_j
+    others = exp(-mean * 0.68)
+    of_pair, of_noise = pairs * (1 - 0.32 * others), noise * (1 - others)
+    visible = own["visibility"](own["light"](2e5)) * of_pair / (of_pair + of_noise)
+    assert own["beside"](60.0) == pytest.approx((1 + 3 * visible) / 4, abs=2e-4)
+
+
 @pytest.mark.parametrize(
     ("kind", "decay", "end"), [("dephasing", 2, 7 / 15), ("depolarizing", 4 / 3, 1 / 4)]
 )

@@ -60,7 +60,7 @@ def test_keywords_that_cannot_be_are_refused(options: dict[str, object], text: s
 
 
 def test_a_seed_is_a_number_from_zero_on() -> None:
-    with pytest.raises(BadInput, match=r"^--seed -1: choose 0 or more$"):
+    with pytest.raises(BadInput, match=r"^--seed -1: choose 0 or more \(a whole number\)$"):
         check_network(parse("--seed=-1"))
     check_network(parse("--seed=0"))
 

@@ -27,8 +27,8 @@ def options_of(*words: str) -> ServiceOptions:
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["--count", "0"], "count is 0: choose 1 to"),
-        (["--fidelity", "2"], "fidelity is 2.0: choose 0 to 1"),
+        (["--count", "0"], "count 0: choose 1 to"),
+        (["--fidelity", "2"], "fidelity 2.0: choose 0 to 1"),
         (["--fidelity", "0.9", "--sample", "0"], "cannot be known with sample 0"),
         (["--rounds", "2", "--purification", "none"], "choose bbpssw or dejmps"),
         (["--to", "alice"], "sender and receiver are both alice"),

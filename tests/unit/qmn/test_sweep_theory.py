@@ -111,16 +111,20 @@ def test_halves_that_are_lost_unequally_err_as_all_numbers_of_pairs_say(
     assert found == pytest.approx((wrong / both, both), rel=1e-9)
 
 
-@pytest.mark.parametrize(("dark", "error"), [(0.0, 0.1), (0.03, 0.0), (0.02, 0.05)])
+@pytest.mark.parametrize(
+    ("dark", "error"), [(0.0, 0.1), (0.03, 0.0), (0.02, 0.05), ((0.0, 0.04), 0.05)]
+)
 def test_several_pairs_err_with_dark_counts_as_all_numbers_of_pairs_say(
-    dark: float, error: float
+    dark: float | tuple[float, float], error: float
 ) -> None:
     """Of each pair hers is 0 or 1, and his the same or not; four detectors may click by themselves.
 
     Up to ten pairs of .3 a pulse on average: of more there are 1e-13.
     """
 
-    def told(zeros: int, ones: int, arrives: float) -> tuple[float, float]:
+    darks = dark if isinstance(dark, tuple) else (dark, dark)
+
+    def told(zeros: int, ones: int, arrives: float, dark: float) -> tuple[float, float]:
         zero, one = (1 - (1 - dark) * (1 - arrives) ** count for count in (zeros, ones))
         return zero * (1 - one) + zero * one / 2, one * (1 - zero) + zero * one / 2
 
@@ -132,8 +136,8 @@ def test_several_pairs_err_with_dark_counts_as_all_numbers_of_pairs_say(
         chance = math.exp(-mean) * mean**pairs / 2**pairs
         chance *= (1 - error) ** (zeros + ones) * error ** (zero_one + one_zero)
         chance /= math.prod(map(math.factorial, counts))
-        hers = told(zeros + zero_one, ones + one_zero, ways[0])
-        his = told(zeros + one_zero, ones + zero_one, ways[1])
+        hers = told(zeros + zero_one, ones + one_zero, ways[0], darks[0])
+        his = told(zeros + one_zero, ones + zero_one, ways[1], darks[1])
         both += chance * sum(hers) * sum(his)
         wrong += chance * (hers[0] * his[1] + hers[1] * his[0])
     found = theory.several_pairs("poisson", mean, ways, dark, error)

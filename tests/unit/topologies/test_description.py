@@ -50,5 +50,5 @@ def test_hosts_switches_and_fibres_are_as_the_topology_says() -> None:
 
 
 def test_a_switch_that_cannot_be_is_refused() -> None:
-    with pytest.raises(BadParameter, match="q1: rotation 7 is not 0 to 3"):
+    with pytest.raises(BadParameter, match="q1: rotation 7: choose 0 to 3"):
         describe(OwnTopo(rotation=7))

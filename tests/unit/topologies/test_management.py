@@ -42,7 +42,7 @@ def test_a_switch_without_copper_has_its_controller_beside_it(network: Runtime) 
 @pytest.mark.parametrize(
     ("what", "text"),
     [
-        ({"length_km": -1}, "length_km -1 is not 0 to 100000"),
+        ({"length_km": -1}, "length_km -1: choose 0 to 100000"),
         ({"length_km": "far"}, "length_km 'far'"),
         ({"loss": 1.0}, "loss 1.0 is not 0 to below 1"),
     ],

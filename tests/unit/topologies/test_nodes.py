@@ -28,13 +28,13 @@ from wire.parameters.switch import PathOptics
 @pytest.mark.parametrize(
     ("optics", "message"),
     [
-        ({"rotation": 7}, "q1: rotation 7 is not 0 to 3"),
-        ({"crosstalk_db": -40.0}, "q1: crosstalk_db -40.0 is not 0 to 100"),
+        ({"rotation": 7}, "q1: rotation 7: choose 0 to 3"),
+        ({"crosstalk_db": -40.0}, "q1: crosstalk_db -40.0: choose 0 to 100"),
         ({"paths": [PathOptics(1, 2, -1.0)]}, "path 1 -> 2: insertion_loss_db -1.0"),
         ({"max_temperature_c": float("nan")}, "max_temperature_c nan"),
         ({"grid_mhz": 0}, "grid_mhz 0"),
-        ({"controller_port": 0}, "q1: controller_port 0 is not 1 to 65535"),
-        ({"controller_port": 65536}, "q1: controller_port 65536 is not 1 to 65535"),
+        ({"controller_port": 0}, "q1: controller_port 0: choose 1 to 65535"),
+        ({"controller_port": 65536}, "q1: controller_port 65536: choose 1 to 65535"),
     ],
 )
 def test_optics_that_cannot_be_are_refused_before_a_switch_is_made(
@@ -47,9 +47,9 @@ def test_optics_that_cannot_be_are_refused_before_a_switch_is_made(
 @pytest.mark.parametrize(
     ("hardware", "message"),
     [
-        ({"detectors": Detectors(efficiency=1.1)}, "bob, detectors: efficiency 1.1 is not 0 to 1"),
+        ({"detectors": Detectors(efficiency=1.1)}, "bob, detectors: efficiency 1.1: choose 0 to 1"),
         ({"device": Device(memory=Memory(capacity=-1))}, "bob, memory: capacity -1"),
-        ({"source": PairSource(fidelity=0.1)}, "bob, source: fidelity 0.1 is not 0.25 to 1"),
+        ({"source": PairSource(fidelity=0.1)}, "bob, source: fidelity 0.1: choose 0.25 to 1"),
         ({"detectors": 0.9}, "bob: detectors 0.9 is not a Detectors"),
         ({"device": Detectors()}, "is not a Device"),
     ],

@@ -54,7 +54,7 @@ def test_what_is_given_goes_before_the_preset() -> None:
 
 
 def test_an_unknown_preset_names_those_there_are() -> None:
-    with pytest.raises(BadParameter, match="q1: preset 'mirror' is unknown; choose ideal, mems"):
+    with pytest.raises(BadParameter, match="q1: preset 'mirror': choose one of ideal, mems"):
         optics_of("q1", {"preset": "mirror"})
 
 

@@ -31,9 +31,9 @@ from wire.parameters.physics import (
 )
 
 REFUSED = [
-    (Device(PairSource(fidelity=0.2)), "alice, source: fidelity 0.2 is not 0.25 to 1"),
-    (Device(PairSource(mean_pairs=float("nan"))), "source: mean_pairs nan is not 0 to 10"),
-    (Device(PairSource(statistics="laser")), "statistics 'laser' is unknown; choose single"),
+    (Device(PairSource(fidelity=0.2)), "alice, source: fidelity 0.2: choose 0.25 to 1"),
+    (Device(PairSource(mean_pairs=float("nan"))), "source: mean_pairs nan: choose 0 to 10"),
+    (Device(PairSource(statistics="laser")), "statistics 'laser': choose one of single"),
     (Device(PairSource(bell_diagonal=(0.5, 0.5))), "bell_diagonal (0.5, 0.5) is not 4"),
     (Device(PairSource(bell_diagonal=(0.5, 0.5, 0.5, -0.5))), "is not 4 probabilities"),
     (Device(PairSource(bell_diagonal=(0.7, 0.1, 0.1, 0.2))), "that add up to 1"),
@@ -41,19 +41,19 @@ REFUSED = [
         Device(PairSource(fidelity=0.9, bell_diagonal=(0.7, 0.1, 0.1, 0.1))),
         "are both given; name one",
     ),
-    (Device(memory=Memory(t1_s=0.0)), "alice, memory: t1_s 0.0 is not 1e-12 to inf"),
-    (Device(memory=Memory(t1_s=1.0, t2_s=2.1)), "memory: t2_s 2.1 is not 1e-12 to 2 (twice t1_s)"),
-    (Device(memory=Memory(t1_s=1.0)), "memory: t2_s inf is not"),
-    (Device(memory=Memory(capacity=1.5)), "capacity 1.5 is not 0 to 4e+06 (a whole number)"),  # type: ignore[arg-type]
-    (Device(detectors=Detectors(efficiency=80)), "detectors: efficiency 80 is not 0 to 1"),
-    (Device(detectors=Detectors(dark_count_hz=-1.0)), "dark_count_hz -1.0 is not 0 to 1e+09"),
+    (Device(memory=Memory(t1_s=0.0)), "alice, memory: t1_s 0.0: choose 1e-12 or more"),
+    (Device(memory=Memory(t1_s=1.0, t2_s=2.1)), "memory: t2_s 2.1: choose 1e-12 to 2 (twice t1_s)"),
+    (Device(memory=Memory(t1_s=1.0)), "memory: t2_s inf: choose"),
+    (Device(memory=Memory(capacity=1.5)), "capacity 1.5: choose 0 to 4000000 (a whole number)"),  # type: ignore[arg-type]
+    (Device(detectors=Detectors(efficiency=80)), "detectors: efficiency 80: choose 0 to 1"),
+    (Device(detectors=Detectors(dark_count_hz=-1.0)), "dark_count_hz -1.0: choose 0 to 1e+09"),
     (
         Device(analyser=BellAnalyser(kind="half")),
-        "kind 'half' is unknown; choose complete, linear",
+        "kind 'half': choose one of complete, linear",
     ),
-    (Device(analyser=BellAnalyser(visibility=True)), "visibility True is not 0 to 1"),
-    (Device(gates=Gates("some")), "alice, gates: kind 'some' is unknown; choose any, paulis"),
-    (Device(gates=Gates("any", 2.0)), "gates: one_qubit_depolarizing 2.0 is not 0 to 1"),
+    (Device(analyser=BellAnalyser(visibility=True)), "visibility True: choose 0 to 1"),
+    (Device(gates=Gates("some")), "alice, gates: kind 'some': choose one of any, paulis"),
+    (Device(gates=Gates("any", 2.0)), "gates: one_qubit_depolarizing 2.0: choose 0 to 1"),
     (
         Device(analyser=BellAnalyser("gates"), gates=Gates("paulis")),
         "alice, analyser: kind 'gates' with gates of kind 'paulis'",

@@ -1,11 +1,10 @@
 """Options of entanglement distribution."""
 
 from dataclasses import dataclass
-from typing import Any
 
 from hosts.middleware.services.distribution.purification import Protocol
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.options import check_choice, check_whole
+from hosts.middleware.session.options import check_choice, check_share, check_whole
 from hosts.middleware.session.service_options import ServiceOptions
 from wire.metadata import Reason
 
@@ -33,8 +32,8 @@ class DistributeOptions(ServiceOptions):
         """Raise SessionError for a value out of range."""
         super().check()
         check_whole("count", self.count, 1, MAX_COUNT)
-        check_share("fidelity", self.fidelity, 1)
-        check_share("sample", self.sample, MAX_SAMPLE)
+        check_share("fidelity", self.fidelity, 0, 1)
+        check_share("sample", self.sample, 0, MAX_SAMPLE)
         check_choice("purification", self.purification, PROTOCOLS)
         if self.rounds is not None:
             check_whole("rounds", self.rounds, 0, MAX_ROUNDS)
@@ -44,10 +43,3 @@ class DistributeOptions(ServiceOptions):
         if self.fidelity and not self.sample:
             text = f"fidelity {self.fidelity} cannot be known with sample 0: choose 0.1, say"
             raise SessionError(Reason.UNSUPPORTED, text)
-
-
-def check_share(name: str, value: Any, most: float) -> None:
-    """Raise SessionError unless the value is a number from 0 to this one."""
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not number or not 0 <= value <= most:
-        raise SessionError(Reason.UNSUPPORTED, f"{name} is {value!r}: choose 0 to {most:g}")

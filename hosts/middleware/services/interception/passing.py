@@ -11,7 +11,7 @@ from hosts.middleware.services.interception.attacks import (
     Way,
 )
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.options import Options, check_choice, check_whole
+from hosts.middleware.session.options import Options, check_choice, check_share, check_whole
 from hosts.middleware.session.protocol import Steps, do
 from hosts.timeouts import RESENT_TIMEOUT_S
 from wire.metadata import Reason, Setup
@@ -38,10 +38,7 @@ class InterceptionOptions(Options):
         """Raise SessionError for a value out of range."""
         check_choice("attack", self.attack, ATTACKS)
         for name, most in (("fraction", 1), ("expected_db", MAX_DB), ("onward_db", MAX_DB)):
-            value = getattr(self, name)
-            number = isinstance(value, (int, float)) and not isinstance(value, bool)
-            if not number or not 0 <= value <= most:
-                raise refused(f"{name} is {value!r}: choose 0 to {most:g}")
+            check_share(name, getattr(self, name), 0, most)
         check_whole("wavelength_pm", self.wavelength_pm, *WAVELENGTHS_PM)
         if self.attack == SPLIT and self.fraction != 1:
             raise refused(f"fraction is {self.fraction!r}: {SPLIT} is of every pulse, choose 1")

@@ -15,6 +15,7 @@ from hosts.middleware.services.key_distribution.light import (
 from hosts.middleware.services.sealing.sequential_test import Question, SequentialTest
 from hosts.middleware.session.blocks import LOST
 from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.options import check_share
 from hosts.middleware.session.protocol import (
     Emit,
     HostSide,
@@ -58,11 +59,7 @@ class SealOptions(ServiceOptions):
         """Raise SessionError for a value out of range."""
         super().check()
         for name, (least, most) in RANGES.items():
-            value = getattr(self, name)
-            number = isinstance(value, (int, float)) and not isinstance(value, bool)
-            if not number or not least <= value <= most:
-                text = f"{name} is {value!r}: choose {least:g} to {most:g}"
-                raise SessionError(Reason.UNSUPPORTED, text)
+            check_share(name, getattr(self, name), least, most)
 
 
 class Watch:

@@ -59,7 +59,7 @@ class SuperdenseOptions(SessionOptions):
         check_choice("handshake", self.handshake, HANDSHAKES)
         check_choice("fec", self.fec, FEC_NAMES)
         if not isinstance(self.interleave, bool):
-            text = f"interleave is {self.interleave!r}: choose True or False"
+            text = f"interleave {self.interleave!r}: choose True or False"
             raise SessionError(Reason.UNSUPPORTED, text)
         check_whole("frame_bytes", self.frame_bytes, 1, MAX_FRAME_BYTES)
         check_whole("block_pairs", self.block_pairs, MIN_BLOCK_PAIRS, MAX_BLOCK_PAIRS)

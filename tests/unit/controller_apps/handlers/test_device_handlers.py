@@ -346,7 +346,7 @@ def test_a_host_that_does_not_answer_is_named_in_time(scene: Scene) -> None:
         ("eve", {"fec": 0}, "no device 'eve'; hosts with a node agent: alice, bob"),
         ("bob", {"fec": 0}, "bob has never been heard"),
         ("alice", {"speed": 0}, "no setting 'speed'"),
-        ("alice", {"rate_hz": 0}, "rate_hz is 0: choose 1"),
+        ("alice", {"rate_hz": 0}, "rate_hz 0: choose 1"),
     ],
 )
 def test_what_cannot_be_set_is_named(

@@ -1,0 +1,64 @@
+"""The checks of every configuration: of names that are known, of choices, of ranges.
+
+Options of programs and networks, parameters of physics, keywords of nodes and links, the
+controller's policy, settings of devices and options of sessions are refused in the same words, by
+an error of each one's own kind.
+"""
+
+from collections.abc import Callable, Collection, Iterable
+from difflib import get_close_matches
+from math import inf
+from typing import Any
+
+Refusal = Callable[[str], Exception]  # makes the error of a text
+
+
+def remedy(name: str, known: Collection[str]) -> str:
+    """Return what may be meant by a name that is not known: the nearest one, or else any."""
+    nearest = get_close_matches(name, known, 1)
+    return f"did you mean {nearest[0]}?" if nearest else f"choose of {', '.join(known)}"
+
+
+def check_names(
+    where: str, given: Iterable[str], known: Collection[str], refusal: Refusal = ValueError
+) -> None:
+    """Refuse the first name, in their order, that is not known; `where` has names."""
+    for name in sorted(set(given) - set(known)):
+        raise refusal(f"{where} has no {name}: {remedy(name, known)}")
+
+
+def check_choice(
+    what: str, value: Any, choices: Collection[str], refusal: Refusal = ValueError
+) -> None:
+    """Refuse a value that is not one of these words."""
+    if not isinstance(value, str) or value not in choices:
+        raise refusal(f"{what} {value!r}: choose one of {', '.join(choices)}")
+
+
+def check_number(
+    what: str,
+    value: Any,
+    least: float,
+    most: float,
+    refusal: Refusal = ValueError,
+    meaning: str = "",
+) -> None:
+    """Refuse what is not a number in this range; a whole one, if the range begins with one.
+
+    Anything that says True or False is not a number, and NaN is in no range.
+    """
+    whole = isinstance(least, int)
+    kinds = int if whole else (int, float)
+    if isinstance(value, bool) or not isinstance(value, kinds) or not least <= value <= most:
+        meaning = meaning or ("a whole number" if whole else "")
+        words = f" ({meaning})" if meaning else ""
+        raise refusal(f"{what} {value!r}: choose {range_words(least, most)}{words}")
+
+
+def range_words(least: float, most: float) -> str:
+    """Return a range as people read it."""
+    return f"{_number(least)} or more" if most == inf else f"{_number(least)} to {_number(most)}"
+
+
+def _number(value: float) -> str:
+    return str(value) if isinstance(value, int) else f"{value:g}"
