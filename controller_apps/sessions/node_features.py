@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from controller_apps.light.paths import Network
 from wire.device import MAX_UNDER_WAY
 from wire.features import EMIT, INTERFERE, STORE, Feature, names
-from wire.metadata import Reason, Service, Setup
+from wire.metadata import MemoryState, Reason, Service, Setup
 from wire.services import WANT_OF, Making, Role, making, needs
 
+MOST_HERALDED = 2  # blocks of a chain of heralded links, under way at once
 HALVES = 2  # that a repeater keeps of each pair it makes, and that its memory has to take
 ENDS = (Role.OPENER, Role.ACCEPTOR)
 
@@ -72,11 +73,13 @@ def blocks_under_way(
 ) -> int:
     """Return how many blocks of a chain may be under way at once.
 
-    As many as fit into the smallest memory, and one at least.
+    As many as fit into the smallest memory, and one at least. Two at most where links are heralded,
+    which takes long: what a quick link has waits for a slow one.
     """
+    most = MOST_HERALDED if setup.memory == MemoryState.HERALDED else MAX_UNDER_WAY
     pairs = block_pairs(setup, hosts, repeaters, network)
     room = _pairs_in_memories(setup, hosts, repeaters, network)
-    return max(min([MAX_UNDER_WAY, *(most // pairs for most in room)]), 1)
+    return max(min([most, *(qubits // pairs for qubits in room)]), 1)
 
 
 def _pairs_in_memories(

@@ -5,6 +5,7 @@ whose photons are known by number, as endlessly many intensities would tell.
 """
 
 from dataclasses import replace
+from functools import lru_cache
 from itertools import product
 from typing import Any
 
@@ -41,7 +42,7 @@ SESSION = 1
 STATISTICS = Parameter("statistics", "thermal", choices=("thermal", "poisson"))
 MEAN = Parameter(multi_pair.MEAN.name, 0.2, 0.001, 1.0)
 HERALDING = Parameter("heralding_efficiency", 0.0, 0.0, 1.0)
-NODES = 48  # of an integral over the mean of thermal light
+NODES = 10  # of an integral over the mean of thermal light: of 1 and less it is as good as exact
 
 Counts = NDArray[np.int64]  # by basis, right and wrong, and whether both pulses had one photon
 
@@ -142,9 +143,15 @@ def _mixture(values: Values) -> list[tuple[float, float]]:
 
 def _told(values: Values, basis: int) -> tuple[float, float]:
     """Return how likely pulses in a basis are told of, and wrong, in theory."""
-    formula, seen = (relay_theory.rectilinear, relay_theory.diagonal)[basis], _arrives(values)
-    told = wrong = 0.0
-    for (one, a), (other, b) in product(_mixture(values), repeat=2):
+    return _of_mixture(tuple(_mixture(values)), _arrives(values), basis)
+
+
+@lru_cache(maxsize=16)  # several measures of a point ask for it
+def _of_mixture(
+    mixture: tuple[tuple[float, float], ...], seen: float, basis: int
+) -> tuple[float, float]:
+    formula, told, wrong = (relay_theory.rectilinear, relay_theory.diagonal)[basis], 0.0, 0.0
+    for (one, a), (other, b) in product(mixture, repeat=2):
         gain, errs = formula(a * seen, b * seen, DARK_COUNT, ERROR)
         told, wrong = told + one * other * gain, wrong + one * other * errs
     return told, wrong
