@@ -198,7 +198,7 @@ def test_an_alarm_closes_the_way_of_its_seal_and_no_other() -> None:
 @pytest.mark.parametrize(("text", "alarm"), [("", TELL), ('[seal]\nalarm = "close"\n', CLOSE)])
 def test_the_policy_says_what_an_alarm_does(text: str, alarm: str) -> None:
     assert parse_policy(text).alarm == alarm
-    with pytest.raises(ValueError, match="seal: alarm is 'cut'"):
+    with pytest.raises(ValueError, match="seal: alarm 'cut': choose one of tell, close"):
         parse_policy('[seal]\nalarm = "cut"\n')
 
 

@@ -104,7 +104,7 @@ class Slip(Topo):
         ),
         (
             'self.addLink("h1", "q1", cls=FiberLink, loss_db_per_km=-1)',
-            "fibre h1 to q1: loss_db_per_km -1 ",
+            "fibre h1 to q1: loss_db_per_km -1: choose 0 to 1000",
         ),
         ('self.addLink("h1", "swx")', "there is no node 'swx' by then: add it with addHost or"),
         ('self.addSwitch("s", cls=ClassicalSwitch, dpid="zz")', "s: dpid 'zz' is not 1 to 16 hex"),
