@@ -240,6 +240,7 @@ qstate bob
 py network.send("bob", "alice", bytes(100_000)).size
 bob hostname -I
 bob ulimit -d unlimited 2>/dev/null || echo the limit stays
+bob test -w /proc/fs || test -w /proc/sys/kernel/panic || echo the kernel stays
 iperf alice bob
 """
 
@@ -263,7 +264,7 @@ def test_the_command_line_steers_a_host_of_a_second_machine(
     assert "bob: there by light" in said
     assert "alice: and back" in said
     assert "cut" not in said
-    assert {"100000", "the limit stays"} <= set(said.splitlines())
+    assert {"100000", "the limit stays", "the kernel stays"} <= set(said.splitlines())
     # What cannot be there is refused by name, and nothing else is.
     assert done.stderr.startswith("*** bob is on m2, where iperf "), done.stderr
     assert (done.returncode, done.stderr.count("***")) == (1, 1)

@@ -93,7 +93,7 @@ def test_root_of_a_host_without_a_user_namespace_cannot_take_limits_off(
 ) -> None:
     """Who has SYS_RESOURCE raises hard limits: capabilities(7)."""
     told: list[str] = []
-    machine = SimpleNamespace(root="/qmn", ask=lambda *_, **__: None, put=lambda *_: None)
+    machine = SimpleNamespace(root="/qmn", ask=lambda *_, **__: [], put=lambda *_: None)
     node: Any = SimpleNamespace(
         name="bob",
         machine=machine,

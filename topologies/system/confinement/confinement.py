@@ -77,8 +77,7 @@ class ConfinedNode(ShellWatcher):
         """
         self._memory_bytes = memory_mib * MIB
         folders = [path for path in covered if not set(path.parents) & set(covered)]
-        ruled = [*RULED, *(path for path in RULED_IN_SOME if path.exists())]
-        table.write_text(fstab(shown, folders, ruled))
+        table.write_text(fstab(shown, folders, ruled_here()))
         powers = self._user.descriptor if self._user else GIVEN_UP
         shell = [SHELL, self.name, memory_mib * MIB // KIB, powers]
         words = [*APART, *shell, table, *shown, "--", *folders]
@@ -144,9 +143,12 @@ class ConfinedNode(ShellWatcher):
         super().hang_up()
 
 
-def fstab(
-    shown: Sequence[Path], covered: Sequence[Path], ruled: Sequence[Path] = tuple(RULED)
-) -> str:
+def ruled_here() -> list[Path]:
+    """Return by what root rules the kernel of this machine."""
+    return [*RULED, *(path for path in RULED_IN_SOME if path.exists())]
+
+
+def fstab(shown: Sequence[Path], covered: Sequence[Path], ruled: Sequence[Path]) -> str:
     """Return what is to be mounted so that folders are covered but those shown, as fstab(5) has it.
 
     What is ruled can be read only. All by one mount(8): there may be a thousand hosts.

@@ -24,6 +24,7 @@ from tempfile import TemporaryDirectory
 from types import SimpleNamespace
 from typing import Any
 
+from topologies.system.confinement.confinement import ruled_here
 from topologies.system.kernel import interfaces
 from topologies.system.machines.relays import Stream, join
 from topologies.system.machines.source import fingerprint
@@ -97,6 +98,10 @@ class Agent:
         """Make a private folder."""
         Path(header["path"]).mkdir(mode=0o700, parents=True, exist_ok=True)
         return None, b""
+
+    async def do_ruled(self, _header: Header, _body: bytes) -> tuple[Any, bytes]:
+        """Say by what root rules the kernel of this machine."""
+        return [str(path) for path in ruled_here()], b""
 
     async def do_get(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
         """Send what a file has from somewhere on."""

@@ -81,7 +81,8 @@ class NodeElsewhere:
         for folder in (*shown, *there):
             self.machine.ask("folder", path=str(folder))
         shell = f"{self.machine.root}/topologies/system/confinement/confined_shell"
-        self.machine.put(table, fstab(shown, there).encode())
+        ruled = [Path(path) for path in self.machine.ask("ruled")]
+        self.machine.put(table, fstab(shown, there, ruled).encode())
         words = [*APART, shell, self.name, memory_mib * MIB // KIB, GIVEN_UP]
         words += [table, *shown, "--", *there]
         node: Any = self
