@@ -98,7 +98,7 @@ def test_above_the_threshold_the_run_fails_and_no_key_is_kept(tmp_path: Path) ->
     words = ("--depolarizing", "0.3", "--count", "20000", "--keys", str(keys))
     done, result = run_qkd(tmp_path, *words)
     assert done.returncode == 1
-    assert f"QBER {result['asking']['qber']:.4f}" in done.stderr
+    assert f"QBER {result['job']['asking']['qber']:.4f}" in done.stderr
     assert "at most 0.1000 is allowed: noise or an eavesdropper" in done.stderr
     assert not result["delivered"]
     assert [path for path in keys.rglob("*") if path.is_file()] == []
