@@ -1,8 +1,8 @@
-"""Hosts on both sides of a trunk of fibres, or channels: what heavy traffic contends for.
+r"""Hosts on both sides of a trunk of fibres, or channels: what heavy traffic contends for.
 
     a1 … a6 --- q1 ===== q2 --- b1 … b6
 
-qmn run load --topology docs/traffic/trunk.py:Trunk --source own --idle \\
+qmn run load --topology docs/traffic/trunk.py:Trunk --source own --idle \
     --from a1,a2,a3,a4,a5,a6 --to b1,b2,b3,b4,b5,b6 --rate-per-s 10 --holding-s 0.2 --sessions 100
 """
 

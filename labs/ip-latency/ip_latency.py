@@ -57,6 +57,7 @@ LAB = Lab(
     "Networks (2024), arXiv:2411.07410",
     runs={f"{node}-{km}-km": said(node, km) for node, km in product(T2_S, COPPER_KM)},
     findings=findings,
+    theirs="closed form",
     charts=[
         Chart(
             CHART.format(node),
@@ -64,7 +65,6 @@ LAB = Lab(
             "from host to host (ms)",
             "F",
             partial(fidelity, t2_s),
-            theirs="closed form",
         )
         for node, t2_s in T2_S.items()
     ],

@@ -57,6 +57,7 @@ LAB = Lab(
     paper="Chung et al., Cross-Validating Quantum Network Simulators (2025), arXiv:2504.01290",
     runs={f"{kind}-{km}-km": said(kind, km) for kind, km in product(OURS, COPPER_KM)},
     findings=findings,
+    theirs="SeQUeNCe",
     charts=[
         Chart(
             kind,

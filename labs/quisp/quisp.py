@@ -65,6 +65,7 @@ LAB = Lab(
     paper="Chung et al., Cross-Validating Quantum Network Simulators (2025), arXiv:2504.01290",
     runs={figure["name"]: said(figure) for figure in TOLD["figures"]},
     findings=findings,
+    theirs="QuISP",
     charts=(  # without lines: the residuals below one would know no errors of QuISP
         Chart("purified", "one round", "F, by QuISP", "F", theirs="QuISP"),
         Chart("success", "one round", "success, by QuISP", "success", theirs="QuISP"),

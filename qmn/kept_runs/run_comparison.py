@@ -11,12 +11,13 @@ from wire.controller_lines import read_record
 from wire.results.run_result import RESULT
 
 Row = tuple[str, str, str]
+TOLD = ("service", "topology", "controller", "seed", "parameters")
 FROM_THE_START = ("open", "create", "send", "arrive", "store", "measure", "bell-measure", "close")
 
 
 def parameters(one: Path, two: Path) -> list[Row]:
     """Return the parameters that differ."""
-    first, second = (_plain(_result(run), ("seed", "parameters")) for run in (one, two))
+    first, second = (_plain(_result(run), TOLD) for run in (one, two))
     return [row for row in _beside(first, second) if row[1] != row[2]]
 
 

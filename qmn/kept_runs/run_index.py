@@ -94,9 +94,10 @@ def differing(result: dict[str, Any]) -> dict[str, Any]:
     defaults = {
         each.name: each.default for kind in _kinds(result) for each in fields(kind) if each.init
     }
+    told = {name: result.get(name) for name in ("controller", "seed")}
     return {
         name: value
-        for name, value in result.get("parameters", {}).items()
+        for name, value in (told | result.get("parameters", {})).items()
         if name not in ALWAYS
         and value not in ([], "", None)
         and not (name in defaults and value == defaults[name])

@@ -171,5 +171,6 @@ class Lab:
     charts: Sequence[Chart] = field(default=())
     rows: Sequence[PublishedRow] = field(default=())  # of the same papers, without a network
     tolerance: float = SIGMAS  # standard errors
+    theirs: str = "published"  # what stands beside ours
     # Writes further files into the lab's folder, and returns them.
     files: Callable[[Runs, Path], Sequence[Path]] = lambda _runs, _folder: ()

@@ -176,7 +176,7 @@ def lab_done(
     finally:
         give_tree(options.out)
     console.print(f"\n{name}: {lab.title}\n{lab.paper}", soft_wrap=True, markup=False)
-    outcome.show(console, findings, lab.tolerance)
+    outcome.show(console, findings, lab.tolerance, lab.theirs)
     for file in files:
         console.print(f"file    {file}", soft_wrap=True, markup=False)
     console.print(f"facts   {folder / 'lab.json'}", soft_wrap=True, markup=False)

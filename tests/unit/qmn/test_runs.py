@@ -35,7 +35,8 @@ def change(run: Path, **facts: Any) -> None:
     """Let a result say something else, at another time."""
     result = run / "result.json"
     known = json.loads(result.read_text())
-    known["parameters"] |= facts
+    known["parameters"] |= {name: facts.pop(name) for name in [*facts] if name not in known}
+    known |= facts
     result.write_text(json.dumps(known))
     os.utime(result, ns=(1, result.stat().st_mtime_ns + 1))
 
@@ -52,6 +53,9 @@ def test_runs_are_listed_with_what_is_not_the_default(runs: Path) -> None:
     assert (old.name, old.began, old.what) == (OLD, "2026-01-01 10:00:00", "sdc chain")
     assert (old.outcome, new.outcome) == ("done", "not done")
     assert old.parameters == {"fec": "none <&>"}  # the loss budget and the port are as always
+    change(runs / NEW, controller="os-ken", seed=2)
+    (new,) = (run for run in runs_in(runs) if run.name == NEW)
+    assert new.parameters == {"fec": "none <&>", "controller": "os-ken", "seed": 2}
     assert old.bytes == sum(file.stat().st_size for file in (runs / OLD).iterdir())
 
 
@@ -94,9 +98,12 @@ def test_a_run_that_has_gone_leaves_the_list(runs: Path) -> None:
 
 
 def test_two_runs_are_compared(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    change(runs / NEW, loss_budget_db=3.0)
+    change(runs / NEW, loss_budget_db=3.0, controller="os-ken", topology="ring", service="teleport")
     assert called(runs, "compare", OLD, "latest") == 0
     told = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["service", "sdc", "teleport"] in told
+    assert ["topology", "chain", "ring"] in told
+    assert ["controller", "ryu", "os-ken"] in told
     assert ["loss", "budget", "db", "30", "3"] in told
     assert ["asking", "bell", "pairs", "100", "100"] in told
     assert ["bell-measure", "3.000", "3.000"] in told  # 5 ms, and paths opened at 2 ms
