@@ -292,7 +292,7 @@ def require_switches(policy: Policy, known: Collection[str]) -> None:
         for name in sorted(frozenset().union(*named) - set(known)):
             listed = ", ".join(sorted(known)) or "none"
             raise BadPolicy(
-                f"{place}: {name!r} is not a quantum switch of this network: choose of {listed}"
+                f"{place}: {name!r} is not a quantum switch of this network: choose one of {listed}"
             )
 
 
@@ -301,7 +301,7 @@ def parse_policy(text: str) -> Policy:
     content = tomllib.loads(text)
     _only(
         content,
-        "the file",
+        "a policy",
         {
             "default",
             "rule",

@@ -220,7 +220,7 @@ def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription
     check_two_hosts(*ends, network.hosts, network.dark_hosts)
     for name in request.others:
         if name not in network.hosts:
-            raise BadInput(f"--line {name}: choose of {', '.join(network.hosts)}")
+            raise BadInput(f"--line {name}: choose one of {', '.join(network.hosts)}")
     check_source(request.options, network.hosts)
     check_network(request.network)
     check_ranges(request.run)

@@ -158,7 +158,7 @@ def chosen(option_name: str, named: str, hosts: Sequence[str]) -> list[str]:
     found = [name for name in named.split(",") if name]
     for name in found:
         if name not in hosts:
-            raise BadInput(f"{option_name} {name}: choose of {', '.join(hosts)}")
+            raise BadInput(f"{option_name} {name}: choose one of {', '.join(hosts)}")
     return found
 
 

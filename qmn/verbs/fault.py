@@ -116,7 +116,7 @@ def build_request(config: DispatcherConfig, name: str, fault: Fault) -> InjectFa
     for port in (fault.in_port, fault.out_port):
         if port not in ports:
             known = ", ".join(map(str, ports)) or "none"
-            raise BadFault(f"port {port} of {name} has no fibre: choose of {known}")
+            raise BadFault(f"port {port} of {name} has no fibre: choose one of {known}")
     connection = Connection(in_port=fault.in_port, out_port=fault.out_port)
     return InjectFaultRequest(switch=name, stuck=connection)
 

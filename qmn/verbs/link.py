@@ -54,7 +54,7 @@ def switch_ends(facts: NetworkFacts, a: str, b: str) -> list[str]:
     known |= {name for link in facts.copper for name in (link[0], link[2])}
     for node in (a, b):
         if node not in known:
-            raise NetworkError(f"unknown node {node!r}: choose of {', '.join(sorted(known))}")
+            raise NetworkError(f"unknown node {node!r}: choose one of {', '.join(sorted(known))}")
     found = []
     for fiber in facts.fibers:
         if {fiber.a.node, fiber.b.node} == {a, b}:

@@ -59,7 +59,7 @@ class Map:
             if name.lower() in (place.name, place.called.lower()):
                 return place
         known = ", ".join(place.name for place in self.places)
-        raise BadMap(f"map {self.name} has no place {name!r}: choose of {known}")
+        raise BadMap(f"map {self.name} has no place {name!r}: choose one of {known}")
 
 
 def read_map(name: str) -> Map:
@@ -128,7 +128,7 @@ def _key(name: str, groups: Mapping[str, Iterable[str]]) -> str:
         return dated[-1]
     near = get_close_matches(wanted, known.values(), 5, ALIKE) or WELL_KNOWN
     raise BadMap(
-        f"there is no map {name!r}: choose of topohub's, such as {', '.join(near)}, "
+        f"there is no map {name!r}: choose one of topohub's, such as {', '.join(near)}, "
         "or a file, .graphml or SeQUeNCe's .json"
     )
 

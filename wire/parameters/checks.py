@@ -16,7 +16,7 @@ Refusal = Callable[[str], Exception]  # makes the error of a text
 def remedy(name: str, known: Collection[str]) -> str:
     """Return what may be meant by a name that is not known: the nearest one, or else any."""
     nearest = get_close_matches(name, known, 1)
-    return f"did you mean {nearest[0]}?" if nearest else f"choose of {', '.join(known)}"
+    return f"did you mean {nearest[0]}?" if nearest else f"choose one of {', '.join(known)}"
 
 
 def check_names(

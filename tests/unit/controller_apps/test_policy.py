@@ -149,10 +149,10 @@ def test_overrides_and_reporting_are_read() -> None:
         ("[queue]\norder = 'slots'\nslot_s = 0.01", "queue: slot_s 0.01: choose 0.05 to 60"),
         (
             "[swap]\norder = 'all'",
-            "swap has no order: choose of purification, rounds",
+            "swap has no order: choose one of purification, rounds",
         ),
         ("[[rule]]\naction = 'deny'\nservice = 'link'", "service 'link': choose one of *"),
-        ("defualt = 'deny'", "the file has no defualt"),
+        ("defualt = 'deny'", "a policy has no defualt"),
         ("default = deny", "is not TOML: Invalid value (at line 1, column 11)"),
     ],
 )

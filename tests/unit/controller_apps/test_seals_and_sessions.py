@@ -222,6 +222,6 @@ def test_a_switch_that_there_is_not_is_named() -> None:
     policy = parse_policy(CLOSED)
     require_switches(policy, ["q1", "q2"])
     with pytest.raises(
-        BadPolicy, match="'q2' is not a quantum switch of this network: choose of q1"
+        BadPolicy, match="'q2' is not a quantum switch of this network: choose one of q1"
     ):
         require_switches(policy, ["q1", "q3"])

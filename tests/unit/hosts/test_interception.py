@@ -200,7 +200,7 @@ def test_the_application_tells_what_was_seen_when_it_is_told_to_end(tmp_path: Pa
         (
             "eve",
             {"basis": "Z"},
-            "a session has no basis: choose of fraction, attack",
+            "a session has no basis: choose one of fraction, attack",
         ),
         ("eve", {"attack": "blind"}, "attack 'blind': choose one of resend, split"),
         ("eve", {"attack": "split", "fraction": 0.5}, "split is of every pulse, choose 1"),

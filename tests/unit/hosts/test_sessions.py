@@ -361,7 +361,7 @@ def test_a_set_up_without_a_verdict_is_refused(tmp_path: Path) -> None:
         ({"frame_bytes": 0}, "frame_bytes 0: choose 1 to 65536"),
         ({"block_pairs": 1 << 20}, "block_pairs 1048576"),
         ({"rate_hz": "fast"}, "rate_hz 'fast'"),
-        ({"colour": "red"}, "a session has no colour: choose of host, port"),
+        ({"colour": "red"}, "a session has no colour: choose one of host, port"),
         ({"fec": "turbo"}, "fec 'turbo': choose one of none, repetition, hamming, golay, reed-"),
         ({"fec": 3}, "fec 3: choose one of"),
         ({"interleave": 1}, "interleave 1: choose True or False"),

@@ -181,7 +181,7 @@ def test_one_state_can_be_asked_for(tmp_path: Path, state: str) -> None:
         ({"state": 3}, "state 3: choose one of random, 0, 1"),
         ({"count": 0}, "count 0: choose 1 to"),
         ({"count": True}, "count True: choose 1 to"),
-        ({"colour": "red"}, "a session has no colour: choose of host, port"),
+        ({"colour": "red"}, "a session has no colour: choose one of host, port"),
         ({"rate_hz": 100, "block_pairs": 1000}, "take more than 5 s"),
     ],
 )

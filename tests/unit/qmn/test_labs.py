@@ -59,7 +59,7 @@ def test_a_page_shows_every_figure_of_its_lab(name: str) -> None:
 def test_an_unknown_lab_is_refused_with_the_nearest() -> None:
     with pytest.raises(BadInput, match="there is no lab sdc-fiber: did you mean sdc-fibre"):
         catalogue.lab("sdc-fiber")
-    with pytest.raises(BadInput, match="choose of city-fibre, coexistence, cross-check"):
+    with pytest.raises(BadInput, match="choose one of city-fibre, coexistence, cross-check"):
         catalogue.lab("nothing")
 
 

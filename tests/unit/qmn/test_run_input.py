@@ -101,7 +101,7 @@ def checked(*words: str) -> int:
         (["--switches", "2"], "--switches is of chain, ring, tree, not of sdc"),
         (
             ["chain", "--map", "abilen"],
-            "there is no map 'abilen': choose of topohub's, such as abil",
+            "there is no map 'abilen': choose one of topohub's, such as abil",
         ),
         (
             ["--map", "abilene"],

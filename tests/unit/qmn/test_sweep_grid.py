@@ -43,7 +43,7 @@ def test_whole_numbers_stay_whole() -> None:
     ("name", "given", "text"),
     [
         ("depolarising", "1", "not a parameter of sdc: did you mean depolarizing?"),
-        ("colour", "1", "colour is not a parameter of sdc: choose of preset, kind, length_km"),
+        ("colour", "1", "colour is not a parameter of sdc: choose one of preset, kind, length_km"),
         ("depolarizing", "1.5", "depolarizing '1.5': choose 0 to 1"),
         ("depolarizing", "-0.1:1:3", "depolarizing '-0.1': choose 0 to 1"),
         ("depolarizing", "nan", "depolarizing 'nan': choose 0 to 1"),

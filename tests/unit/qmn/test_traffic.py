@@ -231,7 +231,7 @@ def test_sources_neither_ask_nor_are_asked_unless_they_are_named() -> None:
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["--from", "dave"], "--from dave: choose of alice, bob, charlie"),
+        (["--from", "dave"], "--from dave: choose one of alice, bob, charlie"),
         (["--from", "bob", "--to", "bob"], "--from bob --to bob: name more hosts"),
         (["--source", "dave"], "--source dave: choose own or one of alice, bob, charlie"),
         (["--rate-per-s", "0"], "--rate-per-s 0.0: choose 1e-06 to"),

@@ -53,7 +53,7 @@ def test_a_slip_of_the_pen_is_named_before_a_node_is_made(
         (FiberLink, {"lenght_km": 1}, "fibre a to b has no lenght_km: did you mean length_km?"),
         # Mininet's TCLink knows it, FiberLink never did anything about it.
         (FiberLink, {"delay": "5ms"}, "fibre a to b has no delay: "),
-        (CopperLink, {"bw": 10}, "copper a to b has no bw: choose of length_km"),
+        (CopperLink, {"bw": 10}, "copper a to b has no bw: choose one of length_km"),
     ],
 )
 def test_a_slip_of_the_pen_is_named_before_a_link_is_made(

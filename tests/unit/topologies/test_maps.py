@@ -136,7 +136,7 @@ def test_a_file_that_is_no_map_is_refused(tmp_path: Path, content: str, text: st
 def test_maps_and_places_that_are_not_there_are_refused_with_those_that_are(tmp_path: Path) -> None:
     for name in ("abilen", "../abilene", "sndlib/../sndlib/abilene", ""):
         with pytest.raises(
-            BadMap, match=r"there is no map .*: choose of topohub's, such as abilene"
+            BadMap, match=r"there is no map .*: choose one of topohub's, such as abilene"
         ):
             read_map(name)
     with pytest.raises(BadMap, match="such as abilene, nobel-germany, garr, or"):  # nothing is near
@@ -144,7 +144,7 @@ def test_maps_and_places_that_are_not_there_are_refused_with_those_that_are(tmp_
     with pytest.raises(BadMap, match=r"cannot read the map .*none\.json: No such file"):
         read_map(str(tmp_path / "none.json"))
     with pytest.raises(
-        BadMap, match="sndlib/abilene has no place 'rome': choose of atlam5, atlang"
+        BadMap, match="sndlib/abilene has no place 'rome': choose one of atlam5, atlang"
     ):
         MapTopo(hosts_at="rome")
     with pytest.raises(ValueError, match="the map says how long fibres are"):
