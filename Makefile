@@ -71,9 +71,9 @@ run-sdc: ## Send a message from alice to bob by superdense coding
 test: setup ## Run all checks and tests natively
 	@echo 'test: style and types, then tests: about 12 minutes on two processors'
 	@$(MAKE) --no-print-directory lint types
-	@echo 'test: unit tests; about 9 minutes left'
+	@echo 'test: unit tests; about 11 minutes left'
 	@$(MAKE) --no-print-directory unit
-	@echo 'test: tests in emulated networks; about 6 minutes left'
+	@echo 'test: tests in emulated networks; about 8 minutes left'
 	@$(MAKE) --no-print-directory emulation
 
 test-docker: ## Run the emulation tests inside the image (DEBIAN=13: of Debian 13)
