@@ -3,7 +3,7 @@
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from qmn.machines.options import machine_facts, machines_of
 from qmn.network.custom_topology import BadTopology, short_name
 from qmn.network.description import NetworkDescription
 from qmn.network.options import settings
+from qmn.network.time_scale import Scale
 from qmn.options import BadInput, option_names
 from qmn.reports.beside import Draw, report_beside
 from qmn.results.network_facts import network_facts
@@ -178,18 +179,28 @@ def _running(
             files = network.capture(*switches, openflow=True, packet_bytes=run.packet_bytes)
             facts.captures = [str(file) for file in files]
         with live_view(run.live, context.folder, lambda text: console.print(text, soft_wrap=True)):
-            yield network
-        reached = status(network)
-        facts.exact = reached.exact
-        facts.approximations = [
-            Approximated(each.name, each.most if each.HasField("most") else None)
-            for each in reached.approximations
-        ]
-        facts.pairs_made, facts.photons_lost = reached.pairs_created, reached.photons_lost
-        early = worst(network.runtime)
-        facts.acausal = EarlyNews(*early) if early else None
-        note_software(facts, reached.software, network.runtime.devices.values(), chosen)
+            try:
+                yield network
+            except TransferError:  # the network lasts: a service has failed, or given no key
+                with suppress(NetworkError):  # which would be another cause than what is told
+                    _note_light(facts, network, chosen)
+                raise
+        _note_light(facts, network, chosen)
     note_files(facts, network)
+
+
+def _note_light(facts: RunResult, network: Network, scale: Scale) -> None:
+    """Add what the dispatcher tells of the light of a run."""
+    reached = status(network)
+    facts.exact = reached.exact
+    facts.approximations = [
+        Approximated(each.name, each.most if each.HasField("most") else None)
+        for each in reached.approximations
+    ]
+    facts.pairs_made, facts.photons_lost = reached.pairs_created, reached.photons_lost
+    early = worst(network.runtime)
+    facts.acausal = EarlyNews(*early) if early else None
+    note_software(facts, reached.software, network.runtime.devices.values(), scale)
 
 
 @dataclass

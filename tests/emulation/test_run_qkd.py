@@ -101,6 +101,8 @@ def test_above_the_threshold_the_run_fails_and_no_key_is_kept(tmp_path: Path) ->
     assert f"QBER {result['job']['asking']['qber']:.4f}" in done.stderr
     assert "at most 0.1000 is allowed: noise or an eavesdropper" in done.stderr
     assert not result["delivered"]
+    assert result["pairs_made"] == 0  # states are prepared, by BB84
+    assert result["exact"] is True
     assert [path for path in keys.rglob("*") if path.is_file()] == []
 
 
