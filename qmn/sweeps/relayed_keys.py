@@ -5,6 +5,7 @@ nanowires (90 %, 1e-6 dark counts in a gate), corrections at 1.16 times the limi
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.laboratory import Laboratory
+from dispatcher.laboratory import Laboratory, LaboratoryHost
 from hosts.middleware.qkd.decoy import SHARES, Decoys
 from hosts.middleware.qkd.key_length import binary_entropy
 from hosts.middleware.qkd.relayed_decoys import PairSifted, bounds
@@ -55,13 +56,7 @@ async def meet(values: Values, seed: int) -> Outcome:
         bases = states >> 1
         same = bases[0] == bases[1]
         np.add.at(sent, (bases[0][same], *levels[:, same]), 1)
-        came = [await charlie.receive(name, way[1]) for name, way in zip(names, WAYS, strict=True)]
-        if None in came:
-            continue
-        told = await charlie.bell_measure(names[0], names[1])
-        kept = same & (told != NO_COINCIDENCE)
-        bits = states[:, kept] & np.uint8(1)
-        wrong = bits[0] ^ fitting(bits[1], bases[1][kept], told[kept])
+        kept, wrong = await sifted(charlie, names, states)
         np.add.at(counts, (bases[0][kept], wrong, *levels[:, kept]), 1)
     signal = counts[:, :, 0, 0]
     return {
@@ -70,6 +65,24 @@ async def meet(values: Values, seed: int) -> Outcome:
         "qber_x": proportion(int(signal[X, 1]), int(signal[X].sum())),
         "key": key(decoys, counts, int(sent[Z, 0, 0])),
     }
+
+
+async def sifted(
+    charlie: LaboratoryHost, names: Sequence[tuple[int, int]], states: NDArray[np.uint8]
+) -> tuple[NDArray[np.bool_], NDArray[np.uint8]]:
+    """Have the relay measure what both ends have sent; return which pulses they keep, shape (n,).
+
+    And of each that is kept, shape (kept,), whether their bits differ. `states`, shape (2, n), are
+    theirs.
+    """
+    bases = states >> 1
+    came = [await charlie.receive(name, way[1]) for name, way in zip(names, WAYS, strict=True)]
+    if None in came:
+        return np.zeros(states.shape[1], bool), np.zeros(0, np.uint8)
+    told = await charlie.bell_measure(names[0], names[1])
+    kept = (bases[0] == bases[1]) & (told != NO_COINCIDENCE)
+    bits = states[:, kept] & np.uint8(1)
+    return kept, bits[0] ^ fitting(bits[1], bases[1][kept], told[kept])
 
 
 def decoys_of(values: Values) -> Decoys:

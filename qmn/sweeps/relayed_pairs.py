@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from dispatcher.laboratory import Laboratory
 from dispatcher.layer.ownership import BlockName
 from hosts.middleware.qkd.key_length import binary_entropy
-from hosts.middleware.services.key_distribution.relayed import fitting
 from qmn.sweeps import multi_pair, relay_theory
 from qmn.sweeps.decoy_states import LENGTH
 from qmn.sweeps.estimates import Estimate, of_counts, proportion
@@ -33,9 +32,9 @@ from qmn.sweeps.relayed_keys import (
     arrives,
     fibers,
     relay,
+    sifted,
 )
 from qmn.sweeps.superdense import blocks
-from wire.outcomes import NO_COINCIDENCE
 from wire.parameters.physics import Device, PairSource
 
 SESSION = 1
@@ -65,13 +64,7 @@ async def meet(values: Values, seed: int) -> Outcome:
         bases = states >> 1
         same = bases[0] == bases[1]
         sent += int((same & (bases[0] == Z)).sum())
-        came = [await charlie.receive(name, way[1]) for name, way in zip(names, WAYS, strict=True)]
-        if None in came:
-            continue
-        told = await charlie.bell_measure(names[0], names[1])
-        kept = same & (told != NO_COINCIDENCE)
-        bits = states[:, kept] & np.uint8(1)
-        wrong = bits[0] ^ fitting(bits[1], bases[1][kept], told[kept])
+        kept, wrong = await sifted(charlie, names, states)
         np.add.at(counts, (bases[0][kept], wrong, single[kept].astype(np.uint8)), 1)
     right, wrong = counts.sum(axis=2).T
     return {
