@@ -49,6 +49,7 @@ function listen() {
     timeline.add(JSON.parse(event.data));
     pictures.wake();
   });
+  source.addEventListener("pause", (event) => { pictures.pause = Number(event.data); status(); });
   source.addEventListener("missed", (event) => { timeline.missed += Number(event.data); });
   source.addEventListener("ended", () => { view.ended = true; source.close(); status(); });
   source.addEventListener("error", () => { view.connected = false; status(); });
@@ -59,7 +60,9 @@ function status() {
     : view.ended || view.connected ? networks.said(view.follow ? "live" : "live, looking back")
     : "no connection: has the network ended?";
   const missed = timeline.missed + timeline.state.missed;
-  const text = missed ? `${words}; ${panels.count(missed)} earlier messages are not shown` : words;
+  const seldom = pictures.seldom && view.connected && !view.ended
+    ? `; ${1000 / pictures.pause} pictures a second, as all processors here are in use` : "";
+  const text = `${words}${seldom}${missed ? `; ${panels.count(missed)} earlier messages are not shown` : ""}`;
   if (at("status").textContent !== text) at("status").textContent = text;
   const label = view.playing ? "pause" : "play";
   if (at("play").textContent !== label) at("play").textContent = label;
@@ -82,10 +85,11 @@ function draw(passed, numbers) {
   const moves = drawing.show({ ...state, t: state.t + since }, view.chosen, now, numbers);
   if (numbers) stretch();
   if (numbers && drawn.stale) tables();
-  return moves || (goes && since < SETTLED_S) || (!view.follow && view.playing);
+  if (!view.follow && view.playing) pictures.wake();
+  return moves || (goes && since < SETTLED_S);
 }
 
-// While the page is paused, time that has come meanwhile can be gone to.
+// All time that has come can be gone to, also what came while the page is paused.
 function stretch() {
   const slider = at("slider");
   slider.min = timeline.begin;
@@ -107,6 +111,7 @@ function tables() {
   status();
 }
 
+for (const name of ["focus", "pointerdown"]) at("slider").addEventListener(name, stretch);
 at("slider").addEventListener("input", (event) => {
   Object.assign(view, { follow: false, playing: false, t: Number(event.target.value) });
   status();
