@@ -141,12 +141,12 @@ notebooks: .venv/notebooks ## Install what notebooks, data frames and Parquet ne
 
 .venv/notebooks: .venv/complete notebooks.lock
 	@echo 'setup: what notebooks and data frames need'
-	@$(PYTHON) -m pip install --quiet --disable-pip-version-check --require-hashes -r notebooks.lock
+	@setup/python-packages notebooks.lock
 	@touch $@
 
 .venv/site: .venv/complete site.lock
 	@echo 'setup: what the site is built by'
-	@$(PYTHON) -m pip install --quiet --disable-pip-version-check --require-hashes -r site.lock
+	@setup/python-packages site.lock
 	@touch $@
 
 lock: ## Choose new versions of the Python packages
@@ -166,7 +166,7 @@ q0-programs: | packages
 strongswan: | packages
 	@[[ -d /run/systemd/system ]] || setup/packages apt-packages-strongswan.txt
 
-.venv/complete: requirements.lock ryu.lock build-constraints.txt | packages
+.venv/complete: installer.lock requirements.lock ryu.lock build-constraints.txt | packages
 	@setup/environment
 
 %_pb2.py %_pb2.pyi %_pb2_grpc.py: %.proto .venv/complete

@@ -54,10 +54,14 @@ def _bounds(end: SwitchPort, network: Network) -> dict[int, Bound]:
     return found
 
 
+def _nothing(_way: Direction) -> bool:
+    return False
+
+
 class Limits(NamedTuple):
     """What a path must keep to."""
 
-    blocked: Callable[[Direction], bool] = lambda _: False
+    blocked: Callable[[Direction], bool] = _nothing
     frequency_mhz: int | None = None  # None: whatever the ports are tuned to
     loss_budget_mdb: int | None = None
     rotation: int | None = None  # wire.metadata.Pauli that the path applies; None: any
@@ -105,10 +109,20 @@ def rotation_of(paths: Iterable[LightPath]) -> int:
 def cheapest_path(network: Network, leg: Leg, limits: Limits) -> LightPath | None:
     """Return the path of least loss, then of fewest hops; None if there is none.
 
-    A path passes each switch once.
+    A path passes each switch once. The best of a network in which all is free is searched once:
+    where others have nothing of it, it is the best.
     """
     if not _can_begin(network, leg, limits):
         return None
+    free = limits._replace(blocked=_nothing)
+    best = network.if_all_were_free((leg, free), partial(_search, network, leg, free))
+    if best is None or not any(map(limits.blocked, directions(best.hops)[1:-1])):
+        return best
+    return _search(network, leg, limits)
+
+
+def _search(network: Network, leg: Leg, limits: Limits) -> LightPath | None:
+    """Search from the start, whose port is free, as is that of the end."""
     bounds = bounds_to(leg.end, network)
     if leg.start.dpid not in bounds:
         return None

@@ -2,7 +2,7 @@
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from math import sqrt
 from typing import Any
 
@@ -106,8 +106,8 @@ def fidelity_by_age(outcomes: Iterable[Outcome]) -> list[AgedFidelity]:
     measured = sorted(
         (each for each in outcomes if len(each.measured) == 3), key=lambda each: each.age_s
     )
-    size = -(-len(measured) // AGES)
-    return [_estimate(measured[at : at + size]) for at in range(0, len(measured), size or 1)]
+    bounds = [len(measured) * part // AGES for part in range(AGES + 1)]
+    return [_estimate(measured[a:b]) for a, b in pairwise(bounds) if a < b]
 
 
 def _estimate(portion: Sequence[Outcome]) -> AgedFidelity:

@@ -189,6 +189,18 @@ def test_a_third_of_the_outcomes_in_each_basis_gives_the_fidelity_of_a_werner_pa
     assert found.standard_error == pytest.approx(sqrt(3 / 4 * 0.9 * 0.1 / 1000))
 
 
+@pytest.mark.parametrize("sessions", [1, 4, 6, 23])
+def test_a_fifth_of_the_sessions_is_in_each_portion_by_age(sessions: int) -> None:
+    outcomes_of_a_basis = dict.fromkeys("XYZ", 1)
+    told = [
+        outcome("h1", age_s=float(age), measured=outcomes_of_a_basis, right=outcomes_of_a_basis)
+        for age in range(sessions)
+    ]
+    portions = [each.pairs // 3 for each in fidelity_by_age(told)]
+    assert (sum(portions), len(portions)) == (sessions, min(sessions, 5))
+    assert max(portions) - min(portions) <= 1
+
+
 def test_a_fibre_is_in_use_in_the_direction_of_its_light() -> None:
     fibers = [
         Fiber(FiberEnd("h1", "h1-q0"), FiberEnd("q1", "1")),
