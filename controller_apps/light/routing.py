@@ -115,7 +115,8 @@ def cheapest_path(network: Network, leg: Leg, limits: Limits) -> LightPath | Non
     if not _can_begin(network, leg, limits):
         return None
     free = limits._replace(blocked=_nothing)
-    best = network.if_all_were_free((leg, free), partial(_search, network, leg, free))
+    asked = _search, leg, free
+    best = network.if_all_were_free(asked, partial(_search, network, leg, free))
     if best is None or not any(map(limits.blocked, directions(best.hops)[1:-1])):
         return best
     return _search(network, leg, limits)
@@ -212,9 +213,30 @@ def route(
 ) -> tuple[LightPath, ...] | None:
     """Return a path for each leg, none of which takes what another or one beside needs.
 
-    `rotations` are those that the paths must apply, None for any. The cheapest path of an
-    early leg may leave a later one without any, so that other orders are tried as well; not if a
-    leg has no path even alone.
+    `rotations` are those that the paths must apply, None for any. That of a network in which all
+    is free is searched once, and taken where others have nothing of it.
+    """
+    if not beside and rotations is None:
+        free = limits._replace(blocked=_nothing)
+        asked = _route, tuple(legs), free
+        paths = network.if_all_were_free(asked, partial(_route, network, legs, free))
+        ways = directions(hop for path in paths or () for hop in path.hops)
+        if paths and not any(map(limits.blocked, ways)):
+            return paths
+    return _route(network, legs, limits, beside, rotations)
+
+
+def _route(
+    network: Network,
+    legs: Sequence[Leg],
+    limits: Limits,
+    beside: Iterable[LightPath] = (),
+    rotations: Sequence[int] | None = None,
+) -> tuple[LightPath, ...] | None:
+    """Search the paths of legs one after the other.
+
+    The cheapest path of an early leg may leave a later one without any, so that other orders are
+    tried as well; not if a leg has no path even alone.
     """
     wanted: Sequence[int | None] = rotations or [None] * len(legs)
     alone: set[int] = set()  # legs that have a path if no other does
@@ -247,7 +269,7 @@ def _beside(paths: Iterable[LightPath], limits: Limits) -> Limits:
 
 def why_not(network: Network, legs: list[Leg], limits: Limits) -> Reason:
     """Return what stands in the way of a route: the first limit without which there is one."""
-    asked = tuple(legs), limits._replace(blocked=Limits().blocked)
+    asked = _why_not, tuple(legs), limits._replace(blocked=Limits().blocked)
     return network.if_all_were_free(asked, partial(_why_not, network, legs, limits))
 
 

@@ -159,6 +159,15 @@ def test_the_legs_of_a_route_share_nothing() -> None:
     assert route(network, [*legs, Leg(SwitchPort(1, 3), SwitchPort(3, 3))], Limits()) is None
 
 
+@pytest.mark.parametrize("taken", directions(BY_TWO)[1:-1])
+def test_a_route_of_which_others_have_a_part_goes_another_way(taken: Direction) -> None:
+    network, legs = ring(), [Leg(START, END)]
+    for blocked, way in ((set(), BY_TWO), ({taken}, BY_FOUR), (set(), BY_TWO)):
+        found = route(network, legs, Limits(blocked.__contains__))
+        assert found is not None
+        assert [path.hops for path in found] == [way]
+
+
 def test_an_early_leg_makes_room_for_a_later_one() -> None:
     network = ring()
     # Alone, the first leg would go by 2; the way round is too long for the second.
