@@ -11,6 +11,7 @@ from threading import Lock
 from typing import Any
 
 MOST_MESSAGES = 100_000
+ENCODED = json.JSONEncoder(separators=(",", ":")).encode
 
 
 class Timeline:
@@ -48,7 +49,7 @@ class Timeline:
 
     def _text(self, what: str, time_ns: int, fields: dict[str, Any]) -> str:
         seconds = round((time_ns - self.origin_ns) / 1e9, 9)
-        return json.dumps({"t": seconds, "what": what, **fields}, separators=(",", ":"))
+        return ENCODED({"t": seconds, "what": what, **fields})
 
     def end(self) -> None:
         """Have nothing come any more."""
