@@ -5,11 +5,16 @@ from collections.abc import Callable
 from difflib import get_close_matches
 from typing import Any, NoReturn
 
+from wire.parameters.checks import check_choice
+
+NUMBERS: dict[object, str] = {int: "a whole number", float: "a number"}
+
 
 class Parser(argparse.ArgumentParser):
     """Takes options by their whole names alone: an abbreviation means another when options come.
 
-    What is wrong is one line, by the parser of the verb that it is said to.
+    What is wrong is one line, by the parser of the verb that it is said to, in the words of
+    wire/parameters/checks.py.
     """
 
     def __init__(self, **given: Any) -> None:
@@ -36,9 +41,37 @@ class Parser(argparse.ArgumentParser):
             known = [name for name in self._option_string_actions if name.startswith("--")]
             near = get_close_matches(option, known, 1) if option.startswith("--") else []
             remedy = f": did you mean {near[0]}?" if near else ""
-            self.error(f"unrecognized arguments: {' '.join(unknown)}{remedy}")
+            spare = not option.startswith("-")
+            self.error(f"{option} is too much" if spare else f"there is no {option}{remedy}")
         return found, unknown
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Refuse what is none of an argument's choices."""
+        if action.choices is not None:
+            known = [str(each) for each in action.choices]
+            check_choice(name_of(action), str(value), known, self._refused)
+
+    def _get_value(self, action: argparse.Action, text: str) -> Any:
+        """Read a value; say what it is to be."""
+        meaning = NUMBERS.get(action.type)
+        try:
+            return super()._get_value(action, text)
+        except argparse.ArgumentError as error:
+            if meaning is None:
+                raise
+            raise self._refused(f"{name_of(action)} {text!r}: choose {meaning}") from error
+
+    def _refused(self, text: str) -> argparse.ArgumentError:
+        return argparse.ArgumentError(None, text)
 
     def error(self, message: str) -> NoReturn:
         """End with what is wrong and where the usage is: that of a run is longer than a screen."""
+        message = message.removeprefix("argument ")
         self.exit(2, f"{self.prog}: error: {message} (`{self.prog} --help` lists all)\n")
+
+
+def name_of(action: argparse.Action) -> str:
+    """Return what an argument is called where it is said."""
+    if action.option_strings:
+        return action.option_strings[-1]
+    return str(action.metavar or action.dest)

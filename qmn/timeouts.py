@@ -49,9 +49,11 @@ PATH_POLL_S = 0.0002  # between two looks whether it is
 IDLE_S = 5.0  # that a network without sessions is watched
 
 # Live view
-LIVE_PAUSE_MS = 40  # in which the dispatcher gathers events
+LIVE_PAUSE_MS = 60  # in which the dispatcher gathers events: a page draws a picture of them
 LIVE_LINES_S = 0.05  # between two looks at what programs have written
-LIVE_POLL_S = 0.02  # between two looks for messages
+LIVE_LIST_S = 0.02  # between two lists of messages to a page: of what came beside events
+LIVE_SELDOM_S = 0.5  # the same, where all processors are in use
+LIVE_LOOK_S = 2.0  # between two looks whether they are
 LIVE_DEVICES_S = 1.0  # between two questions about devices and sessions
 LIVE_HEAD_S = 60.0  # for what is asked: browsers connect before they ask
 LIVE_LOOK_AGAIN_S = 1  # of a page that waits for the next network of a command

@@ -55,7 +55,7 @@ class LightPaths:
         self._fault: HardwareFault | None = None  # what ended run
         self._news = ""  # what was made, and is not in the log yet
         self._changed = asyncio.Event()
-        self._progress = asyncio.Condition()
+        self._progress = asyncio.Event()  # of this answer; the next has another
         self._removed: OrderedDict[tuple[int, bytes, int], Removed] = OrderedDict()
         self._added_ns: dict[int, int] = {}  # when entries came, by circuit
         self._idle: set[tuple[int, bytes, int]] = set()  # asked to be removed
@@ -125,13 +125,13 @@ class LightPaths:
             except HardwareFault as fault:
                 self._fault = fault
                 self.promises.settle(due, dict.fromkeys(due, str(fault)))
-                await self._answer(asked, self._refused)
+                self._answer(asked, self._refused)
                 raise
             for path, reason in refused.items():
                 if self._refused.get(path) != reason:
                     log.error("%s", reason)
             self.promises.settle(due, refused)
-            await self._answer(asked, refused)
+            self._answer(asked, refused)
             await self._tell()
 
     async def ready(self) -> None:
@@ -140,8 +140,8 @@ class LightPaths:
         Raise HardwareFault if the hardware has failed.
         """
         asked = self._asked
-        async with self._progress:
-            await self._progress.wait_for(lambda: self._answered >= asked)
+        while self._answered < asked:
+            await self._progress.wait()
         if self._fault:
             raise HardwareFault(str(self._fault))
 
@@ -178,10 +178,10 @@ class LightPaths:
     def _now_ns(self) -> int:
         return self._time.network_ns(time.time_ns())
 
-    async def _answer(self, asked: int, refused: Mapping[CrossConnect, str]) -> None:
+    def _answer(self, asked: int, refused: Mapping[CrossConnect, str]) -> None:
         self._answered, self._refused = asked, refused
-        async with self._progress:
-            self._progress.notify_all()
+        self._progress.set()
+        self._progress = asyncio.Event()
 
     async def _tell(self) -> None:
         """Log what was made; those that waited for it go on first."""

@@ -48,6 +48,13 @@ class Unconfirmed(Protocol):
     def only_deletes(self) -> bool:
         """Whether it has certainly reported all others."""
 
+    @property
+    def all_reported(self) -> bool:
+        """Whether it has certainly reported all changes."""
+
+    def seen_in(self, table: FlowTable) -> bool:
+        """Tell whether a table shows all that the bridge has made."""
+
     async def confirm(self) -> bool:
         """Wait until the bridge has made all; tell whether any may be unreported yet."""
 
@@ -104,9 +111,15 @@ class Switch:
             await self._synchronise()
             self._synchronised_ns = max(self._synchronised_ns, begun_ns)
 
-    async def ready(self) -> None:
-        """Return when light passes as the bridge's table says now, as far as it can."""
-        await self.synchronise()
+    async def ready(self, connection: Unconfirmed) -> None:
+        """Return when light passes as the bridge's table says now, as far as it can.
+
+        Where the flow monitor has reported what was asked for already, the bridge is not asked.
+        """
+        others = self.connections - {connection}
+        seen = all(other.all_reported for other in others) and connection.seen_in(self.paths.table)
+        if not seen:
+            await self.synchronise()
         await self.paths.ready()
 
     @asynccontextmanager
@@ -157,6 +170,12 @@ class Switch:
         path = self.paths.table.path_of(mod)
         if path is not None:
             self.paths.promises.add(path, asker, request)
+
+    def seen_when_done(self, told: Iterable[FlowMod]) -> tuple[FlowMod, ...] | None:
+        """Return what the bridge is told; None if the table shows some of it before it is done."""
+        told = tuple(told)
+        shown = any(self.paths.table.shows(mod) for mod in told if not mod.deletes)
+        return None if shown else told
 
     def _take_back(self, path: CrossConnect) -> None:
         """Delete the entry of a path that the hardware has refused."""

@@ -2,6 +2,7 @@
 
 # Open vSwitch
 BARRIER_DEADLINE_S = 5.0  # until the bridge answers a barrier
+SHOW_SOON_S = 0.002  # that a reply waits for the barrier's behind it, to go in one write
 HOLD_DEADLINE_S = 5.0  # that a reply waits for those of its members that are late
 CLOSE_DEADLINE_S = 0.5  # until a connection that is closed has taken what was said to it
 

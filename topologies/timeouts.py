@@ -19,12 +19,12 @@ PARENT_POLL_S = 0.0005  # between two looks who the parent is
 # Nodes
 SHELL_TIMEOUT_S = 20.0  # until a node's shell has a prompt
 COMMAND_TIMEOUT_S = 20.0  # until a command that sets a node or an interface up has ended
+COMMAND_LOOK_S = 0.5  # between two looks whether a command's wait is of use
 SHELL_POLL_MS = 50  # between two looks whether a shell is still there
 IPERF_TIMEOUT_S = 10.0  # until iperf3 listens, and ends beyond the time that was asked for
 
 # Open vSwitch
-OPENVSWITCH_TIMEOUT_S = 30.0  # until it is there, or gone; also for many commands of ip(8) together
-OPENVSWITCH_LOOK_S = 0.5  # between two looks whether its daemons live, while a command waits
+OPENVSWITCH_TIMEOUT_S = 30.0  # until it is there, or gone
 VSCTL_ANSWER_S = 2  # whole ones, until ovs-vsctl says that no database answers
 OPENVSWITCH_COMMAND_TIMEOUT_S = 15.0  # until another command of Open vSwitch has ended
 VSCTL_TIMEOUT_S = 10.0  # until ovs-vsctl has ended

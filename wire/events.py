@@ -53,13 +53,14 @@ def format_time(time_ns: int) -> str:
 
 
 def to_json(event: Event) -> dict[str, Any]:
-    """Return the event for programs; a session is 16 hexadecimal digits, as in the log."""
-    fields: dict[str, Any] = {
-        "time": format_time(event.time_ns),
-        "time_ns": event.time_ns,
-        "node": event.node,
-        "kind": event.kind,
-    }
+    """Return the event for programs."""
+    time_ns = event.time_ns
+    return {"time": format_time(time_ns), "time_ns": time_ns, **to_fields(event)}
+
+
+def to_fields(event: Event) -> dict[str, Any]:
+    """Return what it says but its time; a session is 16 hexadecimal digits, as in the log."""
+    fields: dict[str, Any] = {"node": event.node, "kind": event.kind}
     if event.HasField("block"):
         block = event.block
         fields |= {

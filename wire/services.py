@@ -7,6 +7,7 @@ of NEEDS, and knows no more of it.
 
 from collections.abc import Mapping
 from enum import Enum
+from functools import cache
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -194,6 +195,7 @@ def uses_source(service: Service, by: Making = Making.SOURCE) -> bool:
     return SOURCE in NEEDS.get(service, {}) and not own
 
 
+@cache
 def needs(service: Service, role: Role, by: Making = Making.SOURCE) -> Feature:
     """Return what the host in a role must be able to."""
     table = HERALDED_NEEDS if by == Making.STATION else NEEDS
@@ -202,6 +204,7 @@ def needs(service: Service, role: Role, by: Making = Making.SOURCE) -> Feature:
     return needed & ~ABSORB if keeps_its_own else needed
 
 
+@cache
 def fibers_needed(service: Service, role: Role, by: Making = Making.SOURCE) -> int:
     """Return how many fibres a host in this role needs."""
     ends = [end for beam in beams(service, by) for end in beam if end.role == role]

@@ -47,6 +47,7 @@ from controller_apps.openflow.framework import (
 )
 from controller_apps.openflow.identities import Identities
 from controller_apps.openflow.mac_table import MacTable, filter_entries
+from controller_apps.openflow.path_bundles import path_bundle, xid_of
 from controller_apps.packets.segments import FiveTuple, is_tcp
 from controller_apps.policy.policy import (
     CLOSE,
@@ -523,10 +524,9 @@ class QuantumMetadata(App):
                 port = self.mac_table.port_of(dpid, frame[:6])
                 return [flow_entries.packet_out(datapath, in_port, port, frame)]
             case OpenPaths():
-                messages = flow_entries.path_bundle(datapath, action, self._tuning(action))
+                messages = path_bundle(action, self._tuning(action), self._xids)
                 for message in messages:
-                    message.set_xid(next(self._xids) & 0xFFFFFFFF)
-                    self._transactions[action.dpid, message.xid] = action.transaction
+                    self._transactions[action.dpid, xid_of(message)] = action.transaction
                 return messages
             case ClosePaths(_, session):
                 return [flow_entries.delete_paths(datapath, session)]

@@ -54,10 +54,14 @@ def _bounds(end: SwitchPort, network: Network) -> dict[int, Bound]:
     return found
 
 
+def _nothing(_way: Direction) -> bool:
+    return False
+
+
 class Limits(NamedTuple):
     """What a path must keep to."""
 
-    blocked: Callable[[Direction], bool] = lambda _: False
+    blocked: Callable[[Direction], bool] = _nothing
     frequency_mhz: int | None = None  # None: whatever the ports are tuned to
     loss_budget_mdb: int | None = None
     rotation: int | None = None  # wire.metadata.Pauli that the path applies; None: any
@@ -105,10 +109,21 @@ def rotation_of(paths: Iterable[LightPath]) -> int:
 def cheapest_path(network: Network, leg: Leg, limits: Limits) -> LightPath | None:
     """Return the path of least loss, then of fewest hops; None if there is none.
 
-    A path passes each switch once.
+    A path passes each switch once. The best of a network in which all is free is searched once:
+    where others have nothing of it, it is the best.
     """
     if not _can_begin(network, leg, limits):
         return None
+    free = limits._replace(blocked=_nothing)
+    asked = _search, leg, free
+    best = network.if_all_were_free(asked, partial(_search, network, leg, free))
+    if best is None or not any(map(limits.blocked, directions(best.hops)[1:-1])):
+        return best
+    return _search(network, leg, limits)
+
+
+def _search(network: Network, leg: Leg, limits: Limits) -> LightPath | None:
+    """Search from the start, whose port is free, as is that of the end."""
     bounds = bounds_to(leg.end, network)
     if leg.start.dpid not in bounds:
         return None
@@ -198,9 +213,30 @@ def route(
 ) -> tuple[LightPath, ...] | None:
     """Return a path for each leg, none of which takes what another or one beside needs.
 
-    `rotations` are those that the paths must apply, None for any. The cheapest path of an
-    early leg may leave a later one without any, so that other orders are tried as well; not if a
-    leg has no path even alone.
+    `rotations` are those that the paths must apply, None for any. That of a network in which all
+    is free is searched once, and taken where others have nothing of it.
+    """
+    if not beside and rotations is None:
+        free = limits._replace(blocked=_nothing)
+        asked = _route, tuple(legs), free
+        paths = network.if_all_were_free(asked, partial(_route, network, legs, free))
+        ways = directions(hop for path in paths or () for hop in path.hops)
+        if paths and not any(map(limits.blocked, ways)):
+            return paths
+    return _route(network, legs, limits, beside, rotations)
+
+
+def _route(
+    network: Network,
+    legs: Sequence[Leg],
+    limits: Limits,
+    beside: Iterable[LightPath] = (),
+    rotations: Sequence[int] | None = None,
+) -> tuple[LightPath, ...] | None:
+    """Search the paths of legs one after the other.
+
+    The cheapest path of an early leg may leave a later one without any, so that other orders are
+    tried as well; not if a leg has no path even alone.
     """
     wanted: Sequence[int | None] = rotations or [None] * len(legs)
     alone: set[int] = set()  # legs that have a path if no other does
@@ -233,7 +269,7 @@ def _beside(paths: Iterable[LightPath], limits: Limits) -> Limits:
 
 def why_not(network: Network, legs: list[Leg], limits: Limits) -> Reason:
     """Return what stands in the way of a route: the first limit without which there is one."""
-    asked = tuple(legs), limits._replace(blocked=Limits().blocked)
+    asked = _why_not, tuple(legs), limits._replace(blocked=Limits().blocked)
     return network.if_all_were_free(asked, partial(_why_not, network, legs, limits))
 
 

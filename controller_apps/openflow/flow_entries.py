@@ -13,7 +13,6 @@ from controller_apps.openflow.framework import ofproto, parser
 from controller_apps.openflow.optical_messages import is_fiber
 from controller_apps.packets.datagrams import IP_UDP, is_udp
 from controller_apps.packets.segments import ACK, FIN, IP_TCP, RST, SYN, FiveTuple
-from controller_apps.sessions.actions import OpenPaths
 from wire.device import DEVICE_PORT
 from wire.metadata import METADATA_PORT
 
@@ -26,7 +25,6 @@ LEARNING_PRIORITY = 1
 ENTRIES_PER_BARRIER = 100
 ETH_TYPE_IPV4, ETH_TYPE_LLDP = 0x0800, 0x88CC
 ALL_BITS = (1 << 64) - 1
-BUNDLE_FLAGS = ofproto.OFPBF_ATOMIC | ofproto.OFPBF_ORDERED
 
 
 def is_picked_datagram(message: Any, quantum_switches: Set[int]) -> bool:
@@ -132,56 +130,18 @@ def ask_entries(datapath: Any, table: int) -> Any:
     )
 
 
-def path_bundle(datapath: Any, paths: OpenPaths, tuning: list[Any]) -> list[Any]:
-    """Return one bundle that changes the hops through a switch, and a barrier behind it.
-
-    No time-outs: light moves no packets, so an entry would expire while in use.
-    """
-    members = [
-        *(delete_hop(datapath, hop, paths.session) for hop in paths.closed),
-        *tuning,
-        *(
-            add(datapath, 0, PATH_PRIORITY, {"in_port": hop.in_port}, output(hop.out_port),
-                cookie=paths.session)
-            for hop in paths.hops
-        ),
-    ]  # fmt: skip
-    bundle = paths.transaction & 0xFFFFFFFF
-    return [
-        parser.OFPBundleCtrlMsg(datapath, bundle, ofproto.OFPBCT_OPEN_REQUEST, BUNDLE_FLAGS, []),
-        *(parser.OFPBundleAddMsg(datapath, bundle, BUNDLE_FLAGS, member, []) for member in members),
-        parser.OFPBundleCtrlMsg(datapath, bundle, ofproto.OFPBCT_COMMIT_REQUEST, BUNDLE_FLAGS, []),
-        parser.OFPBarrierRequest(datapath),
-    ]
-
-
-def delete_hop(datapath: Any, hop: Hop, session: int) -> Any:
-    """Return the message that deletes one hop of a session, not what has taken its place."""
-    message = delete(
-        datapath,
-        0,
-        strict=True,
-        priority=PATH_PRIORITY,
-        match=parser.OFPMatch(in_port=hop.in_port),
-        cookie=session,
-        cookie_mask=ALL_BITS,
-    )
-    message.out_port = hop.out_port
-    return message
-
-
 def delete_paths(datapath: Any, session: int) -> Any:
     """Return the message that deletes every path of a session."""
     return delete(datapath, 0, cookie=session, cookie_mask=ALL_BITS)
 
 
 def is_path(entry: Any) -> bool:
-    """Tell whether flow statistics describe an entry that path_bundle made."""
+    """Tell whether flow statistics describe an entry that a path has (path_bundles)."""
     return bool(entry.cookie and entry.priority == PATH_PRIORITY)
 
 
 def hop_of(dpid: int, entry: Any) -> Hop | None:
-    """Read back what path_bundle made, None if somebody has made it something else."""
+    """Read back the hop of such an entry, None if somebody has made it something else."""
     outputs = [
         action.port
         for instruction in entry.instructions
@@ -296,9 +256,12 @@ def with_barriers(datapath: Any, entries: list[Any]) -> list[Any]:
 
 
 def send(datapath: Any, messages: list[Any]) -> None:
-    """Send messages to a switch in one write, so that a bundle is one packet."""
+    """Send messages, of the framework or as bytes, in one write, so that a bundle is one packet."""
     data = bytearray()
     for message in messages:
+        if isinstance(message, bytes):
+            data += message
+            continue
         if message.xid is None:
             datapath.set_xid(message)
         message.serialize()

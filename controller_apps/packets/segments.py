@@ -6,7 +6,7 @@ option of length 0, and loses the ECE and CWR flags when it writes a segment aga
 
 import struct
 from dataclasses import dataclass
-from ipaddress import IPv4Address
+from socket import inet_ntoa
 from typing import NamedTuple
 
 from wire.metadata import MalformedPacket
@@ -108,7 +108,7 @@ def _parse(frame: bytes) -> Segment:
     payload_offset = tcp_offset + 4 * (offset >> 4)
     if offset >> 4 < 5 or not payload_offset <= end <= len(frame):
         raise MalformedPacket(f"headers and lengths do not fit into {len(frame)} bytes")
-    ends = str(IPv4Address(source)), source_port, str(IPv4Address(destination)), destination_port
+    ends = inet_ntoa(source), source_port, inet_ntoa(destination), destination_port
     offsets = tcp_offset, payload_offset, end
     return Segment(frame, FiveTuple(*ends), sequence, acknowledged, flags, *offsets)
 

@@ -6,6 +6,7 @@ with a memory for any block: what it cannot do, it refuses itself.
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 
 from controller_apps.light.paths import Network
 from wire.device import MAX_UNDER_WAY
@@ -97,5 +98,11 @@ def _want(network: Network, address: str, role: Role, needed: Feature) -> Want |
     known = network.node_features_of(address)
     if known is None:
         return None
-    missing = next(iter(needed & ~known.features), None)
+    missing = _missing(needed, known.features)
     return None if missing is None else Want(address, missing, role)
+
+
+@cache
+def _missing(needed: Feature, there: Feature) -> Feature | None:
+    """Return the first feature that is needed and is not there."""
+    return next(iter(needed & ~there), None)

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from qmn.attacks.conduct import told_count, wait_for_line
 from qmn.timeouts import ATTACK_TIMEOUT_S
 from topologies.networks.network import Network
-from topologies.system.open_vswitch.openvswitch import ip
+from topologies.system.processes.commands import ip
 from topologies.system.processes.programs import python
 
 SPEAKERS = [python(), "-m", "qmn.attacks.speakers"]

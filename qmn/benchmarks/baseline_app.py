@@ -11,8 +11,8 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-from controller_apps.light.paths import Hop
 from controller_apps.openflow import flow_entries
+from controller_apps.openflow.flow_entries import LIGHT_TABLE, PATH_PRIORITY
 from controller_apps.openflow.framework import (
     MAIN,
     App,
@@ -23,13 +23,13 @@ from controller_apps.openflow.framework import (
     on,
     parser,
 )
-from controller_apps.sessions.actions import OpenPaths
 from qmn.timeouts import TURN_TIMEOUT_S
 
 SESSION, MISS = 1, 2  # cookies: of the entries that come and go, and of the one that stays
 FRAME = bytes.fromhex("020000000001 020000000002 88b5") + bytes(46)  # local experimental EtherType
 PORT = 1
 BUNDLE_HOPS = ((4, 1), (1, 3), (5, 2))  # as for superdense coding
+FLAGS = ofproto.OFPBF_ATOMIC | ofproto.OFPBF_ORDERED
 SHIFTS = (1, 3)  # of the ports, in turns
 
 
@@ -131,11 +131,18 @@ class Baseline(App):
                 yield turn_ms
 
     def _program(self, hops: tuple[tuple[int, int], ...]) -> None:
-        dpid = self._datapath.id
-        path = tuple(Hop(dpid, *hop) for hop in hops)
-        opened = OpenPaths(dpid, path, SESSION, next(self._numbers))
-        *messages, _barrier = flow_entries.path_bundle(self._datapath, opened, [])
-        self._send(*messages)
+        """Let a bundle of the framework's messages add an entry for each hop."""
+        bundle, datapath = next(self._numbers), self._datapath
+        begin, end = (
+            parser.OFPBundleCtrlMsg(datapath, bundle, kind, FLAGS, [])
+            for kind in (ofproto.OFPBCT_OPEN_REQUEST, ofproto.OFPBCT_COMMIT_REQUEST)
+        )
+        members = []
+        for in_port, out_port in hops:
+            what = {"in_port": in_port}, flow_entries.output(out_port)
+            entry = flow_entries.add(datapath, LIGHT_TABLE, PATH_PRIORITY, *what, cookie=SESSION)
+            members.append(parser.OFPBundleAddMsg(datapath, bundle, FLAGS, entry, []))
+        self._send(begin, *members, end)
 
     def _clear(self) -> None:
         """Delete the entries of a turn, and wait until they are gone.

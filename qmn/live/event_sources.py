@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import TypeVar
@@ -26,7 +26,12 @@ ENDED = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.CANCELLED)
 
 
 def attached(config: DispatcherConfig, request: WatchRequest) -> Iterator[Event]:
-    """Yield events as they happen, until the network ends.
+    """Yield events as they happen, until the network ends."""
+    return chain.from_iterable(gathered(config, request))
+
+
+def gathered(config: DispatcherConfig, request: WatchRequest) -> Iterator[Sequence[Event]]:
+    """Yield events as they happen, those together that are told together, until the network ends.
 
     The dispatcher keeps a bounded number for a slow reader and says how many it has dropped; those
     that it still keeps when it ends are counted as dropped, too.
@@ -43,13 +48,14 @@ def attached(config: DispatcherConfig, request: WatchRequest) -> Iterator[Event]
         stream = stub.Watch(request, metadata=metadata(config.tokens[RUNNER]))
         with Unread(Path(config.event_capture or os.devnull), request, time.time_ns()) as unread:
             try:
-                for event in chain.from_iterable(told.events for told in stream):
-                    unread.read(event)
-                    yield event
+                for told in stream:
+                    for event in told.events:
+                        unread.read(event)
+                    yield told.events
             except grpc.RpcError as error:
                 if error.code() not in ENDED:
                     raise NetworkError(f"the dispatcher ended it: {error.details()}") from error
-                yield from filter(None, [unread.end()])
+                yield list(filter(None, [unread.end()]))
             finally:
                 stream.cancel()
 

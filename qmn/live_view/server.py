@@ -8,7 +8,6 @@ POST /SECRET/act              one of acts.py, as JSON
 """
 
 import asyncio
-import json
 import socket
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -22,9 +21,10 @@ from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandle
 
 from qmn.live_view.acts import BadAct, perform, words_of
 from qmn.live_view.address import LOOPBACK, Place
+from qmn.live_view.pace import Pace
 from qmn.live_view.sources import ACT
 from qmn.live_view.timeline import Timeline
-from qmn.timeouts import LIVE_LAST_S, LIVE_POLL_S
+from qmn.timeouts import LIVE_LAST_S
 from wire.bounded_json import decode_json
 from wire.metadata import MalformedPacket
 
@@ -48,6 +48,7 @@ class View:
     live: bool  # whether it goes on, or is over
     acts: bool  # whether one may act
     handshake: Callable[[], str]  # an element of the page, or words in its place
+    pace: Pace = field(default_factory=Pace)
     streams: set["asyncio.Task[Any]"] = field(default_factory=set)  # of messages, being sent
 
 
@@ -88,7 +89,7 @@ async def serve(view: View, place: Place, opened: Callable[[str], None]) -> None
         await asyncio.Event().wait()
     finally:
         server.stop()
-        view.timeline.ended = True
+        view.timeline.end()
         if view.streams:  # that tell their readers so
             await asyncio.wait(view.streams, timeout=LIVE_LAST_S)
         await server.close_all_connections()
@@ -178,29 +179,42 @@ class Messages(Answer):
         task = asyncio.current_task()
         assert task is not None
         self.view.streams.add(task)
+        more, loop = asyncio.Event(), asyncio.get_running_loop()
         try:
-            await self.flush()  # it is connected, though nothing may happen for long
-            while True:
-                over = timeline.ended
-                messages, position, missed = timeline.after(position, AT_ONCE)
-                if missed:
-                    await self._send("missed", position, missed)
-                if messages:
-                    await self._send("messages", position, messages)
-                elif over:
-                    await self._send("ended", position, None)
-                    return
-                else:
-                    await asyncio.sleep(LIVE_POLL_S)
+            with timeline.telling(lambda: loop.call_soon_threadsafe(more.set)):
+                await self._send_all(position, more)
         except StreamClosedError:
             pass  # nobody reads any more
         finally:
             self.view.streams.discard(task)
 
-    async def _send(self, event: str, position: int, data: object) -> None:
-        text = json.dumps(data, separators=(",", ":"))
-        self.write(f"event: {event}\nid: {position}\ndata: {text}\n\n")
-        await self.flush()
+    async def _send_all(self, position: int, more: asyncio.Event) -> None:
+        """Send what comes, list by list; `more` is set whenever something has come."""
+        timeline, told_s = self.view.timeline, 0.0
+        await self.flush()  # it is connected, though nothing may happen for long
+        while True:
+            more.clear()
+            over = timeline.ended
+            messages, position, missed = timeline.after(position, AT_ONCE)
+            if missed:
+                self._write("missed", position, str(missed))
+            if messages:
+                self._write("messages", position, f"[{','.join(messages)}]")
+            elif over:
+                self._write("ended", position, "null")
+                await self.flush()
+                return
+            pause_s = self.view.pace.look() if self.view.live else 0.0
+            if pause_s != told_s:
+                self._write("pause", position, str(round(1000 * pause_s)))
+                told_s = pause_s
+            await self.flush()
+            if not over and len(messages) < AT_ONCE:
+                await asyncio.sleep(pause_s)
+                await more.wait()
+
+    def _write(self, event: str, position: int, data: str) -> None:
+        self.write(f"event: {event}\nid: {position}\ndata: {data}\n\n")
 
 
 class Act(Answer):

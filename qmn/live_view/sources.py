@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from qmn.live.controller_console import NoAnswer, ask
-from qmn.live.event_sources import attached, recorded
+from qmn.live.event_sources import gathered, recorded
 from qmn.live.key_links import key_links
 from qmn.live_view.acts import ACTS
 from qmn.live_view.timeline import Timeline
@@ -22,7 +22,7 @@ from wire.application_lines import fields_of
 from wire.config import DispatcherConfig
 from wire.controller_lines import RECORD, read_record
 from wire.dispatcher_pb2 import WatchRequest
-from wire.events import to_json
+from wire.events import to_fields
 
 EVENT, CONTROLLER, ACT, DEVICES, JOB, FAULT = (
     "event",
@@ -44,7 +44,7 @@ def timeline_of_run(folder: Path) -> Timeline:
     capture = folder / EVENT_CAPTURE
     events = recorded(capture, follow=False) if capture.exists() else ()
     found: list[tuple[int, str, dict[str, Any]]] = [
-        (event.time_ns, EVENT, _shown(to_json(event))) for event in events if not event.photon
+        (event.time_ns, EVENT, to_fields(event)) for event in events if not event.photon
     ]
     for what, facts in ((CONTROLLER, read_record(folder)), (ACT, read_acts(folder))):
         found += [(fact["time_ns"], what, _shown(fact)) for fact in facts]
@@ -55,7 +55,7 @@ def timeline_of_run(folder: Path) -> Timeline:
     timeline = Timeline(found[0][0] if found else 0)
     for time_ns, what, fields in found:
         timeline.add(what, time_ns, fields)
-    timeline.ended = True
+    timeline.end()
     return timeline
 
 
@@ -91,11 +91,11 @@ def following(timeline: Timeline, config: DispatcherConfig, folder: Path) -> Ite
 
 def _follow_events(timeline: Timeline, config: DispatcherConfig) -> None:
     try:
-        for event in attached(config, WatchRequest(history=True, pause_ms=LIVE_PAUSE_MS)):
-            timeline.add(EVENT, event.time_ns, _shown(to_json(event)))
+        for events in gathered(config, WatchRequest(history=True, pause_ms=LIVE_PAUSE_MS)):
+            timeline.add_all(EVENT, ((each.time_ns, to_fields(each)) for each in events))
     except NetworkError as error:
         timeline.add(FAULT, time.time_ns(), {"text": str(error)})
-    timeline.ended = True
+    timeline.end()
 
 
 def _follow_lines(timeline: Timeline, what: str, file: Path, over: threading.Event) -> None:

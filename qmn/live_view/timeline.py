@@ -4,38 +4,75 @@ A message is an object of JSON with `t` (seconds since the origin) and `what`: a
 dispatcher, a fact of the controller's record, an act of the live view, the state of devices.
 """
 
+import json
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from threading import Lock
 from typing import Any
 
 MOST_MESSAGES = 100_000
-Message = dict[str, Any]
+ENCODED = json.JSONEncoder(separators=(",", ":")).encode
 
 
 class Timeline:
-    """Takes messages of several threads; each reader keeps its own position."""
+    """Takes messages of several threads; each reader keeps its own position.
+
+    They are kept as text, which is the same for all readers.
+    """
 
     def __init__(self, origin_ns: int, most: int = MOST_MESSAGES) -> None:
         """Begin empty; the origin is on the clock of the captures."""
         self.origin_ns = origin_ns
         self.ended = False  # whether nothing comes any more
         # Number n is at n % most: readers get what is new without passing all that is old.
-        self._messages: list[Message] = []
+        self._messages: list[str] = []
         self._most = most
         self._count = 0  # of all that have ever come
         self._lock = Lock()
+        self._waiting: list[Callable[[], object]] = []
 
     def add(self, what: str, time_ns: int, fields: dict[str, Any]) -> None:
         """Append a message."""
-        seconds = round((time_ns - self.origin_ns) / 1e9, 9)
-        message = {"t": seconds, "what": what, **fields}
-        with self._lock:
-            if self._count < self._most:
-                self._messages.append(message)
-            else:
-                self._messages[self._count % self._most] = message
-            self._count += 1
+        self.add_all(what, [(time_ns, fields)])
 
-    def after(self, position: int, most: int) -> tuple[list[Message], int, int]:
+    def add_all(self, what: str, happened: Iterable[tuple[int, dict[str, Any]]]) -> None:
+        """Append messages, each with its time: readers get them together."""
+        texts = [self._text(what, time_ns, fields) for time_ns, fields in happened]
+        with self._lock:
+            for text in texts:
+                if self._count < self._most:
+                    self._messages.append(text)
+                else:
+                    self._messages[self._count % self._most] = text
+                self._count += 1
+            self._tell()
+
+    def _text(self, what: str, time_ns: int, fields: dict[str, Any]) -> str:
+        seconds = round((time_ns - self.origin_ns) / 1e9, 9)
+        return ENCODED({"t": seconds, "what": what, **fields})
+
+    def end(self) -> None:
+        """Have nothing come any more."""
+        with self._lock:
+            self.ended = True
+            self._tell()
+
+    def _tell(self) -> None:
+        for told in self._waiting:
+            told()
+
+    @contextmanager
+    def telling(self, told: Callable[[], object]) -> Iterator[None]:
+        """Call this, in any thread, when there is more, or the end, as long as this lasts."""
+        with self._lock:
+            self._waiting.append(told)
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._waiting.remove(told)
+
+    def after(self, position: int, most: int) -> tuple[list[str], int, int]:
         """Return messages behind a position, the position behind these, and how many were missed.
 
         Those missed had to make room for later ones.

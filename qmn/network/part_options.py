@@ -21,6 +21,7 @@ from topologies.links.fiber import FiberLink, resolved
 from topologies.nodes import OpticalSwitch, QuantumHost
 from topologies.nodes.quantum_host import PARTS as DEVICE_PARTS
 from topologies.nodes.quantum_host import device_of
+from wire.parameters.checks import check_names
 from wire.parameters.fiber import KINDS, FiberOptics, optics
 from wire.parameters.physics import Device
 from wire.parameters.switch import OPTICS as SWITCH_OPTICS
@@ -33,6 +34,8 @@ SWITCH = {
     for each in fields(QuantumSwitch)
     if each.name in SWITCH_OPTICS - {"paths"}
 } | {"preset": ""}
+
+KIND_OF = {"fiber": "fibre", "switch": "quantum switch"}  # what an option is of
 
 
 @dataclass(frozen=True)
@@ -128,11 +131,12 @@ def _said(
     for word in words:
         where, equals, text = word.partition("=")
         place, _dot, name = where.rpartition(".")
-        if not equals or name not in known:
+        if not equals:
             raise BadTopology(
                 f"--{option} {word}: write NAME=VALUE or PLACE.NAME=VALUE, "
                 f"where NAME is of {', '.join(known)}"
             )
+        check_names(f"--{option} {word}: a {KIND_OF[option]}", [name], known, BadTopology)
         yield word, place, name, _value(option, word, text, known[name])
 
 

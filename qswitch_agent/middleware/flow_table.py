@@ -137,6 +137,18 @@ class FlowTable:
             self._put(flows.entry(one.priority, one.match, one.instructions, one.cookie))
         return changed
 
+    def shows(self, mod: FlowMod) -> bool:
+        """Tell whether the table is as a FLOW_MOD leaves it, with the mark that it was told with.
+
+        So it is no sooner than the bridge has reported what it did, or there was nothing to do.
+        """
+        if mod.table not in ALL_TABLES:
+            return True
+        if mod.deletes:
+            return not self._affected(mod)
+        entry = flows.entry(mod.priority, mod.match, mod.instructions, mod.cookie)
+        return self._entries.get(entry.key) == entry
+
     def path_of(self, mod: FlowMod) -> CrossConnect | None:
         """Return the path that an ADD or a MODIFY_STRICT of one light entry asks for, if any."""
         return self._path(flows.entry(mod.priority, mod.match, mod.instructions, mod.cookie))

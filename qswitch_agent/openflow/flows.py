@@ -74,7 +74,7 @@ class FlowMod(NamedTuple):
         return self._replace(
             idle_timeout_s=0,
             match=matches.of_port(in_port),
-            instructions=instructions.parse(self.instructions.with_mark(mark)),
+            instructions=self.instructions.with_mark(mark),
         )
 
 

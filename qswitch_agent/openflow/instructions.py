@@ -9,7 +9,6 @@ entry for idleness: no packets flow through it.
 import struct
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import NamedTuple, Self
 
 from qswitch_agent.openflow import constants as ofp
@@ -23,6 +22,7 @@ NICIRA, NICIRA_NOTE = 0x00002320, 8
 NOTE_SIZE = NOTE.size + MARK.size
 NOTE_HEAD = NOTE.pack(ofp.OFPAT_EXPERIMENTER, NOTE_SIZE, NICIRA, NICIRA_NOTE)
 MAX_REMEMBERED = 256  # bytes of instructions; longer ones would fill the memory
+MOST_REMEMBERED = 4096
 APPLY = ofp.OFPIT_APPLY_ACTIONS
 ACTION_LISTS = (APPLY, ofp.OFPIT_WRITE_ACTIONS)
 
@@ -67,8 +67,17 @@ class Instructions(NamedTuple):
     outputs: tuple[int, ...]  # ports that actions output to
     mark: Mark | None  # among the actions
 
-    def with_mark(self, mark: Mark) -> bytes:
+    def with_mark(self, mark: Mark) -> "Instructions":
         """Return the instructions with a mark, first of what is done at once."""
+        if self.kinds != (APPLY,):
+            return parse(self._with_mark_among(mark))
+        # As light entries are: nothing has to be taken apart anew.
+        note = mark.encode()
+        data = _instruction(APPLY, note + self.data[INSTRUCTION.size :])
+        actions = ((ofp.OFPAT_EXPERIMENTER, note), *self.actions)
+        return _remember(self._replace(data=data, actions=actions, mark=mark))
+
+    def _with_mark_among(self, mark: Mark) -> bytes:
         parts = each_part(self.data, 4, "instruction")
         applied = [body[INSTRUCTION.size :] for kind, body in parts if kind == APPLY]
         mark = replace(mark, added=not applied)
@@ -106,12 +115,20 @@ def _parts(data: bytes) -> Instructions:
     )
 
 
-_remembered = lru_cache(maxsize=4096)(_parts)
+_remembered: dict[bytes, Instructions] = {}
 
 
 def parse(data: bytes) -> Instructions:
     """Return instructions taken apart, each once: the bridge reports what it was told."""
-    return _remembered(data) if len(data) <= MAX_REMEMBERED else _parts(data)
+    return _remembered.get(data) or _remember(_parts(data))
+
+
+def _remember(one: Instructions) -> Instructions:
+    if len(one.data) <= MAX_REMEMBERED:
+        if len(_remembered) >= MOST_REMEMBERED:
+            _remembered.clear()
+        _remembered[one.data] = one
+    return one
 
 
 def each_action(data: bytes) -> list[tuple[int, bytes]]:

@@ -108,12 +108,15 @@ class BundleRequests:
             self._link.change(message)
             return
         async with self._switch.trial(self._link) as trial:
-            if await self._fits(number, message, bundle, trial):
+            told = await self._told(number, message, bundle, trial)
+            if told is not None:
                 self._link.bundles.committing[transaction_id(message)] = bundle.tunings
-                self._link.change(message)
+                self._link.change(message, told=self._switch.seen_when_done(told))
 
-    async def _fits(self, number: int, commit: bytes, bundle: Bundle, trial: FlowTable) -> bool:
-        """Tell whether a bundle can be committed; refuse it if not."""
+    async def _told(
+        self, number: int, commit: bytes, bundle: Bundle, trial: FlowTable
+    ) -> list[FlowMod] | None:
+        """Return what the bridge is told by a bundle; refuse it if it cannot be committed."""
         member, asked = None, list[tuple[Member, FlowMod]]()
         try:
             for member in bundle.members:
@@ -121,17 +124,17 @@ class BundleRequests:
                 asked += [(member, mod) for mod in told]
                 if not member.sent and not await self._send_late(member, told):
                     await self._fail(number, commit)
-                    return False
+                    return None
             for path, reason in self._switch.impossible(trial, [mod for _, mod in asked]).items():
                 blamed = [one for one, mod in asked if path.circuit in circuits([mod])]
                 member = blamed[-1] if blamed else bundle.last_light
                 raise impossible_path(reason)
         except Refusal as refusal:
             await self._fail(number, commit, member, refusal)
-            return False
+            return None
         for member, mod in asked:
             self._switch.promise(mod, self._link, member.message)
-        return True
+        return [mod for _, mod in asked]
 
     async def _send_late(self, member: Member, told: list[FlowMod]) -> bool:
         """Put a member into the bridge's bundle after all; tell whether the bridge takes it."""

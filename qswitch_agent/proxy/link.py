@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from qswitch_agent.bridge import BridgeFault
+from qswitch_agent.middleware.flow_table import FlowTable
 from qswitch_agent.openflow import async_config, messages, packets
 from qswitch_agent.openflow import constants as ofp
 from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.messages import message_type, transaction_id
 from qswitch_agent.proxy.bundles import Bundles
-from qswitch_agent.timeouts import BARRIER_DEADLINE_S
+from qswitch_agent.timeouts import BARRIER_DEADLINE_S, SHOW_SOON_S
 
 PRIVATE_XID = 0x514D0000
 UNDONE = ofp.OFPET_FLOW_MOD_FAILED, ofp.OFPFMFC_UNKNOWN  # no code says: by the hardware
@@ -29,6 +30,14 @@ class Barrier:
 
     changes: int  # made before it
     passed: asyncio.Future[None] | None  # of the agent's own; None: the controller's
+
+
+class Change(NamedTuple):
+    """A change of the flow table that the flow monitor may not have reported yet."""
+
+    number: int
+    told: tuple[FlowMod, ...]  # to the bridge
+    certain: bool  # it deletes, which the bridge does not refuse
 
 
 class Said(NamedTuple):
@@ -52,8 +61,10 @@ class Link:
         self.removals = dict(async_config.DEFAULT)  # that the controller wants to hear of
         self.bundles = Bundles()
         self.aggregates: dict[int, tuple[int, int, int]] = {}  # packets, bytes, flows by xid
-        self._deletions: deque[tuple[int, FlowMod]] = deque()  # number, what: not reported yet
+        self._soon: asyncio.TimerHandle | None = None  # the next show, if it is not at once
         self._changes = 0  # of the flow table, sent to the bridge
+        self._unreported: deque[Change] = deque()  # of those, as far as it is known what they do
+        self._unknown = 0  # the last one of which it is not
         self.confirmed = 0  # that it has certainly made, or refused
         self._reported = 0  # that the flow monitor has certainly reported
         self._barriers: deque[Barrier] = deque()
@@ -75,8 +86,21 @@ class Link:
         """Send what was said last to the controller (nothing, if empty), at the next show."""
         self._shown.append(message)
 
+    @property
+    def owes_barrier(self) -> bool:
+        """Whether the bridge has yet to answer a barrier."""
+        return bool(self._barriers)
+
+    def show_soon(self) -> None:
+        """Write what there is for the controller in a moment, with what comes until then."""
+        if self._shown and self._soon is None:
+            self._soon = asyncio.get_running_loop().call_later(SHOW_SOON_S, self.show)
+
     def show(self) -> None:
         """Write what there is for the controller."""
+        if self._soon is not None:
+            self._soon.cancel()
+            self._soon = None
         message = b"".join(self._shown)
         if message:
             self.controller.write(message)
@@ -107,22 +131,42 @@ class Link:
 
     def delete(self, mod: FlowMod, request: bytes) -> None:
         """Send a FLOW_MOD that deletes: what it will do is certain."""
-        self._deletions.append((self._changes + 1, mod))
-        self.change(request)
+        self.change(request, told=(mod,), certain=True)
 
     @property
     def deletions(self) -> list[FlowMod]:
         """What has been asked to be deleted, and may not have been reported yet."""
-        return [mod for _number, mod in self._deletions]
+        return [mod for change in self._unreported if change.certain for mod in change.told]
 
     @property
     def only_deletes(self) -> bool:
         """Whether all changes that may not have been reported yet are deletions."""
-        return len(self._deletions) >= self._changes - self._reported
+        return self._unknown <= self._reported and all(one.certain for one in self._unreported)
 
-    def change(self, *requests: bytes) -> None:
-        """Send what changes the flow table."""
+    @property
+    def all_reported(self) -> bool:
+        """Whether the flow monitor has certainly reported all changes."""
+        return self._reported == self._changes
+
+    def seen_in(self, table: FlowTable) -> bool:
+        """Tell whether a table shows all changes that the bridge has made; not if there are none.
+
+        Who has asked for nothing wants to know what others have changed.
+        """
+        if self._unknown > self._reported:
+            return False
+        made = [change.told for change in self._unreported if change.number <= self.confirmed]
+        return bool(made) and all(table.shows(mod) for told in made for mod in told)
+
+    def change(
+        self, *requests: bytes, told: tuple[FlowMod, ...] | None = None, certain: bool = False
+    ) -> None:
+        """Send what changes the flow table; None: it is not known how."""
         self._changes += 1
+        if told is None:
+            self._unknown = self._changes
+        else:
+            self._unreported.append(Change(self._changes, told, certain))
         for request in requests:
             self.to_bridge(request)
 
@@ -140,8 +184,8 @@ class Link:
     def reported(self, confirmed: int) -> None:
         """Note that the flow monitor has reported so many changes."""
         self._reported = max(self._reported, confirmed)
-        while self._deletions and self._deletions[0][0] <= self._reported:
-            self._deletions.popleft()
+        while self._unreported and self._unreported[0].number <= self._reported:
+            self._unreported.popleft()
 
     async def accepted(self, *requests: bytes) -> bool:
         """Send requests of one xid and tell whether the bridge took them without an error."""
@@ -230,7 +274,8 @@ class Link:
         return False
 
     def close(self) -> None:
-        """Let nobody wait for a bridge that has left."""
+        """Say what is left, and let nobody wait for a bridge that has left."""
+        self.show()
         for barrier in self._barriers:
             if barrier.passed is not None and not barrier.passed.done():
                 barrier.passed.set_result(None)

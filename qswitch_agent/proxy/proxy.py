@@ -127,7 +127,8 @@ class Server:
     async def _show(self, link: Link) -> str:
         """Pass on what the bridge has said, as soon as it is true of light, too.
 
-        What is there to be said at once goes in one write, which costs more than the rest.
+        What is there to be said at once goes in one write, which costs more than the rest; what
+        comes before a barrier's reply goes with it, if that comes soon.
         """
         replies = Replies(self._switch, link, self._hold_deadline_s)
         try:
@@ -135,10 +136,12 @@ class Server:
                 message, since_ns, by_agent = await link.said.get()
                 if not by_agent:
                     if replies.may_wait(message):
-                        link.show()
+                        link.show_soon()
                     message = await replies.shown(message, since_ns)
                 link.to_controller(link.failed() + message)
-                if link.said.empty():
+                if link.said.empty() and link.owes_barrier:
+                    link.show_soon()
+                elif link.said.empty():
                     link.show()
                     await link.controller.drain()
         except (MalformedPacket, OSError) as error:

@@ -86,7 +86,7 @@ class Replies:
         try:
             confirmed = self._link.confirmed
             async with asyncio.timeout(self._hold_deadline_s):
-                await self._switch.ready()
+                await self._switch.ready(self._link)
             self._link.reported(confirmed)
         except (BridgeFault, HardwareFault, TimeoutError) as error:
             reason = str(error) or f"light paths were not ready in {self._hold_deadline_s} s"

@@ -95,7 +95,9 @@ class Requests:
             self._switch.require_possible(trial, told)
             for one in told:
                 self._switch.promise(one, self._link, message)
-            self._link.change(*(one.encode(xid) for one in told))
+            self._link.change(
+                *(one.encode(xid) for one in told), told=self._switch.seen_when_done(told)
+            )
 
     async def _port_mod(self, message: bytes) -> None:
         mod, tunings = checked_port_mod(message, self._switch)

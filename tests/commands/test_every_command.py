@@ -54,6 +54,9 @@ NOT_HERE = {
     r"\.venv/bin/dask |bin/qmn worker |bin/qmn run sdc --machines 2 ": (
         "needs a second machine: tests/emulation/test_several_machines.py"
     ),
+    r"tshark .*/machines\.keys": (
+        "needs what passes between machines: tests/emulation/test_several_machines.py"
+    ),
     r"\.venv/bin/python examples/standing_light\.py": "tests/emulation/test_own_controller.py",
     rf"{re.escape(MININET)}.*light=standing": "tests/emulation/test_own_controller.py",
     r"cat > bell\.qasm|qmn .*bell\.qasm": "tests/unit/qmn/test_pages.py, with that file",

@@ -12,6 +12,7 @@ import pytest
 from conftest import ROOT, interfaces, our_processes, qmn_command, wait_until
 
 from topologies.networks.network import Network
+from topologies.system.kernel.interfaces import delete
 from topologies.system.open_vswitch import openvswitch
 from topologies.system.runs.runtime import RUNTIME_ROOT
 
@@ -42,7 +43,7 @@ def foreign() -> Iterator[None]:
     assert FOREIGN in openvswitch.bridges()
     assert "s7-eth1" in interfaces()
     openvswitch.delete(FOREIGN)
-    openvswitch.delete_interface("s7-eth1")
+    delete("s7-eth1")
 
 
 @pytest.mark.usefixtures("foreign")

@@ -190,8 +190,8 @@ def own_namespace(pid: int) -> bool:
         (["--to", "mallory"], "unknown host 'mallory'"),
         (["--frame-bytes", "0"], "--frame-bytes 0: choose 1"),
         (["--length-km", "-1"], "length_km -1.0: choose 0 to 2000"),
-        (["--handshake", "psychic"], "invalid choice: 'psychic'"),
-        (["--teleport"], "unrecognized arguments: --teleport"),
+        (["--handshake", "psychic"], "--handshake 'psychic': choose one of"),
+        (["--teleport"], "there is no --teleport"),
         (["--handshake", "per-pair", "--file", "/usr/bin/ovs-vsctl"], "use --handshake framed"),
     ],
 )

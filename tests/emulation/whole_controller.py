@@ -4,7 +4,9 @@ So it is in the networks of `qmn` that is forked off a process with this module,
 """
 
 from collections.abc import Sequence
+from importlib import import_module
 
+from controller_apps.__main__ import APPS
 from controller_apps.__main__ import main as begin
 from controller_apps.openflow import framework
 from topologies.system.processes.forks import MODULES, Forked, ForkServer, request
@@ -12,6 +14,7 @@ from topologies.system.processes.programs import Program, python
 from topologies.system.runs import runtime
 
 CONTROLLER = "controller_apps"
+PARTS = (*(f"apps.{name}" for name in APPS), "console.console", "console.facts", "console.guard")
 
 
 def main() -> int:
@@ -56,4 +59,6 @@ class ForkServerWithController(ForkServer):
         return [*command[:3]] == [python(), "-m", CONTROLLER] and framework.NAME in command
 
 
+for part in PARTS:
+    import_module(f"{CONTROLLER}.{part}")
 vars(runtime).update(ForkServer=ForkServerWithController)

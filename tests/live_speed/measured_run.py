@@ -1,85 +1,107 @@
-"""A run of many small blocks, with a page that looks at it or without, and what it took."""
+"""A run that fills its processors, looked at by a page in turns with none, and its pairs a second.
 
-import json
-import os
+It is one run: two of them differ by more than what a page takes from one.
+"""
+
 import re
+import signal
 import subprocess
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
-from page import Sample, looked_at
-from replay import replayed
+from page import browser, opened, processors_s
+from playwright.sync_api import Browser, Page
+
+from qmn.live.event_sources import recorded
+from topologies.system.runs.runtime import EVENT_CAPTURE
 
 ROOT = Path(__file__).resolve().parents[2]
 QMN = str(ROOT / "bin" / "qmn")
-# Blocks are as small as frames allow, so that there are as many events as can be.
-SENT = ("--block-pairs", "128", "--frame-bytes", "8", "--no-report", "--captures", "none")
 DEADLINE_S = 60.0
-POLL_S = 0.1
+POLL_S = 0.2
+SETTLE_S = 4.0  # behind opening a page, which takes seconds of processor once, and behind closing
 
 
 @dataclass(frozen=True)
-class Measured:
-    """What a run did, and what it took."""
+class Turn:
+    """Some seconds of the run."""
 
-    folder: Path
     pairs_per_s: float
-    cpu_s_per_pair: float  # of all its programs, the live view not among them
     events_per_s: float
-    page: Sample | None
+    browser: float  # processors that all processes of the browser took
+    said: str  # by the page; nothing: there was none
 
 
-def run(
-    folder: Path, message: Path, page: bool = False, beside: Measured | None = None
-) -> Measured:
-    """Do a run; a page is served by `qmn live`, as from another terminal.
+@dataclass(frozen=True)
+class Time:
+    """The same, before the run has said what it did."""
 
-    `beside` is a run whose events a page shows meanwhile, as fast as they came: it takes as much of
-    the machine as one of this run, and nothing of its network.
-    """
-    command = [QMN, "run", "sdc", "--file", str(message), *SENT, "--runs", str(folder)]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as network:
-        sample = None
-        if page:
-            sample = look(network)
-        elif beside is not None:
-            with replayed(beside.folder, round(beside.events_per_s)) as (address, server):
-                sample = looked_at(address, DEADLINE_S, server, lambda: has_ended(network.pid))
-        _pid, status, usage = os.wait4(network.pid, 0)
-        network.returncode = os.waitstatus_to_exitcode(status)
-    assert network.returncode == 0, f"{' '.join(command)}: status {network.returncode}"
+    begin_s: float
+    end_s: float
+    browser: float
+    said: str
+
+
+def run(folder: Path, rounds: int, seconds: float, block_pairs: int) -> tuple[Path, list[Turn]]:
+    """Return the run's folder, and its turns: without a page, with one, without, …, without."""
+    # Frames are as small as can be, so that there are as many events as can be.
+    sent = ("--block-pairs", str(block_pairs), "--frame-bytes", "8", "--captures", "none")
+    message = folder / "message"
+    message.write_bytes(bytes(range(250)) * (1 << 16))  # of which a run sends a part
+    command = [QMN, "run", "sdc", "--file", str(message), *sent, "--no-report"]
+    with (
+        subprocess.Popen([*command, "--runs", str(folder)], stdout=subprocess.DEVNULL) as network,
+        browser() as (chromium, devtools),
+    ):
+        times = []
+        for number in range(2 * rounds + 1):
+            with looking(chromium, network) if number % 2 else nullcontext() as page:
+                time.sleep(SETTLE_S)
+                began, spent = time.time(), processors_s(devtools)
+                time.sleep(seconds)
+                took = (processors_s(devtools) - spent) / seconds
+                said = page.inner_text("#status") if page is not None else ""
+                times.append(Time(began, time.time(), took, said))
+        assert network.poll() is None, "the run has ended before it was measured"
+        network.send_signal(signal.SIGINT)
+        network.wait(DEADLINE_S)
     latest = (folder / "latest").resolve()
-    sent = json.loads((latest / "result.json").read_text())["job"]["asking"]
-    events = len((latest / "quantum.log").read_bytes().splitlines())
-    return Measured(
-        latest,
-        sent["pairs_per_s"],
-        (usage.ru_utime + usage.ru_stime) / sent["bell_pairs"],
-        events * sent["pairs_per_s"] / sent["bell_pairs"],
-        sample,
-    )
+    return latest, turns(latest, times)
 
 
-def has_ended(pid: int) -> bool:
-    """Return whether a child has, which is still to be waited for."""
-    ended = os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
-    return ended is not None
-
-
-def look(network: "subprocess.Popen[bytes]") -> Sample:
-    """Open a page of the network as soon as there is one, and look at it to its end."""
+@contextmanager
+def looking(chromium: Browser, network: "subprocess.Popen[bytes]") -> Iterator[Page]:
+    """Serve a page of the network by `qmn live`, as from another terminal, and look at it."""
     deadline = time.monotonic() + DEADLINE_S
     while time.monotonic() < deadline and network.poll() is None:
-        view = subprocess.Popen(
-            [QMN, "live"], stdout=subprocess.PIPE, text=True, stderr=subprocess.PIPE
-        )
+        view = subprocess.Popen([QMN, "live"], stdout=subprocess.PIPE, text=True)
         with view:
             assert view.stdout is not None
             try:
                 if found := re.search(r"http\S+", view.stdout.readline()):
-                    return looked_at(found[0], DEADLINE_S, view.pid)
+                    page = opened(chromium, found[0])
+                    yield page
+                    page.close()
+                    return
             finally:
                 view.terminate()
         time.sleep(POLL_S)
-    raise AssertionError(f"no network within {DEADLINE_S:.0f} s")
+    raise AssertionError(f"no page within {DEADLINE_S:.0f} s")
+
+
+def turns(run: Path, times: list[Time]) -> list[Turn]:
+    """Return what a run did at these times."""
+    pairs, events = [0] * len(times), [0] * len(times)
+    for event in recorded(run / EVENT_CAPTURE, follow=False):
+        for number, each in enumerate(times):
+            if each.begin_s <= event.time_ns / 1e9 < each.end_s:
+                events[number] += 1
+                pairs[number] += event.photons if event.kind == "create" else 0
+    took = [each.end_s - each.begin_s for each in times]
+    return [
+        Turn(made / s, happened / s, each.browser, each.said)
+        for made, happened, s, each in zip(pairs, events, took, times, strict=True)
+    ]

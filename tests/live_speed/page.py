@@ -5,26 +5,26 @@ the time, so that what the system's clock is ahead of it is how far the page is 
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
-from playwright.sync_api import CDPSession, Page, ViewportSize, sync_playwright
+from playwright.sync_api import Browser, CDPSession, Page, ViewportSize, sync_playwright
 from test_report_in_browser import installed_browser
 
 CLOCKS_PER_S = 100  # of /proc: USER_HZ
 LOOK_S = 1.0  # between two looks at memory
 OPEN_MS = 30_000
 VIEWPORT: ViewportSize = {"width": 1400, "height": 1000}
+FRAME_MS = 17  # until a picture that is drawn is on the screen
 PROBE = """origin => {
-  window.behind = []; window.drawings = []; // moments, in ms
+  window.drawings = []; // moments, and of what time the newest event then is, in ms
   const clock = document.getElementById("clock");
   const changes = {childList: true, characterData: true, subtree: true};
-  new MutationObserver(() => drawings.push(Date.now())).observe(clock, changes);
-  (function look() {
-    behind.push([Date.now(), Date.now() - origin - 1000 * parseFloat(clock.value)]);
-    requestAnimationFrame(look);
-  })();
+  new MutationObserver(() => drawings.push([Date.now(), origin + 1000 * parseFloat(clock.value)]))
+    .observe(clock, changes);
 }"""
 
 
@@ -32,11 +32,11 @@ PROBE = """origin => {
 class Sample:
     """What was seen of a page."""
 
-    behind_ms: list[float]  # at each frame
+    behind_ms: list[float]  # at each millisecond
     frames_per_s: float  # in which something new was drawn
     heap_mib: float  # the most, of JavaScript
     memory_mib: float  # the most that the page's process had for itself alone
-    page_cpu: float  # processors that the page's process took
+    browser_cpu: float  # processors that all its processes took
     server_cpu: float
 
 
@@ -64,49 +64,67 @@ def renderer(browser: CDPSession) -> int:
     return int(max((e["cpuTime"], e["id"]) for e in found if e["type"] == "renderer")[1])
 
 
-def looked_at(
-    address: str, seconds: float, server: int, over: Callable[[], bool] = lambda: False
-) -> Sample:
-    """Look at a page for some seconds, or until its network has ended or it is over."""
+def processors_s(browser: CDPSession) -> float:
+    """Return the processor time of all processes of a browser."""
+    found = browser.send("SystemInfo.getProcessInfo")["processInfo"]
+    return sum(cpu_s(each["id"]) for each in found)
+
+
+@contextmanager
+def browser() -> Iterator[tuple[Browser, CDPSession]]:
+    """Start Chromium, and have somebody to ask it."""
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(
             executable_path=installed_browser(), args=["--no-sandbox"]
         )
-        page = chromium.new_page(viewport=VIEWPORT, bypass_csp=True)  # to ask it things
-        page.goto(address)
-        page.wait_for_function(
-            "document.querySelector('#status').textContent.startsWith('live') && "
-            "parseFloat(document.getElementById('clock').value) > 0",
-            timeout=OPEN_MS,
-        )
-        pid = renderer(chromium.new_browser_cdp_session())
-        sample = sampled(page, pid, seconds, server, over)
-        chromium.close()
-    return sample
+        try:
+            yield chromium, chromium.new_browser_cdp_session()
+        finally:
+            chromium.close()
 
 
-def sampled(page: Page, pid: int, seconds: float, server: int, over: Callable[[], bool]) -> Sample:
-    """Look from now on."""
-    heap = page.context.new_cdp_session(page)
-    heap.send("Performance.enable")
-    origin_ms = page.evaluate("async () => (await (await fetch('network.json')).json()).origin_ns")
-    began, spent = time.monotonic(), (cpu_s(pid), cpu_s(server))
-    page.evaluate(PROBE, int(origin_ms) / 1e6)
-    heaps, memories = [0.0], [0.0]
-    while (left := began + seconds - time.monotonic()) > 0:
-        page.wait_for_timeout(1000 * min(left, LOOK_S))
-        metrics = {
-            each["name"]: each["value"] for each in heap.send("Performance.getMetrics")["metrics"]
-        }
-        heaps.append(metrics["JSHeapUsedSize"] / (1 << 20))
-        memories.append(own_mib(pid))
-        if over() or page.inner_text("#status").startswith("the network has ended"):
-            break
-    took = time.monotonic() - began
-    page_s, server_s = cpu_s(pid) - spent[0], cpu_s(server) - spent[1]
-    behind, drawings = page.evaluate("[behind, drawings]")
-    # Behind the last event there is nothing that a page could be late with.
-    late = [late_ms for moment, late_ms in behind if moment <= drawings[-1]]
-    shown_s = (drawings[-1] - drawings[0]) / 1000
+def opened(chromium: Browser, address: str) -> Page:
+    """Open a live view, and wait until it shows that something happens."""
+    page = chromium.new_page(viewport=VIEWPORT, bypass_csp=True)  # to ask it things
+    page.goto(address)
+    page.wait_for_function(
+        "document.querySelector('#status').textContent.startsWith('live') && "
+        "parseFloat(document.getElementById('clock').value) > 0",
+        timeout=OPEN_MS,
+    )
+    return page
+
+
+def looked_at(address: str, seconds: float, server: int) -> Sample:
+    """Look at a page for some seconds."""
+    with browser() as (chromium, devtools):
+        page = opened(chromium, address)
+        pid = renderer(devtools)
+        heap = page.context.new_cdp_session(page)
+        heap.send("Performance.enable")
+        asked = "async () => (await (await fetch('network.json')).json()).origin_ns"
+        page.evaluate(PROBE, int(page.evaluate(asked)) / 1e6)
+        began, spent = time.monotonic(), (processors_s(devtools), cpu_s(server))
+        heaps, memories = [0.0], [0.0]
+        while (left := began + seconds - time.monotonic()) > 0:
+            page.wait_for_timeout(1000 * min(left, LOOK_S))
+            told = heap.send("Performance.getMetrics")["metrics"]
+            metrics = {each["name"]: each["value"] for each in told}
+            heaps.append(metrics["JSHeapUsedSize"] / (1 << 20))
+            memories.append(own_mib(pid))
+        took = time.monotonic() - began
+        browser_s, server_s = processors_s(devtools) - spent[0], cpu_s(server) - spent[1]
+        drawings = page.evaluate("drawings")
+    shown_s = (drawings[-1][0] - drawings[0][0]) / 1000
     memory = max(heaps), max(memories)
-    return Sample(late, len(drawings) / shown_s, *memory, page_s / took, server_s / took)
+    shares = browser_s / took, server_s / took
+    return Sample(behind(drawings), len(drawings) / shown_s, *memory, *shares)
+
+
+def behind(drawings: list[tuple[float, float]]) -> list[float]:
+    """Return, of each millisecond, how old the newest event is that is on the screen."""
+    return [
+        now - newest
+        for (moment, newest), (next_one, _) in pairwise(drawings)
+        for now in range(round(moment) + FRAME_MS, round(next_one) + FRAME_MS)
+    ]

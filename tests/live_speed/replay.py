@@ -1,6 +1,7 @@
 """The events of a run that come again, at a steady rate, to the server of a live view."""
 
 import asyncio
+import json
 import multiprocessing
 import threading
 import time
@@ -10,14 +11,17 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from live_page import unused
+
 from qmn.live_view.address import Place
 from qmn.live_view.layout import described
+from qmn.live_view.pace import Pace
 from qmn.live_view.server import View, serve
 from qmn.live_view.sources import EVENT, timeline_of_run
 from qmn.live_view.timeline import Timeline
 from qmn.reports.run_facts import read_result
+from qmn.timeouts import LIVE_PAUSE_MS
 
-TICK_S = 0.003  # between two deliveries, as the dispatcher's
 EVENTS_OF_A_SESSION = 100
 DEADLINE_S = 30.0
 
@@ -41,24 +45,30 @@ def replayed(run: Path, events_per_s: int) -> Iterator[tuple[str, int]]:
 def served(run: Path, events_per_s: int, told: Connection) -> None:
     """Serve what comes again until this process is told to end."""
     _result, network = read_result(run)
-    past = [m for m in timeline_of_run(run).after(0, 1 << 30)[0] if m["what"] == EVENT]
+    messages = map(json.loads, timeline_of_run(run).after(0, 1 << 30)[0])
+    past = [each for each in messages if each["what"] == EVENT]
     timeline = Timeline(time.time_ns())
     threading.Thread(target=come_again, args=(past, timeline, events_per_s), daemon=True).start()
     facts = described(network)
-    view = View("again", facts, timeline, run, True, False, lambda: "")
+    view = View("again", facts, timeline, run, True, False, lambda: "", Pace(unused))
     asyncio.run(serve(view, Place(), told.send))
 
 
 def come_again(past: list[dict[str, Any]], timeline: Timeline, events_per_s: int) -> None:
-    """Add events, each of the time at which it is due; a session is a new one each time."""
+    """Add events, each of the time at which it is due, as the dispatcher gathers them.
+
+    A session is a new one each time.
+    """
     number, began = 0, time.time_ns()
     while True:
         due = (time.time_ns() - began) * events_per_s // 1_000_000_000
+        happened = []
         for number in range(number, due):  # noqa: B020
             event = past[number % len(past)]
             fields = {name: value for name, value in event.items() if name not in ("t", "what")}
             if "session" in fields:
                 fields["session"] = f"{number // EVENTS_OF_A_SESSION:016x}"
-            timeline.add(EVENT, began + number * 1_000_000_000 // events_per_s, fields)
+            happened.append((began + number * 1_000_000_000 // events_per_s, fields))
+        timeline.add_all(EVENT, happened)
         number = max(number, due)
-        time.sleep(TICK_S)
+        time.sleep(LIVE_PAUSE_MS / 1000)

@@ -1,7 +1,6 @@
 """How long the rest takes: of the tests, and of the first set-up."""
 
 import os
-import re
 import subprocess
 from pathlib import Path
 
@@ -21,28 +20,63 @@ def test_the_rest_is_expected_to_go_on_alike(
     assert left(done, total, elapsed_s) == words
 
 
-def followed(total: str, *said: str, every_s: str = "0") -> list[str]:
-    """Return what set-up tells of an installation whose program has said this."""
-    done = subprocess.run(
-        [ROOT / "setup" / "following", total],
-        input="".join(f"{line}\n" for line in said),
-        env={**os.environ, "EVERY_S": every_s},
+UV = """#!/bin/sh
+echo "index $UV_DEFAULT_INDEX, certificate $SSL_CERT_FILE"
+echo 'Downloading a (6.8MiB)'
+echo 'Downloading b (1.2MiB)'
+echo 'Building c==1'
+echo ' Downloaded b'
+echo 'error: the server is away'
+echo ' Downloaded a'
+echo 'Installed 3 packages in 10ms'
+echo ' + a==1'
+exit $1
+"""
+PIP = """#!/bin/sh
+test "$*" = '-m pip config list' || exit 9
+echo "global.cert='/its/files.crt'"
+echo "global.index-url='https://its.files/simple'"
+"""
+
+
+def installed(
+    folder: Path, status: int = 0, every_s: str = "0", **told: str
+) -> subprocess.CompletedProcess[str]:
+    """Install by a uv that says and returns this, where a pip has files of its own."""
+    (folder / ".venv" / "bin").mkdir(parents=True, exist_ok=True)
+    for name, text in (("uv", UV.replace("$1", str(status))), ("python", PIP)):
+        program = folder / ".venv" / "bin" / name
+        program.write_text(text)
+        program.chmod(0o755)
+    ours = {key: value for key, value in os.environ.items() if not key.startswith(("PIP", "UV"))}
+    return subprocess.run(
+        [ROOT / "setup" / "python-packages", "a.lock"],
+        cwd=folder,
+        env={**ours, "EVERY_S": every_s, **told},
         capture_output=True,
         text=True,
-        check=True,
+        check=False,
     )
-    return done.stdout.splitlines()
 
 
-def test_set_up_tells_how_many_packages_are_left() -> None:
-    said = (
-        "Collecting a==1",
-        "  Downloading a",
-        "Collecting b==2",
-        "Installing collected packages",
-    )
-    first, second, last = followed("3", *said)
-    assert re.fullmatch(r"setup: 1 of 3 Python packages fetched, about \d+ s left", first)
-    assert re.fullmatch(r"setup: 2 of 3 Python packages fetched, about \d+ s left", second)
-    assert last == "setup: installing 3 Python packages"
-    assert followed("3", *said, every_s="1000") == [last]  # not all the time
+def test_set_up_tells_how_many_packages_are_left(tmp_path: Path) -> None:
+    first, *progress, last = installed(tmp_path).stdout.splitlines()
+    assert first == "setup: index https://its.files/simple, certificate /its/files.crt"
+    assert progress == [
+        "setup: 1 of 2 large Python packages fetched",
+        "setup: error: the server is away",
+        "setup: 2 of 2 large Python packages fetched",
+    ]
+    assert last == "setup: Installed 3 packages in 10ms"
+    assert len(installed(tmp_path, every_s="1000").stdout.splitlines()) == 3  # not all the time
+
+
+def test_set_up_looks_where_pip_has_been_told_to_look(tmp_path: Path) -> None:
+    done = installed(tmp_path, PIP_INDEX_URL="https://mirror/simple", PIP_CERT="/ca.crt")
+    assert done.stdout.startswith("setup: index https://mirror/simple, certificate /ca.crt\n")
+
+
+def test_set_up_that_fails_says_so(tmp_path: Path) -> None:
+    done = installed(tmp_path, status=2)
+    assert done.returncode == 1
+    assert done.stderr.startswith("setup: what a.lock lists could not be installed; ")

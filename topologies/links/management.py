@@ -16,7 +16,7 @@ from mininet.node import Node
 from programs.ways import shortest
 from topologies.links.copper_link import CopperLink, delay_s, length_km
 from topologies.system.kernel.interfaces import network_of, switch_ipv6_off
-from topologies.system.open_vswitch.openvswitch import ip
+from topologies.system.processes.commands import ip
 from topologies.system.runs.runtime import Runtime
 
 BRIDGE_ADDRESS = "02:71:6d:6e:63:30"

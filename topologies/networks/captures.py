@@ -9,9 +9,9 @@ from threading import Lock
 
 from mininet.log import warn
 
+from topologies.system.kernel.interfaces import INTERFACES
 from topologies.system.machines.machine import Machine
 from topologies.system.open_vswitch import openvswitch
-from topologies.system.open_vswitch.openvswitch import INTERFACES
 from topologies.system.processes.programs import Program, stop_all
 from topologies.system.runs.runtime import Runtime
 from topologies.timeouts import POLL_S, READY_TIMEOUT_S, SETTLE_S

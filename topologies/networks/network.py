@@ -26,6 +26,7 @@ from topologies.nodes import DispatcherHost, OpticalSwitch, QuantumController, Q
 from topologies.nodes.copper import COPPER
 from topologies.nodes.stations import is_copper_switch
 from topologies.nodes.tls import OPEN_VSWITCH, OPERATOR
+from topologies.system.kernel import interfaces
 from topologies.system.kernel.memory_share import groups_of_gone
 from topologies.system.machines.errand import Errand
 from topologies.system.machines.node import NodeElsewhere
@@ -241,14 +242,14 @@ class Network:
         most.
         """
         hidden = {"lo", *self.runtime.management}
-        interfaces = [
+        watched = [
             name
             for switch in switches
             for name in self.net.get(switch).intfNames()
             if name not in hidden
         ]
         self.captures.packet_bytes = packet_bytes
-        files = [self.captures.begin(name, interface=name) for name in interfaces]
+        files = [self.captures.begin(name, interface=name) for name in watched]
         files += [
             self.captures.begin_elsewhere(node.machine, interface, node.pid_there)
             for switch in switches
@@ -389,8 +390,7 @@ def remove_links(switches: list[str]) -> None:
 
 def delete_interfaces_of(switches: list[str]) -> None:
     """Delete the interfaces that a switch of ours has, or that its daemon has left."""
-    names = [name for switch in switches for name in interfaces_of(switch)]
-    openvswitch.delete_interfaces(names)
+    interfaces.delete(*(name for switch in switches for name in interfaces_of(switch)))
 
 
 def end_processes_of(run: str) -> None:

@@ -8,6 +8,7 @@ from mininet.node import Host, Switch
 from topologies.links.fiber import channels_of
 from topologies.networks.iperf import IperfMininet
 from topologies.nodes import ClassicalSwitch, OpticalSwitch, QuantumController
+from topologies.system.kernel import interfaces
 from topologies.system.open_vswitch import openvswitch
 from topologies.system.processes.shells import ShellWatcher
 from topologies.system.runs import runtime
@@ -68,8 +69,8 @@ class ParallelMininet(IperfMininet):
         going = {name for names in here for name in names} | runtime.current().management
         between = [name for names in here if len(names) == 2 for name in names]
         with ExitStack() as steps:  # from the last to the first
-            steps.callback(openvswitch.await_end_of_interfaces, going)
-            steps.callback(openvswitch.delete_interfaces, between)
+            steps.callback(interfaces.await_end, going)
+            steps.callback(interfaces.delete, *between)
             for node in nodes:
                 steps.callback(node.terminate)
             for switch in self.switches:

@@ -32,7 +32,8 @@ def check_choice(
 ) -> None:
     """Refuse a value that is not one of these words."""
     if not isinstance(value, str) or value not in choices:
-        raise refusal(f"{what} {value!r}: choose one of {', '.join(choices)}")
+        word = value if isinstance(value, str) else ""
+        raise refusal(f"{what} {value!r}: {remedy(word, choices)}")
 
 
 def check_number(

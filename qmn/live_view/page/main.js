@@ -5,9 +5,9 @@ import { Charts } from "./charts.js";
 import { Drawing } from "./network.js";
 import { Networks } from "./networks.js";
 import * as panels from "./panels.js";
+import { Pictures } from "./pictures.js";
 import { Timeline } from "./timeline.js";
 
-const TABLES_MS = 250; // between two drawings of tables and charts
 const at = (id) => document.getElementById(id);
 const network = await (await fetch("network.json")).json();
 const timeline = new Timeline(network.dpids);
@@ -15,7 +15,9 @@ const charts = new Charts(at("rates"), at("losses"));
 const view = { follow: true, playing: network.live, t: 0, chosen: null, ended: false, connected: false };
 const networks = new Networks(network.number, at("networks"), view, () => status());
 const drawing = new Drawing(at("network"), network, choose);
-let drawn = { tables: 0, count: -1, t: -1 }, last = performance.now(), state = timeline.state;
+const SETTLED_S = 1.5; // behind the last message: rates, which are of a second, are 0
+const pictures = new Pictures(draw);
+let drawn = { count: -1, t: -1 }, state = timeline.state;
 
 document.title = `${network.name} · qmn`;
 at("name").textContent = network.number ? `network ${network.number}: ${network.name}` : network.name;
@@ -25,6 +27,7 @@ function choose(chosen) {
   view.chosen = chosen;
   acts.show(at("chosen"), chosen, network, state ?? timeline.state, perform);
   drawn.t = -1;
+  pictures.wake();
 }
 
 async function perform(fields) {
@@ -42,7 +45,11 @@ async function perform(fields) {
 function listen() {
   const source = new EventSource("messages");
   source.addEventListener("open", () => { view.connected = true; status(); });
-  source.addEventListener("messages", (event) => { timeline.add(JSON.parse(event.data)); });
+  source.addEventListener("messages", (event) => {
+    timeline.add(JSON.parse(event.data));
+    pictures.wake();
+  });
+  source.addEventListener("pause", (event) => { pictures.pause = Number(event.data); status(); });
   source.addEventListener("missed", (event) => { timeline.missed += Number(event.data); });
   source.addEventListener("ended", () => { view.ended = true; source.close(); status(); });
   source.addEventListener("error", () => { view.connected = false; status(); });
@@ -53,53 +60,44 @@ function status() {
     : view.ended || view.connected ? networks.said(view.follow ? "live" : "live, looking back")
     : "no connection: has the network ended?";
   const missed = timeline.missed + timeline.state.missed;
-  const text = missed ? `${words}; ${panels.count(missed)} earlier messages are not shown` : words;
+  const seldom = pictures.seldom && view.connected && !view.ended
+    ? `; ${1000 / pictures.pause} pictures a second, as all processors here are in use` : "";
+  const text = `${words}${seldom}${missed ? `; ${panels.count(missed)} earlier messages are not shown` : ""}`;
   if (at("status").textContent !== text) at("status").textContent = text;
   const label = view.playing ? "pause" : "play";
   if (at("play").textContent !== label) at("play").textContent = label;
 }
 
-function step(now) {
-  const passed = ((now - last) / 1000) * Number(at("speed").value);
-  last = now;
+function draw(passed, numbers) {
   if (view.follow) view.t = timeline.end;
   else if (view.playing) {
-    view.t = Math.min(view.t + passed, timeline.end);
+    view.t = Math.min(view.t + (passed / 1000) * Number(at("speed").value), timeline.end);
     if (view.t >= timeline.end && (!network.live || view.ended)) view.playing = false, status();
   }
-  if (drawn.stale && now - drawn.tables > TABLES_MS) tables(now);
-  stretch();
-  const count = timeline.messages.length + timeline.missed;
-  if (view.t !== drawn.t || (view.follow && count !== drawn.count)) show(now, count);
-  else if (view.follow && network.live && !view.ended && state.flows.size) drawing.show(moving(), view.chosen);
-  requestAnimationFrame(step);
+  const now = performance.now(), count = timeline.messages.length + timeline.missed;
+  if (view.t !== drawn.t || (view.follow && count !== drawn.count)) {
+    state = view.follow ? timeline.state : timeline.at(view.t);
+    at("clock").value = `${view.t.toFixed(3)} s`;
+    drawn = { t: view.t, count, at: now, stale: true };
+  }
+  // Between messages time goes on: photons that were seen pass, and none come any more.
+  const goes = view.follow && network.live && !view.ended, since = goes ? (now - drawn.at) / 1000 : 0;
+  const moves = drawing.show({ ...state, t: state.t + since }, view.chosen, now, numbers);
+  if (numbers) stretch();
+  if (numbers && drawn.stale) tables();
+  if (!view.follow && view.playing) pictures.wake();
+  return moves || (goes && since < SETTLED_S);
 }
 
-// Between messages time goes on: photons that were seen pass.
-function moving() {
-  return { ...state, t: state.t + (performance.now() - drawn.at) / 1000 };
-}
-
-// While the page is paused, time that has come meanwhile can be gone to.
+// All time that has come can be gone to, also what came while the page is paused.
 function stretch() {
-  const max = String(Math.max(timeline.end, timeline.begin + 1e-3));
-  if (at("slider").max !== max) at("slider").max = max;
-}
-
-function show(now, count) {
-  state = view.follow ? timeline.state : timeline.at(view.t);
-  drawing.show(state, view.chosen);
   const slider = at("slider");
   slider.min = timeline.begin;
-  stretch();
+  slider.max = Math.max(timeline.end, timeline.begin + 1e-3);
   slider.value = view.t;
-  at("clock").value = `${view.t.toFixed(3)} s`;
-  drawn = { ...drawn, t: view.t, count, at: performance.now() };
-  drawn.stale = true;
 }
 
-function tables(now) {
-  drawn.tables = now;
+function tables() {
   drawn.stale = false;
   panels.sessions(at("sessions"), state);
   panels.outcomes(at("outcomes"), state);
@@ -113,18 +111,22 @@ function tables(now) {
   status();
 }
 
+for (const name of ["focus", "pointerdown"]) at("slider").addEventListener(name, stretch);
 at("slider").addEventListener("input", (event) => {
   Object.assign(view, { follow: false, playing: false, t: Number(event.target.value) });
   status();
+  pictures.wake();
 });
 at("play").addEventListener("click", () => {
   if (!view.playing && view.t >= timeline.end && !(network.live && !view.ended)) view.t = timeline.begin;
   Object.assign(view, { playing: !view.playing, follow: false });
   status();
+  pictures.wake();
 });
 at("now").addEventListener("click", () => {
   Object.assign(view, { follow: true, playing: network.live && !view.ended });
   status();
+  pictures.wake();
 });
 at("nearer").addEventListener("click", () => drawing.zoom(1 / 1.3));
 at("farther").addEventListener("click", () => drawing.zoom(1.3));
@@ -136,4 +138,4 @@ at("draw").addEventListener("click", async (event) => {
 });
 
 listen();
-requestAnimationFrame(step);
+pictures.wake();

@@ -6,6 +6,8 @@ const SVG = "http://www.w3.org/2000/svg";
 const NODE = { width: 92, height: 44 };
 const BESIDE = 12; // between fibres of the same two nodes
 const FLOWS_S = 0.5; // after photons were seen somewhere they are shown as moving
+const DASHES = 16, SPEED = 64; // px between photons that are shown as moving, and px/s
+const STILL = matchMedia("(prefers-reduced-motion: reduce)");
 const COLOURS = ["--quantum", "--path-1", "--path-2", "--path-3"];
 
 function make(kind, attributes = {}, ...inside) {
@@ -50,11 +52,13 @@ export class Drawing {
     this.fibers.set(keys[0], { fiber, far: keys[1] });
     this.fibers.set(keys[1], { fiber, far: keys[0] });
     const text = `fibre ${fiber.name}, ${fiber.km} km, ${fiber.loss_db.toFixed(2)} dB`;
+    const photons = line("photons", ...ends);
     const group = make("g", { class: "fiber", tabindex: 0, role: "button", "aria-label": text },
-      make("title", {}, text), line("near", ...ends), line("seen", ...ends), line("photons", ...ends),
+      make("title", {}, text), line("near", ...ends), line("seen", ...ends), photons,
       make("text", { class: "small flow", x: (ends[0].x + ends[1].x) / 2, y: (ends[0].y + ends[1].y) / 2 - 9 }));
     chooses(group, () => choose({ kind: "fiber", name: fiber.name, fiber }));
     group.dataset.keys = keys.join(" ");
+    group.photons = photons;
     this.elements.set(fiber.name, group);
     return group;
   }
@@ -73,9 +77,11 @@ export class Drawing {
     return group;
   }
 
-  // Show a state: what is lit, where photons go, what is cut or faulty.
-  show(state, chosen) {
-    const lit = this.lit(state);
+  // Show a state at a moment (ms): what is lit, where photons go, what is cut or faulty, and, if
+  // `numbers`, how many photons come. Return whether photons move.
+  show(state, chosen, now, numbers) {
+    const lit = this.lit(state, numbers), shift = ((SPEED * now) / 1000) % DASHES;
+    let moves = false;
     for (const fiber of this.network.fibers) {
       const element = this.elements.get(fiber.name), light = lit.get(fiber.name);
       const keys = element.dataset.keys.split(" ");
@@ -83,11 +89,13 @@ export class Drawing {
       if (light) {
         classes.push("lit");
         element.style.setProperty("--light", `var(${COLOURS[light.number % COLOURS.length]})`);
-        if (state.t - light.t < FLOWS_S) classes.push("flowing");
-        if (light.back) classes.push("back");
+        if (state.t - light.t < FLOWS_S) {
+          classes.push("flowing");
+          moves = !STILL.matches;
+          if (moves) element.photons.style.strokeDashoffset = light.back ? shift : -shift;
+        }
       }
-      const label = light?.label ?? "", there = element.lastChild;
-      if (there.textContent !== label) there.textContent = label;
+      if (numbers || !light) write(element.lastChild, light?.label ?? "");
       if (keys.some((key) => state.cut.has(key))) classes.push("cut");
       if (keys.some((key) => state.tapped.get(key))) classes.push("tapped");
       if (chosen?.name === fiber.name) classes.push("chosen");
@@ -102,10 +110,11 @@ export class Drawing {
       const element = this.elements.get(node.name), text = classes.join(" ");
       if (element.getAttribute("class") !== text) element.setAttribute("class", text);
     }
+    return moves;
   }
 
   // Fibres of the light paths that stand: name -> number of the path, its direction, last photons.
-  lit(state) {
+  lit(state, numbers) {
     const found = new Map();
     let number = 0;
     for (const [begin] of this.fibers) {
@@ -119,7 +128,7 @@ export class Drawing {
         const keys = this.elements.get(fiber.name).dataset.keys.split(" ");
         found.set(fiber.name, { number, t, back: from !== keys[0] });
       }
-      found.get(last.fiber.name).label = told(rate(state, last.to));
+      if (numbers) found.get(last.fiber.name).label = told(rate(state, last.to));
       number += 1;
     }
     return found;
@@ -197,6 +206,10 @@ function told({ photons, lost }) {
 
 function line(kind, a, b) {
   return make("line", { class: kind, x1: a.x, y1: a.y, x2: b.x, y2: b.y });
+}
+
+function write(element, text) {
+  if (element.textContent !== text) element.textContent = text;
 }
 
 function moved(a, b, offset) {

@@ -62,7 +62,8 @@ def test_a_longer_way_of_less_loss_is_taken() -> None:
     network = ring()
     network.add_link(SwitchPort(1, 13), SwitchPort(3, 31))
     assert hops(path(network)) == (Hop(1, 1, 13), Hop(3, 31, 1))
-    network.optics.lights = {SwitchPort(1, 13): light(), SwitchPort(3, 31): light(rx_power=-25)}
+    network.optics.measured(SwitchPort(1, 13), light())
+    network.optics.measured(SwitchPort(3, 31), light(rx_power=-25))
     assert hops(path(network)) == BY_TWO
 
 
@@ -99,10 +100,10 @@ def test_single_paths_of_a_switch_may_differ() -> None:
 
 def test_a_stuck_path_is_used_and_stands_in_the_way_of_others() -> None:
     network = ring()
-    network.optics.switches[2] = SwitchOptics.reported([PathOptics(21, 23, 0, 0, stuck=True)])
+    network.optics.told(2, SwitchOptics.reported([PathOptics(21, 23, 0, 0, stuck=True)]))
     assert hops(path(network)) == BY_TWO
     for stuck in (PathOptics(21, 5, 0, 0, stuck=True), PathOptics(5, 23, 0, 0, stuck=True)):
-        network.optics.switches[2] = SwitchOptics.reported([stuck])
+        network.optics.told(2, SwitchOptics.reported([stuck]))
         assert hops(path(network)) == BY_FOUR
 
 
@@ -115,16 +116,16 @@ def test_the_loss_budget_is_kept_to_the_last_thousandth() -> None:
 
 def test_every_port_on_the_way_must_be_tunable_to_the_wavelength() -> None:
     network = ring()
-    network.optics.ranges[SwitchPort(2, 23)] = band(OTHER_MHZ, OTHER_MHZ)
+    network.optics.described(SwitchPort(2, 23), band(OTHER_MHZ, OTHER_MHZ))
     assert hops(path(network, frequency_mhz=CHANNEL_MHZ)) == BY_FOUR
     assert hops(path(network, frequency_mhz=OTHER_MHZ)) == BY_TWO
-    network.optics.ranges[END] = band(OTHER_MHZ, OTHER_MHZ)
+    network.optics.described(END, band(OTHER_MHZ, OTHER_MHZ))
     assert path(network, frequency_mhz=CHANNEL_MHZ) is None
 
 
 def test_a_frequency_must_lie_on_the_grid_of_every_port() -> None:
     network = ring()
-    network.optics.ranges[END] = band(CHANNEL_MHZ - 100_000, CHANNEL_MHZ + 100_000)
+    network.optics.described(END, band(CHANNEL_MHZ - 100_000, CHANNEL_MHZ + 100_000))
     for offset_mhz, fits in ((0, True), (50_000, True), (12_500, False), (150_000, False)):
         found = path(network, frequency_mhz=CHANNEL_MHZ + offset_mhz)
         assert (found is not None) == fits
@@ -156,6 +157,15 @@ def test_the_legs_of_a_route_share_nothing() -> None:
     taken = [way for path in found for way in directions(path.hops)]
     assert len(set(taken)) == len(taken)
     assert route(network, [*legs, Leg(SwitchPort(1, 3), SwitchPort(3, 3))], Limits()) is None
+
+
+@pytest.mark.parametrize("taken", directions(BY_TWO)[1:-1])
+def test_a_route_of_which_others_have_a_part_goes_another_way(taken: Direction) -> None:
+    network, legs = ring(), [Leg(START, END)]
+    for blocked, way in ((set(), BY_TWO), ({taken}, BY_FOUR), (set(), BY_TWO)):
+        found = route(network, legs, Limits(blocked.__contains__))
+        assert found is not None
+        assert [path.hops for path in found] == [way]
 
 
 def test_an_early_leg_makes_room_for_a_later_one() -> None:
@@ -201,7 +211,7 @@ def test_a_path_is_found_beside_those_that_stay() -> None:
 def test_what_stands_in_the_way_is_named(limits: Limits, reason: Reason) -> None:
     network = ring()
     network.optics.switches = {2: rotating(0, 200), 4: rotating(0, 300)}
-    network.optics.ranges[END] = band(CHANNEL_MHZ, CHANNEL_MHZ)
+    network.optics.described(END, band(CHANNEL_MHZ, CHANNEL_MHZ))
     assert route(network, [Leg(START, END)], limits) is None
     assert why_not(network, [Leg(START, END)], limits) == reason
     network.connected.discard(3)
@@ -241,7 +251,7 @@ def test_what_was_measured_is_forgotten_with_a_cut_and_with_the_switch() -> None
     assert found is not None
     assert found.loss_mdb == 0
     network.optics.measured(START, light(rx_power=-400))
-    network.optics.ranges[START] = band(OTHER_MHZ, OTHER_MHZ)
+    network.optics.described(START, band(OTHER_MHZ, OTHER_MHZ))
     network.optics.switches[1] = rotating(2)
     network.optics.forget_switch(1)
     assert network.optics == Optics()

@@ -8,7 +8,7 @@ import pytest
 from metadata_scene import frame
 
 from controller_apps.light.optics import SwitchOptics, SwitchPort
-from controller_apps.light.paths import HostPort, Network
+from controller_apps.light.paths import Direction, HostPort, Network, directions
 from controller_apps.light.routing import Leg, Limits, bounds_to, cheapest_path
 from controller_apps.light.waypoints import path_over
 from controller_apps.sessions.actions import Action, Note, OpenPaths
@@ -65,6 +65,38 @@ def test_the_path_of_least_loss_is_that_of_networkx(seed: int) -> None:
         assert found is not None
         assert found.leg == leg
         assert found.loss_mdb == networkx.dijkstra_path_length(graph, one, f"end of {other}")
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_where_others_have_fibres_the_path_is_that_of_networkx_over_the_rest(seed: int) -> None:
+    random = Random(seed)
+    network, graph = random_network(random)
+    other_ways = 0
+    for _ in range(10):
+        one, other = random.sample(range(1, SWITCHES + 1), 2)
+        leg = Leg(SwitchPort(one, 1), SwitchPort(other, 2))
+        best = cheapest_path(network, leg, Limits())
+        near = random.sample(sorted(network.links), len(network.links) // 4)
+        taken = {Direction(*at, False) for at in near}
+        rest = networkx.DiGraph()
+        rest.add_edges_from(edge for edge in graph.edges(data=True) if isinstance(edge[1], str))
+        for at, far in network.links.items():
+            if at in near:
+                continue
+            first = graph.edges[at.dpid, f"end of {at.dpid}"]["weight"]
+            weight = first + network.optics.fiber_loss_mdb(at, far)
+            known = rest.get_edge_data(at.dpid, far.dpid, {"weight": weight})["weight"]
+            rest.add_edge(at.dpid, far.dpid, weight=min(weight, known))
+        found = cheapest_path(network, leg, Limits(taken.__contains__))
+        end = f"end of {other}"
+        if found is None:
+            assert one not in rest or not networkx.has_path(rest, one, end)
+            continue
+        assert taken.isdisjoint(directions(found.hops))
+        assert found.loss_mdb == networkx.dijkstra_path_length(rest, one, end)
+        other_ways += found != best
+        assert cheapest_path(network, leg, Limits()) == best
+    assert other_ways
 
 
 def ways_over(graph: networkx.Graph, one: int, other: int, over: set[int]) -> list[float]:

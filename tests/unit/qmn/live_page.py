@@ -2,6 +2,7 @@
 
 import asyncio
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +14,7 @@ from test_report_in_browser import installed_browser
 
 from qmn.live_view.address import Place
 from qmn.live_view.layout import described
+from qmn.live_view.pace import Pace, Times
 from qmn.live_view.server import View, serve
 from qmn.live_view.timeline import Timeline
 
@@ -20,12 +22,16 @@ DEADLINE_S = 20.0
 ANYWHERE = Place()
 
 
+def unused() -> Times:
+    """Return times of processors that have nothing to do, whatever this machine does."""
+    return time.monotonic_ns(), time.monotonic_ns()
+
+
 def live(folder: Path, acts: bool = True, most: int = 1000) -> View:
     """Return a view of a network that goes on, of which nothing is known yet."""
     timeline = Timeline(START_NS, most)
-    return View(
-        "a network", described(NETWORK), timeline, folder, True, acts, lambda: "<p>drawn</p>"
-    )
+    drawn, pace = "<p>drawn</p>", Pace(unused)
+    return View("a network", described(NETWORK), timeline, folder, True, acts, lambda: drawn, pace)
 
 
 @contextmanager

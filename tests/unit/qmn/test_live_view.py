@@ -21,12 +21,13 @@ from live_page import DEADLINE_S, live, served
 from recorded_run import MS, START_NS, record_run
 
 from qmn.__main__ import described as parser
-from qmn.live_view import acts
+from qmn.live_view import acts, pace
 from qmn.live_view.address import Place, place_given, say
 from qmn.live_view.layout import placed
 from qmn.live_view.server import PAGE
 from qmn.live_view.sources import timeline_of_run
 from qmn.live_view.timeline import Timeline
+from qmn.timeouts import LIVE_LIST_S, LIVE_SELDOM_S
 from wire.results.network_facts import NetworkFacts
 
 EXAMPLES = {
@@ -45,7 +46,8 @@ EXAMPLES = {
 
 def test_a_run_is_told_in_the_order_of_time(tmp_path: Path) -> None:
     timeline = timeline_of_run(record_run(tmp_path))
-    messages, position, missed = timeline.after(0, 1000)
+    texts, position, missed = timeline.after(0, 1000)
+    messages = [json.loads(text) for text in texts]
     assert timeline.ended
     assert (timeline.origin_ns, position, missed) == (START_NS + MS, len(messages), 0)
     times = [message["t"] for message in messages]
@@ -78,9 +80,29 @@ def test_a_reader_who_is_slow_is_told_how_much_was_missed() -> None:
     for number in range(5):
         timeline.add("event", number * 10**9, {"number": number})
     messages, position, missed = timeline.after(1, 2)
-    assert ([m["number"] for m in messages], position, missed) == ([2, 3], 4, 1)
-    assert timeline.after(4, 2) == ([{"t": 4.0, "what": "event", "number": 4}], 5, 0)
+    numbers = [json.loads(text)["number"] for text in messages]
+    assert (numbers, position, missed) == ([2, 3], 4, 1)
+    assert timeline.after(4, 2) == (['{"t":4.0,"what":"event","number":4}'], 5, 0)
     assert timeline.after(5, 2) == ([], 5, 0)
+
+
+def test_a_page_is_told_seldom_as_long_as_no_processor_is_idle(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(pace, "LIVE_LOOK_S", 0.0)
+    idle = [0, 100, 102, 112, 142, 242]  # of 100 clocks each time: 100, 2, 10, 30 and 100 %
+    counted = ((each, 100 * number) for number, each in enumerate(idle))
+    seen = pace.Pace(lambda: next(counted))
+    often, seldom = LIVE_LIST_S, LIVE_SELDOM_S
+    assert [seen.look() for _ in idle[1:]] == [often, seldom, seldom, often, often]
+
+
+def test_the_kernel_has_counted_what_processors_do() -> None:
+    idle, every = pace.processor_times()
+    clocks_per_s = os.sysconf("SC_CLK_TCK")
+    up_s = float(Path("/proc/uptime").read_text().split()[0])
+    assert 0 <= idle <= every
+    assert every / clocks_per_s <= 1.1 * (os.cpu_count() or 1) * up_s
 
 
 @pytest.mark.parametrize("name", acts.VERBS)
@@ -172,11 +194,12 @@ def test_messages_come_until_the_network_has_ended(tmp_path: Path) -> None:
     view = live(tmp_path, most=2)
     for number in range(4):
         view.timeline.add("event", START_NS, {"number": number})
-    view.timeline.ended = True
+    view.timeline.end()
     with served(view) as url:
         assert streamed(url) == [
             ("missed", 1),
             ("messages", [{"t": 0.0, "what": "event", "number": n} for n in (2, 3)]),
+            ("pause", 20),
             ("ended", None),
         ]
         assert answer(f"{url}messages?after=x")[0] == 400
@@ -250,7 +273,7 @@ def test_the_page_of_a_container_is_reached_by_a_port_that_leads_there(tmp_path:
             assert answer(f"http://127.0.0.1:{port}/network.json")[0] == 404
             view.timeline.add("event", START_NS, {"number": 1})
             program.send_signal(signal.SIGINT)  # Ctrl-C is for the network, whose page goes on
-            view.timeline.ended = True
+            view.timeline.end()
             assert [event for event, _data in streamed(address)] == ["ended"]
     assert program.returncode == 0
 

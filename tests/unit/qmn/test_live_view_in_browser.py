@@ -17,7 +17,7 @@ from playwright.sync_api import Browser, Page, expect
 from recorded_run import NETWORK, START_NS, record_run
 
 from qmn.live.key_links import KeyLink
-from qmn.live_view import acts
+from qmn.live_view import acts, pace
 from qmn.live_view.address import Place
 from qmn.live_view.layout import described
 from qmn.live_view.pages import Pages
@@ -126,7 +126,7 @@ def test_what_happens_is_shown_as_it_happens(
         expect(page.locator(".fiber.lit")).to_have_count(0)
         page.get_by_role("button", name="latest").click()
         expect(page.locator(".fiber.lit")).to_have_count(3)
-        view.timeline.ended = True
+        view.timeline.end()
         expect(page.locator("#status")).to_have_text("the network has ended")
         page.close()
         second.close()
@@ -243,6 +243,27 @@ def test_light_says_its_rate_and_its_loss(
         expect(page.locator(".fiber .flow", has_text="photons/s")).to_have_text(
             ["200 photons/s, 40.0 % lost"]
         )
+        page.close()
+
+
+def test_where_all_processors_are_in_use_it_says_that_it_draws_seldom(
+    chromium: Browser, tmp_path: Path, said: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pace, "LIVE_LOOK_S", 0.0)
+    idle = 0  # of a clock that goes on
+    view = replace(live(tmp_path), pace=pace.Pace(lambda: (idle, time.monotonic_ns())))
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        status = page.locator("#status")
+        expect(status).to_have_text("live; 2 pictures a second, as all processors here are in use")
+        light(view, 1.0)
+        expect(page.locator(".fiber.lit")).to_have_count(3)  # what happens is shown all the same
+        page.get_by_label("time in s").fill("0.5")  # what one does oneself is shown at once
+        expect(page.locator("#clock")).to_have_text("0.500 s")
+        page.get_by_role("button", name="latest").click()
+        idle = 1 << 62
+        tell(view, 2.0, "create", "charlie")
+        expect(status).to_have_text("live")
         page.close()
 
 

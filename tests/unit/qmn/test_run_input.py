@@ -50,7 +50,7 @@ def checked(*words: str) -> int:
         (["--length-km", "20001"], "every fibre: length_km 20001.0: choose 0 to 20000"),
         (
             ["--fiber", "drift=1"],
-            "--fiber drift=1: write NAME=VALUE or PLACE.NAME=VALUE, where NAME is",
+            "--fiber drift=1: a fibre has no drift: ",
         ),
         (
             ["--fiber", "filter_nm"],

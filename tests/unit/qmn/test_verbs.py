@@ -33,7 +33,7 @@ def test_without_a_verb_all_are_told(words: list[str], capsys: pytest.CaptureFix
         *VERBS
     ]
     if words == ["sudoku"]:
-        assert "invalid choice: 'sudoku'" in capsys.readouterr().err
+        assert "VERB 'sudoku': choose one of run, netqasm" in capsys.readouterr().err
 
 
 def test_a_verb_does_not_wait_for_what_others_load() -> None:
@@ -48,18 +48,31 @@ def test_a_verb_does_not_wait_for_what_others_load() -> None:
     [
         (
             ["run", "sdc", "--mesage", "hi"],
-            "qmn run sdc: error: unrecognized arguments: --mesage hi: did you mean --message? "
+            "qmn run sdc: error: there is no --mesage: did you mean --message? "
             "(`qmn run sdc --help` lists all)",
         ),
         (
             ["devices", "--xyzzy=3"],
-            "qmn devices: error: unrecognized arguments: --xyzzy=3 "
-            "(`qmn devices --help` lists all)",
+            "qmn devices: error: there is no --xyzzy (`qmn devices --help` lists all)",
         ),
         (
             ["policy", "relaod"],
-            "qmn policy: error: argument what: invalid choice: 'relaod' (choose from 'reload') "
+            "qmn policy: error: what 'relaod': did you mean reload? "
             "(`qmn policy --help` lists all)",
+        ),
+        (
+            ["run", "sdc", "--captures", "som"],
+            "qmn run sdc: error: --captures 'som': choose one of full, headers, none "
+            "(`qmn run sdc --help` lists all)",
+        ),
+        (
+            ["run", "sdc", "--seed", "1.5"],
+            "qmn run sdc: error: --seed '1.5': choose a whole number "
+            "(`qmn run sdc --help` lists all)",
+        ),
+        (
+            ["run", "sdc", "hello"],
+            "qmn run sdc: error: hello is too much (`qmn run sdc --help` lists all)",
         ),
     ],
 )

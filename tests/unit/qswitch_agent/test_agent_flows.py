@@ -31,6 +31,7 @@ REMOVED = bytes.fromhex(
     "000500000002000000000000000000000010000000010000000000000000"
 )
 MARK = Mark(30, 0x01020304)
+APPLY, WRITE = ofp.OFPIT_APPLY_ACTIONS, ofp.OFPIT_WRITE_ACTIONS
 
 
 def entry_of(fields: dict[str, Any], *instructions: Any) -> FlowEntry:
@@ -188,6 +189,18 @@ def test_dark_entry_has_its_mark_alone() -> None:
     marked = of.mod({"in_port": 1}).marked(MARK)
     assert marked.instructions.outputs == ()
     assert marked.instructions.data == of.light_instructions(MARK, None)
+
+
+@pytest.mark.parametrize("ports", [(), (2,), (2, 3)])
+@pytest.mark.parametrize("kinds", [(), (APPLY,), (WRITE,), (APPLY, WRITE), (WRITE, APPLY)])
+def test_marked_instructions_are_as_the_bridge_reports_them(
+    ports: tuple[int, ...], kinds: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    outputs = [parser.OFPActionOutput(port) for port in ports]
+    asked = of.mod({"in_port": 1}, *(of.actions(*outputs, kind=kind) for kind in kinds))
+    made = asked.instructions.with_mark(MARK)
+    monkeypatch.setattr(instructions, "_remembered", {})
+    assert instructions.parse(made.data) == made
 
 
 def test_controllers_see_no_mark() -> None:

@@ -372,7 +372,8 @@ def test_spoiled_requests_open_no_path_and_stop_nothing() -> None:
             now.controller.writer.write_eof()
             await running
             told.update(message[1] for message in await hearing)
-            await now.switch.ready()
+            await now.switch.synchronise()
+            await now.switch.paths.ready()
             taken.update(bridge.taken)
             opened += bool(bridge.paths)
             assert now.optics.paths <= bridge.paths

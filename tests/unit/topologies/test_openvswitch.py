@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from topologies.system.open_vswitch import openvswitch
+from topologies.system.processes import commands
 from topologies.system.processes.owners import Owner, this_process
 from topologies.system.processes.programs import NetworkError
 from topologies.timeouts import VSCTL_TIMEOUT_S
@@ -84,7 +85,7 @@ def test_a_command_is_not_waited_for_when_a_daemon_has_died(
     command.write_text("#!/bin/sh\nexec sleep 60\n")
     command.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:/bin:/usr/bin")
-    monkeypatch.setattr(openvswitch, "OPENVSWITCH_LOOK_S", 0.01)
+    monkeypatch.setattr(commands, "COMMAND_LOOK_S", 0.01)
     monkeypatch.setattr(openvswitch, "LAST_WORDS_TIMEOUT_S", 0.0)
     dead = {openvswitch.SWITCH_DAEMON: Owner(1, 0, "00000000")}
     monkeypatch.setattr(openvswitch, "daemons", lambda: dead)

@@ -61,6 +61,8 @@ def test_a_choice_is_one_of_the_words() -> None:
     for value in ("some", 1, None, ["any"]):
         with pytest.raises(ValueError, match=r"^kind .*: choose one of any, none$"):
             check_choice("kind", value, ("any", "none"))
+    with pytest.raises(ValueError, match=r"^kind 'nine': did you mean none\?$"):
+        check_choice("kind", "nine", ("any", "none"))
 
 
 SLIPS: dict[str, tuple[Callable[[], object], type[Exception], str]] = {

@@ -70,12 +70,12 @@ def test_an_unknown_backend_is_named(tmp_path: Path) -> None:
         '{"listen": "127.0.0.1:1", "socket": "d.sock", "seed": 1, "tokens": {},'
         ' "fibers": [], "switches": [], "backend": "chip"}'
     )
-    with pytest.raises(BadConfig, match="backend 'chip': choose one of chp, stim, dense"):
+    with pytest.raises(BadConfig, match=r"backend 'chip': did you mean chp\?"):
         DispatcherConfig.read(path)
 
 
 def test_an_unknown_policy_of_contention_is_named(tmp_path: Path) -> None:
     path = tmp_path / "controller.json"
     path.write_text('{"listen": "127.0.0.1:1", "framework": "ryu", "contention": "quue"}')
-    with pytest.raises(BadConfig, match="contention 'quue': choose one of refuse, queue"):
+    with pytest.raises(BadConfig, match=r"contention 'quue': did you mean queue\?"):
         ControllerConfig.read(path)

@@ -1,6 +1,7 @@
 """Network interfaces, made and set up by the kernel's own calls, without a program for each step.
 
-veth pairs      rtnetlink(7): one message for both ends, each in its namespace at once
+veth pairs      rtnetlink(7): one message for both ends, each in its namespace at once; all that go
+                together in one
 up, addresses   netdevice(7): ioctls on a socket of the namespace
 IPv6 off        /proc/sys/net, which is that of the namespace of who looks
 """
@@ -11,10 +12,12 @@ import errno
 import fcntl
 import json
 import os
+import secrets
 import socket
 import struct
 import subprocess
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from ipaddress import IPv4Interface
 from pathlib import Path
@@ -24,14 +27,16 @@ from mininet.link import Intf
 from mininet.node import Node
 
 from topologies.system.processes.programs import NetworkError
-from topologies.timeouts import COMMAND_TIMEOUT_S
+from topologies.timeouts import COMMAND_TIMEOUT_S, INTERFACE_S, POLL_S, STAY_S
 
 LIBC = ctypes.CDLL(None, use_errno=True)
-RTM_NEWLINK, NLMSG_ERROR = 16, 2
-CREATE_NEW = 0x1 | 0x4 | 0x200 | 0x400  # NLM_F_REQUEST, _ACK, _EXCL, _CREATE
-IFLA_ADDRESS, IFLA_IFNAME, IFLA_LINKINFO, IFLA_NET_NS_PID = 1, 3, 18, 19
+RTM_NEWLINK, RTM_DELLINK, RTM_SETLINK, NLMSG_ERROR = 16, 17, 19, 2
+REQUEST = 0x1 | 0x4  # NLM_F_REQUEST, _ACK
+CREATE_NEW = REQUEST | 0x200 | 0x400  # NLM_F_EXCL, _CREATE
+IFLA_ADDRESS, IFLA_IFNAME, IFLA_LINKINFO, IFLA_NET_NS_PID, IFLA_GROUP = 1, 3, 18, 19, 27
 IFLA_INFO_KIND, IFLA_INFO_DATA, VETH_INFO_PEER = 1, 2, 1
 MESSAGE, LINK, ATTRIBUTE = struct.Struct("=IHHII"), struct.Struct("=BxHiII"), struct.Struct("=HH")
+NAMELESS = LINK.pack(0, 0, 0, 0, 0)
 ANSWER_BYTES = 4096
 SIOCGIFFLAGS, SIOCSIFFLAGS, SIOCSIFADDR, SIOCSIFNETMASK = 0x8913, 0x8914, 0x8916, 0x891C
 SIOCGIFHWADDR, SIOCETHTOOL, SIOCSIFMTU = 0x8927, 0x8946, 0x8922
@@ -40,6 +45,7 @@ IFF_UP = 0x1
 TUN = "/dev/net/tun"  # by which programs make interfaces
 Result = TypeVar("Result")
 IPV6 = Path("/proc/sys/net/ipv6/conf")
+INTERFACES = Path("/sys/class/net")
 
 
 @contextmanager
@@ -96,21 +102,89 @@ def make_pair(ends: list[tuple[str, str | None, Node]]) -> None:
     Raise NetworkError if that cannot be.
     """
     (name, address, node), peer = ends
-    data = _attribute(VETH_INFO_PEER, LINK.pack(0, 0, 0, 0, 0) + _described(*peer))
+    data = _attribute(VETH_INFO_PEER, NAMELESS + _described(*peer))
     kind = _attribute(IFLA_INFO_KIND, b"veth") + _attribute(IFLA_INFO_DATA, data)
-    body = LINK.pack(0, 0, 0, 0, 0) + _described(name, address, node)
+    body = NAMELESS + _described(name, address, node)
     body += _attribute(IFLA_LINKINFO, kind)
-    with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE) as kernel:
-        length = MESSAGE.size + len(body)
-        kernel.send(MESSAGE.pack(length, RTM_NEWLINK, CREATE_NEW, 1, 0) + body)
-        answer = kernel.recv(ANSWER_BYTES)
+    with _kernel() as kernel:
+        error = _ask(kernel, RTM_NEWLINK, CREATE_NEW, body)
+    if error:
+        raise NetworkError(f"cannot make the link {name} to {peer[0]}: {os.strerror(error)}")
+
+
+def all_here() -> set[str]:
+    """Return the interfaces of this process's namespace."""
+    return set(os.listdir(INTERFACES))
+
+
+def delete(*names: str) -> None:
+    """Delete interfaces of ours, those that are there; the peer of each goes with it.
+
+    They become a group of their own, which the kernel deletes at once: for each that goes alone it
+    waits some 20 ms, until no processor uses it any more. Raise NetworkError if it fails.
+    """
+    found = sorted(all_here().intersection(names))
+    if not found:
+        return
+    number = secrets.randbits(31) | 1 << 30  # people's own are small
+    with _kernel() as kernel:
+        errors = [_put_into(kernel, name, number) for name in found]
+        if all(error == errno.ENODEV for error in errors):  # gone meanwhile
+            return
+        kernel.settimeout(COMMAND_TIMEOUT_S + INTERFACE_S * len(found))
+        errors.append(_ask(kernel, RTM_DELLINK, REQUEST, NAMELESS + _group(number)))
+        if errors[-1]:
+            for name in found:
+                _put_into(kernel, name, 0)
+    for error in set(errors) - {0, errno.ENODEV}:
+        raise NetworkError(f"cannot delete {', '.join(found)}: {os.strerror(error)}")
+
+
+def _put_into(kernel: socket.socket, name: str, group: int) -> int:
+    return _ask(kernel, RTM_SETLINK, REQUEST, NAMELESS + _named(name) + _group(group))
+
+
+def _group(number: int) -> bytes:
+    return _attribute(IFLA_GROUP, struct.pack("=I", number))
+
+
+def await_end(names: Iterable[str]) -> None:
+    """Wait while interfaces of ours go by themselves, then delete those that stay.
+
+    The kernel takes a namespace away with its interfaces and their peers, many at a time, when
+    the last process in it has ended.
+    """
+    left, since = all_here().intersection(names), time.monotonic()
+    while left and time.monotonic() < since + STAY_S:
+        time.sleep(POLL_S)
+        if len(still := left & all_here()) < len(left):
+            left, since = still, time.monotonic()
+    delete(*left)
+
+
+def _kernel() -> socket.socket:
+    """Return a socket to ask the kernel by."""
+    kernel = socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE)
+    kernel.settimeout(COMMAND_TIMEOUT_S)
+    return kernel
+
+
+def _ask(kernel: socket.socket, kind: int, flags: int, body: bytes) -> int:
+    """Send a message to the kernel; return the number of the error that it tells, or 0."""
+    kernel.send(MESSAGE.pack(MESSAGE.size + len(body), kind, flags, 1, 0) + body)
+    answer = kernel.recv(ANSWER_BYTES)
+    if MESSAGE.unpack_from(answer)[1] != NLMSG_ERROR:
+        raise NetworkError(f"the kernel gives no answer to message {kind} of rtnetlink")
     (code,) = struct.unpack_from("=i", answer, MESSAGE.size)
-    if MESSAGE.unpack_from(answer)[1] != NLMSG_ERROR or code:
-        raise NetworkError(f"cannot make the link {name} to {peer[0]}: {os.strerror(-code)}")
+    return -int(code)
+
+
+def _named(name: str) -> bytes:
+    return _attribute(IFLA_IFNAME, name.encode() + b"\0")
 
 
 def _described(name: str, address: str | None, node: Node) -> bytes:
-    told = _attribute(IFLA_IFNAME, name.encode() + b"\0")
+    told = _named(name)
     if address is not None:
         told += _attribute(IFLA_ADDRESS, bytes.fromhex(address.replace(":", "")))
     if node.inNamespace:

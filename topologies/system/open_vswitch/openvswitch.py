@@ -5,15 +5,14 @@ import os
 import re
 import shutil
 import signal
-import subprocess
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from topologies.system.kernel import packet_sockets
-from topologies.system.kernel.interfaces import TUN
+from topologies.system.kernel import interfaces, packet_sockets
 from topologies.system.processes import owners
+from topologies.system.processes.commands import run
 from topologies.system.processes.owners import Owner
 from topologies.system.processes.programs import NetworkError, callers_environment
 from topologies.system.runs.runtime import RUNTIME_ROOT
@@ -21,10 +20,8 @@ from topologies.timeouts import (
     INTERFACE_S,
     LAST_WORDS_TIMEOUT_S,
     OPENVSWITCH_COMMAND_TIMEOUT_S,
-    OPENVSWITCH_LOOK_S,
     OPENVSWITCH_TIMEOUT_S,
     POLL_S,
-    STAY_S,
     VSCTL_ANSWER_S,
     VSCTL_GRACE_S,
     VSCTL_TIMEOUT_S,
@@ -41,7 +38,6 @@ STARTER = "QMN_STARTED_OPEN_VSWITCH"  # in the environment of daemons: the run t
 # In user space it asks for a piece of memory for each port, and gives it back, whenever anything
 # happens: half of its time with a thousand ports, unless the C library keeps them at hand.
 FAST_MEMORY = {"GLIBC_TUNABLES": "glibc.malloc.tcache_count=60000"}
-INTERFACES = Path("/sys/class/net")
 UNREACHABLE = "database connection failed"  # as ovs-vsctl says it
 NO_WAIT = "--no-wait"  # for the switch daemon: what is only asked for is in the database
 OWNER_KEY = "qmn"
@@ -51,12 +47,12 @@ RESTART = "restart Open vSwitch, as by `systemctl restart openvswitch-switch`"
 
 def vsctl(*arguments: str) -> str:
     """Run ovs-vsctl; raise NetworkError with its words, or those of a daemon, if it fails."""
-    limit_s = VSCTL_TIMEOUT_S + INTERFACE_S * len(os.listdir(INTERFACES))
+    limit_s = VSCTL_TIMEOUT_S + INTERFACE_S * len(interfaces.all_here())
     # The switch daemon may end beside a command that does not need it.
     needed = (DATABASE,) if NO_WAIT in arguments else DAEMONS
     watched = {name: daemon for name, daemon in daemons().items() if name in needed}
     try:
-        return _run(
+        return run(
             *("ovs-vsctl", f"--timeout={limit_s:.0f}", *arguments),
             timeout_s=limit_s + VSCTL_GRACE_S,
             check=lambda: _require_useful(watched, arguments),
@@ -133,7 +129,10 @@ def running() -> bool:
 
 def _database_answers() -> bool:
     try:
-        _run("ovs-vsctl", f"--timeout={VSCTL_ANSWER_S}", NO_WAIT, "show")
+        run(
+            *("ovs-vsctl", f"--timeout={VSCTL_ANSWER_S}", NO_WAIT, "show"),
+            timeout_s=OPENVSWITCH_COMMAND_TIMEOUT_S,
+        )
     except NetworkError:
         if shutil.which("ovs-vsctl") is None:
             raise NetworkError("Open vSwitch is not installed; run `make setup`") from None
@@ -199,7 +198,7 @@ def start(owner: str) -> None:
         if missing & _watched_over():
             time.sleep(POLL_S)
             continue
-        _run(
+        run(
             *(CONTROL, "start", "--system-id=random"),
             timeout_s=OPENVSWITCH_TIMEOUT_S,
             check=_refuse_stopped,
@@ -279,8 +278,8 @@ def stop_if_ours(owner: str) -> None:
             delete(*(name for name, run in runs_of_bridges().items() if run == owner))
         if bridges():
             return
-        _run(CONTROL, "stop", timeout_s=OPENVSWITCH_TIMEOUT_S, check=_let_go_on)
-        delete_interface(DATAPATH_INTERFACE)
+        run(CONTROL, "stop", timeout_s=OPENVSWITCH_TIMEOUT_S, check=_let_go_on)
+        interfaces.delete(DATAPATH_INTERFACE)
         (RUNTIME_ROOT / STARTED).unlink(missing_ok=True)  # last: a second signal may come between
     finally:
         _ours_are_to_end = False
@@ -382,7 +381,7 @@ def require_made(bridges: Iterable[str]) -> None:
     missing = [name for name in bridges if not management(name).exists()]
     if not missing:
         return
-    name, tun = missing[0], Path(TUN)
+    name, tun = missing[0], Path(interfaces.TUN)
     if not tun.exists():
         text = f"Open vSwitch cannot make {name} without {tun}"
         raise NetworkError(f"{text}: in a container, give it --device={tun}")
@@ -411,7 +410,7 @@ def delete(*names: str) -> None:
             vsctl(*words)
         return
     others = vsctl(NO_WAIT, *words, "--", "list-br").split()
-    delete_interfaces(names if others else [*names, DATAPATH_INTERFACE])
+    interfaces.delete(*names, *([] if others else [DATAPATH_INTERFACE]))
 
 
 def delete_finally(owner: str, *names: str) -> None:
@@ -436,7 +435,7 @@ def delete_finally(owner: str, *names: str) -> None:
 
 def _end_now(name: str, daemon: Owner) -> None:
     """End a daemon; raise NetworkError if the kernel does not let go of it in time."""
-    limit_s = OPENVSWITCH_TIMEOUT_S + INTERFACE_S * len(os.listdir(INTERFACES))
+    limit_s = OPENVSWITCH_TIMEOUT_S + INTERFACE_S * len(interfaces.all_here())
     deadline = time.monotonic() + limit_s
     owners.end([daemon])
     while daemon.alive:
@@ -456,44 +455,6 @@ def remove_agent_sockets(bridge: str) -> None:
         left.unlink(missing_ok=True)
 
 
-def delete_interface(name: str) -> None:
-    """Delete an interface of ours, if it is still there: its peer takes it along."""
-    delete_interfaces([name])
-
-
-def delete_interfaces(names: Iterable[str]) -> None:
-    """Delete interfaces of ours by one command; what is gone already is no fault."""
-    if found := there(names):
-        ip([f"link delete {name}" for name in found], fails=True)
-
-
-def ip(commands: Iterable[str], fails: bool = False) -> None:
-    """Run commands of ip(8) together; raise NetworkError for the first that fails, or go on."""
-    lines = "".join(f"{command}\n" for command in commands)
-    force = ["-force"] if fails else []
-    limit_s = OPENVSWITCH_TIMEOUT_S + INTERFACE_S * len(os.listdir(INTERFACES))
-    _run("ip", *force, "-batch", "-", given=lines, fails=fails, timeout_s=limit_s)
-
-
-def await_end_of_interfaces(names: Iterable[str]) -> None:
-    """Wait while interfaces of ours go by themselves, then delete those that stay.
-
-    The kernel takes a namespace away with its interfaces and their peers, many at a time, when
-    the last process in it has ended.
-    """
-    left, since = there(names), time.monotonic()
-    while left and time.monotonic() < since + STAY_S:
-        time.sleep(POLL_S)
-        if len(still := there(left)) < len(left):
-            left, since = still, time.monotonic()
-    delete_interfaces(left)
-
-
-def there(names: Iterable[str]) -> list[str]:
-    """Return which of these interfaces this machine has."""
-    return sorted(set(names) & set(os.listdir(INTERFACES)))
-
-
 def datapath() -> str:
     """Return "kernel" where Open vSwitch's kernel module is loaded, else "user".
 
@@ -503,57 +464,3 @@ def datapath() -> str:
     in_container = os.environ.get("QMN_MODE") == "docker"
     loaded = Path("/sys/module/openvswitch").exists()
     return "kernel" if loaded and not in_container else "user"
-
-
-def _run(
-    *command: str,
-    timeout_s: float = OPENVSWITCH_COMMAND_TIMEOUT_S,
-    given: str = "",
-    fails: bool = False,
-    check: Callable[[], None] = lambda: None,
-    environment: Mapping[str, str] | None = None,
-) -> str:
-    """Run a command and return what it says; raise NetworkError unless it ends well, in time.
-
-    It reads what is given; if it `fails`, that is all the same. Meanwhile `check` is called, which
-    raises if something else makes the wait useless.
-    """
-    try:
-        # In a session of its own: a Ctrl-C must not leave half of what it does undone.
-        process = subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            env=environment,
-            start_new_session=True,
-        )
-    except FileNotFoundError as error:
-        raise NetworkError(f"{command[0]} is not installed; run `make setup`") from error
-    with process:
-        try:
-            said, wrong = _end_of_command(process, given, time.monotonic() + timeout_s, check)
-        except subprocess.TimeoutExpired as error:
-            raise NetworkError(f"{command[0]} did not end in {timeout_s:g} s") from error
-        finally:
-            process.kill()
-    if process.returncode and not fails:
-        words = (wrong or said).strip()
-        raise NetworkError(f"{' '.join(command[:3])} failed: {words}")
-    return said
-
-
-def _end_of_command(
-    process: "subprocess.Popen[str]", given: str, deadline: float, check: Callable[[], None]
-) -> tuple[str, str]:
-    """Return what a command says, and what it says on standard error, when it has ended."""
-    unread: str | None = given
-    while True:
-        try:
-            return process.communicate(unread, timeout=OPENVSWITCH_LOOK_S)
-        except subprocess.TimeoutExpired:
-            unread = None  # it has that now
-            check()
-            if time.monotonic() > deadline:
-                raise

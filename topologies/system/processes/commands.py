@@ -1,0 +1,68 @@
+"""Commands of other packages: each has a deadline, and what it says is told where it fails."""
+
+import subprocess
+import time
+from collections.abc import Callable, Iterable, Mapping
+
+from topologies.system.processes.programs import NetworkError
+from topologies.timeouts import COMMAND_LOOK_S, COMMAND_TIMEOUT_S, INTERFACE_S
+
+
+def ip(commands: Iterable[str]) -> None:
+    """Run commands of ip(8) together; raise NetworkError for the first that fails."""
+    lines = [f"{command}\n" for command in commands]
+    limit_s = COMMAND_TIMEOUT_S + INTERFACE_S * len(lines)
+    run("ip", "-batch", "-", given="".join(lines), timeout_s=limit_s)
+
+
+def run(
+    *command: str,
+    timeout_s: float,
+    given: str = "",
+    check: Callable[[], None] = lambda: None,
+    environment: Mapping[str, str] | None = None,
+) -> str:
+    """Run a command and return what it says; raise NetworkError unless it ends well, in time.
+
+    It reads what is given. Meanwhile `check` is called, which raises if something else makes the
+    wait useless.
+    """
+    try:
+        # In a session of its own: a Ctrl-C must not leave half of what it does undone.
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=environment,
+            start_new_session=True,
+        )
+    except FileNotFoundError as error:
+        raise NetworkError(f"{command[0]} is not installed; run `make setup`") from error
+    with process:
+        try:
+            said, wrong = _end_of_command(process, given, time.monotonic() + timeout_s, check)
+        except subprocess.TimeoutExpired as error:
+            raise NetworkError(f"{command[0]} did not end in {timeout_s:g} s") from error
+        finally:
+            process.kill()
+    if process.returncode:
+        words = (wrong or said).strip()
+        raise NetworkError(f"{' '.join(command[:3])} failed: {words}")
+    return said
+
+
+def _end_of_command(
+    process: "subprocess.Popen[str]", given: str, deadline: float, check: Callable[[], None]
+) -> tuple[str, str]:
+    """Return what a command says, and what it says on standard error, when it has ended."""
+    unread: str | None = given
+    while True:
+        try:
+            return process.communicate(unread, timeout=COMMAND_LOOK_S)
+        except subprocess.TimeoutExpired:
+            unread = None  # it has that now
+            check()
+            if time.monotonic() > deadline:
+                raise
