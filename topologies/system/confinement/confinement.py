@@ -114,7 +114,7 @@ class ConfinedNode(ShellWatcher):
         """Start a program where the shell is, as Mininet does."""
         if self._confined:
             options.setdefault("mncmd", self._enter(options.get("cwd") or os.curdir))
-        started: subprocess.Popen[Any] = super().popen(*arguments, **options)  # type: ignore[misc]
+        started = super().popen(*arguments, **options)
         self._admit(started.pid)  # before it has become the command
         return started
 

@@ -88,10 +88,20 @@ class ShellWatcher:
             stdin=self.slave,
             stdout=self.slave,
             stderr=self.slave,
-            env={**callers_environment(), **self.environment(), "PS1": PROMPT, **mark()},
+            env={**self._environment(), "PS1": PROMPT},
             start_new_session=True,
             pass_fds=descriptors,
         )
+
+    def _environment(self) -> dict[str, str]:
+        """Return what people's programs on the node have: what those have who call `qmn`."""
+        return {**callers_environment(), **self.environment(), **mark()}
+
+    def popen(self, *arguments: Any, **options: Any) -> "subprocess.Popen[Any]":
+        """Start a program as Mininet does, in the environment that the shell has."""
+        options.setdefault("env", self._environment())
+        started: subprocess.Popen[Any] = super().popen(*arguments, **options)  # type: ignore[misc]
+        return started
 
     def attach(self, shell: Any, terminal: int) -> None:
         """Speak with a shell by its terminal, and wait for its prompt."""
