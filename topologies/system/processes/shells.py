@@ -26,6 +26,11 @@ NEEDED = ("mnexec", "ifconfig", "bash")
 LOCAL_FLAGS = 3  # of the settings of a terminal
 
 
+def shell_command(node: str) -> list[str]:
+    """Return what starts the shell of a node, where it is to be."""
+    return ["bash", "--norc", "--noediting", "-is", f"mininet:{node}"]
+
+
 class ShellWatcher:
     """A node whose waits for its shell end: with the shell, or at a deadline.
 
@@ -84,7 +89,7 @@ class ShellWatcher:
     ) -> "subprocess.Popen[bytes]":
         """Start the shell by a command that runs another somewhere, or where this thread is."""
         return subprocess.Popen(
-            [*where, "bash", "--norc", "--noediting", "-is", f"mininet:{self.name}"],
+            [*where, *shell_command(self.name)],
             stdin=self.slave,
             stdout=self.slave,
             stderr=self.slave,
