@@ -20,10 +20,13 @@ class Record:
         """Open the file; an empty path records nothing."""
         self._path, self._most_bytes = path, most_bytes
         self._lock = threading.Lock()
+        self._bytes = 0  # in the file, which nobody else writes
         self._file = self._opened() if path else None
 
     def _opened(self) -> int:
-        return os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+        opened = os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+        self._bytes = os.fstat(opened).st_size
+        return opened
 
     def write(self, event: str, **fields: Any) -> None:
         """Append one fact."""
@@ -31,8 +34,8 @@ class Record:
             return
         line = fact_line(event, **fields)
         with self._lock:
-            if os.fstat(self._file).st_size + len(line) > self._most_bytes:
+            if self._bytes + len(line) > self._most_bytes:
                 os.close(self._file)
                 os.replace(self._path, self._path + EARLIER)
                 self._file = self._opened()
-            os.write(self._file, line)
+            self._bytes += os.write(self._file, line)

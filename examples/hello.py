@@ -3,6 +3,9 @@
 qmn cli sdc
 qmn> bob python examples/hello.py &
 qmn> alice python examples/hello.py bob "how are you?"
+qmn> bob wait
+
+What bob has heard is shown by his next command: `wait` waits until his program has ended.
 """
 
 import sys

@@ -537,6 +537,9 @@ def _typed(value: object, kind: type[T], place: str, remedy: str) -> T:
 
 
 def _one_of(value: Any, choices: tuple[str, ...], place: str) -> str:
+    if isinstance(value, dict):
+        line = f'{place.rpartition(" ")[2]} = "{choices[0]}"'
+        raise ValueError(f"{place} is a table: write {line}, or one of {', '.join(choices[1:])}")
     check_choice(place, value, choices)
     return str(value)
 

@@ -121,10 +121,12 @@ class Request:
     @property
     def granted(self) -> Setup:
         """The set-up with the size of blocks that memories take, and the channel of its light."""
-        if not self.block_pairs and not self.wavelength_pm:
-            return self.setup
-        pairs = self.block_pairs or self.setup.pairs
-        return replace(self.setup, pairs=pairs, wavelength_pm=self.granted_pm)
+        return replace(self.setup, pairs=self.granted_pairs, wavelength_pm=self.granted_pm)
+
+    @property
+    def granted_pairs(self) -> int:
+        """The size of its blocks: as was asked, or as memories take."""
+        return self.block_pairs or self.setup.pairs
 
     @property
     def granted_pm(self) -> int:
@@ -136,7 +138,9 @@ class Request:
         assert self.held is not None
         arrival, self.held = self.held, None
         answered = replace(
-            self.granted,
+            self.setup,
+            pairs=self.granted_pairs,
+            wavelength_pm=self.granted_pm,
             source=why.node or self.setup.source,
             obstacle=why.obstacle,
             verdict=verdict,

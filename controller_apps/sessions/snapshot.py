@@ -71,8 +71,8 @@ def encode_session(session: Session) -> bytes:
             IPv4Address(destination).packed,
             request.sequence,
             request.rotation,
-            request.granted.pairs,
-            request.granted.wavelength_pm,
+            request.granted_pairs,
+            request.granted_pm,
             request.message,
         )
     for path in paths:

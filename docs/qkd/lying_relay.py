@@ -1,10 +1,10 @@
 """A relay of MDI-QKD that lies: of a part of what it has measured it tells Psi- for Psi+, and back.
 
 qmn run qkd --protocol mdi --device charlie.detectors.noise=docs/qkd/lying_relay.py:Liar \
-    --device charlie.detectors.noise_parameters='{"share": 0.2}'
+    --device charlie.detectors.noise_parameters='{"share": 0.3}'
 
 In the basis Z that changes nothing; in X every bit is wrong that it lies of. So the error rate is
-half the share of lies, and above 10 % there is no key.
+half the share of lies, 15 % here, and above 10 % there is no key: the run says so.
 """
 
 from dataclasses import dataclass

@@ -39,6 +39,8 @@ def rows(facts: NetworkResult) -> dict[str, str]:
     share = facts.software_share
     if share is not None:
         told["software"] = f"up to {share:.1%} of a wait in memory, {facts.software_s:.3g} s"
+        if share > DOMINATED and not facts.dominated_by_software:
+            told["software"] += ": harmless, as qubits do not decay so soon"
     early = facts.acausal
     if early is not None:
         told["ACAUSAL"] = (

@@ -53,13 +53,17 @@ class Experiment:
     # Numbers of an outcome that tell how a point was measured: columns of their own, no figures.
     circumstances: tuple[str, ...] = ()
 
+    @property
+    def names(self) -> list[str]:
+        """The names of its parameters."""
+        return [parameter.name for parameter in self.parameters]
+
     def parameter(self, name: str) -> Parameter:
         """Return a parameter; raise BadGrid for one that the experiment does not have."""
         for parameter in self.parameters:
             if parameter.name == name:
                 return parameter
-        names = [parameter.name for parameter in self.parameters]
-        raise BadGrid(f"{name} is not a parameter of {self.name}: {remedy(name, names)}")
+        raise BadGrid(f"{name} is not a parameter of {self.name}: {remedy(name, self.names)}")
 
     def measure(self, name: str) -> Measure:
         """Return a measure by its name."""

@@ -104,7 +104,8 @@ def draw(picture: Picture, file: Path) -> None:
     _scale(axes, picture)
     handles, _labels = axes.get_legend_handles_labels()
     if any(lines):
-        handles.append(Line2D([], [], color="k", linewidth=LINE_WIDTH, label="theory"))
+        colour = f"C{lines.index(True)}" if sum(lines) == 1 else "k"  # black stands for several
+        handles.append(Line2D([], [], color=colour, linewidth=LINE_WIDTH, label="theory"))
     if len(handles) > LEGEND_INSIDE:
         figure.legend(handles=handles, loc="outside right upper", fontsize="small")
     else:

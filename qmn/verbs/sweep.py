@@ -40,6 +40,8 @@ from wire.parameters.option import option
 
 MAX_WORKERS = 256
 EXAMPLES = """
+`qmn sweep WHAT --help` tells of the parameters of WHAT.
+
 values: 0.1   0.1,0.2,0.5   from:to:count (0:0.2:11)   from:to:count:log (1e-3:1:7:log)
 
 examples:
@@ -77,9 +79,11 @@ def add_parser(verbs: Any) -> None:
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
+        add_help=False,
     )
     names = "; ".join(f"{each.name}: {each.what}" for each in EXPERIMENTS.values())
     parser.add_argument("what", metavar="WHAT|FILE.toml", help=names)
+    parser.add_argument("-h", "--help", action=Help, help="show this; of WHAT, its parameters")
     add_options(parser, SweepOptions)
     axes = parser.add_argument_group("the grid")
     for name, helps in _axes().items():
@@ -87,6 +91,32 @@ def add_parser(verbs: Any) -> None:
             f"--{name.replace('_', '-')}", dest=f"axis_{name}", metavar="VALUES", help=helps
         )
     parser.set_defaults(call=call, needs_root=starts_networks)
+
+
+class Help(argparse.Action):
+    """Shows the parameters of the experiment that is named before it; of none, which there are."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, **given: Any) -> None:
+        """Take no value."""
+        super().__init__(option_strings, dest, nargs=0, default=argparse.SUPPRESS, **given)
+
+    def __call__(self, parser: Any, namespace: Any, *_words: object) -> None:
+        """Show it, and end."""
+        named = str(getattr(namespace, "what", None))
+        light, emulated = EXPERIMENTS.get(named), EMULATED.get(named)
+        for action in parser._actions:
+            name = action.dest.removeprefix("axis_")
+            if action.dest == "what" and (light or emulated):
+                told = {each.what for each in (light, emulated) if each}
+                action.help = f"{named}: {', or '.join(sorted(told))}"
+            elif name == action.dest or (light and name in light.names):
+                continue
+            elif emulated and name in emulated.names:
+                action.help += ", with --emulate" if light else ""
+            else:
+                action.help = argparse.SUPPRESS
+        parser.print_help()
+        parser.exit()
 
 
 def starts_networks(asked: SweepOptions | argparse.Namespace) -> bool:

@@ -27,7 +27,8 @@ export class Pictures {
   }
 
   frame() {
-    const now = performance.now(), passed = now - this.last, left = this.numbers + NUMBERS_MS - now;
+    const now = performance.now(), passed = now - this.last;
+    const left = this.numbers + (this.seldom ? 1.8 * this.pause : NUMBERS_MS) - now; // every second picture
     this.last = now;
     this.due = Infinity;
     if (left <= 0) this.numbers = now;

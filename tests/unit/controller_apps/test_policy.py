@@ -113,6 +113,8 @@ def test_overrides_and_reporting_are_read() -> None:
     ("text", "words"),
     [
         ("default = 'maybe'", "default 'maybe': choose one of allow, deny"),
+        ('[default]\naction = "no"', 'default is a table: write default = "allow", or one of deny'),
+        ("[queue.order]", 'queue: order is a table: write order = "fcfs", or one of edf, slots'),
         ("[[rule]]\nfrom = 'a'", "rule 1 has no action"),
         ("[[rule]]\naction = 'allow'\n[[rule]]\naction = 'no'", "rule 2: action 'no'"),
         ("[[rule]]\naction = 'deny'\nservice = 'ftp'", "service 'ftp': choose one of *, sdc"),

@@ -250,3 +250,22 @@ def test_a_published_figure_that_is_not_ours_fails_the_command_and_is_named(
 def test_unknown_curves_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("curves", "--only", "nothing", "--out", str(tmp_path)) == 1
     assert "--only nothing: choose superdense" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "shown", "hidden"),
+    [
+        (["sweep", "--help"], "hom: Hong-Ou-Mandel", "--depolarizing VALUES"),
+        (["sweep", "sdc", "--help"], "--depolarizing VALUES", "--share VALUES"),
+        (["sweep", "seal", "--help"], "seal: a tamper seal", "--fec VALUES"),
+    ],
+)
+def test_help_of_an_experiment_is_of_its_parameters(
+    words: list[str], shown: str, hidden: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        parse(*words)
+    told = capsys.readouterr().out
+    assert ended.value.code == 0
+    assert shown in told
+    assert hidden not in told
