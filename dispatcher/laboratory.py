@@ -102,7 +102,7 @@ class Laboratory:
         self.layer = build_layer(config, self.clock, None)
         self.switching = Switching(self.layer)
         self._errors: list[BaseException] = []
-        transport = Transport(self.layer, self._errors.append)
+        self._transport = transport = Transport(self.layer, self._errors.append)
         operations, measurements = Operations(self.layer), Measurements(self.layer)
         rest = Gathering(self.layer), Resending(self.layer), Splitting(self.layer)
         heralding = Heralding(self.layer)
@@ -128,6 +128,7 @@ class Laboratory:
         handle: Handler = self._handlers[operation]
         with CausedBy(node, operation, request):
             feedback = await handle(node, request)
+            await self._transport.landed()
         if self._errors:  # flights are tasks of their own
             raise self._errors[0]
         return feedback
@@ -177,7 +178,7 @@ class LaboratoryHost:
     async def send(
         self, launches: dict[BlockKey, str], rate_hz: int = RATE_HZ, frequency_mhz: int = 0
     ) -> Feedback:
-        """Launch blocks together, each into the port named; return when all have come out.
+        """Launch blocks together, each into the port named; return when all have come or are lost.
 
         Their colour is that of channel 1, unless another is said.
         """

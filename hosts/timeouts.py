@@ -19,9 +19,11 @@ MAX_BLOCK_S = 5.0  # that a block may last, from its first photon to its last
 LIGHT_TIMEOUT_S = 2 * (ANSWER_TIMEOUT_S + MAX_BLOCK_S)  # of two blocks that take turns at a source
 HERALD_TIMEOUT_S = ANSWER_TIMEOUT_S + MAX_BLOCK_S  # until a station has heralded a block
 DOUBT_S = 0.3  # light that has not come so long after it is due is asked after at its source
-GRACE_S = 0.3  # from the source's answer until the QNIC is asked whether the light is lost
+GRACE_S = (
+    0.3  # from the source's word that it has left until the QNIC is asked whether the light is lost
+)
 KEY_GRACE_S = 1.0  # the same, from when its last photon is due to be measured
-ARRIVED_TIMEOUT_S = 0.1  # for light of which the other end has said that it is there
+ARRIVED_TIMEOUT_S = 0.1  # for light of which the other end has said that it has sent it
 OUTCOME_TIMEOUT_S = 0.02  # the same, where its measurement was ordered: its outcome is on its way
 EXPECTED_TIMEOUT_S = 10.0  # for light of which nobody has said that it comes
 RESENT_TIMEOUT_S = 1.0  # for light that has come to an interceptor; its session may be over

@@ -371,7 +371,7 @@ class Answer(Message):
 
 @dataclass(frozen=True)
 class Emit(Message):
-    """Ask a pair source for one block of pairs; answered when its light has arrived."""
+    """Ask a pair source for one block of pairs; answered when its light has left."""
 
     KIND = 3
     FIELDS = struct.Struct("!III")
@@ -390,7 +390,7 @@ class Emission(Emit):
 
 @dataclass(frozen=True)
 class Emitted(Message):
-    """Ask a pair source whether the light of all blocks has arrived; answered when it has."""
+    """Ask a pair source whether the light of all blocks has left; answered when it has."""
 
     KIND = 10
     FIELDS = struct.Struct("!I")

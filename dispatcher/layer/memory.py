@@ -137,12 +137,15 @@ class Memories:
         if not can_keep:
             _wait_for_free(block, waits.longest_s, like.analyser)
             return None
-        waited = (waits.of(np.arange(waits.qubits)) > 0).astype(np.float64)
-        efficiency = 1 - waited * (0.0 if block.kept else 1 - memory.efficiency)
+        all_waited = waits.shortest_s > 0
+        missed: Each = 0.0 if block.kept else 1 - memory.efficiency
+        if missed and not all_waited:
+            waited = waits.of(np.arange(waits.qubits)) > 0
+            missed = np.where(waited, missed, 0.0)
         block.kept, block.stores = True, block.stores + 1
         schedule = block.start_ns, block.interval_ns, block.first_ns, block.last_ns
-        told = self._wait_is_over(block, until_ns, (until_ns, interval_ns), efficiency)
-        if not waited.all():  # some of it has come as it was wanted
+        told = self._wait_is_over(block, until_ns, (until_ns, interval_ns), 1 - missed)
+        if not all_waited:  # some of it has come as it was wanted
             block.start_ns, block.interval_ns, block.first_ns, block.last_ns = schedule
         return f"{told}, not stored"
 
@@ -338,8 +341,7 @@ def _met(what: str, memory: Memory, waits: Waits, random: PhotonRandom) -> Mask:
 
 def _which(happened: Decay, random: PhotonRandom) -> NDArray[np.uint8]:
     """Choose which Pauli has happened to each qubit: 0 X, 1 Z, 2 XZ."""
-    weights: NDArray[np.float64] = np.array((happened.x, happened.z, happened.y))
-    bounds = weights.cumsum(axis=0)
-    drawn = random.generator("Pauli").random(bounds.shape[1]) * bounds[-1]
-    found: NDArray[np.uint8] = (drawn >= bounds[:-1]).sum(axis=0, dtype=np.uint8)
+    up_to_x, up_to_z = np.asarray(happened.x), np.asarray(happened.x + happened.z)
+    drawn = random.generator("Pauli").random(up_to_x.size) * (up_to_z + happened.y)
+    found: NDArray[np.uint8] = (drawn >= up_to_x).view(np.uint8) + (drawn >= up_to_z)
     return found

@@ -113,9 +113,12 @@ class SoftwareTime:
 
     def light(self, sender: str, sent_ns: int, receiver: str, came_ns: int) -> None:
         """Note light on its way from the first photon sent to the last one's arrival."""
-        for node in (receiver, sender):  # who sends light knows when it arrives
-            insort(_forgetting(self._light[node]), Cause(came_ns, sender, sent_ns))
-        self.news(sender, came_ns)
+        insort(_forgetting(self._light[receiver]), Cause(came_ns, sender, sent_ns))
+        self.news(receiver, came_ns)
+
+    def farthest_news_ns(self, node: str) -> int:
+        """Return how long news takes to a node from where it takes longest."""
+        return max(self._delays_ns(node).values())
 
     def waited(self, node: str, begin_ns: int, end_ns: int, decays: bool) -> None:
         """Take in that qubits waited at a node, in a memory that decays or does not."""

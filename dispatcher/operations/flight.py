@@ -6,6 +6,7 @@ collected and applied when it arrives.
 """
 
 import heapq
+import math
 from dataclasses import dataclass, replace
 from itertools import count
 
@@ -101,6 +102,11 @@ class Flight:
         """When its first photon left."""
         return self._departure.start_ns
 
+    @property
+    def due_ns(self) -> float:
+        """When the next of its light has come to the far end of its fibre."""
+        return self._queue[0][0] if self._queue else math.inf
+
     def launch(self, end: FiberEnd) -> None:
         """Let the light into the fibre that begins at a port."""
         members = everything(self._departure.pattern.photons)
@@ -120,8 +126,8 @@ class Flight:
     async def next_arrival(self, clock: Clock) -> Arrival | None:
         """Wait for the next beam to come out at a node, None if no light is left."""
         while self._queue:
+            await clock.wait_until(self._queue[0][0])
             time_ns, _number, line, beam = heapq.heappop(self._queue)
-            await clock.wait_until(time_ns)
             self._pass(beam, line)
             switch = self._layer.network.switches.get(line.far.node)
             if np.count_nonzero(beam.members & further.lit(self._block)):

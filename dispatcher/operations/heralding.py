@@ -77,15 +77,23 @@ class Heralding:
                 del self._offers[name]
 
     async def herald(self, node: str, request: HeraldRequest) -> Feedback:
-        """Herald pairs of two nodes that attempt; return when all, or the time, have come."""
+        """Herald pairs of two nodes that attempt; return when all, or the time, have come.
+
+        What is refused for what is elsewhere is, when news can be here from the farthest node.
+        """
         layer = self._layer
         hardware.require(layer.devices, node, INTERFERE)
         require_count(request.count)
         limit_s = limits.timeout(request.timeout_s)
         names = [BlockName(request.session, request.number, half) for half in HALVES]
-        offers = self._offered(names)
-        link = self._link(node, request.ports, offers)
-        self._require_capacity(offers, request.count)
+        try:
+            offers = self._offered(names)
+            link = self._link(node, request.ports, offers)
+            self._require_capacity(offers, request.count)
+        except Refusal:
+            news_ns = layer.clock.now_ns() + layer.software.farthest_news_ns(node)
+            await layer.clock.wait_until(news_ns)
+            raise
         for name in names:
             del self._offers[name]
         rounds = max(round(limit_s * 1e9) // link.period_ns, 1)

@@ -20,8 +20,6 @@ from wire.features import EMIT
 from wire.optical import DEFAULT_FREQUENCY_MHZ
 from wire.outcomes import ERRORS
 
-TURNS_OF_SENDER = 3  # of the event loop, from the end of a flight to the sender's answer
-
 
 class Transport:
     """Moves blocks between nodes."""
@@ -30,7 +28,7 @@ class Transport:
         """Move blocks of this layer; call `failed` with what ends a flight unexpectedly."""
         self._layer = layer
         self._failed = failed
-        self._flights: set[asyncio.Task[None]] = set()
+        self._flights: dict[asyncio.Task[None], Flight] = {}
         self._waiting: dict[BlockName, list[asyncio.Future[None]]] = {}
 
     async def send(
@@ -40,7 +38,10 @@ class Transport:
         rate_hz: int,
         frequency_mhz: int = DEFAULT_FREQUENCY_MHZ,
     ) -> Feedback:
-        """Launch blocks together; return when the last photon has come to the far end."""
+        """Launch blocks together; return when the last photon has left.
+
+        What is told is of the light as it leaves: nothing of what becomes of it.
+        """
         layer = self._layer
         if not launches:
             raise invalid("no launches; name at least one block and its port")
@@ -59,19 +60,19 @@ class Transport:
         # Halves of a block share a pattern, whose times are computed once.
         patterns = {size: Pattern(1e9 / rate_hz, size) for size in set(sizes)}
         departures = [Departure(start_ns, patterns[size], frequency_mhz) for size in sizes]
-        # Word of pairs is of no use to those who take their halves.
-        turns = TURNS_OF_SENDER if len(blocks) == 1 else 0
-        flights = [self._launch(*way, turns) for way in zip(blocks, ends, departures, strict=True)]
-        # A caller that goes away cancels this wait; its photons fly on.
-        await asyncio.wait(flights)
-        await layer.journal.resumed()
         feedback = Feedback(
-            time_ns=layer.clock.now_ns(),
             photons=sum(departure.pattern.photons for departure in departures),
             first_ns=start_ns,
             last_ns=max(departure.last_ns for departure in departures),
         )
-        return layer.mark(feedback, blocks)
+        layer.mark(feedback, blocks)
+        for way in zip(blocks, ends, departures, strict=True):
+            self._launch(*way)
+        layer.software.light(node, start_ns, node, feedback.last_ns)
+        # A caller that goes away cancels this wait; its photons fly on.
+        await layer.clock.wait_until(feedback.last_ns)
+        feedback.time_ns = layer.clock.now_ns()
+        return feedback
 
     async def receive(self, node: str, name: BlockName, port: str, timeout_s: float) -> Feedback:
         """Wait for a block at a port of the node until all has come, and take it from there."""
@@ -84,16 +85,28 @@ class Transport:
                 async with layer.journal.timeout(limit_s):
                     block = await self._arrived(name, node, port)
             except TimeoutError:
-                message = f"{name} did not arrive at {port} of {node} within {limit_s:g} s"
-                raise Refusal(grpc.StatusCode.DEADLINE_EXCEEDED, message) from None
+                block = self._whole(name, node, port)  # a busy program may see it late
+                if block is None:
+                    message = f"{name} did not arrive at {port} of {node} within {limit_s:g} s"
+                    raise Refusal(grpc.StatusCode.DEADLINE_EXCEEDED, message) from None
+                await layer.journal.resumed()
         feedback = layer.feedback(block)
         self._bring(block, node, "")
         layer.record(node, "receive", block, port=port)
         return feedback
 
-    def _launch(
-        self, block: Block, end: FiberEnd, departure: Departure, turns: int
-    ) -> asyncio.Task[None]:
+    async def settled(self) -> None:
+        """Wait until light has come that is due to be somewhere now: a busy program is late."""
+        now_ns = self._layer.clock.now_ns()
+        while any(flight.due_ns <= now_ns for flight in self._flights.values()):
+            await asyncio.sleep(0)
+
+    async def landed(self) -> None:
+        """Wait until no light is under way any more."""
+        while self._flights:
+            await asyncio.wait(self._flights)
+
+    def _launch(self, block: Block, end: FiberEnd, departure: Departure) -> None:
         layer = self._layer
         layer.record(end.node, "send", block, port=end.port, time_ns=departure.start_ns)
         self._keep_time(block, departure)
@@ -104,10 +117,10 @@ class Transport:
         block.kept, block.false_heralds = False, None
         flight = Flight(block, departure, layer)
         flight.announce(end)
-        task = asyncio.create_task(self._fly(block, end, flight, turns))
-        self._flights.add(task)
+        flight.launch(end)
+        task = asyncio.create_task(self._fly(block, end, flight))
+        self._flights[task] = flight
         task.add_done_callback(self._landed)
-        return task
 
     def _keep_time(self, block: Block, departure: Departure) -> None:
         """Let the half that stays begin to be when its source emits this one, pair by pair."""
@@ -122,27 +135,24 @@ class Transport:
             other.first_ns, other.last_ns = departure.start_ns, departure.last_ns
 
     def _landed(self, task: asyncio.Task[None]) -> None:
-        self._flights.discard(task)
+        del self._flights[task]
         if not task.cancelled() and (error := task.exception()) is not None:
             self._failed(error)
 
-    async def _fly(self, block: Block, end: FiberEnd, flight: Flight, turns: int) -> None:
+    async def _fly(self, block: Block, end: FiberEnd, flight: Flight) -> None:
         """Bring a block to all the ports that its light comes to."""
         layer = self._layer
-        flight.launch(end)
         left, landed = True, False
         while left and (arrival := await flight.next_arrival(layer.clock)):
             left = bool(np.count_nonzero(further.lit(block) & ~arrival.members))
             landed_block = self._part(block, arrival) if left else block
-            self._land(landed_block, arrival, turns)
+            self._land(landed_block, arrival)
             layer.software.light(end.node, flight.start_ns, arrival.end.node, landed_block.last_ns)
             landed = True
         layer.photons_lost += flight.lost
         if left:
             layer.drop(block)
-            self._wake(block.name, turns)
-            layer.software.light(end.node, flight.start_ns, end.node, flight.known_ns)
-            layer.software.goes_on(flight.start_ns, flight.known_ns)
+            self._wake(block.name)
             await layer.clock.wait_until(flight.known_ns)
         if not landed:
             layer.record(end.node, "dark", block, end.port, "no light came out")
@@ -160,7 +170,7 @@ class Transport:
         layer.ownership.add(part)
         return part
 
-    def _land(self, block: Block, arrival: Arrival, turns: int) -> None:
+    def _land(self, block: Block, arrival: Arrival) -> None:
         """Put what has arrived at the port, and tell those who wait for it."""
         layer = self._layer
         block.fibers_passed = arrival.fibers_passed
@@ -183,7 +193,7 @@ class Transport:
             layer.drop(block)
         else:
             self._bring(block, end.node, end.port)
-        self._wake(block.name, turns)
+        self._wake(block.name)
 
     def _bring(self, block: Block, node: str, port: str) -> None:
         """Bring a block to a place, where it joins a part of the same block."""
@@ -209,14 +219,8 @@ class Transport:
         there.gates = max(there.gates, block.gates)
         layer.ownership.remove(block)
 
-    def _wake(self, name: BlockName, turns: int) -> None:
-        """Let those look again who wait for a block of this name, after turns of the event loop.
-
-        Meanwhile who has sent it is answered: others wait for word of it from there.
-        """
-        if turns and name in self._waiting:
-            asyncio.get_running_loop().call_soon(self._wake, name, turns - 1)
-            return
+    def _wake(self, name: BlockName) -> None:
+        """Let those look again who wait for a block of this name."""
         for waiter in self._waiting.get(name, ()):
             if not waiter.done():
                 waiter.set_result(None)

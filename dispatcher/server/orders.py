@@ -14,16 +14,18 @@ from wire.dispatcher_pb2 import Feedback, Order, Outcome
 
 Act = Callable[[str, Any], Awaitable[Feedback]]
 Write = Callable[[Outcome], Awaitable[None]]
+Settled = Callable[[], Awaitable[None]]
 LIGHT = "receive"  # the kind of a step that waits for light
 
 
 class Orders:
     """One call of Perform."""
 
-    def __init__(self, act: Act, write: Write) -> None:
-        """Do each step by `act`, answer by `write`."""
+    def __init__(self, act: Act, write: Write, settled: Settled) -> None:
+        """Do each step by `act`, answer by `write`; `settled`: light that is due has come."""
         self._act = act
         self._write = write
+        self._settled = settled
         self._running: dict[int, asyncio.Task[None]] = {}
         self._repeated: set[int] = set()  # numbers of orders that go on when they are answered
         self._receiving: dict[int, asyncio.Timeout] = {}  # those that wait for light
@@ -44,6 +46,7 @@ class Orders:
                 running.cancel()
         elif order.lost:
             await asyncio.sleep(0)  # an order that came just before looks for its light first
+            await self._settled()
             if order.number in self._receiving:
                 self._receiving[order.number].reschedule(asyncio.get_running_loop().time())
         elif order.number in self._repeated or (running is not None and not order.follows):

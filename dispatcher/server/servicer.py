@@ -186,7 +186,7 @@ class Service(DispatcherServicer):
         """Do what a host orders, until it goes away."""
         self.callers.require_host(node)
         perform = functools.partial(self._perform, node)
-        await Orders(perform, context.write).run(self._asked(orders))
+        await Orders(perform, context.write, self.transport.settled).run(self._asked(orders))
 
     async def _asked(self, orders: AsyncIterator[messages.Order]) -> AsyncIterator[messages.Order]:
         """Write into each order when it came, whenever its steps are done."""

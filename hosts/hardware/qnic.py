@@ -108,7 +108,7 @@ class Qnic(Protocol):
     ) -> None:
         """Make count Bell pairs Phi+ and send their halves 0 and 1 into two ports.
 
-        Return when the last photon has reached the far ends.
+        Return when the last photon has left.
         """
 
     async def begin_pairs(
@@ -126,7 +126,7 @@ class Qnic(Protocol):
         """
 
     async def pairs_over(self, session: int) -> None:
-        """Wait until the last photon of all pairs that were begun has reached the far ends.
+        """Wait until the last photon of all pairs that were begun has left.
 
         Raise HardwareError if some could not be made.
         """
@@ -136,7 +136,7 @@ class Qnic(Protocol):
     ) -> Stored:
         """Make count Bell pairs Phi+, store their halves 0, and send halves 1 into a port.
 
-        Return what the memory has taken, when the last photon has reached the far end.
+        Return what the memory has taken, when the last photon has left.
         """
 
     async def attempt(self, block: BlockName, port: str, wavelength_pm: int) -> None:
@@ -162,7 +162,7 @@ class Qnic(Protocol):
         """Apply one Pauli operator (two bits: X, Z) to each photon that arrives; shape (k,).
 
         The photons leave by the port they came from. Return the time (ns) at which the first
-        one left, when the last has reached the far end. Raise NoLight if none arrives.
+        one left, when the last has. Raise NoLight if none arrives.
         """
 
     async def detect_pairs(
@@ -204,7 +204,7 @@ class Qnic(Protocol):
     async def send(self, block: BlockName, port: str, rate_hz: int, wavelength_pm: int) -> int:
         """Send photons of this host into a port; return when (ns) the first one left.
 
-        Return when the last photon has reached the far end.
+        Return when the last photon has left.
         """
 
     def arrivals(self, port: str) -> AsyncIterator[BlockName]:

@@ -103,7 +103,7 @@ class Arrangement:
         await self._pairs.request(replace(self._setup, service=Service.PAIR_SOURCE, memory=memory))
 
     async def emit(self, block: int, pairs: int) -> None:
-        """Have the source make a block of pairs; return when its light has arrived, or is lost."""
+        """Have the source make a block of pairs; return when its light has left."""
         assert self._pairs is not None
         rate_hz = self._setup.rate_hz
         async with self._source_turn:  # its answers carry no number
@@ -116,7 +116,7 @@ class Arrangement:
         self._pairs.send(Emission(self._setup.session, block, pairs, self._setup.rate_hz))
 
     async def emitted(self, block: int, light_s: float) -> None:
-        """Wait until the light of all blocks up to this one has arrived, or is lost.
+        """Wait until the light of all blocks up to this one has left its source.
 
         It takes so long at most to be made.
         """

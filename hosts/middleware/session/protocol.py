@@ -77,7 +77,7 @@ class Begin(Do):
 
 @dataclass(frozen=True)
 class Collect:
-    """Wait for light that is over, but for a grace; None if no photon has come."""
+    """Wait for light that has left, and a grace at most; None if no photon has come."""
 
     light: Light
     timeout_s: float
@@ -85,7 +85,7 @@ class Collect:
 
 @dataclass(frozen=True)
 class Emit:
-    """Have the source of the session make a block; its light has come then, or is lost."""
+    """Have the source of the session make a block; its light has left then."""
 
     block: int
     pairs: int

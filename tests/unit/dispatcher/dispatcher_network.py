@@ -5,7 +5,7 @@ charlie-q1 --2 q1                   alice-q9 ------- bob-q9 (without a switch)
 """
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import ExitStack, asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -111,6 +111,7 @@ class Client:
         """Call with this token; set cross-connects beside this socket."""
         self.stub, self.metadata = stub, metadata(token)
         self._link = DispatcherLink(socket, token)
+        self.landed: Callable[[], Awaitable[None]] | None = None
 
     async def call(self, method: str, request: Any) -> Any:
         """Make a call by name, within the deadline."""
@@ -135,10 +136,13 @@ class Client:
     async def send(
         self, *launches: tuple[BlockId, str], rate_hz: int = FAST_HZ, frequency_mhz: int = 0
     ) -> Feedback:
-        """Launch blocks."""
+        """Launch blocks; where the clock jumps, until they have come or are lost."""
         ways = [Launch(block=name, port=port) for name, port in launches]
         request = SendRequest(launches=ways, rate_hz=rate_hz, frequency_mhz=frequency_mhz)
-        return await self.feedback("Send", request)
+        feedback = await self.feedback("Send", request)
+        if self.landed is not None:
+            await self.landed()
+        return feedback
 
     async def receive(self, name: BlockId, port: str, timeout_s: float = 5) -> Feedback:
         """Receive a block."""
@@ -283,6 +287,9 @@ async def running(config: DispatcherConfig, clock: Clock) -> AsyncIterator[Bench
             ) as channel:
                 stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
                 bench = Bench(service, stub, config, errors)
+                if type(clock) is JumpingClock:
+                    for client in (bench.alice, bench.bob, bench.charlie):
+                        client.landed = bench.transport.landed
                 yield bench
                 bench.close()
         finally:

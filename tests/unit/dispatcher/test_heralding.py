@@ -23,6 +23,7 @@ from dispatcher.devices.heralding import (
     two_click,
 )
 from dispatcher.laboratory import Laboratory, LaboratoryHost
+from dispatcher.layer.software_time import SoftwareTime
 from dispatcher.refusal import Refusal
 from wire.config import BadConfig, DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.dispatcher_pb2 import MeasureRequest
@@ -474,6 +475,25 @@ def test_what_cannot_be_heralded_is_refused() -> None:
         with pytest.raises(Refusal, match="bob-q0 of bob comes out nowhere"):
             await charlie.herald(5, ports, 1.0)
         assert laboratory.layer.sabot.live_qubits == 0
+
+    scene(act, device)
+
+
+def test_a_station_hears_of_a_path_that_is_not_there_when_news_can_be_here() -> None:
+    """Copper of alice, who is farthest, takes 7 ms to a switch, and charlie's 3 ms from there."""
+    device = Device(memory=Memory(capacity=10), emitter=Emitter("two-click"))
+    copper_s = {"alice": 7e-3, "bob": 1e-3, "charlie": 3e-3}
+    news_s = {name: {"s1": delay_s} for name, delay_s in copper_s.items()} | {"s1": copper_s}
+
+    async def act(laboratory: Laboratory) -> None:
+        laboratory.layer.software = SoftwareTime(news_s)
+        await attempts_of(laboratory.host("alice"))
+        await attempts_of(laboratory.host("bob"))
+        await laboratory.connect("q1", {1: 3})
+        asked_ns = laboratory.clock.now_ns()
+        with pytest.raises(Refusal, match="bob-q0 of bob comes out nowhere"):
+            await laboratory.host("charlie").herald(5, ("charlie-q0", "charlie-q1"), 1.0)
+        assert laboratory.clock.now_ns() == asked_ns + 10_000_000 + 1
 
     scene(act, device)
 

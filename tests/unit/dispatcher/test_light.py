@@ -147,18 +147,19 @@ def test_light_needs_its_time_through_the_fiber(tmp_path: Path) -> None:
     uvloop.run(run())
 
 
-def test_send_replies_only_when_the_last_photon_has_come(tmp_path: Path) -> None:
+def test_send_replies_when_the_last_photon_has_left_and_not_before(tmp_path: Path) -> None:
     async def run() -> None:
         clock = ManualClock()
         async with running(configuration(tmp_path), clock) as bench:
             await bench.alice.create(1001)
             sending = asyncio.ensure_future(bench.alice.send((block(), "alice-q9")))
-            await clock.waiters(1)
-            await clock.set(START_NS + 1000 + DELAY_NS)
+            await clock.waiters(2)
+            await clock.set(START_NS + 1000)
             await bench.runner.status()
             assert not sending.done()
-            await clock.set(START_NS + 1000 + DELAY_NS + 1)
+            await clock.set(START_NS + 1001)
             await sending
+            assert not bench.layer.ownership.parts(BlockName(7, 0, 0))[0].node
 
     uvloop.run(run())
 
@@ -171,13 +172,13 @@ async def cut_in_the_middle(bench: Bench, clock: ManualClock, *then: tuple[int, 
     await connecting
     await bench.charlie.create(1000)
     sending = asyncio.ensure_future(bench.charlie.send((block(), "charlie-q0")))
-    await clock.waiters(1)
+    await clock.waiters(2)
     await clock.set(START_NS + 101 + DELAY_NS + 500)
     connecting = asyncio.ensure_future(bench.switch.connect(*then))
-    await clock.waiters(2)
+    await clock.waiters(3)
     await clock.set(START_NS + 10_000)
-    await connecting
-    await sending
+    await asyncio.gather(connecting, sending)
+    await bench.transport.landed()
 
 
 async def first_part_at(bench: Bench, port: str) -> None:
@@ -270,12 +271,13 @@ def test_parts_that_come_to_two_ports_of_a_node_are_one_block_again(tmp_path: Pa
             await connecting
             await bench.charlie.create(400)
             sending = asyncio.ensure_future(bench.charlie.send((block(), "charlie-q0")))
-            await clock.waiters(1)
+            await clock.waiters(2)
             await clock.set(START_NS + 101 + DELAY_NS + 200)
             connecting = asyncio.ensure_future(bench.switch.connect((1, 5)))
-            await clock.waiters(2)
+            await clock.waiters(3)
             await clock.set(START_NS + 10_000)
             await asyncio.gather(connecting, sending)
+            await bench.transport.landed()
             await bench.bob.receive(block(), "bob-q0")
             await bench.bob.receive(block(), "bob-q1")
             ours = await bench.bob.measure(block())
@@ -302,7 +304,7 @@ def test_light_that_meets_no_path_never_arrives(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("loss_db_per_km", [0.0, 1.0])
-def test_who_sends_hears_of_light_lost_before_a_switch_or_at_it_when_news_is_back(
+def test_who_sends_is_answered_when_light_has_left_and_sees_no_loss_before_news_is_back(
     tmp_path: Path, loss_db_per_km: float
 ) -> None:
     """The last of 1000 photons leaves after 999 ns; 2,000 km take 9.8 ms there, and back."""
@@ -315,14 +317,21 @@ def test_who_sends_hears_of_light_lost_before_a_switch_or_at_it_when_news_is_bac
         async with running(config, clock) as bench:
             await bench.charlie.create(1000)
             sending = asyncio.ensure_future(bench.charlie.send((block(), "charlie-q0")))
+            await clock.waiters(2)
+            await clock.set(START_NS + 999)
+            await bench.runner.status()
+            assert not sending.done()
+            await clock.set(START_NS + 1000)
+            told = await sending
+            assert (told.first_ns, told.last_ns) == (START_NS, START_NS + 999)
+            assert (told.time_ns, told.photons) == (START_NS + 1000, 1000)
             for time_ns in (START_NS + 999 + there_ns, START_NS + 999 + 2 * there_ns):
                 await clock.waiters(1)
                 await clock.set(time_ns)
                 await bench.runner.status()
-                assert not sending.done()
                 assert "dark" not in [event.kind for event in bench.layer.history._events]
                 await clock.set(time_ns + 1)
-            await sending
+            await bench.transport.landed()
             assert [event.kind for event in bench.layer.history._events][-1] == "dark"
 
     uvloop.run(run())
@@ -364,12 +373,14 @@ def test_light_in_a_ring_of_cross_connects_fades(tmp_path: Path) -> None:
             await connecting
             await bench.alice.create(2, state=CreateRequest.ZEROS)
             sending = asyncio.ensure_future(bench.alice.send((block(), "alice-q0")))
-            await clock.waiters(1)
+            await clock.waiters(2)
             await clock.set(START_NS + 101 + DELAY_NS + 2)
+            await sending
             closing = asyncio.ensure_future(bench.switch.connect((10, 10), (11, 11)))
             await clock.waiters(2)
             await clock.set(START_NS + 1_000_000)
-            await asyncio.gather(closing, sending)
+            await closing
+            await bench.transport.landed()
             status = await bench.runner.status()
             assert (status.live_qubits, status.photons_lost) == (0, 2)
 

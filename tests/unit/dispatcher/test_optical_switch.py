@@ -125,15 +125,16 @@ async def change_in_the_middle(
     await connecting
     await bench.charlie.create(1000)
     sending = asyncio.ensure_future(bench.charlie.send((block(), "charlie-q0")))
-    await clock.waiters(1)
+    await clock.waiters(2)
     await clock.set(AT_SWITCH_NS + 500)
     changing = asyncio.ensure_future(change())
     if waits:
-        await clock.waiters(2)
+        await clock.waiters(3)
     else:
         await changing
     await clock.set(AT_SWITCH_NS + 10_000)
     await asyncio.gather(changing, sending)
+    await bench.transport.landed()
 
 
 def test_photons_of_a_circuit_count_also_after_it_has_closed(tmp_path: Path) -> None:

@@ -343,6 +343,9 @@ class SlowHost:
         self.done += 1
         return Feedback()
 
+    async def settled(self) -> None:
+        pass
+
     async def write(self, outcome: Outcome) -> None:
         self.is_written_to.set()
         await self.reads.wait()
@@ -359,7 +362,9 @@ def test_a_host_that_reads_no_outcomes_has_so_many_orders_and_no_more() -> None:
         for number in range(1, MAX_ORDERS + 1):
             host.orders.put_nowait(Order(number=number, steps=[create(1)]))
         async with asyncio.timeout(DEADLINE_S):
-            running = asyncio.create_task(Orders(host.act, host.write).run(host.each()))
+            running = asyncio.create_task(
+                Orders(host.act, host.write, host.settled).run(host.each())
+            )
             while host.done < MAX_ORDERS:
                 await asyncio.sleep(0)
             host.orders.put_nowait(Order(number=MAX_ORDERS + 1, steps=[create(1)]))
@@ -381,7 +386,9 @@ def test_an_outcome_is_written_whole_though_its_order_is_cancelled_meanwhile() -
     async def run() -> None:
         host = SlowHost()
         async with asyncio.timeout(DEADLINE_S):
-            running = asyncio.create_task(Orders(host.act, host.write).run(host.each()))
+            running = asyncio.create_task(
+                Orders(host.act, host.write, host.settled).run(host.each())
+            )
             host.orders.put_nowait(Order(number=1, steps=[create(1)]))
             await host.is_written_to.wait()
             host.orders.put_nowait(Order(number=1, cancel=True))
@@ -400,7 +407,9 @@ def test_an_order_that_is_cancelled_while_it_is_answered_is_not_repeated() -> No
     async def run() -> None:
         host = SlowHost()
         async with asyncio.timeout(DEADLINE_S):
-            running = asyncio.create_task(Orders(host.act, host.write).run(host.each()))
+            running = asyncio.create_task(
+                Orders(host.act, host.write, host.settled).run(host.each())
+            )
             host.orders.put_nowait(Order(number=1, steps=[bell()], times=3))
             await host.is_written_to.wait()
             host.orders.put_nowait(Order(number=1, cancel=True))
@@ -424,6 +433,9 @@ class Lights:
     async def act(self, kind: str, _request: Any) -> Feedback:
         await {"receive": self.here, "send": self.landed}[kind].wait()
         return Feedback()
+
+    async def settled(self) -> None:
+        pass
 
     async def write(self, outcome: Outcome) -> None:
         self.outcomes.append(outcome)
@@ -449,7 +461,7 @@ def test_an_order_ends_with_light_that_is_lost_but_goes_on_with_what_it_has(
         if here:
             host.here.set()
         async with asyncio.timeout(DEADLINE_S):
-            await Orders(host.act, host.write).run(host.orders(turns))
+            await Orders(host.act, host.write, host.settled).run(host.orders(turns))
         (outcome,) = host.outcomes
         expired = grpc.StatusCode.DEADLINE_EXCEEDED.value[0]
         assert (outcome.code, len(outcome.feedbacks)) == ((0, 2) if here else (expired, 0))

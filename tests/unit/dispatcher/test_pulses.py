@@ -135,12 +135,13 @@ def test_further_photons_go_the_way_that_was_open_and_meet_again(
             if not with_their_own:
                 bench.layer.sabot.lose(one.register, np.ones(1000, dtype=bool))
             sending = asyncio.ensure_future(bench.charlie.send((block(), "charlie-q0")))
-            await clock.waiters(1)
+            await clock.waiters(2)
             await clock.set(START_NS + 101 + DELAY_NS + 500)
             switching = asyncio.ensure_future(bench.switch.connect((1, 5)))
-            await clock.waiters(2)
+            await clock.waiters(3)
             await clock.set(START_NS + 10_000)
             await asyncio.gather(sending, switching)
+            await bench.transport.landed()
             for port, half in (("bob-q0", slice(0, 500)), ("bob-q1", slice(600, 1000))):
                 part = bench.layer.ownership.at(block_name(block()), "bob", port)
                 assert part is not None
@@ -367,14 +368,16 @@ def test_what_a_photon_meets_does_not_depend_on_how_its_block_was_divided(tmp_pa
             await connecting
             await bench.charlie.create(count)
             sending = asyncio.ensure_future(bench.charlie.send((block(), "charlie-q0")))
-            await clock.waiters(1)
+            await clock.waiters(2)
             await clock.set(START_NS + 101 + 4902 + count // 2 - 100)
-            calls: list[asyncio.Future[Any]] = [sending]
+            await sending
+            calls: list[asyncio.Future[Any]] = []
             if divided:
                 calls.append(asyncio.ensure_future(bench.switch.connect((1, 4))))
                 await clock.waiters(2)
             await clock.set(START_NS + SECOND_NS)
             await asyncio.gather(*calls)
+            await bench.transport.landed()
             seen = np.full(count, 255)
             for client, port in ((bench.alice, "alice-q0"), (bench.bob, "bob-q0"))[: 1 + divided]:
                 await client.receive(block(), port)

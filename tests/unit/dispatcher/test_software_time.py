@@ -91,11 +91,15 @@ def test_a_wait_for_news_along_the_copper_is_no_software() -> None:
     assert software.message().longest_ns == 30 + 40
 
 
-def test_word_of_a_pulse_train_is_not_there_before_its_last_pulse() -> None:
-    """Its first photon comes to alice at 200, the last at 1000; charlie's word of that at 1100."""
+def test_word_of_a_pulse_train_is_not_there_before_its_last_pulse_has_left() -> None:
+    """It leaves from 0 to 800, and is at bob, who is nearer, from 50 to 850.
+
+    charlie's word of it is at alice at 900.
+    """
     software = SoftwareTime({"alice": {"charlie": 100e-9}})
-    software.light("charlie", 0, "alice", 1000)
-    software.waited("alice", 200, 1112, decays=True)
+    software.light("charlie", 0, "charlie", 800)
+    software.light("charlie", 0, "bob", 850)
+    software.waited("alice", 200, 912, decays=True)
     assert software.message().longest_ns == 12
 
 

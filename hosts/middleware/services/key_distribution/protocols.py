@@ -33,7 +33,7 @@ from wire.metadata import Service
 def prepare_and_send(
     side: OpenerSide, number: int, photons: int, *, with_decoys: bool
 ) -> Steps[Record]:
-    """Send a block of random states; return their bases and bits when it has arrived."""
+    """Send a block of random states; return their bases and bits when it has left."""
     setup, bases = side.setup, random_bases(side, photons)
     bits = side.draws.integers(0, 2, photons, dtype=bases.dtype)
     levels = None

@@ -67,7 +67,7 @@ class Pulses:
     arrived: Values | None = None  # the first half of the announcement
 
     def send(self) -> Steps[None]:
-        """Send the pulses; over when they have reached the relay."""
+        """Send the pulses; over when they have left."""
         setup = self.side.setup
         light = setup.rate_hz, setup.wavelength_pm
         yield from do(Qnic.send, self.name, self.side.ports[0], *light)

@@ -131,7 +131,7 @@ class Acceptor:
         return self.receiver.read(order, found.outcomes)
 
     async def _found(self, block: int) -> Coincidences:
-        """Return what has come of a block, whose light is here or lost: the other end says so."""
+        """Return what has come of a block, which is here by now or lost: it was sent."""
         light = self._taken(block)
         if light is None:
             return await self._light(block, ARRIVED_TIMEOUT_S)
@@ -162,7 +162,7 @@ class Acceptor:
 
     async def _single(self, channel: MetadataChannel, answer: Answer, order: Measure) -> Symbols:
         channel.send(answer)
-        await channel.next(PAIR_TIMEOUT_S)  # the sender closes when the light has arrived
+        await channel.next(PAIR_TIMEOUT_S)  # the sender closes when the light has left
         return await self._measure(order)
 
     async def _collect(self, numbers: range) -> Symbols:

@@ -113,7 +113,7 @@ class Opener:
             await cancelled([over])
 
     async def _over(self, block: int, pairs: int) -> None:
-        """Wait until light has arrived or is lost, as its source says when it is late."""
+        """Wait until light has left, as its source says when it is late."""
         light_s = pairs / self._setup.rate_hz
         await asyncio.sleep(DOUBT_S + light_s)
         await self._end.arrangement.emitted(block, BLOCKS_UNDER_WAY * light_s)
@@ -159,7 +159,7 @@ class Opener:
             if light.done():
                 return await light
             await over
-            # The source has answered: its light has arrived, or never will.
+            # The source has answered: word of its light is no faster than that itself.
             await asyncio.wait([light], timeout=GRACE_S + paulis.size / rate_hz)
             if not light.done():
                 self._qnic.give_up(half)
