@@ -2,8 +2,10 @@
 
     python -m qmn.live_view.command_page FOLDER     of pages.py
 
-GET /SECRET/            goes to the newest network that runs; if none does, says so and looks again
-GET /SECRET/networks    the networks of the command: names by number, and which run
+GET /SECRET/            goes to the newest network that runs; if none does, says so
+GET /SECRET/next.js     by which that page goes to the next one
+GET /SECRET/networks    the networks of the command: names by number, which run, whether it is over;
+                        with ?next as soon as one runs, or the command has ended
     /SECRET/NUMBER/...  whatever the server of that network answers
 
 It runs until it is told to end, and takes the folder away.
@@ -23,15 +25,17 @@ from pathlib import Path
 from qmn.live_view.address import LOOPBACK, Place, place_given, say
 from qmn.live_view.loopback import joined
 from qmn.live_view.pages import PORT, Pages
-from qmn.timeouts import LIVE_HEAD_S, LIVE_LOOK_AGAIN_S
+from qmn.timeouts import LIVE_HEAD_S, LIVE_LAST_S, LIVE_LOOK_AGAIN_S
 
 HTML, JSON = "text/html; charset=utf-8", "application/json"
 HEADERS = "Cache-Control: no-store\r\nReferrer-Policy: no-referrer\r\nConnection: close\r\n"
-HEADERS += "Content-Security-Policy: default-src 'none'\r\nX-Content-Type-Options: nosniff\r\n"
-WAITING = f"""<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>qmn</title>
+HEADERS += "Content-Security-Policy: default-src 'none'; script-src 'self'; connect-src 'self'\r\n"
+HEADERS += "X-Content-Type-Options: nosniff\r\n"
+WAITING = """<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>qmn</title>
 <meta name="color-scheme" content="light dark">
-<meta http-equiv="refresh" content="{LIVE_LOOK_AGAIN_S}">
+<script type="module" src="/%s/next.js"></script>
 <h1>qmn</h1><p role="status">%s This page goes to the next network by itself.</p></html>"""
+SCRIPT = Path(__file__).with_name("page") / "next.js"
 NONE_YET = "No network of this command runs yet."
 ENDED = "Network {}, {}, has ended."
 
@@ -48,7 +52,8 @@ async def main(pages: Pages) -> None:
 
 async def serve(pages: Pages, place: Place) -> None:
     """Tell where it is, and serve until this task is cancelled."""
-    answer = partial(answered, pages)
+    over, waiting = asyncio.Event(), set[asyncio.Task[None]]()
+    answer = partial(answered, pages, over, waiting)
     if place.socket is not None:
         server = await asyncio.start_unix_server(answer, place.socket)
         port = place.port
@@ -60,12 +65,19 @@ async def serve(pages: Pages, place: Place) -> None:
         say(f"http://{LOOPBACK}:{port}/{pages.secret}/", browser=True)
         await asyncio.Event().wait()
     finally:
+        over.set()
+        if waiting:  # who wait for a network hear that none comes
+            await asyncio.wait(waiting, timeout=LIVE_LAST_S)
         server.close()
         shutil.rmtree(pages.folder)
 
 
 async def answered(
-    pages: Pages, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    pages: Pages,
+    over: asyncio.Event,
+    waiting: "set[asyncio.Task[None]]",
+    reader: asyncio.StreamReader,
+    writer: asyncio.StreamWriter,
 ) -> None:
     """Answer one request, or have the network answer that it is about; each has a connection."""
     try:
@@ -74,31 +86,50 @@ async def answered(
     except (asyncio.IncompleteReadError, asyncio.LimitOverrunError, ConnectionError, TimeoutError):
         writer.close()
         return
-    asked = re.match(rb"[A-Z]+ /" + pages.secret.encode() + rb"/(?:(\d{1,9})/)?([^ ?]*)", head)
+    asked = re.match(
+        rb"[A-Z]+ /" + pages.secret.encode() + rb"/(?:(\d{1,9})/)?([^ ?]*)(\?next)?", head
+    )
     number = int(asked[1] or 0) if asked else 0
     if number and pages.runs(number):
         await joined(pages.socket(number), reader, writer, head)
         return
     path = asked[2].decode(errors="replace") if asked else ""
-    writer.write(answer_to(pages, number, path) if asked else said(404))
-    with suppress(ConnectionError):
-        await writer.drain()
-    writer.close()
+    task = asyncio.current_task()
+    assert task is not None
+    waiting.add(task)
+    try:
+        if asked and asked[3]:
+            await next_network(pages, over)
+        writer.write(answer_to(pages, number, path, over.is_set()) if asked else said(404))
+        with suppress(ConnectionError):
+            await writer.drain()
+        writer.close()
+    finally:
+        waiting.discard(task)
 
 
-def answer_to(pages: Pages, number: int, path: str) -> bytes:
-    """Return the answer to a request that no network can answer."""
+async def next_network(pages: Pages, over: asyncio.Event) -> None:
+    """Wait until a network runs, or none will."""
+    while not over.is_set() and not any(map(pages.runs, pages.names())):
+        with suppress(TimeoutError):
+            await asyncio.wait_for(over.wait(), LIVE_LOOK_AGAIN_S)
+
+
+def answer_to(pages: Pages, number: int, path: str, over: bool) -> bytes:
+    """Return the answer to a request that no network can answer; `over`: none will begin."""
     names = pages.names()
     running = [each for each in names if pages.runs(each)]
     if path == "networks" and not number:
-        return said(200, JSON, json.dumps({"names": names, "running": running}))
+        return said(200, JSON, json.dumps({"names": names, "running": running, "over": over}))
+    if path == SCRIPT.name and not number:
+        return said(200, "text/javascript", SCRIPT.read_text())
     if path:
         return said(404)
     if running:
         return said(302, more=f"Location: /{pages.secret}/{running[-1]}/\r\n")
     last = max(names, default=0)
     words = ENDED.format(last, escape(names[last])) if last else NONE_YET
-    return said(200, HTML, WAITING % words)
+    return said(200, HTML, WAITING % (pages.secret, words))
 
 
 def said(status: int, kind: str = "text/plain", text: str = "", more: str = "") -> bytes:

@@ -8,7 +8,9 @@ POST /SECRET/act              one of acts.py, as JSON
 """
 
 import asyncio
+import math
 import socket
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,11 +26,11 @@ from qmn.live_view.address import LOOPBACK, Place
 from qmn.live_view.pace import Pace
 from qmn.live_view.sources import ACT
 from qmn.live_view.timeline import Timeline
-from qmn.timeouts import LIVE_LAST_S
+from qmn.timeouts import LIVE_LAST_S, LIVE_LIST_S
 from wire.bounded_json import decode_json
 from wire.metadata import MalformedPacket
 
-PAGE = Path(__file__).with_name("page")
+PAGE, INDEX = Path(__file__).with_name("page"), "index.html"
 STYLE = Path(__file__).parents[1] / "reports" / "report.css"
 AT_ONCE = 2000  # messages in one list
 MOST_REQUEST = 1 << 16  # bytes
@@ -49,6 +51,7 @@ class View:
     acts: bool  # whether one may act
     handshake: Callable[[], str]  # an element of the page, or words in its place
     pace: Pace = field(default_factory=Pace)
+    opening_s: float = -math.inf  # when a page was asked for that has not asked for messages yet
     streams: set["asyncio.Task[Any]"] = field(default_factory=set)  # of messages, being sent
 
 
@@ -75,8 +78,9 @@ async def serve(view: View, place: Place, opened: Callable[[str], None]) -> None
             (rf"/{path}/messages", Messages, given),
             (rf"/{path}/handshake", Handshake, given),
             (rf"/{path}/act", Act, given),
+            (rf"/{path}/()", Index, {**given, "path": str(PAGE), "default_filename": INDEX}),
             (rf"/{path}/(report\.css)", File, {"path": str(STYLE.parent)}),
-            (rf"/{path}/(.*)", File, {"path": str(PAGE), "default_filename": "index.html"}),
+            (rf"/{path}/(.*)", File, {"path": str(PAGE)}),
         ],
         log_function=lambda _handler: None,
     )
@@ -88,11 +92,18 @@ async def serve(view: View, place: Place, opened: Callable[[str], None]) -> None
         opened(f"http://{LOOPBACK}:{port}/{path}/")
         await asyncio.Event().wait()
     finally:
-        server.stop()
         view.timeline.end()
+        await until_opened(view)
+        server.stop()
         if view.streams:  # that tell their readers so
             await asyncio.wait(view.streams, timeout=LIVE_LAST_S)
         await server.close_all_connections()
+
+
+async def until_opened(view: View) -> None:
+    """Let a page that is about to be opened get what it shows: a network can be short."""
+    while time.monotonic() < view.opening_s + LIVE_LAST_S:
+        await asyncio.sleep(LIVE_LIST_S)
 
 
 class Guarded(RequestHandler):
@@ -121,6 +132,20 @@ class File(Guarded, StaticFileHandler):
     def set_extra_headers(self, _path: str) -> None:
         """Load it anew with each version of qmn."""
         self.set_header("Cache-Control", "no-store")
+
+
+class Index(File):
+    """The page."""
+
+    def initialize(self, view: View, path: str, default_filename: str) -> None:  # type: ignore[override]
+        """Know the view."""
+        super().initialize(path, default_filename)
+        self.view = view
+
+    def prepare(self) -> None:
+        """Note that it is being opened."""
+        super().prepare()
+        self.view.opening_s = time.monotonic()
 
 
 class Answer(Guarded):
@@ -191,6 +216,7 @@ class Messages(Answer):
     async def _send_all(self, position: int, more: asyncio.Event) -> None:
         """Send what comes, list by list; `more` is set whenever something has come."""
         timeline, told_s = self.view.timeline, 0.0
+        self.view.opening_s = -math.inf
         await self.flush()  # it is connected, though nothing may happen for long
         while True:
             more.clear()

@@ -1,6 +1,7 @@
 """The optics of ports and paths as OpenFlow describes, tunes and measures them."""
 
 from dataclasses import replace
+from math import isfinite
 from typing import NamedTuple
 
 from qswitch_agent.hardware.optics import (
@@ -93,8 +94,8 @@ def light(readings: Readings, port: int, whole: bool, grid_mhz: int) -> PortLigh
     reading = readings.ports.get(port)
     missing = set(readings.not_measured) if reading else set(Quantity)
     reading = reading or PortReading()
-    tx_dbm = None if Quantity.TX_POWER in missing else reading.tx_dbm
-    rx_dbm = None if Quantity.RX_POWER in missing or not whole else reading.rx_dbm
+    tx_dbm = None if Quantity.TX_POWER in missing else _finite(reading.tx_dbm)
+    rx_dbm = None if Quantity.RX_POWER in missing or not whole else _finite(reading.rx_dbm)
     missing |= {Quantity.TX_POWER} if tx_dbm is None else set()
     missing |= {Quantity.RX_POWER} if rx_dbm is None else set()
     return PortLight(
@@ -130,6 +131,11 @@ def _on_grid(frequency_mhz: int, tuning: Tuning) -> bool:
     return within and (frequency_mhz - tuning.min_mhz) % step == 0
 
 
+def _finite(power_dbm: float | None) -> float | None:
+    """Return a power, None if there is no light at all: -infinity dBm, which no field can say."""
+    return power_dbm if power_dbm is not None and isfinite(power_dbm) else None
+
+
 def _signed(value: float) -> int:
-    """Return a number that fits 16 bits: no light at all is -infinity dBm."""
+    """Return the nearest number that fits 16 bits."""
     return round(max(-32768.0, min(32767.0, value)))

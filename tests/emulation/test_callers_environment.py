@@ -43,15 +43,17 @@ def test_a_script_has_the_environment_of_who_runs_it(tmp_path: Path) -> None:
 
 def test_shells_of_hosts_have_the_environment_of_the_caller(tmp_path: Path) -> None:
     assert OWN.keys() < NAMES
-    commands = f"alice env\nsh echo; env -u PATH\n{OF_A_PROGRAM}\n"
+    popen = 'py alice.pexec("env")[0].replace(chr(10), chr(13))'
+    commands = f"alice env\nsh echo\n{popen}\nsh echo; env -u PATH\n{OF_A_PROGRAM}\n"
     words = ["cli", "sdc", "--runs", str(tmp_path)]
-    host, machine = called(*words, said=commands).rsplit("\n\n", 1)
+    host, started, machine = called(*words, said=commands).rsplit("\n\n", 2)
     of_host, of_machine = environment(host), environment(machine)
-    for found in (of_host, of_machine):
+    of_started = environment(started.replace("\\r", "\n"))
+    for found in (of_host, of_started, of_machine):
         assert {name: found[name] for name in NAMES & found.keys()} == OWN
         assert found["FAVOURITE"] == "a b=c"
         assert not [name for name in found if name.startswith("QMN_CALLER")]
-    assert of_host["PYTHONPATH"] == str(ROOT)
+    assert of_host["PYTHONPATH"] == of_started["PYTHONPATH"] == str(ROOT)
     assert of_machine["PYTHONPATH"] == "/callers/own"
     for line in SET_BY_QMN.splitlines():  # our own programs have ours
         assert line.startswith("#") or repr(line) in machine

@@ -241,6 +241,8 @@ py network.send("bob", "alice", bytes(100_000)).size
 bob hostname -I
 bob ulimit -d unlimited 2>/dev/null || echo the limit stays
 bob test -w /proc/fs || test -w /proc/sys/kernel/panic || echo the kernel stays
+bob mount -t tmpfs none /mnt && echo it mounts
+bob echo namespace $(readlink /proc/self/ns/user)
 iperf alice bob
 """
 
@@ -264,7 +266,11 @@ def test_the_command_line_steers_a_host_of_a_second_machine(
     assert "bob: there by light" in said
     assert "alice: and back" in said
     assert "cut" not in said
-    assert {"100000", "the limit stays", "the kernel stays"} <= set(said.splitlines())
+    lines = set(said.splitlines())
+    assert {"100000", "the limit stays", "the kernel stays", "it mounts"} <= lines
+    (namespace,) = (line.split()[1] for line in lines if line.startswith("namespace "))
+    assert namespace.startswith("user:[")
+    assert namespace != os.readlink("/proc/self/ns/user")
     # What cannot be there is refused by name, and nothing else is.
     assert done.stderr.startswith("*** bob is on m2, where iperf "), done.stderr
     assert (done.returncode, done.stderr.count("***")) == (1, 1)

@@ -11,7 +11,7 @@ from topologies.nodes.node import QuantumNode
 from topologies.system.confinement.confinement import ConfinedNode
 from topologies.system.kernel.interfaces import finish_checksums, set_mtu, within
 from topologies.system.kernel.memory_share import checked_mib
-from topologies.system.kernel.user_namespace import NoUserNamespace
+from topologies.system.kernel.user_namespace import NoUserNamespace, without_user_namespaces
 from topologies.system.open_vswitch import openvswitch
 from topologies.system.processes.programs import Program
 from topologies.system.runs import runtime
@@ -53,10 +53,7 @@ class ClassicalHost(QuantumNode, ConfinedNode, Host):
                 return self.begin_in_user_namespace()
             except NoUserNamespace as error:
                 network.user_namespaces = False
-                warn(
-                    f"hosts, from {self.name} on, have no user namespaces ({error}): root there "
-                    "cannot mount, and has powers over this machine's kernel\n"
-                )
+                warn(without_user_namespaces(f"hosts, from {self.name} on,", str(error)))
         return super()._begin_shell()
 
     def config(self, **params: object) -> dict[str, object]:

@@ -52,10 +52,11 @@ export class Drawing {
     this.fibers.set(keys[0], { fiber, far: keys[1] });
     this.fibers.set(keys[1], { fiber, far: keys[0] });
     const text = `fibre ${fiber.name}, ${fiber.km} km, ${fiber.loss_db.toFixed(2)} dB`;
-    const photons = line("photons", ...ends);
+    const photons = line("photons", ...ends), y = (ends[0].y + ends[1].y) / 2;
+    const beside = y > (a.y + b.y) / 2 ? 17 : -9; // of two fibres between the same nodes the lower one's is below
     const group = make("g", { class: "fiber", tabindex: 0, role: "button", "aria-label": text },
       make("title", {}, text), line("near", ...ends), line("seen", ...ends), photons,
-      make("text", { class: "small flow", x: (ends[0].x + ends[1].x) / 2, y: (ends[0].y + ends[1].y) / 2 - 9 }));
+      make("text", { class: "small flow", x: (ends[0].x + ends[1].x) / 2, y: y + beside }));
     chooses(group, () => choose({ kind: "fiber", name: fiber.name, fiber }));
     group.dataset.keys = keys.join(" ");
     group.photons = photons;

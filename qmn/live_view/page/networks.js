@@ -14,7 +14,7 @@ export class Networks {
 
   async look() {
     try {
-      const answer = await fetch("../networks");
+      const answer = await fetch(this.view.ended ? "../networks?next" : "../networks");
       Object.assign(this, await answer.json());
       if (!this.running.includes(this.number)) this.view.ended = true; // it may have been killed
     } catch {
@@ -43,7 +43,8 @@ export class Networks {
   // What is said of the network shown, if all is well with the connection.
   said(live) {
     if (!this.number) return this.view.ended ? "the network has ended" : live;
-    const ended = Object.keys(this.names).length - this.running.length;
+    const before = Object.keys(this.names).map(Number).filter((each) => each < this.number);
+    const ended = before.filter((each) => !this.running.includes(each)).length;
     if (!this.view.ended) return `${live}: network ${this.number}${ended > 0 ? `; ${ended} before it ${ended > 1 ? "have" : "has"} ended` : ""}`;
     const next = this.over ? "and its command" : this.next() ? `and network ${this.next()} runs: see latest` : "the next one has not started yet";
     return `network ${this.number} has ended, ${next}`;

@@ -552,6 +552,34 @@ def test_the_page_of_a_command_goes_from_network_to_network(
     page.close()
 
 
+def test_a_page_that_waits_for_a_network_hears_that_its_command_has_ended(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    with address_of_command(tmp_path / "pages") as (_pages, url):
+        page = opened(chromium, url, said)
+        status = page.locator("[role=status]")
+        expect(status).to_contain_text("No network of this command runs yet.")
+        with page.expect_request(re.compile(r"/networks\?next$")):
+            page.reload()
+    expect(status).to_have_text("No network of this command runs yet. So has its command.")
+    page.close()
+
+
+def test_a_network_waits_for_a_page_that_is_being_opened(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    """One can be over before its page has asked for what happened in it."""
+    view = live(tmp_path)
+    light(view, 1.0)
+    with served(view) as url:
+        page = chromium.new_page()
+        page.on("pageerror", lambda error: said.append(str(error)))
+        page.goto(url, wait_until="commit")  # its address has been answered, and nothing else
+    expect(page.locator("#status")).to_have_text("the network has ended")
+    expect(page.locator("#memories tbody tr")).to_have_count(1)
+    page.close()
+
+
 def test_a_network_of_a_thousand_hosts_is_drawn_and_can_be_read_from_near(
     chromium: Browser, tmp_path: Path, said: list[str]
 ) -> None:

@@ -458,12 +458,14 @@ def test_bridge_is_shown_as_an_optical_switch() -> None:
     play(scene())
 
 
+# OpenFlow 1.4, 7.3.5.7: ofp_port_stats_optical_flags, as os-ken has them too.
+RX_TUNE, TX_TUNE, TX_PWR, RX_PWR, TX_BIAS, TX_TEMP = 1, 2, 4, 16, 32, 64
+
+
 def test_readings_beyond_their_fields_are_shown_as_the_nearest_value() -> None:
     async def scene() -> None:
         async with stage() as now:
-            dark = PortReading(
-                5, 6, 7, 193_400_000, 193_400_000, -float("inf"), -float("inf"), -1.0
-            )
+            dark = PortReading(5, 6, 7, 193_400_000, 193_400_000, -1e9, -float("inf"), -1.0)
             now.optics.readings = Readings({1: dark}, temperature_c=1e9)
             parts = [of.port_statistics(1), of.port_statistics(9)]
             now.bridge.says(multipart.reply(ofp.OFPMP_PORT_STATS, 1, parts))
@@ -472,13 +474,10 @@ def test_readings_beyond_their_fields_are_shown_as_the_nearest_value() -> None:
             assert (other.rx_packets, other.properties) == (11, [])
             (light,) = fiber.properties
             assert (light.tx_pwr, light.rx_pwr) == (0x8000, 0x8000)
+            assert light.flags & (TX_PWR | RX_PWR) == TX_PWR  # no field can say -infinity dBm
             assert (light.bias_current, light.temperature) == (0, 0x7FFF)
 
     play(scene())
-
-
-# OpenFlow 1.4, 7.3.5.7: ofp_port_stats_optical_flags, as os-ken has them too.
-RX_TUNE, TX_TUNE, TX_PWR, RX_PWR, TX_BIAS, TX_TEMP = 1, 2, 4, 16, 32, 64
 
 
 @pytest.mark.parametrize(

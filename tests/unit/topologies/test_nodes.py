@@ -99,7 +99,7 @@ def test_root_of_a_host_without_a_user_namespace_cannot_take_limits_off(
         machine=machine,
         write=told.append,
         await_shell=lambda *_: None,
-        shell=SimpleNamespace(pid=1),
+        shell=SimpleNamespace(pid=1, user=None),
         _user=None,
         _admit=lambda _pid: None,
     )

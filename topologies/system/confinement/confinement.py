@@ -82,7 +82,7 @@ class ConfinedNode(ShellWatcher):
         shell = [SHELL, self.name, memory_mib * MIB // KIB, powers]
         words = [*APART, *shell, table, *shown, "--", *folders]
         self.write(f"exec {shlex.join(map(str, words))}\n")  # type: ignore[attr-defined]
-        self.await_shell(f"exec {self._user.descriptor}<&-; " if self._user else "")
+        self.await_shell(closing(self._user.descriptor if self._user else None))
         (self._confined,) = children(self.shell.pid)
         self._group = MemoryGroup.of_host(self.name, memory_mib)
         self._admit(self._confined)
@@ -114,7 +114,7 @@ class ConfinedNode(ShellWatcher):
         """Start a program where the shell is, as Mininet does."""
         if self._confined:
             options.setdefault("mncmd", self._enter(options.get("cwd") or os.curdir))
-        started: subprocess.Popen[Any] = super().popen(*arguments, **options)  # type: ignore[misc]
+        started = super().popen(*arguments, **options)
         self._admit(started.pid)  # before it has become the command
         return started
 
@@ -141,6 +141,11 @@ class ConfinedNode(ShellWatcher):
             programs = [each for pid in descendants(self._confined) if (each := owner(pid))]
             end_by_hanging_up(programs)
         super().hang_up()
+
+
+def closing(descriptor: int | None) -> str:
+    """Return what a shell does first with the descriptor of its user namespace, if it has one."""
+    return "" if descriptor is None else f"exec {descriptor}<&-; "
 
 
 def ruled_here() -> list[Path]:

@@ -74,6 +74,14 @@ class UserNamespace:
         return begin()
 
 
+def without_user_namespaces(hosts: str, why: str) -> str:
+    """Return what is told of hosts that have none."""
+    return (
+        f"{hosts} have no user namespaces ({why}): root there cannot mount, and has powers over "
+        "the machine's kernel\n"
+    )
+
+
 def require_answer(first: "subprocess.Popen[bytes]") -> None:
     """Wait until all is done; raise NoUserNamespace, with the words of who cannot, if it is not."""
     assert first.stdout is not None

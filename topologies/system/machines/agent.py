@@ -17,7 +17,7 @@ import subprocess
 import sys
 import termios
 import time
-from collections.abc import Awaitable, Callable, Coroutine
+from collections.abc import Awaitable, Callable, Coroutine, Sequence
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -26,6 +26,7 @@ from typing import Any
 
 from topologies.system.confinement.confinement import ruled_here
 from topologies.system.kernel import interfaces
+from topologies.system.kernel.user_namespace import NoUserNamespace, UserNamespace
 from topologies.system.machines.relays import Stream, join
 from topologies.system.machines.source import fingerprint
 from topologies.system.machines.tunnel import TunnelEnd
@@ -37,7 +38,7 @@ from topologies.system.processes.programs import (
     callers_environment,
     python,
 )
-from topologies.system.processes.shells import LOCAL_FLAGS
+from topologies.system.processes.shells import LOCAL_FLAGS, PROMPT, shell_command
 from topologies.timeouts import AGENT_CONNECT_TIMEOUT_S
 from wire.machine_channel import MOST_BODY_BYTES, Header, encode, receive
 
@@ -63,7 +64,7 @@ class Agent:
     def __init__(self, connect: Connect, stream: Stream) -> None:
         self._connect = connect
         self._reader, self._writer = stream
-        self._processes: dict[int, asyncio.subprocess.Process] = {}
+        self._processes: dict[int, Followed] = {}
         self._terminals: dict[int, int] = {}
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -137,26 +138,58 @@ class Agent:
         words = [python(), *header["command"]] if header["python"] else header["command"]
         within = ["mnexec", "-a", str(header["pid"])] if header["pid"] else []
         own = ENVIRONMENT if header["python"] else {}
-        number, ours = header["ask"], None
-        ends: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE}
-        if header["terminal"]:
-            ours, theirs = silent_terminal()
-            ends = {"stdin": theirs, "stdout": theirs}
         process = await asyncio.create_subprocess_exec(
             *within,
             *words,
-            **ends,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             cwd=ROOT,
             env={**callers_environment(), **own, **mark(), **header["environment"]},
             start_new_session=True,
         )
-        if ours is not None:
-            os.close(theirs)
-            self._terminals[number] = ours
-        self._processes[number] = process
-        self._begin(self._follow(number, process, ours))
+        self._follow_from_now_on(header["ask"], process)
         return process.pid, b""
+
+    async def do_shell(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
+        """Start the shell of a node at a terminal, in a user namespace's network if it is wanted.
+
+        Say its process id, by which descriptor it can enter that user namespace (None if there is
+        none), and why it has none although it is wanted.
+        """
+        ours, theirs = silent_terminal()
+
+        def begin(where: Sequence[str], descriptors: Sequence[int]) -> "subprocess.Popen[bytes]":
+            return subprocess.Popen(
+                [*where, *shell_command(header["node"])],
+                stdin=theirs,
+                stdout=theirs,
+                stderr=theirs,
+                cwd=ROOT,
+                env={**callers_environment(), "PS1": PROMPT, **mark()},
+                start_new_session=True,
+                pass_fds=descriptors,
+            )
+
+        user, why = None, ""
+        try:
+            if header["user_namespace"]:
+                try:
+                    user = UserNamespace()
+                except NoUserNamespace as error:
+                    why = str(error)
+            shell = begin(["mnexec", "-cn"], []) if user is None else in_user_namespace(user, begin)
+        finally:
+            os.close(theirs)
+        self._terminals[header["ask"]] = ours
+        self._follow_from_now_on(header["ask"], Started(shell), ours)
+        return [shell.pid, user and user.descriptor, why], b""
+
+    def _follow_from_now_on(
+        self, number: int, process: "Followed", terminal: int | None = None
+    ) -> None:
+        self._processes[number] = process
+        self._begin(self._follow(number, process, terminal))
 
     def _begin(self, what: Coroutine[Any, Any, None]) -> None:
         task = asyncio.create_task(what)
@@ -193,9 +226,7 @@ class Agent:
                 os.killpg(process.pid, header["signal"])
         return None, b""
 
-    async def _follow(
-        self, number: int, process: asyncio.subprocess.Process, terminal: int | None
-    ) -> None:
+    async def _follow(self, number: int, process: "Followed", terminal: int | None) -> None:
         """Tell what a program says, and its status."""
         ended = asyncio.create_task(process.wait())
         async for chunk in self._chunks(process, terminal):
@@ -209,7 +240,7 @@ class Agent:
         self._writer.write(encode({"process": number, "status": status}))
         await self._writer.drain()
 
-    async def _chunks(self, process: asyncio.subprocess.Process, terminal: int | None) -> Any:
+    async def _chunks(self, process: "Followed", terminal: int | None) -> Any:
         if terminal is None:
             assert process.stdout is not None
             while chunk := await process.stdout.read(CHUNK_BYTES):
@@ -229,6 +260,41 @@ class Agent:
                     return  # nobody has its other end open
         finally:
             loop.remove_reader(terminal)
+
+
+class Started:
+    """A process that another thread has started: what is asked of one of asyncio's."""
+
+    stdout: asyncio.StreamReader | None = None
+
+    def __init__(self, process: "subprocess.Popen[bytes]") -> None:
+        self._process, self.pid = process, process.pid
+
+    @property
+    def returncode(self) -> int | None:
+        """The exit status, None while it runs."""
+        return self._process.poll()
+
+    async def wait(self) -> int:
+        """Wait until it has ended, and return its exit status."""
+        loop, ended = asyncio.get_running_loop(), asyncio.Event()
+        end = os.pidfd_open(self.pid)
+        loop.add_reader(end, ended.set)
+        try:
+            await ended.wait()
+        finally:
+            loop.remove_reader(end)
+            os.close(end)
+        return self._process.wait()
+
+
+Followed = asyncio.subprocess.Process | Started
+Begin = Callable[[Sequence[str], Sequence[int]], "subprocess.Popen[bytes]"]
+
+
+def in_user_namespace(user: UserNamespace, begin: Begin) -> "subprocess.Popen[bytes]":
+    """Begin a shell in the network of a user namespace, which it can enter by its descriptor."""
+    return user.start(lambda: begin([], [user.descriptor]))
 
 
 def silent_terminal() -> tuple[int, int]:

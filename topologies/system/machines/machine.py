@@ -13,6 +13,9 @@ from pathlib import Path
 from threading import Event
 from typing import Any
 
+from mininet.log import warn
+
+from topologies.system.kernel.user_namespace import without_user_namespaces
 from topologies.system.machines.relays import Relays, Stream
 from topologies.system.machines.tunnel import TunnelEnd
 from topologies.system.processes.programs import NetworkError
@@ -44,6 +47,7 @@ class ProcessElsewhere:
         self._machine, self.number = machine, number
         self.write = write
         self.pid_there = NOWHERE
+        self.user: int | None = None  # of a shell: its descriptor of the user namespace for it
         self._status: int | None = None
         self._ended = Event()
 
@@ -93,6 +97,7 @@ class Machine:
         self.name, self.root, self.python = about["name"], about["root"], about["python"]
         self.address, self.here, self.mtu = address, here, mtu
         self.lost = ""  # why, if it is
+        self.user_namespaces = True  # whether its hosts can have them, for all that is known
         self._reader, self._writer = reader, writer
         self._loop = asyncio.get_running_loop()
         self._numbers = itertools.count(1)
@@ -167,20 +172,29 @@ class Machine:
         write: Write,
         pid: int = 0,
         python: bool = False,
-        terminal: bool = False,
         environment: dict[str, str] | None = None,
     ) -> ProcessElsewhere:
         """Start a command there, in the namespace of a process; `write` takes what it says."""
         number = next(self._numbers)
         process = self._processes[number] = ProcessElsewhere(self, number, write)
-        words: dict[str, Any] = {
-            "command": list(command),
-            "pid": pid,
-            "python": python,
-            "terminal": terminal,
-        }
+        words: dict[str, Any] = {"command": list(command), "pid": pid, "python": python}
         process.pid_there, _ = self._asked(number, "start", environment=environment or {}, **words)
         return process
+
+    def start_shell(self, node: str, write: Write, confined: bool) -> ProcessElsewhere:
+        """Start the shell of a node there; where it can be confined, for a user namespace.
+
+        The descriptor by which the shell enters that is `user` of the process, None without one.
+        """
+        number = next(self._numbers)
+        shell = self._processes[number] = ProcessElsewhere(self, number, write)
+        wanted = confined and self.user_namespaces
+        words: dict[str, Any] = {"node": node, "user_namespace": wanted}
+        (shell.pid_there, shell.user, why), _ = self._asked(number, "shell", **words)
+        if why:
+            self.user_namespaces = False
+            warn(without_user_namespaces(f"hosts on {self.name}, from {node} on,", why))
+        return shell
 
     def connect(self, terminal: socket.socket, process: ProcessElsewhere) -> None:
         """Let what comes from a socket be typed at a process, from now on."""

@@ -9,11 +9,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from topologies.system.confinement.confinement import APART, GIVEN_UP, fstab
+from topologies.system.confinement.confinement import APART, GIVEN_UP, closing, fstab
 from topologies.system.kernel.memory_share import KIB, MIB
 from topologies.system.machines.machine import NOWHERE, Machine, ProcessElsewhere
 from topologies.system.processes.programs import NetworkError
-from topologies.system.processes.shells import PROMPT
 from topologies.timeouts import COMMAND_TIMEOUT_S, END_TIMEOUT_S
 
 
@@ -29,12 +28,7 @@ class NodeElsewhere:
         node: Any = self
         del mnopts
         ours, self._terminal = socket.socketpair()
-        command = ["mnexec", "-cn", "env", f"PS1={PROMPT}", "bash", "--norc", "--noediting"]
-        shell = self.machine.start(
-            [*command, "-is", f"mininet:{self.name}"],
-            self._terminal_says,
-            terminal=True,
-        )
+        shell = self.machine.start_shell(self.name, self._terminal_says, node.confined)
         self.pid_there = shell.pid_there
         self.machine.connect(self._terminal, shell)
         node.pid, node.slave = NOWHERE, os.open(os.devnull, os.O_RDWR)  # Mininet closes it
@@ -83,11 +77,12 @@ class NodeElsewhere:
         shell = f"{self.machine.root}/topologies/system/confinement/confined_shell"
         ruled = [Path(path) for path in self.machine.ask("ruled")]
         self.machine.put(table, fstab(shown, there, ruled).encode())
-        words = [*APART, shell, self.name, memory_mib * MIB // KIB, GIVEN_UP]
-        words += [table, *shown, "--", *there]
         node: Any = self
+        user = node.shell.user
+        words = [*APART, shell, self.name, memory_mib * MIB // KIB]
+        words += [GIVEN_UP if user is None else user, table, *shown, "--", *there]
         node.write(f"exec {shlex.join(map(str, words))}\n")
-        node.await_shell()
+        node.await_shell(closing(user))
 
     def environment(self) -> dict[str, str]:
         """Let programs of ours be found where they are on that machine."""

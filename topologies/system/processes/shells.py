@@ -26,6 +26,11 @@ NEEDED = ("mnexec", "ifconfig", "bash")
 LOCAL_FLAGS = 3  # of the settings of a terminal
 
 
+def shell_command(node: str) -> list[str]:
+    """Return what starts the shell of a node, where it is to be."""
+    return ["bash", "--norc", "--noediting", "-is", f"mininet:{node}"]
+
+
 class ShellWatcher:
     """A node whose waits for its shell end: with the shell, or at a deadline.
 
@@ -84,14 +89,24 @@ class ShellWatcher:
     ) -> "subprocess.Popen[bytes]":
         """Start the shell by a command that runs another somewhere, or where this thread is."""
         return subprocess.Popen(
-            [*where, "bash", "--norc", "--noediting", "-is", f"mininet:{self.name}"],
+            [*where, *shell_command(self.name)],
             stdin=self.slave,
             stdout=self.slave,
             stderr=self.slave,
-            env={**callers_environment(), **self.environment(), "PS1": PROMPT, **mark()},
+            env={**self._environment(), "PS1": PROMPT},
             start_new_session=True,
             pass_fds=descriptors,
         )
+
+    def _environment(self) -> dict[str, str]:
+        """Return what people's programs on the node have: what those have who call `qmn`."""
+        return {**callers_environment(), **self.environment(), **mark()}
+
+    def popen(self, *arguments: Any, **options: Any) -> "subprocess.Popen[Any]":
+        """Start a program as Mininet does, in the environment that the shell has."""
+        options.setdefault("env", self._environment())
+        started: subprocess.Popen[Any] = super().popen(*arguments, **options)  # type: ignore[misc]
+        return started
 
     def attach(self, shell: Any, terminal: int) -> None:
         """Speak with a shell by its terminal, and wait for its prompt."""
