@@ -32,7 +32,7 @@ def said(node: str, copper_km: int) -> str:
     """Return what is said behind `qmn`: all pairs come in one block."""
     memories = [f"--device {host}.memory.t2_s={T2_S[node]:g}" for host in ("alice", "bob")]
     return (
-        "run distribute --purification none --count 8000 --sample 0.5 --time-scale 10"
+        "run distribute --purification none --count 8000 --sample 0.5 --time-scale 40"
         f" --copper-km {copper_km} {' '.join(memories)} --captures none --no-report --no-record"
     )
 
