@@ -2,7 +2,7 @@
 
 import ctypes
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -21,15 +21,17 @@ class DuplicateKey(KeyStoreError):
     """A key of this id is in the store."""
 
 
-def names(folder: Path) -> Iterator[str]:
-    """Yield the names of all keys in a folder."""
-    with os.scandir(folder) as entries:
-        yield from (entry.name for entry in entries if not entry.name.endswith(_UNFINISHED))
+def names(folder: Path) -> list[str]:
+    """Return the names of all keys in a folder."""
+    return [name for name in os.listdir(folder) if not name.endswith(_UNFINISHED)]
 
 
 def clean(folder: Path) -> None:
     """Remove what a process that crashed has left unfinished."""
-    for path in folder.glob(f"*{_UNFINISHED}"):
+    for name in os.listdir(folder):
+        if not name.endswith(_UNFINISHED):
+            continue
+        path = folder / name
         if not Path("/proc", path.suffixes[-2].removeprefix(".")).exists():
             path.unlink(missing_ok=True)
 

@@ -83,17 +83,12 @@ class KeyStore:
     @property
     def mine(self) -> int:
         """How many of them this end hands out first."""
-        return sum(1 for _ in key_files.names(self._first))
+        return len(key_files.names(self._first))
 
     @property
     def theirs(self) -> int:
         """How many of them the other end hands out first."""
-        return sum(1 for _ in key_files.names(self._second))
-
-    def require_capacity(self, count: int) -> None:
-        """Raise StoreFull unless so many keys more may be put."""
-        if self.stored + count > self.capacity:
-            raise self._full()
+        return len(key_files.names(self._second))
 
     def has(self, wanted: UUID | str) -> bool:
         """Return whether a key of this id is in the store."""
@@ -113,13 +108,31 @@ class KeyStore:
 
     def put_all(self, keys: Sequence[StoredKey], *, first: bool) -> None:
         """Add keys, on disk when this returns; StoreFull or DuplicateKey: none is added."""
-        self.require_capacity(len(keys))
+        key_files.create_all(self._first if first else self._second, self._new(keys))
+
+    def put_halves(self, keys: Sequence[StoredKey], *, first: bool) -> None:
+        """Add keys; this end hands out the even ones first, or else the odd ones. Or add none."""
+        even, odd = (self._first, self._second) if first else (self._second, self._first)
+        named = list(self._new(keys).items())
+        key_files.create_all(even, dict(named[0::2]))
+        try:
+            key_files.create_all(odd, dict(named[1::2]))
+        except OSError:
+            for key in keys[0::2]:
+                self.discard(key.key_id)
+            raise
+
+    def _new(self, keys: Sequence[StoredKey]) -> dict[str, bytes]:
+        """Return keys by the names of their files; StoreFull or DuplicateKey: not to be added."""
+        there = [*key_files.names(self._first), *key_files.names(self._second)]
+        if len(there) + len(keys) > self.capacity:
+            raise self._full()
         by_name = {str(key.key_id): key.key for key in keys}
-        if twice := [name for name in by_name if self.has(name)]:
+        if twice := by_name.keys() & set(there):
             raise DuplicateKey(f"key {min(twice)} is in the store already")
         if len(by_name) < len(keys):
             raise DuplicateKey(f"{len(keys)} keys have {len(by_name)} ids")
-        key_files.create_all(self._first if first else self._second, by_name)
+        return by_name
 
     def take(self, wanted: UUID) -> bytes:
         """Hand out a key that the other end handed out first; MissingKey if it is not here."""

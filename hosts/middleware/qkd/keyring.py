@@ -15,7 +15,7 @@ from uuid import UUID
 from hosts.middleware.qkd.authentication import KeyPool, pool_bytes
 from hosts.middleware.qkd.bits import Bits
 from hosts.middleware.qkd.key_files import KeyStoreError
-from hosts.middleware.qkd.key_store import KeyStore, StoredKey, StoreFull, cut
+from hosts.middleware.qkd.key_store import KeyStore, cut
 from wire.credentials import secret_file
 
 MESSAGES = 8192  # of one direction of a session, at most
@@ -102,23 +102,10 @@ class Keyring:
         """
         keys, store = cut(session, final), self.store(other)
         try:
-            store.require_capacity(len(keys))
-            self._keep_halves(store, other, keys, opened)
+            store.put_halves(keys, first=opened)
         except OSError as error:
             raise KeyStoreError(f"keys cannot be kept in {self._folder}: {error}") from error
         return [key.key_id for key in keys]
-
-    def _keep_halves(
-        self, store: KeyStore, other: str, keys: list[StoredKey], opened: bool
-    ) -> None:
-        store.put_all(keys[0::2], first=opened)
-        try:
-            store.put_all(keys[1::2], first=not opened)
-        except (KeyStoreError, OSError) as error:
-            self.withdraw(other, [key.key_id for key in keys[0::2]])
-            if isinstance(error, StoreFull):  # some may have been handed out: not to be tried again
-                raise KeyStoreError(str(error)) from error
-            raise
 
     def keep_conference(self, names: Sequence[str], session: int, final: Bits) -> None:
         """Store a key of several hosts as keys of KEY_BITS.

@@ -82,3 +82,21 @@ def test_if_one_file_cannot_be_written_no_key_is_added(tmp_path: Path) -> None:
     with pytest.raises(IsADirectoryError):
         store.put_all(keys, first=True)
     assert list((tmp_path / "keys" / "first").iterdir()) == [in_the_way]
+
+
+@pytest.mark.parametrize("half", ["first", "second"])
+@pytest.mark.parametrize("first", [True, False])
+def test_if_a_file_of_either_half_cannot_be_written_no_key_is_added(
+    tmp_path: Path, half: str, first: bool
+) -> None:
+    store = KeyStore(tmp_path / "keys", 10)
+    keys = [StoredKey(uuid4(), os.urandom(32)) for _ in range(5)]
+    of_half = keys[0::2] if (half == "first") == first else keys[1::2]
+    in_the_way = tmp_path / "keys" / half / f"{of_half[1].key_id}.{os.getpid()}.new"
+    in_the_way.mkdir()
+    with pytest.raises(IsADirectoryError):
+        store.put_halves(keys, first=first)
+    assert store.stored == 0
+    in_the_way.rmdir()
+    store.put_halves(keys, first=first)
+    assert (store.mine, store.theirs) == ((3, 2) if first else (2, 3))
