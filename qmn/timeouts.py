@@ -59,6 +59,7 @@ LIVE_HEAD_S = 60.0  # for what is asked: browsers connect before they ask
 LIVE_LOOK_AGAIN_S = 0.1  # between two looks whether the next network of a command runs
 LIVE_ACT_S = 60.0  # for a command that a page asks for
 LIVE_START_S = 60.0  # until the page of a run can be opened
+LIVE_NEWEST_S = 0.15  # for what the dispatcher still gathers when a page is to end
 LIVE_LAST_S = 1.0  # for the last words to those who read
 # Of a packet and its answer, by the wall, where a time scale is chosen. TCP's timers are the
 # kernel's: it sends a handshake again after 1, 3, 7, 15 and 31 s, and gives up after two minutes.

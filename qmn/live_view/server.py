@@ -26,7 +26,7 @@ from qmn.live_view.address import LOOPBACK, Place
 from qmn.live_view.pace import Pace
 from qmn.live_view.sources import ACT
 from qmn.live_view.timeline import Timeline
-from qmn.timeouts import LIVE_LAST_S, LIVE_LIST_S
+from qmn.timeouts import LIVE_LAST_S, LIVE_LIST_S, LIVE_NEWEST_S
 from wire.bounded_json import decode_json
 from wire.metadata import MalformedPacket
 
@@ -92,6 +92,8 @@ async def serve(view: View, place: Place, opened: Callable[[str], None]) -> None
         opened(f"http://{LOOPBACK}:{port}/{path}/")
         await asyncio.Event().wait()
     finally:
+        if not view.timeline.ended:
+            await asyncio.sleep(LIVE_NEWEST_S)
         view.timeline.end()
         await until_opened(view)
         server.stop()
@@ -102,7 +104,8 @@ async def serve(view: View, place: Place, opened: Callable[[str], None]) -> None
 
 async def until_opened(view: View) -> None:
     """Let a page that is about to be opened get what it shows: a network can be short."""
-    while time.monotonic() < view.opening_s + LIVE_LAST_S:
+    end_s = min(view.opening_s, time.monotonic()) + LIVE_LAST_S  # who asks later is too late
+    while view.opening_s > -math.inf and time.monotonic() < end_s:
         await asyncio.sleep(LIVE_LIST_S)
 
 

@@ -208,15 +208,15 @@ def teleported(runs: Path, length_km: float, t2_s: float) -> dict[str, Any]:
 
 @pytest.mark.timeout(2 * SLOW_S)
 def test_a_busy_machine_does_not_change_what_waiting_does_to_qubits(tmp_path: Path) -> None:
-    """Bob's photons wait for two messages over as much copper as light has passed of fibre.
+    """Bob's photons wait for a message over as much copper as light has passed of fibre.
 
-    charlie tells alice that his light has arrived, she measures, and tells bob. The six states
+    alice measures when light has come to both, and tells bob. The six states
     keep their Z, and X and Y with exp(-t / T2): F = 1 - (1 - exp(-t / T2)) / 3, in the mean over
     photons that come one after the other, of which the last waits shortest. Half a second of
     software here, which is .125 ms there, changes that by .003.
     """
-    length_km, t2_s = 20.0, 0.0125
-    waits_s, train_s = 2 * one_way_s(2 * length_km), STATES / RATE_HZ
+    length_km, t2_s = 40.0, 0.0125
+    waits_s, train_s = one_way_s(2 * length_km), STATES / RATE_HZ
     kept = math.exp(-waits_s / t2_s) * (1 - math.exp(-train_s / t2_s)) * t2_s / train_s
     expected = 1 - (1 - kept) / 3
     quiet = teleported(tmp_path / "quiet", length_km, t2_s)

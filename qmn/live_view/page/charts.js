@@ -3,7 +3,7 @@
 import uPlot from "./uplot/uPlot.esm.js";
 import { BUCKET_S, WINDOW_S } from "./state.js";
 
-const MOST_POINTS = 400, HEIGHT = 170;
+const MOST_POINTS = 400, MANY = 20, HEIGHT = 170;
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
 export class Charts {
@@ -20,7 +20,9 @@ export class Charts {
     const first = Math.max(buckets.length ? buckets[0] : 0, last - WINDOW_S / BUCKET_S);
     const width = Math.max(1, Math.ceil((last - first + 1) / MOST_POINTS));
     const x = [], pairs = [], arrived = [], lost = [];
-    for (let begin = first; begin <= last; begin += width) {
+    // The newest is not over yet, and would be drawn as a fall; where there are few, it is all there is.
+    const end = last - first > MANY ? last - width : last;
+    for (let begin = first; begin <= end; begin += width) {
       const sum = { pairs: 0, arrived: 0, lost: 0 };
       for (let n = begin; n < begin + width; n++) {
         const each = state.buckets.get(n);

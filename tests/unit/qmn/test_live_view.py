@@ -7,11 +7,12 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -245,6 +246,26 @@ def test_what_starts_no_network_here_has_no_page(
     given = parser(said).parse_args(said)
     assert given.call(given) == 1
     assert why in capsys.readouterr().err
+
+
+def test_a_page_that_is_asked_for_again_and_again_does_not_keep_a_network(tmp_path: Path) -> None:
+    asked, over = 0, threading.Event()
+
+    def ask(url: str) -> None:
+        nonlocal asked
+        while not over.is_set():
+            with suppress(OSError):
+                asked += answer(url)[0] == 200
+
+    try:
+        with served(live(tmp_path)) as url:  # which says if the server does not end
+            threading.Thread(target=ask, args=(url,)).start()
+            deadline = time.monotonic() + DEADLINE_S
+            while not asked:
+                assert time.monotonic() < deadline
+                time.sleep(0.01)
+    finally:
+        over.set()
 
 
 @contextmanager
