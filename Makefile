@@ -19,7 +19,7 @@ PYTEST := env PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -p no:
 # process imports and collects everything, which takes it as long as hundreds of tests.
 PROCESSES = $(shell n=$$(getconf _NPROCESSORS_ONLN); echo $$(( n < 8 ? n : 8 )))
 AT_A_TIME = $$(( (3 * $(PROCESSES) + 1) / 2 ))
-NETWORKS = $$(( (5 * $(PROCESSES) + 1) / 2 ))
+NETWORKS = $$(( (7 * $(PROCESSES) + 1) / 2 ))
 IN_PARALLEL = --numprocesses=$(AT_A_TIME) --dist=worksteal
 # Half of that is to compile tests, unless they leave their byte code for the next time.
 WITH_BYTE_CODE = env PYTHONDONTWRITEBYTECODE=
@@ -69,11 +69,11 @@ run-sdc: ## Send a message from alice to bob by superdense coding
 	@setup/run-sdc $(value ARGS)
 
 test: setup ## Run all checks and tests natively
-	@echo 'test: style and types, then tests: about 12 minutes on two processors'
+	@echo 'test: style and types, then tests: about 10 minutes on two processors'
 	@$(MAKE) --no-print-directory lint types
-	@echo 'test: unit tests; about 11 minutes left'
+	@echo 'test: unit tests; about 9 minutes left'
 	@$(MAKE) --no-print-directory unit
-	@echo 'test: tests in emulated networks; about 8 minutes left'
+	@echo 'test: tests in emulated networks; about 6 minutes left'
 	@$(MAKE) --no-print-directory emulation
 
 test-docker: ## Run the emulation tests inside the image (DEBIAN=13: of Debian 13)
