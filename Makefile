@@ -19,7 +19,7 @@ PYTEST := env PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -p no:
 # process imports and collects everything, which takes it as long as hundreds of tests.
 PROCESSES = $(shell n=$$(getconf _NPROCESSORS_ONLN); echo $$(( n < 8 ? n : 8 )))
 AT_A_TIME = $$(( (3 * $(PROCESSES) + 1) / 2 ))
-NETWORKS = $$(( (7 * $(PROCESSES) + 1) / 2 ))
+NETWORKS = $$(( 3 * $(PROCESSES) ))
 IN_PARALLEL = --numprocesses=$(AT_A_TIME) --dist=worksteal
 # Half of that is to compile tests, unless they leave their byte code for the next time.
 WITH_BYTE_CODE = env PYTHONDONTWRITEBYTECODE=
