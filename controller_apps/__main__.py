@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from controller_apps.policy.policy import BadPolicy, read_policy
+from controller_apps.policy.reading import BadPolicy, read_policy
 from controller_apps.timeouts import READY_POLL_S, READY_TIMEOUT_S
 from wire.config import BadConfig, ControllerConfig
 

@@ -24,7 +24,7 @@ class Record:
         self._file = self._opened() if path else None
 
     def _opened(self) -> int:
-        opened = os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+        opened = os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600)
         self._bytes = os.fstat(opened).st_size
         return opened
 

@@ -129,5 +129,5 @@ class Forwarder:
     def _write(self, file: int, frame: bytes) -> None:
         try:
             os.write(file, frame)
-        except OSError:  # the far end is down, or the frame is none
+        except OSError:  # the far end is down, or it is not a frame
             self.lost += 1

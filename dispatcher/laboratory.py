@@ -105,7 +105,7 @@ class Laboratory:
         self._transport = transport = Transport(self.layer, self._errors.append)
         operations, measurements = Operations(self.layer), Measurements(self.layer)
         rest = Gathering(self.layer), Resending(self.layer), Splitting(self.layer)
-        heralding = Heralding(self.layer)
+        self._heralding = heralding = Heralding(self.layer, self._errors.append)
         self._handlers = operation_handlers(
             self.layer, operations, measurements, transport, *rest, heralding, Telling(self.layer)
         )
@@ -129,6 +129,7 @@ class Laboratory:
         with CausedBy(node, operation, request):
             feedback = await handle(node, request)
             await self._transport.landed()
+            await self._heralding.told()
         if self._errors:  # flights are tasks of their own
             raise self._errors[0]
         return feedback

@@ -15,7 +15,7 @@ from hosts.node_agent import start_node_agent
 from hosts.stack import Stack
 from programs.config_argument import config_path
 from wire.config import BadConfig, HostConfig
-from wire.metadata import METADATA_PORT
+from wire.metadata.header import METADATA_PORT
 from wire.netqasm.pair_requests import PAIRS_PORT
 
 

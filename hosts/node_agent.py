@@ -37,7 +37,10 @@ from wire.device import (
     SwapOrder,
     open_sealed,
 )
-from wire.metadata import Answer, MalformedPacket, Message, Reason
+from wire.malformed import MalformedPacket
+from wire.metadata.header import Message
+from wire.metadata.setup import Answer
+from wire.metadata.vocabulary import Reason
 from wire.seal_orders import GiveBack, SealOrder
 
 log = logging.getLogger("node-agent")

@@ -22,6 +22,7 @@ from wire.netqasm.messages import (
     encode_host_message,
 )
 from wire.netqasm.subroutine import Instruction, Subroutine
+from wire.parameters.checks import remedy
 
 MOST_QUBITS = 255
 R = range(16)  # NetQASM's registers, by their numbers
@@ -156,7 +157,7 @@ class Processor:
         self, host: str, count: int, channel: int, name: str, words: Iterable[tuple[int, int]]
     ) -> list[Qubit]:
         if host not in self.nodes:
-            raise ValueError(f"host {host!r}: choose one of {', '.join(self.nodes)}")
+            raise ValueError(f"host {host!r}: {remedy(host, self.nodes)}")
         node, qubits = list(self.nodes).index(host), self._new(count)
         if (host, channel) not in self._open:
             self._socket.send(encode_host_message(OpenSocket(0, channel, node, channel)))

@@ -42,16 +42,11 @@ from hosts.serving.ordered_seals import OrderedSeals, Unattended
 from hosts.timeouts import ANSWER_TIMEOUT_S
 from wire.config import STANDING, HostConfig
 from wire.features import HERALD
-from wire.metadata import (
-    Handshake,
-    MemoryState,
-    Reason,
-    Service,
-    Setup,
-    Verdict,
-    session_number,
-)
+from wire.metadata.header import session_number
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Handshake, MemoryState, Reason, Service, Verdict
 from wire.optical import ANY_WAVELENGTH
+from wire.parameters.checks import remedy
 from wire.services import HERALDED_LIGHT, Role
 
 log = logging.getLogger("stack")
@@ -114,7 +109,7 @@ class Stack:
         name = fields.pop("service", None)
         kind = NAMES.get(name) if isinstance(name, str) else None
         if kind is None:
-            text = f"unknown service {name!r}: choose one of {', '.join(sorted(NAMES))}"
+            text = f"unknown service {name!r}: {remedy(str(name), sorted(NAMES))}"
             raise SessionError(Reason.UNSUPPORTED, text)
         options = kind.options.from_fields(fields)
         peer = self._peer(options.host)
@@ -279,8 +274,8 @@ class Stack:
         for name, address in self._config.hosts.items():
             if host in (name, address):
                 return name, address
-        known = ", ".join(sorted(self._config.hosts))
-        raise SessionError(Reason.UNKNOWN_HOST, f"unknown host {host!r}: choose one of {known}")
+        text = f"unknown host {host!r}: {remedy(host, sorted(self._config.hosts))}"
+        raise SessionError(Reason.UNKNOWN_HOST, text)
 
     def _new_session(self) -> int:
         """Return a number that no other host may open a session of; the seed decides the first."""

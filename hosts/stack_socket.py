@@ -8,7 +8,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 from wire.socket_calls import HEADER, Call, decode_fields, decode_header, encode_fields
 
 STACK_VARIABLE = "QMN_STACK"

@@ -14,6 +14,7 @@ from types import ModuleType
 from typing import Any
 
 from wire.config import BadConfig
+from wire.parameters.checks import remedy
 
 
 def load_class(
@@ -27,10 +28,18 @@ def load_class(
     Raise BadConfig where there is none, or none that `fits`, which `needed` says in words.
     """
     file, _, name = reference.rpartition(":")
-    found = getattr(_module(f"{what} {reference}", Path(file)), name, None)
+    module = _module(f"{what} {reference}", Path(file))
+    found = getattr(module, name, None)
     if not isinstance(found, type) or not fits(found):
         words = f" {needed}" if needed else ""
-        raise BadConfig(f"{what} {reference}: {file} has no class {name}{words}")
+        own = [
+            each.__name__
+            for each in vars(module).values()
+            if isinstance(each, type) and each.__module__ == module.__name__ and fits(each)
+        ]
+        raise BadConfig(
+            f"{what} {reference}: {file} has no class {name}{words}: {remedy(name, own)}"
+        )
     return found
 
 

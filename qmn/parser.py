@@ -7,6 +7,7 @@ from typing import Any, NoReturn
 
 from wire.parameters.checks import check_choice
 
+REQUIRED = "the following arguments are required:"  # argparse's words
 NUMBERS: dict[object, str] = {int: "a whole number", float: "a number"}
 
 
@@ -41,12 +42,13 @@ class Parser(argparse.ArgumentParser):
             known = [name for name in self._option_string_actions if name.startswith("--")]
             near = get_close_matches(option, known, 1) if option.startswith("--") else []
             remedy = f": did you mean {near[0]}?" if near else ""
-            spare = not option.startswith("-")
-            self.error(f"{option} is too much" if spare else f"there is no {option}{remedy}")
+            if not option.startswith("-"):
+                self.error(f"unexpected argument {option!r}")
+            self.error(f"there is no {option}{remedy}")
         return found, unknown
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """Refuse what is none of an argument's choices."""
+        """Refuse what is not one of an argument's choices."""
         if action.choices is not None:
             known = [str(each) for each in action.choices]
             check_choice(name_of(action), str(value), known, self._refused)
@@ -59,6 +61,8 @@ class Parser(argparse.ArgumentParser):
         except argparse.ArgumentError as error:
             if meaning is None:
                 raise
+            if action.type is int and (whole := whole_number(text)) is not None:
+                return whole
             raise self._refused(f"{name_of(action)} {text!r}: choose {meaning}") from error
 
     def _refused(self, text: str) -> argparse.ArgumentError:
@@ -66,8 +70,17 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """End with what is wrong and where the usage is: that of a run is longer than a screen."""
-        message = message.removeprefix("argument ")
+        message = message.removeprefix("argument ").replace(REQUIRED, "missing:")
         self.exit(2, f"{self.prog}: error: {message} (`{self.prog} --help` lists all)\n")
+
+
+def whole_number(text: str) -> int | None:
+    """Return the whole number that is written as one with a point or exponent, such as 1e6."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return int(value) if value.is_integer() else None
 
 
 def name_of(action: argparse.Action) -> str:

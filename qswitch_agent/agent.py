@@ -102,7 +102,7 @@ class Agent:
 
 
 def address(text: str) -> Address:
-    """Return host and port of a text such as 127.0.0.1:6653; raise BadConfig if it is none."""
+    """Return host and port of a text such as 127.0.0.1:6653; raise BadConfig if it is not one."""
     host, _colon, port = text.rpartition(":")
     if not host or not port.isdecimal():
         raise BadConfig(f"{text!r} is not an address; write it as 127.0.0.1:6653")

@@ -16,7 +16,7 @@ from qswitch_agent.openflow.flows import FlowEntry
 from qswitch_agent.openflow.messages import Framer
 from qswitch_agent.openflow.ports import Port, PortMod
 from qswitch_agent.timeouts import BARRIER_DEADLINE_S
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 CHUNK = 1 << 16
 NO_PACKETS = ofp.OFPPC_NO_FWD

@@ -6,6 +6,7 @@ paths at once between them, two of which may go the same way: hence two fibres a
 """
 
 from collections.abc import Mapping
+from inspect import Parameter, signature
 from ipaddress import IPv4Network
 from types import MappingProxyType
 from typing import Any
@@ -15,7 +16,7 @@ from mininet.topo import Topo
 from topologies.catalogue import presets
 from topologies.catalogue.node_kinds import node_device
 from topologies.links.copper_lengths import assign_copper_lengths
-from topologies.links.fiber import FiberLink, resolved
+from topologies.links.fiber import OPTICS, FiberLink, resolved
 from topologies.networks.stock_mininet import StockMininet
 from topologies.nodes import (
     ClassicalSwitch,
@@ -25,8 +26,9 @@ from topologies.nodes import (
     QuantumHost,
 )
 from wire.config import CONTROLLER
+from wire.parameters.checks import check_names
 from wire.parameters.fiber import KINDS, optics
-from wire.parameters.physics import Device
+from wire.parameters.physics import BadParameter, Device
 
 FIRST_DPID = 0x1000  # q1 is 0x1001
 MOST_SWITCHES = 256
@@ -61,7 +63,7 @@ class FabricTopo(Topo):
         devices: Mapping[str, Device] | None = None,
         node: str = "",
         light: str = CONTROLLER,
-        hosts: int = SMALL,
+        addresses: int = SMALL,
         both_ways: bool = False,
         **fiber: Any,
     ) -> None:
@@ -70,9 +72,10 @@ class FabricTopo(Topo):
         Fibres are as the preset says (catalogue/presets.py), but for what is given by keyword
         (wire.parameters.fiber.FiberOptics); raise BadParameter for what cannot be. Hosts have the
         preset's device, that of a kind of `node` (catalogue/node_kinds.py), or their own of
-        `devices`. `light` says who grants it to them (wire.config.LIGHT). There are addresses
+        `devices`. `light` says who grants it to them (wire.config.LIGHT). There are `addresses`
         for so many hosts. `both_ways` gives alice a second fibre, so that she can receive, too.
         """
+        check_names(type(self).__name__, fiber, [*self._keywords(), *sorted(OPTICS)], BadParameter)
         self._alice_fibers = 2 if both_ways else 1
         self._light = light
         self._fiber = {"cls": FiberLink, **fiber_of(preset, fiber)}
@@ -80,9 +83,17 @@ class FabricTopo(Topo):
         if node:
             self._device = node_device(node, self._device)
         self._devices = devices or {}
-        self._network = IPv4Network("10.0.0.0/24" if hosts <= SMALL else "10.0.0.0/16")
+        self._network = IPv4Network("10.0.0.0/24" if addresses <= SMALL else "10.0.0.0/16")
         self._addresses = self._network.hosts()
         self.addSwitch("s1", cls=ClassicalSwitch, dpid="1")
+
+    def _keywords(self) -> list[str]:
+        """Return what this topology takes by name beside what fibres are like."""
+        named = [
+            *signature(self.build).parameters.values(),
+            *signature(self.set_up).parameters.values(),
+        ]
+        return [each.name for each in named if each.kind == Parameter.POSITIONAL_OR_KEYWORD]
 
     def add_dispatcher(self, address: str) -> None:
         """Add ed, with copper to s1."""
@@ -121,7 +132,7 @@ class FabricTopo(Topo):
         self.join("charlie", charlie_at, 2)
 
     def join(self, one: str, other: str, fibers: int, **own: object) -> None:
-        """Lay fibres between two nodes, with what is their own; raise ValueError for none."""
+        """Lay fibres between two nodes, with what is their own; ValueError for fewer than one."""
         if fibers < 1:
             raise ValueError(f"{fibers} fibres between {one} and {other}: choose 1 or more")
         for _ in range(fibers):

@@ -50,7 +50,7 @@ class MapTopo(FabricTopo):
             )
         read = read_map(map)
         places = chosen(read, hosts_at) or read.places
-        self.set_up(hosts=len(read.places) * 2 + 2, **fiber)
+        self.set_up(addresses=len(read.places) * 2 + 2, **fiber)
         self._device = waiting_for_the_other_half(self._device)
         self.add_dispatcher(self.next_address())
         names = self.add_quantum_switches(len(read.places))

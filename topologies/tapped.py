@@ -12,7 +12,7 @@
 
     sudo PYTHONPATH=. mn --custom topologies/tapped.py --topo tapped
 
-A policy with [[tap]] (controller_apps/policy/policy.py) says whose light goes by way of her.
+A policy with [[tap]] (controller_apps/policy/reading.py) says whose light goes by way of her.
 """
 
 from typing import Any

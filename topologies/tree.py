@@ -31,7 +31,7 @@ class TreeTopo(FabricTopo):
         count = int(hosts)
         if not LEAST_HOSTS <= count <= MOST_HOSTS:
             raise ValueError(f"{count} hosts: choose {LEAST_HOSTS} to {MOST_HOSTS}")
-        self.add_classical_network(hosts=count, **fiber)
+        self.add_classical_network(addresses=count, **fiber)
         names = ["alice", "bob", "charlie", *(f"h{number}" for number in range(4, count + 1))]
         for number, name in enumerate(names[3:]):
             self.add_host(name, str(FIRST_ADDRESS + number))

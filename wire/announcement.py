@@ -16,7 +16,7 @@ takes all of it in.
 import hmac
 import struct
 
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 SPEAKER = b"fibre"  # no datagram or verdict under the same key begins so
 TAG_BYTES = 16

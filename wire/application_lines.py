@@ -5,7 +5,7 @@ from typing import Any
 
 
 def fields_of(line: str | bytes) -> dict[str, Any]:
-    """Return the object of a line, {} for a line that is none: the interpreter also warns."""
+    """Return the object of a line, {} for a line that is not one: the interpreter also warns."""
     try:
         fields = json.loads(line)
     except (ValueError, RecursionError):

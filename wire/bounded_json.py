@@ -4,14 +4,14 @@ import json
 import re
 from typing import Any, NoReturn
 
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 _STRING = re.compile(r'"(?:[^"\\]|\\.)*"', re.DOTALL)
 _OPENING, _CLOSING = frozenset("[{"), frozenset("]}")
 
 
 def decode_json(data: bytes, most_bytes: int, most_depth: int) -> object:
-    """Return what the bytes say; raise MalformedPacket if they are no such JSON."""
+    """Return what the bytes say; raise MalformedPacket if they are not such JSON."""
     if len(data) > most_bytes:
         raise MalformedPacket(f"JSON of {len(data)} bytes, at most {most_bytes} are read")
     try:

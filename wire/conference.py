@@ -11,7 +11,7 @@ Network byte order. It travels in an envelope, and everything said later is prov
 import struct
 from dataclasses import dataclass
 
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 from wire.qkd import Bound
 
 VERSION = 1
@@ -36,7 +36,7 @@ class ConferenceProposal:
 
     @classmethod
     def decode(cls, data: bytes) -> "ConferenceProposal":
-        """Return a proposal; raise MalformedPacket for what is none."""
+        """Return a proposal; raise MalformedPacket for anything else."""
         if not _FIELDS.size < len(data) <= _FIELDS.size + MOST_NAMES_BYTES:
             raise MalformedPacket(f"a proposal of {len(data)} bytes")
         version, session, bound, eps_sec, eps_cor = _FIELDS.unpack_from(data)

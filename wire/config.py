@@ -13,6 +13,7 @@ from wire.announcement import PERIOD_S
 from wire.credentials import Credentials
 from wire.features import NodeFeatures
 from wire.network_time import NetworkTime
+from wire.parameters.checks import check_choice
 from wire.parameters.fiber import Fiber, FiberEnd
 from wire.parameters.network import ControllerSettings, DispatcherSettings
 from wire.parameters.option import check_options
@@ -170,10 +171,8 @@ class HostConfig(Config):
         return cls(**{**fields, "credentials": Credentials.of(fields.get("credentials"))})
 
     def __post_init__(self) -> None:
-        if self.light not in LIGHT:
-            raise ValueError(f"light {self.light!r}: choose one of {', '.join(LIGHT)}")
-        if self.analyser not in ANALYSERS:
-            raise ValueError(f"analyser {self.analyser!r}: choose one of {', '.join(ANALYSERS)}")
+        check_choice("light", self.light, LIGHT)
+        check_choice("analyser", self.analyser, ANALYSERS)
         _ = self.node_features
 
     @cached_property

@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 MAX_REQUEST = 4096  # bytes, the line end included
 RECORD = "controller.jsonl"

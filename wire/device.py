@@ -28,16 +28,10 @@ from ipaddress import IPv4Address
 from typing import ClassVar
 
 from wire.key_routes import KeyLinks, KeyRoute, KeyRouteRequest
-from wire.metadata import (
-    FEC_NAMES,
-    HEADER,
-    MAGIC,
-    VERSION,
-    Answer,
-    MalformedPacket,
-    Message,
-    Reason,
-)
+from wire.malformed import MalformedPacket
+from wire.metadata.header import HEADER, MAGIC, VERSION, Message
+from wire.metadata.setup import Answer
+from wire.metadata.vocabulary import FEC_NAMES, Reason
 from wire.padded_name import padded_name
 from wire.parameters.checks import check_number
 from wire.seal_orders import GiveBack, SealOrder
@@ -256,7 +250,7 @@ class SwapOrder(Message):
     left_fiber: int = 0  # of this node, counted from 0: by which the link from the left comes
     right_fiber: int = 0  # by which the link to the right leaves
     # When a repeater swaps: as soon as both links hold, and it has heard that those at these
-    # places have swapped; 0 is no place of a repeater.
+    # places have swapped; 0 is not a place of a repeater.
     after_left: int = 0  # of whom the two bits come from the left
     after_right: int = 0  # who sends a notice to the left
     tell_left: int = 0  # the place that waits for such a notice of this one's swap

@@ -11,7 +11,7 @@ import struct
 from dataclasses import dataclass
 from enum import Flag
 
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 _FIELDS = struct.Struct("!BI")
 

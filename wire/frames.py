@@ -3,7 +3,7 @@
 import struct
 from asyncio import StreamReader
 
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 LENGTH = struct.Struct("!I")
 MAX_LENGTH = 1 << 20

@@ -39,8 +39,9 @@ class IpOverLightConfig(Config):
     router6: str = ""
     neighbors: list[Neighbor] = field(default_factory=list)
     mtu: int = DEFAULT_MTU
-    idle_s: float = 2.0  # without a packet: then light is given back
-    patience_s: float = 3.0  # that a packet waits for light which others have
+    # Of the network: without a packet, then light is given back; that one waits for others' light.
+    idle_s: float = 2.0
+    patience_s: float = 3.0
     options: dict[str, Any] = field(default_factory=dict)  # of the sessions
 
     def __post_init__(self) -> None:

@@ -10,7 +10,7 @@ from ipaddress import IPv4Address, IPv6Address
 
 from wire import ipv4, ipv6
 from wire.lost_packet import Packet, Unreachable
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ VERSIONS = {
 def packet_bytes(data: bytes, most: int) -> int | None:
     """Return the length of the packet that data begins with, None if its header is not whole.
 
-    Raise MalformedPacket if it is none, or longer than `most` bytes.
+    Raise MalformedPacket if it is not one, or longer than `most` bytes.
     """
     return _version_of(data).packet_bytes(data, most) if data else None
 
@@ -51,7 +51,7 @@ class PacketStream:
         self._rest = b""
 
     def feed(self, data: bytes) -> list[Packet]:
-        """Return the packets that are whole now; raise MalformedPacket for what is none."""
+        """Return the packets that are whole now; raise MalformedPacket for anything else."""
         self._rest += data
         found = []
         at = 0

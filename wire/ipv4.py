@@ -4,7 +4,7 @@ import struct
 from ipaddress import IPv4Address, IPv6Address
 
 from wire.lost_packet import Packet, Unreachable, checksum
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 HEADER = struct.Struct("!BBHHHBBH4s4s")
 ICMP = struct.Struct("!BBHI")
@@ -20,7 +20,7 @@ QUOTED_BYTES = 548  # of what was lost: an error has 576 bytes at most (RFC 1812
 def packet_bytes(data: bytes, most: int) -> int | None:
     """Return the length of the packet that data begins with, None if its header is not whole.
 
-    Raise MalformedPacket if it is none, or longer than `most` bytes.
+    Raise MalformedPacket if it is not one, or longer than `most` bytes.
     """
     if len(data) < HEADER.size:
         return None

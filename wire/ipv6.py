@@ -6,7 +6,7 @@ from ipaddress import IPv4Address, IPv6Address
 from types import MappingProxyType
 
 from wire.lost_packet import Packet, Unreachable, checksum
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 HEADER = struct.Struct("!IHBB16s16s")
 PSEUDO_HEADER = struct.Struct("!16s16sII")
@@ -55,7 +55,7 @@ def decode(data: bytes) -> Packet:
 
 
 def _carried(data: bytes, following: int) -> tuple[int, int, bool]:
-    """Return protocol and place of what is carried, and whether it is no fragment but the first.
+    """Return protocol and place of what is carried, and whether it is whole, or a first fragment.
 
     Extension headers that are cut short carry themselves.
     """

@@ -16,7 +16,7 @@ from uuid import UUID
 
 from wire.bounded_json import decode_json
 from wire.key_delivery import MAX_DEPTH, MAX_IDS, MAX_NAMES, decode_base64, decode_id, decode_name
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 ASSIGNMENT_PATH = "/qmn/assignments"
 MAX_ASSIGNMENT = 1 << 20  # bytes
@@ -56,7 +56,7 @@ class Assignment:
 
     @classmethod
     def decode(cls, body: bytes) -> "Assignment":
-        """Return what a body assigns; raise MalformedPacket if it is none."""
+        """Return what a body assigns; raise MalformedPacket if it is not one."""
         match decode_json(body, MAX_ASSIGNMENT, MAX_DEPTH):
             case {
                 "master_SAE_ID": master,

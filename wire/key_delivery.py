@@ -16,7 +16,7 @@ from typing import Any
 from uuid import UUID
 
 from wire.bounded_json import decode_json
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 KEY_DELIVERY_PORT = 8443
 MAX_REQUEST = 1 << 16  # bytes of a body
@@ -135,7 +135,7 @@ def encode_keys(keys: Sequence[DeliveredKey]) -> bytes:
 
 
 def decode_keys(body: bytes) -> list[DeliveredKey]:
-    """Return the keys of a container; raise MalformedPacket if it is none."""
+    """Return the keys of a container; raise MalformedPacket if it is not one."""
     fields = _object(decode_json(body, MAX_ANSWER, MAX_DEPTH), {"keys", "key_container_extension"})
     names = {"key_ID", "key", "key_ID_extension", "key_extension"}
     keys = [_object(each, names) for each in _list(fields.get("keys"), "keys", MAX_IDS)]
@@ -163,7 +163,7 @@ def decode_refusal(body: bytes) -> str:
 
 
 def decode_base64(text: object) -> bytes:
-    """Return the bytes of a base64 string; raise MalformedPacket if it is none."""
+    """Return the bytes of a base64 string; raise MalformedPacket if it is not one."""
     try:
         if not isinstance(text, str):
             raise MalformedPacket("key is not a string")
@@ -183,7 +183,7 @@ def decode_id(text: object) -> UUID:
 
 
 def decode_name(text: object) -> str:
-    """Return a SAE ID; raise MalformedPacket for what is none."""
+    """Return a SAE ID; raise MalformedPacket for anything else."""
     try:
         if isinstance(text, str) and 0 < len(text.encode()) <= MAX_NAME:
             return text

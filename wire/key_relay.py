@@ -20,7 +20,7 @@ from wire.bounded_json import decode_json
 from wire.key_assignment import MAX_ASSIGNMENT, MAX_BITS, MAX_STORED
 from wire.key_delivery import MAX_DEPTH, MAX_IDS, MAX_NAMES, decode_base64, decode_id, decode_name
 from wire.key_routes import MAX_HOPS, TAG_BYTES, Hop
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 RELAY_PATH = "/qmn/relays"
 
@@ -62,7 +62,7 @@ class Relay:
 
     @classmethod
     def decode(cls, text: bytes) -> "Relay":
-        """Return what a text relays; raise MalformedPacket if it is none."""
+        """Return what a text relays; raise MalformedPacket if it is not one."""
         match decode_json(text, MAX_ASSIGNMENT, MAX_DEPTH):
             case {
                 "master_SAE_ID": master,

@@ -17,7 +17,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from ipaddress import IPv4Address
 
-from wire.metadata import MalformedPacket, Message
+from wire.malformed import MalformedPacket
+from wire.metadata.header import Message
 from wire.padded_name import padded_name
 
 KEY_AGENT_PORT = 9018

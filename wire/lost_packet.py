@@ -26,7 +26,7 @@ class Packet:
     source: IPv4Address | IPv6Address
     destination: IPv4Address | IPv6Address
     protocol: int  # of what it carries
-    first: bool  # whether it is no fragment but the first
+    first: bool  # whether it is whole, or a first fragment
     header_bytes: int  # to what it carries
     is_error: bool  # of ICMP, which must not be answered with another
 

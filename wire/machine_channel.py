@@ -10,7 +10,7 @@ import json
 import struct
 from typing import Any
 
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 LENGTHS = struct.Struct("!II")
 MOST_HEADER_BYTES = 1 << 20
@@ -36,7 +36,7 @@ def lengths(data: bytes) -> tuple[int, int]:
 
 
 def decode_header(data: bytes) -> Header:
-    """Return a header; raise MalformedPacket for what is none."""
+    """Return a header; raise MalformedPacket for anything else."""
     try:
         header = json.loads(data)
     except (ValueError, RecursionError) as error:

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import astuple, dataclass
 from typing import ClassVar, Self
 
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 PROPERTY = struct.Struct("!HH")  # type, length without the padding
 OPTICAL = 1  # OFPPDPT_OPTICAL, OFPPMPT_OPTICAL and OFPPSPT_OPTICAL alike
@@ -113,7 +113,7 @@ class PathOptics:
     in_port: int
     out_port: int
     loss_mdb: int  # insertion loss in thousandths of a dB
-    rotation: int  # wire.metadata.Pauli
+    rotation: int  # wire.outcomes.Pauli
     stuck: bool = False  # the path cannot be changed
 
     def encode(self) -> bytes:

@@ -1,10 +1,10 @@
 """Names in fields of a fixed size: ASCII, filled up with zero bytes."""
 
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 
 def padded_name(padded: bytes) -> str:
-    """Return the name in a field; raise MalformedPacket for what is none."""
+    """Return the name in a field; raise MalformedPacket for anything else."""
     try:
         name = padded.rstrip(b"\0").decode("ascii")
     except UnicodeDecodeError as error:

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import IO, NamedTuple
 
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 LINKTYPE_ETHERNET = 1
 LINKTYPE_USER0 = 147  # for private use: our events (wire.events)
@@ -201,7 +201,7 @@ def _option(code: int, value: bytes = b"") -> bytes:
 
 
 def with_clock(source: IO[bytes], target: IO[bytes], ahead_ns: int) -> None:
-    """Copy a pcap file whose clock was ahead by so much; raise MalformedPacket if it is none."""
+    """Copy a pcap file whose clock was ahead by so much; raise MalformedPacket if it is not one."""
     reader = PcapReader(source)
     target.write(_HEADER.pack(_MAGIC, _MAJOR, _MINOR, 0, 0, MAX_PACKET_BYTES, reader.link_type))
     for packet in reader.packets():

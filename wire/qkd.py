@@ -17,7 +17,7 @@ from enum import IntEnum
 from types import MappingProxyType
 from typing import Any, ClassVar, TypeVar
 
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 MAGIC = 0x514B  # "QK"
 VERSION = 1
@@ -50,7 +50,7 @@ class Reconciliation(IntEnum):
 class AbortReason(IntEnum):
     """Why a session ended without a key."""
 
-    MALFORMED = 1  # bytes that are no message
+    MALFORMED = 1  # bytes that are not a message
     FORGED = 2  # the tag is wrong: changed, replayed, or out of its turn
     PROTOCOL = 3  # a message that does not belong here
     PARAMETERS = 4  # the ends are set up differently

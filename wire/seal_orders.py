@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 from ipaddress import IPv4Address
 from math import isfinite
 
-from wire.metadata import MalformedPacket, Message
+from wire.malformed import MalformedPacket
+from wire.metadata.header import Message
 
 ENDS = ("opener", "acceptor")
 CHANCES = ("whole_error", "fraction", "false_alarm", "missed")

@@ -1,6 +1,6 @@
 """The services that hosts ask for, the light that each needs, and what its hosts must be able to.
 
-A service is an entry here and in wire.metadata.Service, and a file in
+A service is an entry here and in wire.metadata.vocabulary.Service, and a file in
 hosts/middleware/services. The controller opens the paths of LIGHT between hosts with the features
 of NEEDS, and knows no more of it.
 """
@@ -12,7 +12,8 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from wire.features import ABSORB, EMIT, GATE, HERALD, INTERFERE, MEASURE, NOTHING, STORE, Feature
-from wire.metadata import MemoryState, Reason, Service, Setup
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import MemoryState, Reason, Service
 
 
 class Role(Enum):

@@ -10,7 +10,8 @@ from enum import IntEnum
 from math import isfinite
 from typing import NamedTuple
 
-from wire.metadata import MalformedPacket, Message
+from wire.malformed import MalformedPacket
+from wire.metadata.header import Message
 
 MOST = 4  # of any estimate: S of CHSH is a sum of four correlations
 

@@ -52,7 +52,7 @@ import struct
 from enum import IntEnum
 from typing import Any
 
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 HEADER = struct.Struct("!BI")
 MAX_PAYLOAD = 1 << 20
@@ -95,7 +95,7 @@ def decode_header(header: bytes) -> tuple[Call, int]:
 
 
 def decode_fields(payload: bytes) -> dict[str, Any]:
-    """Return the named fields of a message; raise MalformedPacket if they are none."""
+    """Return the named fields of a message; raise MalformedPacket for anything else."""
     try:
         fields = json.loads(payload or b"{}")
     except (ValueError, RecursionError) as error:  # the latter for lists in lists in lists

@@ -12,7 +12,7 @@ import hmac
 import struct
 from ipaddress import IPv4Address
 
-from wire.metadata import SEAL_BYTES
+from wire.metadata.setup import SEAL_BYTES
 
 SPEAKER = b"verdict"  # no datagram under the same key begins so: wire.device
 _CONNECTION = struct.Struct("!4sH4sH")

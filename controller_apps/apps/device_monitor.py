@@ -46,7 +46,8 @@ from controller_apps.openflow.framework import (
     parser,
 )
 from controller_apps.packets.datagrams import CONTROLLER_MAC, Frame
-from controller_apps.policy.policy import BadPolicy, Policy, read_policy
+from controller_apps.policy.policy import Policy
+from controller_apps.policy.reading import BadPolicy, read_policy
 from controller_apps.port_lines import PortLines
 from controller_apps.record import Record
 from controller_apps.sessions.actions import HostOrder
@@ -62,7 +63,11 @@ from wire.device import (
     check_settings,
 )
 from wire.key_routes import KEY_AGENT_PORT
-from wire.metadata import Answer, MalformedPacket, Message, Reason
+from wire.malformed import MalformedPacket
+from wire.metadata.header import Message
+from wire.metadata.setup import Answer
+from wire.metadata.vocabulary import Reason
+from wire.parameters.checks import remedy
 from wire.seal_orders import GiveBack
 
 POLLS_PER_S = 100  # at most, of all devices: what they do meanwhile they report by themselves
@@ -345,7 +350,7 @@ class DeviceMonitor(App):
         known_names = [item.name for item in fields(DeviceSettings)]
         for name in settings:
             if name not in known_names:
-                raise Refused(f"no setting {name!r}; choose one of {', '.join(known_names)}")
+                raise Refused(f"no setting {name!r}: {remedy(name, known_names)}")
         wanted = replace(self.hosts.wanted.get(device, DeviceSettings()), **settings)
         try:
             check_settings(wanted)

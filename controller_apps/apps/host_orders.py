@@ -8,7 +8,7 @@ from controller_apps.openflow.framework import Event
 from controller_apps.sessions.actions import HostOrder, Order, SwapsOrdered
 from controller_apps.timeouts import NODE_TIMEOUT_S
 from wire.device import DeviceReport, SessionQuery, SwapOrder
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 from wire.session_estimates import SessionEstimate
 
 AnyOrder = SwapOrder | HostOrder
@@ -77,7 +77,7 @@ class HostOrders:
         self._waiting[node, order.session] = order, now + NODE_TIMEOUT_S
 
     def answered(self, node: str, number: int) -> AnyOrder | None:
-        """Send it no more; return which one it was, None if it was none."""
+        """Send it no more; return which one it was, None if it was not one."""
         order, _until = self._waiting.pop((node, number), (None, 0.0))
         return order
 

@@ -17,7 +17,7 @@ from controller_apps.light.optics import SwitchPort
 from controller_apps.openflow import flow_entries
 from controller_apps.openflow.framework import DEAD, MAIN, App, ofp_event, ofproto, on
 from controller_apps.packets.datagrams import CONTROLLER_MAC, Frame
-from controller_apps.policy.policy import BadPolicy, read_policy
+from controller_apps.policy.reading import BadPolicy, read_policy
 from controller_apps.port_lines import PortLines
 from controller_apps.record import Record
 from wire.config import ControllerConfig
@@ -33,7 +33,10 @@ from wire.key_routes import (
     KeyRouteRequest,
     route_tag,
 )
-from wire.metadata import Answer, MalformedPacket, Message, Reason
+from wire.malformed import MalformedPacket
+from wire.metadata.header import Message
+from wire.metadata.setup import Answer
+from wire.metadata.vocabulary import Reason
 
 
 @dataclass(frozen=True)

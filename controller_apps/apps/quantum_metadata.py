@@ -24,9 +24,11 @@ from controller_apps.apps.host_orders import (
 from controller_apps.console.questions import EventQuestion, Refused, reply
 from controller_apps.console.views import (
     fibers_view,
+    light_view,
     name_of,
     node_features_view,
     paths_view,
+    request_view,
     sessions_view,
 )
 from controller_apps.light.optics import SwitchPort
@@ -49,13 +51,8 @@ from controller_apps.openflow.identities import Identities
 from controller_apps.openflow.mac_table import MacTable, filter_entries
 from controller_apps.openflow.path_bundles import path_bundle, xid_of
 from controller_apps.packets.segments import FiveTuple, is_tcp
-from controller_apps.policy.policy import (
-    CLOSE,
-    DEFAULT,
-    BadPolicy,
-    read_policy,
-    require_switches,
-)
+from controller_apps.policy.policy import CLOSE
+from controller_apps.policy.reading import DEFAULT, BadPolicy, read_policy, require_switches
 from controller_apps.port_lines import PortLines
 from controller_apps.record import Record
 from controller_apps.sessions.actions import (
@@ -84,7 +81,9 @@ from controller_apps.sessions.snapshot import encode_hosts
 from controller_apps.sessions.state_folder import StateFolder
 from controller_apps.timeouts import DISCOVERY_S, SESSION_TICK_S
 from wire.config import ControllerConfig
-from wire.metadata import MalformedPacket, Reason, Setup
+from wire.malformed import MalformedPacket
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Reason, Service
 from wire.session_estimates import Quantity
 
 DEVICE_MONITOR = "DeviceMonitor"  # the app that speaks to the hosts
@@ -455,7 +454,9 @@ class QuantumMetadata(App):
         if not objection:
             return None
         ends = [name_of(self.network, end) for end in (five_tuple.source, five_tuple.destination)]
-        self.record.write("forbidden", session=f"{setup.session:016x}", detail=objection)
+        service = Service(setup.service).name.lower()
+        told = {"service": service, "from": ends[0], "to": ends[1], "detail": objection}
+        self.record.write("forbidden", session=f"{setup.session:016x}", **told)
         return Admission(Reason.NOT_ALLOWED, detail=f"{' to '.join(ends)}: {objection}")
 
     def _reload_policy(self) -> str:
@@ -553,12 +554,21 @@ class QuantumMetadata(App):
             fields["setup_ms"] = round(note.setup_ms, 4)
         if note.detail:
             fields["detail"] = note.detail
+        if note.after is not None:
+            after = {"session": f"{note.after.session:016x}", "ends": note.after.ends}
+            fields |= {"ends": note.ends, "after": after}
+        if note.asked is not None:
+            fields |= request_view(note.asked, self.network)
+        session = self.arbiter.sessions.by_number.get(note.session)
+        source = note.asked is not None and note.asked.setup.service == Service.PAIR_SOURCE
+        if note.event in ("granted", "moved") and session is not None and not source:
+            fields["light"] = light_view(session, self.network)
         busy = note.detail.startswith(Reason.BUSY.name)  # so hosts ask again
         if note.event == "refused" and note.at is not None and not busy:
             text = f"session {note.session:016x}: refused, {note.detail}"
             self._port_lines.add(note.at, text, time.monotonic())
         if note.event in ("granted", "moved"):
-            self.seals.granted(self.arbiter.sessions.by_number.get(note.session))
+            self.seals.granted(session)
         if note.event in ("refused", "torn_down"):
             self.idle.over(note.session, self._now())
         if note.event == "torn_down" and note.detail == TAKEN_BACK:

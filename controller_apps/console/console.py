@@ -11,7 +11,7 @@ from controller_apps.console.questions import Refused
 from controller_apps.openflow.framework import EndOnFault, hub
 from controller_apps.timeouts import REQUEST_TIMEOUT_S
 from wire.controller_lines import MAX_REQUEST, decode_request, encode_error, encode_result
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 BACKLOG = 16
 log = logging.getLogger("console")

@@ -7,6 +7,7 @@ from typing import Any
 from controller_apps.console import tapi
 from controller_apps.console.questions import Refused, ask
 from wire.device import setting_number
+from wire.parameters.checks import remedy
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class Facts:
 
 
 def check_settings_request(settings: object) -> dict[str, int | None]:
-    """Return the numbers of settings decoded from JSON; raise Refused for what is none."""
+    """Return the numbers of settings decoded from JSON; raise Refused for anything else."""
     if not isinstance(settings, dict) or not settings:
         raise Refused('settings are an object such as {"rate_hz": 1000000}')
     try:
@@ -80,7 +81,7 @@ def perform(facts: Facts, request: object) -> Any:
         "reload-policy": (set(), facts.reload_policy),
     }
     if not isinstance(command, str) or command not in commands:
-        raise Refused(f"no command {command!r}; choose one of {', '.join(commands)}")
+        raise Refused(f"no command {command!r}: {remedy(str(command), commands)}")
     names, call = commands[command]
     if set(fields) != names:
         wanted = ", ".join(sorted(names)) or "nothing"

@@ -4,9 +4,9 @@ from typing import Any
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Network
-from controller_apps.sessions.sessions import Session, Sessions
+from controller_apps.sessions.sessions import Request, Session, Sessions
 from wire.device import OF_LIGHT, setting_name
-from wire.metadata import Handshake, Service
+from wire.metadata.vocabulary import Handshake, Service
 
 
 def sessions_view(sessions: Sessions, network: Network, now: float) -> list[dict[str, Any]]:
@@ -45,6 +45,28 @@ def paths_view(sessions: Sessions, network: Network) -> list[dict[str, Any]]:
             ],
         }
         for session in sessions.by_number.values()
+        for path in session.paths
+    ]
+
+
+def request_view(request: Request, network: Network) -> dict[str, str]:
+    """Return what is asked for, by whom and of whom."""
+    return {
+        "service": Service(request.setup.service).name.lower(),
+        "from": name_of(network, request.five_tuple.source),
+        "to": name_of(network, request.five_tuple.destination),
+    }
+
+
+def light_view(session: Session, network: Network) -> list[dict[str, Any]]:
+    """Return the light paths of a session, each with the switches on its way."""
+    return [
+        {
+            "begin": _host(network, path.leg.start),
+            "end": _host(network, path.leg.end),
+            "by": [network.name_of(hop.dpid) for hop in path.hops],
+            "loss_db": path.loss_mdb / 1000,
+        }
         for path in session.paths
     ]
 

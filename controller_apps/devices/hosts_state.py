@@ -20,7 +20,10 @@ from wire.device import (
     host_of,
     open_sealed,
 )
-from wire.metadata import Answer, MalformedPacket, Message, Reason
+from wire.malformed import MalformedPacket
+from wire.metadata.header import Message
+from wire.metadata.setup import Answer
+from wire.metadata.vocabulary import Reason
 from wire.session_estimates import SessionEstimate
 
 SILENT_AFTER = 3.5  # periods without a word

@@ -60,7 +60,7 @@ class KeyNetwork:
     applications: dict[tuple[str, str], Application] = field(default_factory=dict)
 
     def take(self, host: str, links: tuple[LinkState, ...], now: float) -> None:
-        """Take in what a host says; links to hosts that are none are no links."""
+        """Take in what a host says; links to what is not a host are passed over."""
         known = {link.peer: link for link in links if link.peer in self.names}
         self.hosts[host] = Told(known, now)
 

@@ -170,7 +170,7 @@ class Network:
     def add_link(self, one: SwitchPort, other: SwitchPort) -> bool:
         """Note a fibre between two switches; tell whether that is news.
 
-        A port that a host has announced is no end of such a fibre.
+        A port that a host has announced is not an end of such a fibre.
         """
         if one == other or {one, other} & self.hosts.keys() or self.links.get(one) == other:
             return False

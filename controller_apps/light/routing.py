@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 from controller_apps.light.optics import UNKNOWN, SwitchPort
 from controller_apps.light.paths import Bound, Direction, Hop, Network, directions
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 
 
 def bounds_to(end: SwitchPort, network: Network) -> dict[int, Bound]:
@@ -64,7 +64,7 @@ class Limits(NamedTuple):
     blocked: Callable[[Direction], bool] = _nothing
     frequency_mhz: int | None = None  # None: whatever the ports are tuned to
     loss_budget_mdb: int | None = None
-    rotation: int | None = None  # wire.metadata.Pauli that the path applies; None: any
+    rotation: int | None = None  # wire.outcomes.Pauli that the path applies; None: any
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Network, natural_order
 from controller_apps.light.routing import Leg
 from controller_apps.policy.policy import Tap
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 
 FIBERS_NEEDED = 2
 

@@ -31,7 +31,7 @@ from wire.lldp import (
     SWITCH_SEAL,
 )
 from wire.lldp import switch_message as message_of
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 SEAL_LENGTH = 16
 

@@ -16,7 +16,7 @@ from controller_apps.openflow import discovery, flow_entries, optical_messages
 from controller_apps.openflow.framework import ofproto
 from controller_apps.openflow.identities import Identities
 from controller_apps.record import Record
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 from wire.optical import EXPERIMENTER, PATH_OPTICS, PathOptics, decode_path_optics
 
 

@@ -14,16 +14,18 @@ from controller_apps.openflow.optical_messages import is_fiber
 from controller_apps.packets.datagrams import IP_UDP, is_udp
 from controller_apps.packets.segments import ACK, FIN, IP_TCP, RST, SYN, FiveTuple
 from wire.device import DEVICE_PORT
-from wire.metadata import METADATA_PORT
+from wire.metadata.header import METADATA_PORT
 
 FILTER_TABLE, METADATA_TABLE, LEARNING_TABLE = 0, 1, 2
 LIGHT_TABLE = 0
+HIDDEN_PRIORITY = 500
 CLOSE_PRIORITY, BYPASS_PRIORITY, OPENING_PRIORITY, METADATA_PRIORITY = 400, 300, 250, 200
 PATH_PRIORITY = 100
 LLDP_PRIORITY = 65000
 LEARNING_PRIORITY = 1
 ENTRIES_PER_BARRIER = 100
 ETH_TYPE_IPV4, ETH_TYPE_LLDP = 0x0800, 0x88CC
+VLAN_TAGS = 0x8100, 0x88A8  # IEEE 802.1Q, of customers and of services
 ALL_BITS = (1 << 64) - 1
 
 
@@ -82,7 +84,7 @@ def metadata_entries(datapath: Any) -> list[Any]:
     Bypasses, which carry the cookie of their session, stay: see ask_entries.
     Whatever can carry a set-up message goes to the controller, whichever flags it has: a switch
     cannot see whether a segment has data. The first SYN stays in the switch; what else might be
-    in it no listener takes.
+    in it no listener takes. What a switch cannot see into goes no further.
     """
     to_port = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_TCP, "tcp_dst": METADATA_PORT}
     from_port = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_TCP, "tcp_src": METADATA_PORT}
@@ -104,7 +106,19 @@ def metadata_entries(datapath: Any) -> list[Any]:
         # Of the node agents: to the controller and to nobody else.
         add(datapath, METADATA_TABLE, METADATA_PRIORITY, to_agents, to_controller()),
         *copies,
+        *(add(datapath, METADATA_TABLE, HIDDEN_PRIORITY, hidden) for hidden in unseen()),
     ]
+
+
+def unseen() -> list[dict[str, Any]]:
+    """Return matches of frames in which a switch does not see what the receiver's kernel does.
+
+    A switch looks behind one VLAN tag; Linux takes off as many as have the number 0. A switch
+    gives pieces of an IP packet port 0; Linux puts them together.
+    """
+    tagged_again = [{"eth_type": tag} for tag in VLAN_TAGS]
+    piece_of_tcp = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_TCP, "tcp_src": 0, "tcp_dst": 0}
+    return [*tagged_again, piece_of_tcp]
 
 
 def discovery_entry(datapath: Any) -> Any:
@@ -208,7 +222,7 @@ def five_tuple_of(match: Any) -> FiveTuple:
 
 
 def bypassed(entry: Any) -> FiveTuple | None:
-    """Read back which connection a bypass lets pass, None if an entry is none."""
+    """Read back which connection a bypass lets pass, None if an entry is not a bypass."""
     fields = dict(entry.match.items())
     if entry.priority != BYPASS_PRIORITY or fields.keys() != BYPASS_FIELDS:
         return None

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from controller_apps.openflow.discovery import Announcement
 from wire.announcement import open_seal
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 MAX_PORTS_OF_ONE = 1024
 

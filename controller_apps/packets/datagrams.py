@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from ipaddress import IPv4Address
 
 from controller_apps.packets.segments import ETHERNET_LENGTH, checksum
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 IP_UDP = 17
 TTL = 64

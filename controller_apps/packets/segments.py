@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from socket import inet_ntoa
 from typing import NamedTuple
 
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 ETHERNET_LENGTH = 14
 FIN, SYN, RST, PSH, ACK = 1, 2, 4, 8, 16

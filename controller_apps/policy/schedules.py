@@ -4,7 +4,7 @@ parallel        each as soon as both its links hold
 left-to-right   each when the bits of the one to its left have come
 nested          each of the odd places at once, then every second of the rest when those between
                 them have told it, and so on: nested doubling (Briegel, Dür, Cirac and Zoller,
-                PRL 81, 5932); a chain that is no power of two of links is halved all the same
+                PRL 81, 5932); a chain that is not a power of two of links is halved all the same
 """
 
 from collections.abc import Callable, Iterator, Mapping

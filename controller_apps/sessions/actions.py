@@ -1,12 +1,13 @@
 """The arbiter's orders; the app turns each into OpenFlow or a line of text."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop
 from controller_apps.packets.segments import FiveTuple
 from controller_apps.policy.schedules import UNPURIFIED, Purification
-from controller_apps.sessions.sessions import Chain
+from controller_apps.sessions.holders import Ends, Holder
+from controller_apps.sessions.sessions import Chain, Request
 from wire.device import SessionQuery
 from wire.seal_orders import GiveBack, SealOrder
 
@@ -117,6 +118,9 @@ class Note:
     setup_ms: float | None = None
     detail: str = ""
     at: SwitchPort | None = None  # where the set-up that it is about has come, if it is about one
+    ends: Ends = ("", "")  # of a session that has waited for light: its opener and its acceptor
+    after: Holder | None = None  # who had the last of that light until now
+    asked: Request | None = field(default=None, compare=False)  # what it answers, if that is told
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,8 @@ from controller_apps.sessions.node_features import (
 )
 from controller_apps.sessions.returns import returned_on
 from controller_apps.sessions.sessions import Chain, Refusal, Session, Sessions
-from wire.metadata import OBSTACLE_BYTES, Handshake, MemoryState, Reason, Service, Setup
+from wire.metadata.setup import OBSTACLE_BYTES, Setup
+from wire.metadata.vocabulary import Handshake, MemoryState, Reason, Service
 from wire.optical import ANY_WAVELENGTH, DEFAULT_FREQUENCY_MHZ, frequency_mhz, wavelength_pm
 from wire.services import (
     RETURNS,
@@ -207,7 +208,10 @@ def _find_in_channel(
     if service == Service.LINK:
         legs = _legs_of_link(setup, asked.connection, sessions, ports)
     else:
-        legs = legs_of(service, ports, making(setup, hosts[Role.OPENER]))
+        by = making(setup, hosts[Role.OPENER])
+        if few := _too_few_fibers(service, by, hosts, ports, network):
+            return few
+        legs = legs_of(service, ports, by)
     if legs is None:
         return Admission(Reason.NO_PATH)
     try:
@@ -287,6 +291,24 @@ def _chain_broken(
     chain = find_chain(whole, *ends, limits, stations=stations)
     broken = obstacles(network, legs_of_chain(whole, chain, limits)) if chain else []
     return _broken(broken) if broken else None
+
+
+def _too_few_fibers(
+    service: Service,
+    by: Making,
+    hosts: Mapping[Role, str],
+    ports: Mapping[Role, list[SwitchPort]],
+    network: Network,
+) -> Admission | None:
+    """Return the refusal that names a host with fewer fibres than its role takes; None: all do."""
+    for role, at in ports.items():
+        needed = fibers_needed(service, role, by)
+        if len(at) < needed:
+            name = network.hosts[network.ports_of(hosts[role])[0]].host
+            count = f"{len(at)} fibre{'' if len(at) == 1 else 's'}"
+            text = f"{name} has {count}, {service.name} needs {needed} there"
+            return Admission(Reason.NO_PATH, node=hosts[role], detail=text, obstacle=text)
+    return None
 
 
 def _legs_of_link(

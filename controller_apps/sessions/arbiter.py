@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 
-from controller_apps.light.paths import Hop, Network, switches
+from controller_apps.light.paths import Hop, Network, directions, switches
+from controller_apps.light.routing import LightPath
 from controller_apps.packets.segments import RST, FiveTuple, parse
 from controller_apps.policy.orders import IN_TURN, ORDERS, SLOTS, Queue
 from controller_apps.policy.policy import Tap
@@ -45,19 +46,10 @@ from controller_apps.sessions.sessions import (
 from controller_apps.sessions.slots import Slots
 from controller_apps.sessions.verdicts import Verdicts, released
 from controller_apps.timeouts import COUNTING_S, DISCOVERY_S, QUEUE_LOOK_S, SWITCH_GRACE_S
-from wire.metadata import (
-    METADATA_PORT,
-    SETUP_LENGTH,
-    Handshake,
-    MalformedPacket,
-    Reason,
-    Service,
-    Setup,
-    UnknownService,
-    Verdict,
-    refused,
-    session_of,
-)
+from wire.malformed import MalformedPacket
+from wire.metadata.header import METADATA_PORT, session_of
+from wire.metadata.setup import SETUP_LENGTH, Setup, refused
+from wire.metadata.vocabulary import Handshake, Reason, Service, UnknownService, Verdict
 from wire.parameters.network import ControllerSettings
 
 UNOPENED = Drop("unopened", "a set-up message on a connection that its other end has not opened")
@@ -185,8 +177,7 @@ class Arbiter:
         session = self.sessions.join(request, now)
         if waits:
             request.obstacles = frozenset(self.sessions.obstacles)
-            self.sessions.queue[request.five_tuple] = request
-            return [Note("queued", session.number), *self._want_back(request, now)]
+            return [*self._queue(request), *self._want_back(request, now)]
         if admission.chain:
             plan = self.schedule, self.purification, admission.blocks
             return self.ordering.order(request, session, admission.chain, *plan)
@@ -198,15 +189,14 @@ class Arbiter:
         """Let a request wait for a slot of its own, or refuse it if none is free in time."""
         assert self.slots is not None
         self.sessions.retired.pop(request.five_tuple, None)
-        session = self.sessions.join(request, now)
+        self.sessions.join(request, now)
         until = min(request.late, now + self.hold_timeout_s)
         found = self.slots.reserve(request, until, now, self._find_light_beside)
         if not found.paths:
             in_vain = found.reason == Reason.TOO_LATE and request.late == inf
             reason = Reason.BUSY if in_vain else found.reason
             return self.verdicts.refuse(request, found.refusal._replace(reason=reason), now)
-        self.sessions.queue[request.five_tuple] = request
-        return [Note("queued", session.number)]
+        return self._queue(request)
 
     def _hand_out(self, now: float) -> list[Action]:
         """Take the light of slots that are over, and give that of the slot that has begun."""
@@ -226,11 +216,11 @@ class Arbiter:
             request.take(reserved.block_pairs, reserved.wavelength_pm)
             hops = (hop for path in reserved.paths for hop in path.hops)
             if self.network.is_whole(hops) and self.slots.is_free(asking, reserved):
-                actions += self.light.open(request, asking, reserved.paths)
+                actions += self._served(request, asking, reserved.paths)
                 continue
             found = self._find_light(request)
             if found.paths:
-                actions += self.light.open(request, asking, found.paths)
+                actions += self._served(request, asking, found.paths)
             else:
                 actions += self.verdicts.refuse(request, found.refusal, now)
         return actions
@@ -298,12 +288,29 @@ class Arbiter:
             if found.paths:
                 del self.sessions.queue[request.five_tuple]
                 request.take(found.block_pairs, found.wavelength_pm)
-                actions += self.light.open(request, session, found.paths)
+                actions += self._served(request, session, found.paths)
             elif not found.waits_for_light:
                 actions += self.verdicts.refuse(request, found.refusal, now)
             else:
                 actions += self._want_back(request, now)
         return actions
+
+    def _queue(self, request: Request) -> list[Action]:
+        request.queued_at = self.sessions.holders.order
+        self.sessions.queue[request.five_tuple] = request
+        return [Note("queued", request.setup.session, asked=request)]
+
+    def _served(
+        self, request: Request, session: Session, paths: tuple[LightPath, ...]
+    ) -> list[Action]:
+        """Give light to a request that has waited, and note for whom."""
+        ways = directions(hop for path in paths for hop in path.hops)
+        asked = session.number, session.frequency_mhz, request.queued_at
+        after = self.sessions.holders.last(ways, *asked)
+        opening = self.light.open(request, session, paths)
+        if after is None:
+            return opening
+        return [Note("light_after", session.number, ends=session.ends, after=after), *opening]
 
     def _find_light(self, request: Request) -> Admission:
         self.sessions.obstacles.clear()

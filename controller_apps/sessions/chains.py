@@ -17,7 +17,8 @@ from controller_apps.policy.schedules import PROTOCOLS, schedule, spans
 from controller_apps.sessions.actions import SwapsOrdered
 from controller_apps.sessions.sessions import Chain, Session, Sessions, Stop
 from wire.device import MAX_REPEATERS, NOBODY, SwapOrder
-from wire.metadata import Service, Setup
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Service
 
 REPEATER_FIBERS = STATION_FIBERS = 2
 
@@ -222,7 +223,7 @@ def links_of(session: Session, sessions: Sessions) -> list[Session]:
 
 
 def beside(link: Session, sessions: Sessions) -> list[Session]:
-    """Return the links of the chain that a session is a link of, itself too; none if it is none."""
+    """Return the links of the chain that a session is a link of, itself too; [] for others."""
     if link.setup.service != Service.LINK:
         return []
     for place in range(MAX_REPEATERS + 1):

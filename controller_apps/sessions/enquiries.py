@@ -14,7 +14,7 @@ from controller_apps.sessions.actions import Action, Order
 from controller_apps.sessions.sessions import Session, Sessions
 from controller_apps.timeouts import ASKED_S, HELD_UP_S, NODE_TIMEOUT_S
 from wire.device import SessionQuery
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 
 
 @dataclass

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from controller_apps.sessions.actions import Action, Note, Order
 from controller_apps.sessions.sessions import Request, Session, Sessions
 from controller_apps.timeouts import TAKEN_BACK_S
-from wire.metadata import Service
+from wire.metadata.vocabulary import Service
 from wire.seal_orders import GiveBack
 
 TAKEN_BACK = "a session wants its light"

@@ -18,7 +18,9 @@ from controller_apps.sessions.admission import Admission
 from controller_apps.sessions.sessions import Sessions
 from controller_apps.timeouts import DISCOVERY_S, QUEUE_LOOK_S, SEAL_BEGIN_S
 from wire.device import DEVICE_PORT
-from wire.metadata import METADATA_PORT, Handshake, Reason, Service, Setup
+from wire.metadata.header import METADATA_PORT
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Handshake, Reason, Service
 from wire.optical import ANY_WAVELENGTH
 from wire.seal_orders import SealOrder
 

@@ -167,7 +167,7 @@ class Light:
     def entries_found(self, dpid: int, entries: Iterable[tuple[int, Hop | None]]) -> list[Action]:
         """Close what a switch kept of its past, and open again what it has lost.
 
-        Each entry is a session and a hop, None if it is no path any more.
+        Each entry is a session and a hop, None if it is not a path any more.
         """
         kept: dict[int, set[Hop | None]] = {}
         for number, hop in entries:

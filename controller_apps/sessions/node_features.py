@@ -11,7 +11,8 @@ from functools import cache
 from controller_apps.light.paths import Network
 from wire.device import MAX_UNDER_WAY
 from wire.features import EMIT, INTERFERE, STORE, Feature, names
-from wire.metadata import MemoryState, Reason, Service, Setup
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import MemoryState, Reason, Service
 from wire.services import WANT_OF, Making, Role, making, needs
 
 MOST_HERALDED = 2  # blocks of a chain of heralded links, under way at once

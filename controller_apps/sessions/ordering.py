@@ -12,7 +12,7 @@ from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.sessions import Chain, Refusal, Request, Session, Sessions
 from controller_apps.sessions.verdicts import Verdicts
 from controller_apps.timeouts import NODE_TIMEOUT_S
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 
 
 @dataclass

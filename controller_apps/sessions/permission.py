@@ -7,7 +7,9 @@ from controller_apps.light.paths import Network
 from controller_apps.packets.segments import FiveTuple
 from controller_apps.policy.policy import Host, Policy, SessionRequest
 from controller_apps.sessions.sessions import Sessions
-from wire.metadata import Handshake, Service, Setup, is_number_of
+from wire.metadata.header import is_number_of
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Handshake, Service
 from wire.services import LINES, RETURNS
 
 PARTS = (Service.PAIR_SOURCE, Service.LINK)  # of sessions that were asked for before

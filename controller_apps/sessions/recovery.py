@@ -16,7 +16,8 @@ from controller_apps.sessions.actions import Action, RemoveBypass
 from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.sessions import Session, Sessions
 from controller_apps.timeouts import DISCOVERY_S, HELD_UP_S
-from wire.metadata import MalformedPacket, Reason
+from wire.malformed import MalformedPacket
+from wire.metadata.vocabulary import Reason
 
 PREMATURE = (
     Reason.UNKNOWN_HOST,

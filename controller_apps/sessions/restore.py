@@ -5,7 +5,7 @@ from logging import Logger
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.snapshot import decode_hosts, decode_session
 from controller_apps.sessions.state_folder import StateFolder
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 
 def take_over(state: StateFolder, arbiter: Arbiter, logger: Logger, now: float) -> list[int]:

@@ -12,7 +12,8 @@ from controller_apps.light.paths import Network
 from controller_apps.light.routing import LightPath, rotation_of
 from controller_apps.packets.segments import FiveTuple
 from controller_apps.sessions.sessions import Session, Sessions
-from wire.metadata import Handshake, Service, Setup
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Handshake, Service
 from wire.optical import ANY_WAVELENGTH
 from wire.services import RETURNS
 

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop, Network
 from controller_apps.sessions.sessions import Session
-from wire.metadata import Service
+from wire.metadata.vocabulary import Service
 
 Ways = frozenset[frozenset[str]]  # pairs of switches, by their names
 MOST_SEALS = 1024  # that are remembered

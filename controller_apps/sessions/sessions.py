@@ -13,17 +13,11 @@ from controller_apps.light.paths import Direction, Hop, directions
 from controller_apps.light.routing import LightPath
 from controller_apps.packets.segments import FiveTuple, Segment
 from controller_apps.policy.orders import Waiting
-from wire.metadata import (
-    SETUP_LENGTH,
-    Handshake,
-    MalformedPacket,
-    Reason,
-    Service,
-    Setup,
-    Verdict,
-    decode,
-    message_length,
-)
+from controller_apps.sessions.holders import Ends, Holders
+from wire.malformed import MalformedPacket
+from wire.metadata.decoding import decode, message_length
+from wire.metadata.setup import SETUP_LENGTH, Setup
+from wire.metadata.vocabulary import Handshake, Reason, Service, Verdict
 from wire.optical import frequency_mhz
 
 MAX_SESSIONS = 4096
@@ -90,6 +84,7 @@ class Request:
     progress: int = SETUP_LENGTH  # how many bytes of the opener have been seen, the message's too
     acceptor_next: int | None = None  # sequence number of the acceptor's next byte, as last seen
     obstacles: frozenset[Direction] = frozenset()  # what others have of what it waits for
+    queued_at: int = 0  # how often light had been given back until then
     late: float = inf  # when its deadline is over
     doubted: tuple[int, float] | None = None  # where a close was that nobody expected, and when
 
@@ -209,6 +204,11 @@ class Session:
         """The frequency of its light; of any channel, before it has one, the default's."""
         return frequency_mhz(self.wavelength_pm or Setup.wavelength_pm)
 
+    @property
+    def ends(self) -> Ends:
+        """The addresses of its opener and its acceptor."""
+        return self.owner.source, self.owner.destination
+
     def heard(self, now: float) -> None:
         """Note that one of its connections has spoken."""
         self.seen, self.confirmed = now, True
@@ -240,11 +240,12 @@ class Sessions:
     retired: dict[FiveTuple, float] = field(default_factory=dict)  # since when
     occupied: dict[Direction, int] = field(default_factory=dict)
     freed: set[Direction] = field(default_factory=set)  # since the queue was served
+    holders: Holders = field(default_factory=Holders)
     changed: bool = False  # whether anything else has since then that light depends on
     obstacles: set[Direction] = field(
         default_factory=set
     )  # that `blocks` has met; cleared by users
-    ended: dict[int, tuple[str, str]] = field(default_factory=dict)  # the last ones' two ends
+    ended: dict[int, Ends] = field(default_factory=dict)  # the last ones' two ends
     over: dict[int, frozenset[str]] = field(default_factory=dict)
     # Seals that are to cross a fibre between two switches, given by their names; empty: any way.
     max_sessions: int = MAX_SESSIONS
@@ -294,7 +295,7 @@ class Sessions:
     def remove(self, session: Session) -> None:
         """Take out one that is over; for a while its ends may still tell of it."""
         del self.by_number[session.number]
-        self.ended[session.number] = session.owner.source, session.owner.destination
+        self.ended[session.number] = session.ends
         if len(self.ended) > self.max_retired:
             del self.ended[next(iter(self.ended))]
 
@@ -303,7 +304,7 @@ class Sessions:
         session = self.by_number.get(number)
         if session is None:
             return address in self.ended.get(number, ())
-        return address in (session.owner.source, session.owner.destination)
+        return address in session.ends
 
     def occupy(
         self, session: Session, paths: tuple[LightPath, ...], owner: FiveTuple | None
@@ -315,9 +316,12 @@ class Sessions:
 
     def vacate(self, session: Session) -> None:
         """Free whatever a session occupies."""
-        for direction in directions(session.hops):
+        ways = directions(session.hops)
+        for direction in ways:
             del self.occupied[direction]
             self.freed |= {direction, direction.opposite}  # which it may have tuned otherwise
+        if ways:
+            self.holders.gave_back(ways, session.number, session.ends, session.frequency_mhz)
         session.paths, session.light_owner = (), None
         session.stranded, session.lost_since, session.missing = False, None, ()
 

@@ -16,7 +16,7 @@ from controller_apps.light.routing import LightPath
 from controller_apps.packets.segments import FiveTuple
 from controller_apps.sessions.admission import Admission
 from controller_apps.sessions.sessions import Request, Session, Sessions
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 from wire.optical import frequency_mhz
 
 ROUNDING = 1e-6  # of a slot: a moment that is that of its begin is not before it

@@ -25,18 +25,12 @@ from controller_apps.sessions.actions import Keep
 from controller_apps.sessions.sessions import Request, Session, Stop, read_setup
 from wire.device import MAX_REPEATERS, NOBODY
 from wire.features import NodeFeatures
-from wire.metadata import (
-    METADATA_PORT,
-    SETUP_LENGTH,
-    Handshake,
-    MalformedPacket,
-    Pauli,
-    Reason,
-    Service,
-    Setup,
-    Verdict,
-)
+from wire.malformed import MalformedPacket
+from wire.metadata.header import METADATA_PORT
+from wire.metadata.setup import SETUP_LENGTH, Setup
+from wire.metadata.vocabulary import Handshake, Reason, Service, Verdict
 from wire.optical import ANY_WAVELENGTH
+from wire.outcomes import Pauli
 from wire.services import LIGHT
 
 MAX_KEPT_REQUESTS = 8  # of one session; it needs two

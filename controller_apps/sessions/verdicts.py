@@ -10,7 +10,7 @@ from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.returns import returns_of
 from controller_apps.sessions.sessions import Arrival, Refusal, Request, Session, Sessions
 from controller_apps.sessions.snapshot import keep
-from wire.metadata import Reason, Verdict
+from wire.metadata.vocabulary import Reason, Verdict
 from wire.verdict import seal
 
 
@@ -31,7 +31,7 @@ class Verdicts:
         answer = self.answer(request, Verdict.GRANTED, Refusal(Reason.OK))
         # Kept and noted first: what the hosts know of must not be lost with a controller.
         kept = [keep(session)] if request.lasts else []
-        return [*kept, *notes, Note("granted", session.number), *answer]
+        return [*kept, *notes, Note("granted", session.number, asked=request), *answer]
 
     def refuse(self, request: Request, why: Refusal, now: float) -> list[Action]:
         """Let a request on with a refusal; undo what was done for it."""
@@ -40,7 +40,7 @@ class Verdicts:
         undone = self._leave(request, now)
         name = why.reason.name
         told = f"{name}: {why.detail}" if why.detail else name
-        note = Note("refused", request.setup.session, detail=told, at=at)
+        note = Note("refused", request.setup.session, detail=told, at=at, asked=request)
         if not self.names_elements:
             why = why._replace(obstacle="")
         return [*undone, note, *self.answer(request, Verdict.REFUSED, why)]

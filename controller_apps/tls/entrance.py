@@ -17,7 +17,7 @@ from typing import Any
 from controller_apps.timeouts import CONNECT_TIMEOUT_S
 from wire.config import EntranceConfig
 from wire.credentials import certified_names
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 HEADER = struct.Struct("!BBHI")  # of OpenFlow, of any version
 FEATURES_REPLY = 6  # of any version, too

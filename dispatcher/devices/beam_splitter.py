@@ -9,7 +9,7 @@ A pulse of n photons in the state s is a_s^n |0>: the creation operators multipl
 photons leave by each of the four modes is a coefficient of a polynomial (Hong, Ou, Mandel, Phys.
 Rev. Lett. 59, 2044, for one in each arm). Where exactly two detectors of different polarisation
 click, those of one output tell Psi+, those of both Psi- (Lo, Curty, Qi, Phys. Rev. Lett. 108,
-130503); all else is no outcome. Time-bin qubits have early and late for H and V.
+130503); all else is not an outcome. Time-bin qubits have early and late for H and V.
 """
 
 from functools import lru_cache

@@ -38,6 +38,7 @@ class Heralds(NamedTuple):
     chances: tuple[float, ...]
     coherence: float  # of the entangled ones: how far Psi+ differs from Psi-, phases apart
     unequal: float  # how far a qubit of those is from either state alike: 0 of a Bell state
+    first: float = 0.5  # of single photons that click, how many are of the first host
 
     @property
     def probability(self) -> float:
@@ -56,7 +57,8 @@ def two_click(arms: tuple[Arm, Arm], dark: float, visibility: float) -> Heralds:
     )
     apart = (a * (1 - b) + b * (1 - a)) * one * nothing + (1 - a) * (1 - b) * nothing**2
     entangled = a * b * one**2 / 2
-    return Heralds((entangled, alike / 4, apart / 4, apart / 4, alike / 4), 1.0, 0.0)
+    chances = entangled, alike / 4, apart / 4, apart / 4, alike / 4
+    return Heralds(chances, 1.0, 0.0, a / (a + b) if a + b else 0.5)
 
 
 def single_click(arms: tuple[Arm, Arm], dark: float, visibility: float) -> Heralds:
@@ -83,8 +85,8 @@ def single_click(arms: tuple[Arm, Arm], dark: float, visibility: float) -> Heral
     )
     balanced = 2 * sqrt(seen_a * seen_b) / (seen_a + seen_b) if seen_a + seen_b else 0.0
     coherence = balanced * exp(-(phase_a**2 + phase_b**2) / 2)
-    unequal = abs(seen_a - seen_b) / (seen_a + seen_b) / 2 if seen_a + seen_b else 0.0
-    return Heralds(chances, coherence, unequal)
+    first = seen_a / (seen_a + seen_b) if seen_a + seen_b else 0.5
+    return Heralds(chances, coherence, abs(2 * first - 1) / 2, first)
 
 
 def phase_wrong(scheme: str, heralds: Heralds, visibility: Each) -> Each:

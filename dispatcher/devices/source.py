@@ -55,8 +55,15 @@ def emit(
         paulis=bell_states(source, random),
         pairs=pairs,
         delays_ps=_delays_ps(source.jitter_ps, pairs, random) if source.jitter_ps else None,
-        approximations=approximation(STIMULATED) if source.statistics == "thermal" else EXACT,
+        approximations=_stimulated(source),
     )
+
+
+def _stimulated(source: PairSource) -> Approximations:
+    """Return what is approximated of a thermal source: of pulses with light, those of several."""
+    if source.statistics != "thermal":
+        return EXACT
+    return approximation(STIMULATED, source.mean_pairs / (1 + source.mean_pairs))
 
 
 def pair_probabilities(statistics: str, mean_pairs: float) -> NDArray[np.float64]:

@@ -5,6 +5,7 @@ of the ports c - 1 and c + 1. What strays has a state that nothing here depends 
 channel it is a noise photon, if it comes within the window of a pulse there.
 """
 
+import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -95,8 +96,11 @@ class ChannelCrosstalk:
         lit = [self._strand[each] for each in self._neighbours if self._lit(each)]
         if not lit:
             return Effect(lost=lost, transmission=stays)
-        means = sum(traffic.photons(passage.times_ns, self._window_ns) for traffic in lit)
-        drawn = passage.generator("strays").poisson(means * self._share)
+        stray = [traffic.photons(passage.times_ns, self._window_ns) for traffic in lit]
+        means = np.sum(stray, axis=0) * self._share
+        if not (most := float(np.max(means, initial=0.0))):
+            return Effect(lost=lost, transmission=stays)
+        drawn = passage.generator("strays").poisson(means)
         extras = np.minimum(drawn, MOST_EXTRAS).astype(np.uint8)
-        named = approximation(CROSSTALK)
+        named = approximation(CROSSTALK, -math.expm1(-most))  # of a pulse with another's photon
         return Effect(lost=lost, transmission=stays, extras=extras, exact=False, named=named)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from dispatcher.approximations import CLASSICAL_LIGHT, approximation
+from dispatcher.approximations import CLASSICAL_LIGHT, Approximations, approximation
 from dispatcher.fiber.noise import Effect, Passage
 from dispatcher.switch.steps import Steps
 from wire.parameters.fiber import FiberOptics
@@ -13,7 +13,6 @@ PLANCK_J_S, LIGHT_M_PER_S = 6.626_070_15e-34, 299_792_458
 NEPERS_PER_DB = math.log(10) / 10  # of power
 MOST_EXTRAS = 255
 FEW = 0.1  # noise photons a pulse
-NAMED = approximation(CLASSICAL_LIGHT)
 
 
 def scattering_km(optics: FiberOptics) -> float:
@@ -54,9 +53,18 @@ class ClassicalLight:
         self.photons_per_mw = scattered * optics.pulse_window_s / photon_mj
 
     @property
+    def mean_now(self) -> float:
+        """How many noise photons come with a pulse just now, on average."""
+        return self.power_mw.now * self.photons_per_mw
+
+    @property
     def dark(self) -> bool:
         """Whether there has been none for as long as is remembered."""
         return self.power_mw.largest == 0
+
+    def approximations(self, power_mw: float) -> Approximations:
+        """Return what is approximated at this power: of a pulse without a noise photon nothing."""
+        return approximation(CLASSICAL_LIGHT, -math.expm1(-power_mw * self.photons_per_mw))
 
     def effect(self, passage: Passage) -> Effect:
         """Draw how many noise photons come with each pulse."""
@@ -64,11 +72,11 @@ class ClassicalLight:
         highest_mw = self.power_mw.highest(schedule.first_ns, schedule.last_ns)
         if highest_mw == 0:
             return Effect()
-        generator = passage.generator("raman")
+        generator, named = passage.generator("raman"), self.approximations(highest_mw)
         if highest_mw * self.photons_per_mw > FEW:
             means = self.power_mw.at(passage.times_ns) * self.photons_per_mw
             extras = np.minimum(generator.poisson(means, passage.photons), MOST_EXTRAS)
-            return Effect(extras=extras.astype(np.uint8), exact=False, named=NAMED)
+            return Effect(extras=extras.astype(np.uint8), exact=False, named=named)
         # A Poisson process along the block, thinned where the power was lower.
         count = generator.poisson(highest_mw * self.photons_per_mw * passage.photons)
         pulses = np.sort(generator.integers(0, passage.photons, count))
@@ -79,4 +87,4 @@ class ClassicalLight:
         hit, times = np.unique(pulses[kept], return_counts=True)
         extras = np.zeros(passage.photons, dtype=np.uint8)
         extras[hit] = np.minimum(times, MOST_EXTRAS)
-        return Effect(extras=extras, exact=False, named=NAMED)
+        return Effect(extras=extras, exact=False, named=named)

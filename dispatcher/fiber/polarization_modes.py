@@ -66,5 +66,6 @@ class PolarizationModeDispersion:
         met = passage.events("error", most)
         stretch = starts.searchsorted(met, side="right") - 1
         met = met[passage.generator("own").random(met.size) * most < wrong[stretch]]
-        named = approximation(MODE_DISPERSION)
+        # Of one axis for all (1 - c) / 2 of the photons meet the same operator, not each its own.
+        named = approximation(MODE_DISPERSION, most)
         return Effect(paulis=depolarized(passage, met), delays_ps=own_ps, exact=False, named=named)

@@ -19,7 +19,7 @@ NEVER = float("inf")
 
 
 def checked(cutoff_s: float) -> float:
-    """Return a cut-off that a host has told; refuse what is none."""
+    """Return a cut-off that a host has told; refuse anything else."""
     if not cutoff_s > 0:  # also what is not a number
         raise invalid(f"cut-off of {cutoff_s} s; give more than 0, or infinity for none")
     return cutoff_s

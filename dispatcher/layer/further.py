@@ -46,6 +46,14 @@ def lit(block: Block) -> Mask:
     return light
 
 
+def share(block: Block) -> float:
+    """Return in which share of the pulses of a block there are photons beside the own ones."""
+    if block.further is None:
+        return 0.0
+    there = block.further.pulses[block.further.register.present]
+    return float(np.unique(there).size / block.register.size)
+
+
 def held(block: Block) -> Mask:
     """Return in which pulses there is a photon with a state, its own or another."""
     present = block.register.present

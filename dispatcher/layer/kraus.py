@@ -35,7 +35,7 @@ class Channels:
     def __init__(
         self, sabot: Simulation, draws: Draws, block: Block, place: str, noise: str
     ) -> None:
-        """Draw for this place; raise BadConfig, naming the noise, where states are no vectors."""
+        """Draw for this place; raise BadConfig, naming the noise, where states are not vectors."""
         if sabot.backend != Dense.NAME:
             raise BadConfig(
                 f"Kraus operators of {noise} need state vectors, and the backend is "

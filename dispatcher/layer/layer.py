@@ -39,6 +39,7 @@ class PhysicalLayer:
     share: int  # of these, for what one node has made
     share_of_blocks: int = MAX_BLOCKS
     photons_lost: int = 0
+    photons_lost_waiting: int = 0  # of these, in delay lines of analysers
     journal: Journal = field(default_factory=Journal)
     time: NetworkTime = REAL_TIME
     software: SoftwareTime = field(default_factory=SoftwareTime)

@@ -1,6 +1,7 @@
 """The place of every block: at a node, waiting at one of its ports, or on its way."""
 
 from collections import Counter, deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from dispatcher.approximations import EXACT, Approximations
 from dispatcher.fiber.turn import Turn
 from dispatcher.layer.used_names import UsedNames
-from dispatcher.refusal import denied, not_found
+from dispatcher.refusal import denied
 from dispatcher.sabot.registers import Register
 from wire.parameters.physics import ENCODINGS
 
@@ -105,10 +106,16 @@ class Block:
 
 
 class Ownership:
-    """All live blocks, found by name or by node and session."""
+    """All live blocks, found by name or by node and session.
 
-    def __init__(self) -> None:
-        """Begin with none."""
+    Of what was made at a node by what happened elsewhere nothing is there for it to find before it
+    can have heard of it.
+    """
+
+    def __init__(self, now_ns: Callable[[], int]) -> None:
+        """Begin with none, and this clock."""
+        self._now_ns = now_ns
+        self._unheard_of: list[tuple[int, Block]] = []
         self._by_name: dict[BlockName, list[Block]] = {}
         self._by_session: dict[tuple[str, int], dict[Block, None]] = {}
         self._closed: deque[tuple[str, int]] = deque(maxlen=CLOSED_SESSIONS)
@@ -126,6 +133,20 @@ class Ownership:
     def is_closed(self, node: str, session: int) -> bool:
         """Return whether a node has let go of a session."""
         return (node, session) in self._closed
+
+    def add_when_heard(self, block: Block, heard_ns: int) -> None:
+        """Enter a new block where it says it is, once its node can have heard of it."""
+        self._unheard_of.append((heard_ns, block))
+
+    def _hear(self) -> None:
+        """Enter the blocks that their nodes can have heard of by now."""
+        if not self._unheard_of:
+            return
+        now_ns, waiting = self._now_ns(), self._unheard_of
+        self._unheard_of = [each for each in waiting if each[0] > now_ns]
+        for heard_ns, block in waiting:
+            if heard_ns <= now_ns:
+                self.add(block)
 
     def add(self, block: Block) -> None:
         """Enter a new block where it says it is."""
@@ -172,10 +193,12 @@ class Ownership:
 
         Those of others elsewhere are not among them: nobody keeps a name from its owner.
         """
+        self._hear()
         return [part for part in self._by_name.get(name, ()) if node in (part.maker, part.node)]
 
     def parts(self, name: BlockName) -> list[Block]:
         """Return all live parts of a block, wherever they are."""
+        self._hear()
         return list(self._by_name.get(name, ()))
 
     def rest_flies(self, block: Block) -> bool:
@@ -185,30 +208,33 @@ class Ownership:
 
     def at(self, name: BlockName, node: str, port: str = "") -> Block | None:
         """Return the block of this name at a port of the node, or at the node itself."""
+        self._hear()
         for block in self._by_name.get(name, ()):
             if (block.node, block.port) == (node, port):
                 return block
         return None
 
     def require(self, name: BlockName, node: str) -> Block:
-        """Return the block of this name at the node, or refuse with the reason."""
+        """Return the block of this name at the node, or refuse with the reason.
+
+        Whether it is elsewhere, or nowhere any more, nobody is told: that would be news of there.
+        """
         block = self.at(name, node)
         if block is not None:
             return block
-        parts = self._by_name.get(name)
-        if parts is None:
-            raise not_found(f"{name} does not exist; create or receive it first")
-        waiting = [part.port for part in parts if part.node == node]
+        waiting = [part.port for part in self.parts(name) if part.node == node]
         if waiting:
             raise denied(f"{name} waits at port {waiting[0]} of {node}; receive it first")
-        raise denied(f"{name} is not at {node}; only the node that holds it may touch it")
+        raise denied(f"{name} is not at {node}; create or receive it first")
 
     def of_session(self, node: str, session: int) -> list[Block]:
         """Return all blocks of a session at a node, those at its ports included."""
+        self._hear()
         return list(self._by_session.get((node, session), ()))
 
     def at_node(self, node: str) -> list[Block]:
         """Return all blocks at a node, those at its ports included; none at no node."""
+        self._hear()
         if not node:
             return []
         places = [place for place in self._by_session if place[0] == node]

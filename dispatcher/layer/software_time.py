@@ -116,6 +116,10 @@ class SoftwareTime:
         insort(_forgetting(self._light[receiver]), Cause(came_ns, sender, sent_ns))
         self.news(receiver, came_ns)
 
+    def news_from_ns(self, origin: str, node: str) -> int | None:
+        """Return how long news takes from one node to another, None if by nothing but light."""
+        return self._delays_ns(node).get(origin)
+
     def farthest_news_ns(self, node: str) -> int:
         """Return how long news takes to a node from where it takes longest."""
         return max(self._delays_ns(node).values())

@@ -78,7 +78,8 @@ class PlannedGate(NamedTuple):
         if self.target is not None:
             both = block.pulses.approximations | self.target.pulses.approximations
             if block.further is not None or self.target.further is not None:
-                both |= approximation(SEVERAL_IN_GATES)
+                several = max(further.share(block), further.share(self.target))
+                both |= approximation(SEVERAL_IN_GATES, several)
             block.pulses.approximations = self.target.pulses.approximations = both
 
 
@@ -101,7 +102,9 @@ class Operations:
         hardware.require(layer.devices, node, *makers)
         names = [BlockName(request.session, request.number, half) for half in range(halves)]
         source = layer.devices.of(node).source
-        self._require_capacity(node, names, request.count, most_further(source, request.count))
+        own = request.state == CreateRequest.ZEROS  # qubits of the host itself, not of its source
+        more = 0 if own else most_further(source, request.count)
+        self._require_capacity(node, names, request.count, more)
         states = limits.states(request)
         levels = limits.levels(request, len(source.intensities))
         registers = self._make(request, states)
@@ -118,15 +121,15 @@ class Operations:
         if halves == PAIR:
             pairs, told = emit_into(blocks[0], blocks[1], layer)
             self.pairs_created += pairs
-        else:
+        elif states is not None:
             told = emit_prepared(blocks[0], states, levels, layer)
-        if request.state != CreateRequest.ZEROS:
-            self._custom_noise_of_source(blocks)
-        seconds = 0.0
-        if request.state == CreateRequest.ZEROS:
-            blocks[0].kept, seconds = True, layer.devices.of(node).gates.initialization_s
+        else:
+            blocks[0].kept = blocks[0].retimed = True
             wrong = imperfections.misprepared(layer, blocks[0])
-            told += f", in |1> {wrong}" if wrong else ""
+            told = f", in |1> {wrong}" if wrong else ""
+        if not own:
+            self._custom_noise_of_source(blocks)
+        seconds = layer.devices.of(node).gates.initialization_s if own else 0.0
         text += told
         if states is not None:
             text += f": {tally(states, preparation.STATES)}"

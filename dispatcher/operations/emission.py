@@ -39,10 +39,8 @@ def emit_into(first: Block, second: Block, layer: PhysicalLayer) -> tuple[int, s
     return int(emission.pairs.sum(dtype=np.int64)), told
 
 
-def emit_prepared(
-    block: Block, states: Bytes | None, levels: Bytes | None, layer: PhysicalLayer
-) -> str:
-    """Let new photons in given states (None: |0>) be what a source emits; return a description.
+def emit_prepared(block: Block, states: Bytes, levels: Bytes | None, layer: PhysicalLayer) -> str:
+    """Let new photons in given states be what a source emits; return a description.
 
     All photons of a pulse are in the same state; levels choose its intensity. A host without a
     source keeps what it prepares.
@@ -64,13 +62,12 @@ def emit_prepared(
     return told
 
 
-def _emit_photons(block: Block, states: Bytes | None, photons: Bytes, layer: PhysicalLayer) -> str:
+def _emit_photons(block: Block, states: Bytes, photons: Bytes, layer: PhysicalLayer) -> str:
     """Let pulses have so many photons; return a description."""
     layer.sabot.lose(block.register, photons == 0)
     at = owners(photons)
     if at.size:
-        own = np.zeros(at.size, np.uint8) if states is None else states[at]
-        block.further = Further(prepare(layer.sabot, own), at)
+        block.further = Further(prepare(layer.sabot, states[at]), at)
     return f", photons in pulses: {_told(photons)}"
 
 

@@ -4,12 +4,14 @@ Of one qubit X, Z and XZ come with p/4 each; of two qubits each of the 15 produc
 operators but the identity with p/16, on both qubits together. A pair is hit only where both are
 there. A Bell measurement by gates is a CX, an H of the first qubit and two measurements. All
 products being alike, the noise of the CX is the same in front of it. That of the H is not: X or XZ
-after the H flips the bit of the phase alone, which in front of both gates is Z.
+after the H flips the bit of the phase alone, which in front of both gates is Z. A model of a user's
+own says what it likes: then both gates are done, each with its noise, and taken back.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dispatcher.approximations import SEVERAL_IN_GATES, approximation
 from dispatcher.layer import drift, further, part_noise
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block
@@ -51,10 +53,29 @@ def after_pair_gate(layer: PhysicalLayer, first: Block, second: Block) -> int:
 
 def before_bell_measurement(layer: PhysicalLayer, first: Block, second: Block) -> dict[str, int]:
     """Let the noise of the gates that a Bell measurement is made of be in its outcomes."""
-    errors = after_pair_gate(layer, first, second)
-    at, paulis = _one_qubit_errors(layer, first, first.register.present)
-    errors += _hit(layer, first, at, (paulis & FLIPS_BIT) * FLIPS_PHASE)
+    if layer.devices.noise(first.node, "gates") is not None:
+        errors = _by_gates_themselves(layer, first, second)
+    else:
+        errors = after_pair_gate(layer, first, second)
+        at, paulis = _one_qubit_errors(layer, first, first.register.present)
+        errors += _hit(layer, first, at, (paulis & FLIPS_BIT) * FLIPS_PHASE)
     return {"gate-errors": errors} if errors else {}
+
+
+def _by_gates_themselves(layer: PhysicalLayer, first: Block, second: Block) -> int:
+    """Do both gates with their noise, and take them back without; return the errors."""
+    for block in (first, second):
+        drift.twirl(block, layer.sabot, layer.draws)
+        if block.further is not None:
+            several = approximation(SEVERAL_IN_GATES, further.share(block))
+            first.pulses.approximations |= second.pulses.approximations | several
+    layer.sabot.gate("CX", first.register, second.register)
+    errors = after_pair_gate(layer, first, second)
+    layer.sabot.gate("H", first.register)
+    errors += after_gate(layer, first)
+    layer.sabot.gate("H", first.register)
+    layer.sabot.gate("CX", first.register, second.register)
+    return errors
 
 
 def _custom_noise(layer: PhysicalLayer, block: Block, qubits: int, met: Mask) -> None:

@@ -68,7 +68,9 @@ class Gathering:
         if stored:
             layer.memories.exchange(blocks if keep_rest else [], gathered)
         layer.ownership.add(gathered)
+        left = any(positions.size < block.register.size for block, positions in picked)
         detail = _told(picked) + (", still stored" if stored else "")
+        detail += ", the rest let go" if left and not keep_rest else ""
         layer.record(node, "gather", gathered, detail=detail, each=partial(_origin, picked))
         return layer.feedback(gathered)
 

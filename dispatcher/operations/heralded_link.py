@@ -6,6 +6,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dispatcher.approximations import (
+    CLASSICAL_LIGHT,
+    EXACT,
+    READY_STATION,
+    STRAYED,
+    UNEQUAL_ARMS,
+    UNLIKE_DETECTORS,
+    Approximations,
+    approximation,
+)
 from dispatcher.devices.heralding import Arm, Heralds, single_click, two_click
 from dispatcher.devices.overlap import Overlap, overlap
 from dispatcher.operations.station_way import StationWay
@@ -68,6 +78,11 @@ class Link:
         apart = self.ways[0].dispersion_ps_per_nm - self.ways[1].dispersion_ps_per_nm
         return overlap((first, second), apart, self.station.analyser.bandwidth_rad_per_s)
 
+    def spread_ps(self, half: int) -> float:
+        """Return how far fibres spread the light of a half in time, rms."""
+        width_nm = self.devices[half].source.bandwidth_nm
+        return abs(width_nm * self.ways[half].dispersion_ps_per_nm)
+
     @property
     def visibility(self) -> float:
         """Return that of photons that come at the same time."""
@@ -76,18 +91,76 @@ class Link:
     @property
     def heralds(self) -> Heralds:
         """Return how likely an attempt is heralded."""
+        kind = two_click if self.scheme == "two-click" else single_click
+        return kind(self.arms, self.dark, self.visibility)
+
+    @property
+    def seen(self) -> float:
+        """Return how likely a photon clicks in the mean of both detectors of a mode."""
         detectors = self.station.detectors
-        dark = -np.expm1(-detectors.dark_count_hz * detectors.gate_s)
+        return detectors.efficiency * (1 - detectors.efficiency_mismatch / 2)
+
+    @property
+    def arms(self) -> tuple[Arm, Arm]:
+        """Return both hosts as the station sees them."""
         first, second = (
             Arm(
-                emitter.efficiency * way.transmission * detectors.efficiency,
+                emitter.efficiency * way.transmission * self.seen,
                 emitter.bright_state,
                 emitter.phase_rad,
             )
             for emitter, way in zip(self.emitters, self.ways, strict=True)
         )
-        kind = two_click if self.scheme == "two-click" else single_click
-        return kind((first, second), float(dark), self.visibility)
+        return first, second
+
+    @property
+    def dark(self) -> float:
+        """Return how likely a detector clicks without light of the hosts, in a mode.
+
+        Noise photons of the fibres are in any mode, and behind the beam splitter on either side.
+        """
+        detectors = self.station.detectors
+        share = 1 / 4 if self.scheme == "two-click" else 1 / 2
+        scattered = share * self.seen * sum(way.noise_photons for way in self.ways)
+        return float(-np.expm1(-detectors.dark_count_hz * detectors.gate_s - scattered))
+
+    @property
+    def psi_minus(self) -> float:
+        """Return how likely a herald tells Psi-: of one click, the lesser detector's."""
+        less = 1 - self.station.detectors.efficiency_mismatch
+        return 2 * less / (1 + less) ** 2 if self.scheme == "two-click" else less / (1 + less)
+
+    @property
+    def approximations(self) -> Approximations:
+        """Return what of the heralds is not what the physics does, whatever fibres do."""
+        heralds, detectors = self.heralds, self.station.detectors
+        every = EXACT
+        if heralds.unequal:
+            every |= approximation(UNEQUAL_ARMS, heralds.unequal)
+        others = 1 - heralds.chances[0] / heralds.probability if heralds.probability else 0.0
+        if detectors.efficiency_mismatch:
+            every |= approximation(UNLIKE_DETECTORS, detectors.efficiency_mismatch * others)
+        if any(way.noise_photons for way in self.ways):
+            every |= approximation(CLASSICAL_LIGHT, others)
+        if strays := max(way.strays for way in self.ways):
+            every |= approximation(STRAYED, strays)
+        if unready := self._unready:
+            every |= approximation(READY_STATION, unready)
+        return every
+
+    @property
+    def _unready(self) -> float:
+        """Return of which share of the heralds dead times and afterpulses decide, at most."""
+        detectors = self.station.detectors
+        single = self.scheme == "single-click"
+        light = sum(arm.efficiency * (arm.bright_state if single else 1) for arm in self.arms) / 2
+        clicks = self.modes * (light + 2 * self.dark)  # of one detector, in all modes of a round
+        dead_ns = detectors.dead_time_s * 1e9
+        rounds = dead_ns // self.period_ns + (dead_ns > 0 and self.modes > 1)
+        share = clicks * rounds + detectors.afterpulse_probability
+        # Of two clicks in one detector, in time bins, nobody says how far they are apart.
+        twice = dead_ns > 0 and not single and detectors.encoding == "time-bin"
+        return min(share + twice * (1 - self.psi_minus), 1.0)
 
     @property
     def told_wrongly(self) -> float:

@@ -7,10 +7,13 @@
     bob     prepare, emit ---'                         '---
 
 An attempt takes the preparation and a round trip to the station, the longer of both; each host
-emits so that light of both meets. As many modes as both have attempt at once.
+emits so that light of both meets. As many modes as both have attempt at once. What the station has
+heralded is there for the hosts to find when news of it can be: before that neither a request nor an
+event tells them.
 """
 
-from collections.abc import Sequence
+import asyncio
+from collections.abc import Callable, Sequence
 
 import grpc
 import numpy as np
@@ -23,7 +26,7 @@ from dispatcher.layer.ownership import HALVES, Block, BlockName
 from dispatcher.operations import limits
 from dispatcher.operations.heralded_link import Link, Offer
 from dispatcher.operations.heralds import Drawing, Heralded
-from dispatcher.operations.station_way import find_way
+from dispatcher.operations.station_way import StationWay, find_way
 from dispatcher.refusal import Refusal, exhausted, invalid, precondition
 from dispatcher.sabot.limits import require_count
 from wire.dispatcher_pb2 import Feedback, HeraldRequest
@@ -38,10 +41,16 @@ BITS = np.array([[0, 0] if kind == ENTANGLED else [*map(int, kind)] for kind in 
 class Heralding:
     """Attempt and Herald."""
 
-    def __init__(self, layer: PhysicalLayer) -> None:
-        """Act on this layer."""
-        self._layer = layer
+    def __init__(self, layer: PhysicalLayer, failed: Callable[[BaseException], None]) -> None:
+        """Act on this layer; call `failed` with what ends the telling of hosts unexpectedly."""
+        self._layer, self._failed = layer, failed
         self._offers: dict[BlockName, Offer] = {}
+        self._news: set[asyncio.Task[None]] = set()  # on its way to hosts
+
+    async def told(self) -> None:
+        """Wait until all hosts can have heard of what is heralded."""
+        while self._news:
+            await asyncio.wait(self._news)
 
     def attempt(
         self,
@@ -97,12 +106,12 @@ class Heralding:
         for name in names:
             del self._offers[name]
         rounds = max(round(limit_s * 1e9) // link.period_ns, 1)
-        drawing = Drawing(layer, link, names)
+        drawing = Drawing(layer, node, link, names)
         found, used = await drawing.draw(request.count, rounds)
         for offer in offers:
             way = offer.end.node, link.start_ns, node, layer.clock.now_ns()
             layer.software.light(*way)
-        block = self._keep(link, names, offers, found) if found.count else None
+        block = self._keep(node, link, names, offers, found) if found.count else None
         detail = f"{tally(found.told, BELL_STATES)} of {used * link.modes} attempts".strip()
         detail += f", dropped={drawing.dropped}" if drawing.dropped else ""
         layer.record(node, "herald", block, detail=detail)
@@ -175,12 +184,13 @@ class Heralding:
 
     def _keep(
         self,
+        node: str,
         link: Link,
         names: Sequence[BlockName],
         offers: tuple[Offer, Offer],
         found: Heralded,
     ) -> Block:
-        """Let heralded pairs be in the memories of both nodes; return half 0."""
+        """Let pairs that a node has heralded be in the memories of both; return half 0."""
         layer = self._layer
         lineage = layer.ownership.used_names.use(names[0].session, names[0].number)
         blocks = []
@@ -190,13 +200,40 @@ class Heralding:
             block = Block(name, register, offer.end.node, came_ns=came_ns, lineage=lineage)
             block.first_ns, block.last_ns = came_ns[[0, -1]].tolist()
             block.start_ns, block.pulses.approximations = block.first_ns, found.approximations
-            layer.ownership.add(block)
             blocks.append(block)
         self._set_states(blocks, found)
-        for block in blocks:
-            layer.memories.store(block, offers[block.name.half].cutoff_s)
-            layer.record(block.node, "heralded", block)
+        for block, offer, way in zip(blocks, offers, link.ways, strict=True):
+            layer.memories.store(block, offer.cutoff_s)
+            self._tell(block, self._news_ns(node, way, block.node))
         return blocks[0]
+
+    def _news_ns(self, node: str, way: StationWay, host: str) -> int:
+        """Return when a host can hear of what a node has just found: by light, or copper."""
+        layer = self._layer
+        copper_ns = layer.software.news_from_ns(node, host)
+        delay_ns = way.delay_ns if copper_ns is None else min(way.delay_ns, copper_ns)
+        return layer.clock.now_ns() + max(delay_ns - 1, 0)  # what is rounded up is not late
+
+    def _tell(self, block: Block, heard_ns: int) -> None:
+        self._layer.ownership.add_when_heard(block, heard_ns)
+        task = asyncio.create_task(self._heard(block, heard_ns))
+        self._news.add(task)
+        task.add_done_callback(self._told)
+
+    async def _heard(self, block: Block, heard_ns: int) -> None:
+        """Record that a host hears of a block; let go of it if nobody wants it there any more."""
+        layer = self._layer
+        await layer.clock.wait_until(heard_ns)
+        layer.record(block.node, "heralded", block)
+        node, session = block.node, block.name.session
+        there = block in layer.ownership.of_session(node, session)
+        if there and layer.ownership.is_closed(node, session):
+            layer.drop(block)
+
+    def _told(self, task: asyncio.Task[None]) -> None:
+        self._news.remove(task)
+        if not task.cancelled() and (error := task.exception()) is not None:
+            self._failed(error)
 
     def _set_states(self, blocks: Sequence[Block], found: Heralded) -> None:
         """Make of Phi+ what was heralded: a Bell state, or a state of the Z basis; with errors."""

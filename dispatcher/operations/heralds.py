@@ -13,20 +13,21 @@ from numpy.typing import NDArray
 
 from dispatcher.approximations import (
     EXACT,
-    UNEQUAL_ARMS,
     Approximations,
-    approximation,
     twirled_phase,
     twirled_turn,
 )
-from dispatcher.devices.heralding import phase_wrong
+from dispatcher.devices.heralding import KINDS, phase_wrong
+from dispatcher.fiber.noise import Effect
 from dispatcher.fiber.turn import TRANSPOSED, Turn, product
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import BlockName
 from dispatcher.operations.heralded_link import Link
 from dispatcher.operations.station_way import PHASE, Follower, Met
 from dispatcher.photon_random import PhotonRandom
+from wire.config import BadConfig
 
+BOTH_BRIGHT = KINDS.index("11")
 PSI_PLUS, PSI_MINUS = np.uint8(1), np.uint8(3)
 TURNED = np.array([1, 3, 2, 0], np.uint8)  # X, XZ, Z by their chances, or I
 STILL = Turn(np.zeros(1, np.int64), np.array([[1.0, 0.0, 0.0, 0.0]]))
@@ -83,9 +84,11 @@ class Heralded:
 class Drawing:
     """Draws the heralds of one block."""
 
-    def __init__(self, layer: PhysicalLayer, link: Link, names: Sequence[BlockName]) -> None:
-        """Draw for the two halves of a block of pairs that a link makes."""
-        self._layer, self._link, self._names = layer, link, names
+    def __init__(
+        self, layer: PhysicalLayer, node: str, link: Link, names: Sequence[BlockName]
+    ) -> None:
+        """Draw for the two halves of a block of pairs that a link makes by a station."""
+        self._layer, self._node, self._link, self._names = layer, node, link, names
         self._batches = 0
         self.dropped = 0  # pairs, by the cut-off of a memory
         self._followers = [
@@ -154,13 +157,81 @@ class Drawing:
             own = random.at(f"emitter {name.half}")
             at = own.events("error", 1 - emitter.fidelity)
             errors[at] ^= 1 + own.which("which", at.size, np.ones(3))
-        told = np.where(random.coins("detector", count), PSI_MINUS, PSI_PLUS).astype(np.uint8)
-        come = met[0].arrived & met[1].arrived
-        every = twirled | met[0].approximations | met[1].approximations
-        if link.heralds.unequal:
-            every |= approximation(UNEQUAL_ARMS, link.heralds.unequal)
+        told = np.where(_minus(link, random), PSI_MINUS, PSI_PLUS).astype(np.uint8)
+        come = _clicked(link, met, kind, random)
+        every = twirled | met[0].approximations | met[1].approximations | link.approximations
+        effect = self._custom_noise(place, count)
+        if effect is not None:
+            every |= effect.approximations
+            first ^= np.uint8(0) if effect.paulis is None else effect.paulis
+            come &= True if effect.lost is None else ~effect.lost
         errors = first[come], second[come]
         return Heralded(rounds[come], kind[come], told[come], errors, every)
+
+    def _custom_noise(self, place: str, count: int) -> Effect | None:
+        """Return what a model of the user's own says that the station's detectors tell wrongly."""
+        model = self._layer.devices.noise(self._node, "detectors")
+        if model is None:
+            return None
+        when, waited = self._layer.clock.now_ns(), np.zeros(count)
+        draws = self._layer.draws
+        effect = model.effect(draws, self._names[0], "detectors", place, when, waited)
+        if effect.kraus is not None:
+            raise BadConfig(
+                f"Kraus operators of the noise of {self._node}'s detectors: heralds cannot meet "
+                "any; let the model return Paulis"
+            )
+        return effect
+
+
+def _minus(link: Link, random: PhotonRandom) -> NDArray[np.bool_]:
+    """Draw which heralds tell Psi-."""
+    if link.psi_minus == 1 / 2:
+        return random.coins("detector", random.photons).astype(bool)
+    return random.happens("detector", link.psi_minus)
+
+
+def _clicked(
+    link: Link, met: Sequence[Met], kind: Bytes, random: PhotonRandom
+) -> NDArray[np.bool_]:
+    """Draw which heralds there are, of those that there would be if all light came in its gate.
+
+    Entangled ones of two clicks need the light of both hosts, others of one; of single clicks
+    those need none that the dark makes of at most one emission.
+    """
+    detectors, single = link.station.detectors, link.scheme == "single-click"
+    late = [
+        _late_ps(detectors.jitter_ps, link.spread_ps(half), each, random.at(f"clicks {half}"))
+        for half, each in enumerate(met)
+    ]
+    gate_ps = detectors.gate_s * 1e12
+    there = [
+        each.arrived if ps is None else each.arrived & (np.abs(ps) <= gate_ps / 2)
+        for each, ps in zip(met, late, strict=True)
+    ]
+    come = there[0] & there[1]
+    if not come.all():
+        one = np.where(random.uniform("arm") < link.heralds.first, there[0], there[1])
+        needs_both = np.zeros(kind.size, bool) if single else kind == 0
+        needs_none = single & (kind > 0) & (kind != BOTH_BRIGHT)
+        come = np.where(needs_both, come, one | needs_none)
+    if not single and any(ps is not None for ps in late):
+        first, second = (0.0 if ps is None else ps for ps in late)
+        come = come & (np.abs(first - second) <= link.station.analyser.coincidence_window_s * 1e12)
+    opened: NDArray[np.bool_] = come & met[0].open & met[1].open
+    return opened
+
+
+def _late_ps(
+    jitter_ps: float, spread_ps: float, met: Met, random: PhotonRandom
+) -> NDArray[np.float64] | None:
+    """Return how late each click of light is, None if none can be."""
+    late_ps = met.delays_ps
+    for what, rms_ps in (("jitter", jitter_ps), ("wavelength", spread_ps)):
+        if rms_ps:
+            more_ps = random.normal(what) * rms_ps
+            late_ps = more_ps if late_ps is None else late_ps + more_ps
+    return late_ps
 
 
 def _until(gaps: NDArray[np.int64], most: int) -> NDArray[np.int64]:

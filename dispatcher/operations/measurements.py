@@ -12,7 +12,7 @@ from dispatcher.devices.detectors import Told
 from dispatcher.devices.overlap import Overlap, overlap
 from dispatcher.layer import drift, further, part_noise, pulses
 from dispatcher.layer.layer import PhysicalLayer, tally
-from dispatcher.layer.ownership import Block, BlockName
+from dispatcher.layer.ownership import Block, BlockName, Pulses
 from dispatcher.operations import gate_noise, imperfections, limits
 from dispatcher.operations.blocks import require_pairs
 from dispatcher.operations.interference import Interference
@@ -44,10 +44,7 @@ class Measurements:
         hardware.require_encoding(layer.devices, node, block.pulses.encoding)
         size = block.register.size
         values = limits.bases(request, size)
-        if (values >= PAULI_BASES).any():
-            registers = [block.register, *([block.further.register] if block.further else [])]
-            for register in registers:
-                layer.sabot.require_capacity(register, [DIAGONAL])
+        self._require_capacity(block, values)
         done_ns = layer.clock.now_ns()  # however long it takes to simulate
         layer.take_up(block)
         drift.twirl_turn(block, layer.sabot, layer.draws)
@@ -81,37 +78,29 @@ class Measurements:
         each = partial(outcome, told, ("0", "1"))
         layer.record(node, "measure", block, detail=detail, each=each)
         feedback.clicks = found.clicks
-        if request.packed:
-            feedback.bits = np.packbits(told & np.uint8(1)).tobytes()
-            feedback.missed = _packed_mask(told == NO_CLICK)
-        else:
-            feedback.outcomes = told.tobytes()
+        _tell_bits(feedback, told, request.packed)
         seconds = layer.devices.of(node).gates.readout_s if block.kept else 0.0
         return imperfections.lasts(feedback, seconds)
+
+    def _require_capacity(self, block: Block, values: Bytes) -> None:
+        """Refuse bases between those of Pauli operators that the backend cannot hold."""
+        if (values >= PAULI_BASES).any():
+            registers = [block.register, *([block.further.register] if block.further else [])]
+            for register in registers:
+                self._layer.sabot.require_capacity(register, [DIAGONAL])
 
     def bell_measure(
         self, node: str, names: tuple[BlockName, BlockName], packed: bool = False
     ) -> Feedback:
         """Measure and use up pairs of photons in the Bell basis; tell them packed or not."""
         layer = self._layer
-        first, second = (layer.ownership.require(name, node) for name in names)
-        require_pairs(first, second)
-        hardware.require(layer.devices, node, MEASURE)
-        for block in (first, second):
-            hardware.require_encoding(layer.devices, node, block.pulses.encoding)
-        layer.sabot.require_capacity(first.register, [GateStep("CX", second.register)])
-        layer.take_up_pair(first, second)
+        first, second = self._taken_up(node, names)
         feedback = layer.feedback(first, second)
         feedback.first_ns = min(first.first_ns, second.first_ns)
         feedback.last_ns = max(first.last_ns, second.last_ns)
-        by_gates = layer.devices.of(node).analyser.kind == "gates"
         like = layer.devices.of(node).analyser
-        both = first.pulses, second.pulses
-        matched = overlap(
-            (both[0].bandwidth_nm, both[1].bandwidth_nm),
-            both[0].dispersion_ps_per_nm - both[1].dispersion_ps_per_nm,
-            like.bandwidth_rad_per_s,
-        )
+        by_gates = like.kind == "gates"
+        matched = _matched(like, first.pulses, second.pulses)
         waited, apart_ns = "", 0
         if not by_gates:
             waited, apart_ns = self._let_wait(like, matched, (first, second))
@@ -132,15 +121,21 @@ class Measurements:
         each = partial(outcome, outcomes, BELL_STATES)
         layer.record(node, "bell-measure", first, detail=told + listed(found.incidents), each=each)
         feedback.clicks = found.clicks
-        missed = outcomes == NO_CLICK
-        feedback.coincidences = missed.size - int(np.count_nonzero(missed))
-        if packed:
-            feedback.dibits = dibits.pack(outcomes & dibits.LARGEST, "little")
-            feedback.missed = _packed_mask(missed)
-        else:
-            feedback.outcomes = outcomes.tobytes()
+        _tell_bell_states(feedback, outcomes, packed)
         gates = layer.devices.of(node).gates
         return imperfections.lasts(feedback, imperfections.of_bell_measurement(gates) * by_gates)
+
+    def _taken_up(self, node: str, names: tuple[BlockName, BlockName]) -> tuple[Block, Block]:
+        """Take up two blocks for a Bell measurement, if their node can make it."""
+        layer = self._layer
+        first, second = (layer.ownership.require(name, node) for name in names)
+        require_pairs(first, second)
+        hardware.require(layer.devices, node, MEASURE)
+        for block in (first, second):
+            hardware.require_encoding(layer.devices, node, block.pulses.encoding)
+        layer.sabot.require_capacity(first.register, [GateStep("CX", second.register)])
+        layer.take_up_pair(first, second)
+        return first, second
 
     def _analyse(
         self, node: str, blocks: tuple[Block, Block], matched: Overlap, apart_ps: float
@@ -211,6 +206,7 @@ class Measurements:
             everything = np.ones(block.register.size, dtype=bool)
             further.thin(layer.sabot, block, everything, passes, random, "further")
             layer.photons_lost += lost
+            layer.photons_lost_waiting += lost
         which = f"{block.name.number}/{block.name.half}"
         return f", {which} waited in {length_km:g} km of fibre, lost={lost}"
 
@@ -254,6 +250,34 @@ class Measurements:
     def _draws(self, block: Block) -> PhotonDraws:
         purpose = block.draws_for("measure")
         return self._layer.draws.photons(block.name, purpose, block.register.size)
+
+
+def _matched(like: BellAnalyser, one: Pulses, other: Pulses) -> Overlap:
+    """Return how alike the photons of two blocks are to an analyser."""
+    apart_ps_per_nm = one.dispersion_ps_per_nm - other.dispersion_ps_per_nm
+    return overlap(
+        (one.bandwidth_nm, other.bandwidth_nm), apart_ps_per_nm, like.bandwidth_rad_per_s
+    )
+
+
+def _tell_bits(feedback: Feedback, told: Bytes, packed: bool) -> None:
+    """Write bits, and where there was no click, into feedback."""
+    if packed:
+        feedback.bits = np.packbits(told & np.uint8(1)).tobytes()
+        feedback.missed = _packed_mask(told == NO_CLICK)
+    else:
+        feedback.outcomes = told.tobytes()
+
+
+def _tell_bell_states(feedback: Feedback, outcomes: Bytes, packed: bool) -> None:
+    """Write Bell states, and where there was no coincidence, into feedback."""
+    missed = outcomes == NO_CLICK
+    feedback.coincidences = missed.size - int(np.count_nonzero(missed))
+    if packed:
+        feedback.dibits = dibits.pack(outcomes & dibits.LARGEST, "little")
+        feedback.missed = _packed_mask(missed)
+    else:
+        feedback.outcomes = outcomes.tobytes()
 
 
 def _packed_mask(mask: Mask) -> bytes:

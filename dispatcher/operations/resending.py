@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from dispatcher.devices import hardware
-from dispatcher.layer import drift, further, pulses
+from dispatcher.layer import drift, further, part_noise, pulses
 from dispatcher.layer.layer import PhysicalLayer, tally
 from dispatcher.layer.ownership import Block, BlockName, Pulses
 from dispatcher.operations import imperfections, preparation
@@ -53,8 +53,13 @@ class Resending:
         place = block.draws_for(f"resend {block.resends}")
         block.resends += 1
         draws = layer.draws.photons(name, place, size)
-        bits = layer.sabot.measure(taken.register, values * chosen, draws)
-        more = further.measure(layer.sabot, taken, values * chosen, layer.draws, place)
+        own = layer.devices, layer.draws, taken, "detectors", "detectors", place
+        effect = part_noise.of_part(*own, layer.clock.now_ns())
+        block.pulses.approximations |= taken.pulses.approximations
+        looked_at = values * chosen
+        part_noise.in_front(layer.sabot, layer.draws, taken, effect, place, looked_at)
+        bits = layer.sabot.measure(taken.register, looked_at, draws)
+        more = further.measure(layer.sabot, taken, looked_at, layer.draws, place)
         random = PhotonRandom(layer.draws, name, f"{place}, detectors of {node}", size)
         detectors = layer.devices.detectors(node, "measure")
         found = detectors.detect(
@@ -67,8 +72,9 @@ class Resending:
             timed=True,
         )
         outcomes = found.bits | (~chosen * np.uint8(NO_CLICK))
-        again = (outcomes != NO_CLICK) & free
         told, wrong = imperfections.misread(layer, block, outcomes, "resend")
+        told = part_noise.told(told, effect)
+        again = (told != NO_CLICK) & free
         left = outcomes if block.kept else told  # new light is as what was told
         self._replace(block, fresh, again, values << np.uint8(1) | left & np.uint8(1))
         incidents = found.incidents() | ({"misread": wrong} if wrong else {})

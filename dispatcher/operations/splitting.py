@@ -25,7 +25,7 @@ from dispatcher.sabot.registers import Mask, Pick
 from wire.dispatcher_pb2 import Feedback
 from wire.features import MEASURE
 
-MOST_COUNTED = 254  # a byte tells it, and 255 is no count
+MOST_COUNTED = 254  # a byte tells it, and 255 is not a count
 SEVERAL = 2
 
 

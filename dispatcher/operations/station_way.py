@@ -4,6 +4,7 @@ Of the photons of all attempts only those are followed that are heralded: what f
 absorb is in the probability of a herald, and counted where switches count.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,13 +12,16 @@ from numpy.typing import NDArray
 
 from dispatcher.approximations import EXACT, Approximations
 from dispatcher.devices.overlap import angular_width
+from dispatcher.fiber.channels import ChannelCrosstalk
+from dispatcher.fiber.classical_light import ClassicalLight
 from dispatcher.fiber.noise import Loss, Passage, Pattern, Schedule
 from dispatcher.fiber.turn import Turn
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.network import Line
 from dispatcher.layer.ownership import BlockName
 from dispatcher.operations.flight import meets
-from dispatcher.operations.ways import Crossing, way_of
+from dispatcher.operations.ways import Crossing, Step, way_of
+from dispatcher.photon_random import PhotonRandom
 from dispatcher.refusal import precondition
 from dispatcher.sabot.registers import Mask
 from wire.config import BadConfig, FiberEnd
@@ -37,11 +41,21 @@ class StationWay:
     transmission: float
     dispersion_ps_per_nm: float
     frequency_mhz: int
+    noise_photons: float = 0.0  # of classical light in its fibres, at the station with each attempt
 
     @property
     def end(self) -> FiberEnd:
         """Return the port at which the light comes out."""
         return self.lines[-1].far
+
+    @property
+    def strays(self) -> float:
+        """Return how likely light would leave it in switches with crosstalk, at most."""
+        stays = 1.0
+        for crossing in self.crossings:
+            crosstalk_db = crossing.switch.config.crosstalk_db
+            stays *= 1.0 if crosstalk_db is None else 1 - 10 ** (-crosstalk_db / 10)
+        return 1 - stays
 
     @property
     def rotation(self) -> int:
@@ -56,7 +70,8 @@ class StationWay:
 class Met:
     """What light has met on the way; arrays have shape (k,), None: nothing."""
 
-    arrived: Mask
+    open: Mask  # its way has been open all the time
+    arrived: Mask  # it has not been lost beside what the chance of a herald knows
     paulis: NDArray[np.uint8]
     angles_rad: NDArray[np.float64] | None = None
     turn: Turn | None = None
@@ -75,10 +90,22 @@ def find_way(layer: PhysicalLayer, start: FiberEnd, frequency_mhz: int) -> Stati
             steps[-1].transmission,
             sum(step.line.fiber.dispersion_ps_per_nm for step in steps),
             frequency_mhz,
+            _noise_photons(steps),
         )
     raise precondition(
         f"light that leaves {start.port} of {start.node} comes out nowhere: let the controller "
         "open its path to the station first"
+    )
+
+
+def _noise_photons(steps: Sequence[Step]) -> float:
+    """Return how many photons of classical light come to the end with each attempt, on average."""
+    end = steps[-1].transmission
+    return sum(
+        model.mean_now * end / step.transmission
+        for step in steps
+        for model in step.line.noise.values()
+        if isinstance(model, ClassicalLight) and end
     )
 
 
@@ -91,16 +118,21 @@ class Follower:
         """Follow light of such qubits; phase_only: that is there or not, and has a phase."""
         self._layer, self._way, self._phase_only = layer, way, phase_only
         self._encoding = "time-bin" if phase_only else source.encoding
+        self._jitter_ps = source.jitter_ps
         self._width_rad_per_s = angular_width(source.bandwidth_nm)
 
     def follow(self, name: BlockName, place: str, times_ns: NDArray[np.int64]) -> Met:
         """Return what light has met that left at these ascending times, which are over."""
-        met = Met(np.ones(times_ns.size, bool), np.full(times_ns.size, self._way.rotation, "u1"))
+        everything = np.ones(times_ns.size, bool)
+        met = Met(everything, everything, np.full(times_ns.size, self._way.rotation, "u1"))
+        if self._jitter_ps:
+            emission = PhotonRandom(self._layer.draws, name, f"{place} emission", times_ns.size)
+            met.delays_ps = emission.normal("jitter") * self._jitter_ps
         for crossing in self._way.crossings:
             there = times_ns + crossing.delay_ns
             switch, ports = crossing.switch, (crossing.in_port, crossing.out_port)
-            met.arrived &= switch.timeline.path(ports[0], there) == ports[1]
-            met.arrived &= switch.transmission(*ports, there, self._way.frequency_mhz) > 0
+            met.open = met.open & (switch.timeline.path(ports[0], there) == ports[1])
+            met.open &= switch.transmission(*ports, there, self._way.frequency_mhz) > 0
         delay_ns = 0
         for number, line in enumerate(self._way.lines):
             delay_ns += line.delay_ns
@@ -115,18 +147,21 @@ class Follower:
         for model_name, model in line.noise.items():
             if isinstance(model, Loss) or not meets(self._encoding, model):
                 continue
+            if isinstance(model, ClassicalLight):  # its clicks are in the chance of a herald
+                continue
             history = self._layer.history.of_model(line.near.node, line.near.port, model_name)
             where = self._layer.draws, name, f"{place} {model_name}"
             passage = Passage(*where, schedule, history, self._width_rad_per_s)
             effect = model.effect(passage)
             met.approximations |= effect.approximations
-            if effect.kraus is not None:
-                raise BadConfig(
-                    f"Kraus operators of noise in the fibre to {line.far.port} of {line.far.node}: "
-                    "light of heralded attempts cannot meet any; let the model return Paulis"
-                )
+            for given, what in ((effect.kraus, "Kraus operators"), (effect.extras, "extras")):
+                if given is not None and not isinstance(model, ChannelCrosstalk):
+                    raise BadConfig(
+                        f"{what} of noise in the fibre to {line.far.port} of {line.far.node}: "
+                        "light of heralded attempts cannot meet any; let the model return Paulis"
+                    )
             if effect.lost is not None:
-                met.arrived &= ~effect.lost
+                met.arrived = met.arrived & ~effect.lost
             if effect.paulis is not None:
                 met.paulis ^= self._of_light(effect.paulis, passage)
             if effect.angles_rad is not None:

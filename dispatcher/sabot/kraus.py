@@ -16,7 +16,7 @@ DIGITS = 12  # of a probability; what differs by less is rounding
 
 
 def wrong_with(operators: Operators, qubits: int) -> str | None:
-    """Return why these are no channel of so many qubits, in words; None if they are one."""
+    """Return why these are not a channel of so many qubits, in words; None if they are one."""
     one = operators.ndim == 3 or (operators.ndim == 4 and len(operators) == qubits)
     if not one or operators.shape[-2:] != (2, 2):
         return f"shape {operators.shape} is neither (m, 2, 2) nor ({qubits}, m, 2, 2)"

@@ -133,7 +133,7 @@ class Sabot:
         """Let each qubit of mask, shape (k,), meet one of these Kraus operators, drawn.
 
         They have shape (m, 2, 2), or (k, m, 2, 2): those of each qubit. Raise ValueError where
-        states are no state vectors: begin with them (backend dense).
+        states are not state vectors: begin with them (backend dense).
         """
         if self.backend != Dense.NAME:
             raise ValueError(f"Kraus operators on backend {self.backend}; begin with {Dense.NAME}")

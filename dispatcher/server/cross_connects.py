@@ -16,7 +16,7 @@ from dispatcher.server.callers import Callers
 from dispatcher.server.servicer import Failed
 from wire import frames
 from wire.dispatcher_pb2 import CrossConnectOutcome, CrossConnectRequest
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 Change = Callable[[str, str, Any], Awaitable[int]]  # called with node, kind and request
 
@@ -49,7 +49,7 @@ class CrossConnects:
         connection.add_done_callback(self._connections.discard)
 
     async def _serve(self, reader: StreamReader, writer: StreamWriter) -> None:
-        """Answer until the agent goes away or says what is none of this."""
+        """Answer until the agent goes away or says anything else."""
         with contextlib.closing(writer):
             try:
                 token = (await frames.read(reader)).decode()

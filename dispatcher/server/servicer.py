@@ -78,7 +78,12 @@ class Service(DispatcherServicer):
         self._operations = Operations(layer)
         parts = self._operations, Measurements(layer), self.transport, Gathering(layer)
         self._handlers = operation_handlers(
-            layer, *parts, Resending(layer), Splitting(layer), Heralding(layer), Telling(layer)
+            layer,
+            *parts,
+            Resending(layer),
+            Splitting(layer),
+            Heralding(layer, failed),
+            Telling(layer),
         )
         self._changes = changes(layer, self.switching)
 
@@ -295,6 +300,7 @@ class Service(DispatcherServicer):
             live_bytes=self.layer.sabot.live_bytes,
             pairs_created=self._operations.pairs_created,
             photons_lost=self.layer.photons_lost,
+            photons_lost_waiting=self.layer.photons_lost_waiting,
             events=self.layer.history.count,
             backend=self.layer.sabot.backend,
             exact=self.layer.exact,

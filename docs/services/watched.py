@@ -19,7 +19,7 @@ from qmn.live.running import dispatcher_of_running_network
 from qmn.scripting import QuantumNetwork, start
 from wire.controller_lines import read_record
 from wire.dispatcher_pb2 import AdjustFiberRequest
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 
 POLICY = 'default = "allow"\n[seal]\nalarm = "close"\n'
 WAYS = ("alice", "charlie"), ("charlie", "bob")

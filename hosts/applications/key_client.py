@@ -17,7 +17,7 @@ from wire.key_delivery import (
     encode_key_ids,
     encode_request,
 )
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 OK = 200
 

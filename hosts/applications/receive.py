@@ -11,7 +11,7 @@ from contextlib import redirect_stdout
 from pathlib import Path
 
 from hosts.applications.service import Part, ended_well, wait
-from wire.metadata import Service
+from wire.metadata.vocabulary import Service
 
 
 def go_to_background() -> None:

@@ -9,7 +9,7 @@ import sys
 from hosts.applications.carrying import CHUNK_BYTES
 from hosts.applications.service import Part, ask, ended_well
 from hosts.middleware.services.superdense.options import DEFAULT_BLOCK_PAIRS
-from wire.metadata import FEC_NAMES, Service
+from wire.metadata.vocabulary import FEC_NAMES, Service
 
 OPTIONS = ("handshake", "frame_bytes", "block_pairs", "rate_hz", "fec", "interleave")
 

@@ -20,7 +20,7 @@ from uuid import UUID
 from hosts.ip_over_light.tun import Tun
 from hosts.timeouts import COMMAND_TIMEOUT_S
 from wire.ip_packet import decode
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 PORT = 5443
 MTU = 1400

@@ -32,7 +32,7 @@ from hosts.ip_over_light.tun import TunError
 from hosts.timeouts import NEXT_KEY_PAUSE_S, TUNNEL_HANDSHAKE_S, TUNNEL_POLL_S, TUNNEL_TIMEOUT_S
 from wire.config import BadConfig
 from wire.key_delivery import KeyRequest, decode_key_ids, encode_key_ids
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 from wire.network_time import NetworkTime
 from wire.vpn import AGREEMENT_PORT, STRONGSWAN, TLS, VpnConfig
 

@@ -1,9 +1,19 @@
-"""Operations on single qubits of a host, of which a processing unit has many done in one call."""
+"""Blocks of a host by name, and operations on single qubits of it.
+
+A processing unit has many operations done in one call.
+"""
 
 from dataclasses import dataclass
 from enum import Enum
 
-from hosts.hardware.qnic import BlockName
+
+@dataclass(frozen=True)
+class BlockName:
+    """k photons: half 0 or 1 of the pairs of one block of a session."""
+
+    session: int
+    number: int
+    half: int
 
 
 class Kind(Enum):

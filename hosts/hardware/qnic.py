@@ -7,13 +7,12 @@ equipment implements the same calls (paper, section "Host Nodes").
 import logging
 from collections.abc import AsyncIterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from hosts.hardware.operations import Operation
+from hosts.hardware.operations import BlockName, Operation
 
 log = logging.getLogger("qnic")
 
@@ -29,15 +28,6 @@ class HardwareError(Exception):
 
 class NoLight(HardwareError):
     """No photon of a block arrived in time."""
-
-
-@dataclass(frozen=True)
-class BlockName:
-    """k photons: half 0 or 1 of the pairs of one block of a session."""
-
-    session: int
-    number: int
-    half: int
 
 
 @dataclass(frozen=True)

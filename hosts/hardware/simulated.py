@@ -11,10 +11,9 @@ import grpc
 import numpy as np
 from numpy.typing import NDArray
 
-from hosts.hardware.operations import OUTCOMES, Operation
+from hosts.hardware.operations import OUTCOMES, BlockName, Operation
 from hosts.hardware.orders import Chain, NotHere, Orders, Standing, proved
 from hosts.hardware.qnic import (
-    BlockName,
     Coincidences,
     Directions,
     HardwareError,

@@ -3,8 +3,7 @@
 import math
 from collections.abc import Iterable, Iterator
 
-from hosts.hardware.operations import Kind, Operation
-from hosts.hardware.qnic import BlockName
+from hosts.hardware.operations import BlockName, Kind, Operation
 from wire.dispatcher_pb2 import (
     ApplyRequest,
     BlockId,
@@ -18,7 +17,7 @@ from wire.dispatcher_pb2 import (
     Step,
     StoreRequest,
 )
-from wire.metadata import Pauli
+from wire.outcomes import Pauli
 
 GATES = frozenset(kind for kind in Kind if kind.value in Gate.Name.DESCRIPTOR.values_by_name)
 PAULIS = {Kind.X: Pauli.X, Kind.Z: Pauli.Z, Kind.Y: Pauli.XZ}

@@ -17,7 +17,7 @@ from hosts.stack_socket import QuantumSocketError, StackEnded
 from wire.ip_over_light import IpOverLightConfig
 from wire.ip_packet import PacketStream, decode, unreachable
 from wire.lost_packet import Packet, Unreachable
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 log = logging.getLogger("q0")
 
@@ -43,8 +43,8 @@ class Interface:
                 config.stack,
                 neighbor,
                 config.options,
-                config.idle_s,
-                config.patience_s,
+                config.time.wall_s(config.idle_s),
+                config.time.wall_s(config.patience_s),
                 self.refuse,
                 wanted_light,
             )

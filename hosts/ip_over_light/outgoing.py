@@ -23,7 +23,7 @@ from hosts.stack_socket import QuantumSocketError, StackEnded
 from hosts.timeouts import HOLDOFF_S, LIGHT_RETRY_S, YIELD_S
 from wire.ip_over_light import PACKETS_PORT, RETURNED_PACKETS_PORT, Neighbor
 from wire.lost_packet import Packet, Unreachable
-from wire.metadata import Service
+from wire.metadata.vocabulary import Service
 
 log = logging.getLogger("q0")
 
@@ -59,7 +59,10 @@ class WantedLight:
 
 
 class Outgoing:
-    """What this host sends to one other; `offer` from any thread, `run` in one of its own."""
+    """What this host sends to one other; `offer` from any thread, `run` in one of its own.
+
+    How long it keeps light without a packet, and waits for light, are seconds of the wall here.
+    """
 
     def __init__(
         self,

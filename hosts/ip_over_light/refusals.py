@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from wire.lost_packet import Unreachable
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 
 CODES: Mapping[Reason, Unreachable] = MappingProxyType(
     {

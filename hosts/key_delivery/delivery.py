@@ -7,7 +7,7 @@
 Keys that this end hands out first become the master's; the slave's manager removes the same ones
 before the master gets any. A slave of a third host gets the key masked with keys shared with that
 host. To a host without such keys they are relayed (relaying.py), by whom the controller chooses.
-Applications of one manager get keys that it draws: between them is no light.
+Applications of one manager get keys that it draws: there is no light between them.
 """
 
 import asyncio
@@ -71,7 +71,7 @@ class KeyDelivery:
         self.withholds = config.withhold  # whether too many errors close the way to a host
 
     async def status(self, caller: str, slave: str) -> Status:
-        """Say what is there for a master and a slave; raise Refused for who is none."""
+        """Say what is there for a master and a slave; raise Refused for anybody else."""
         self._require_own(caller)
         target = self._host_of(slave)
         count = await self._available(caller, slave, target)

@@ -16,7 +16,7 @@ from wire.key_delivery import MAX_REQUEST, decode_refusal
 from wire.key_manager import KeyManagerConfig, manager_name
 from wire.key_relay import RELAY_PATH
 from wire.key_routes import MAX_HOPS
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 LEAST = ssl.TLSVersion.TLSv1_2
 

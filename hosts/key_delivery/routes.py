@@ -26,7 +26,9 @@ from wire.key_routes import (
     KeyRouteRequest,
     LinkState,
 )
-from wire.metadata import Answer, MalformedPacket, Message
+from wire.malformed import MalformedPacket
+from wire.metadata.header import Message
+from wire.metadata.setup import Answer
 
 log = logging.getLogger("key-routes")
 

@@ -6,7 +6,7 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 from wire.socket_calls import HEADER, Call, decode_fields, decode_header, encode_fields
 
 

@@ -16,7 +16,7 @@ from wire import key_delivery as bodies
 from wire.key_assignment import ASSIGNMENT_PATH, MAX_ASSIGNMENT, Assignment
 from wire.key_manager import KeyManagerConfig
 from wire.key_relay import RELAY_PATH
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 log = logging.getLogger("key-manager")
 

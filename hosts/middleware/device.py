@@ -16,7 +16,8 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.estimates import Estimates, estimates_of
 from hosts.middleware.session.options import overridden
 from wire.device import DevicePort, DeviceReport, DeviceSettings, Subscribe
-from wire.metadata import Reason, Service, Setup
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Reason, Service
 from wire.session_estimates import SessionEstimate
 
 log = logging.getLogger("device")

@@ -7,7 +7,9 @@ there already, and do not rotate. A verdict that there is must be sealed all the
 from dataclasses import dataclass, field, replace
 
 from hosts.middleware.session.errors import SessionError
-from wire.metadata import Pauli, Reason, Setup, Verdict
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Reason, Verdict
+from wire.outcomes import Pauli
 from wire.verdict import Connection, is_sealed
 
 MAX_REMEMBERED = 4096

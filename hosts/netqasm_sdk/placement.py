@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from wire.parameters.checks import remedy
+
 
 @dataclass(frozen=True)
 class Placement:
@@ -19,6 +21,6 @@ class Placement:
     def known(self, role: str) -> str:
         """Return a role; raise ValueError if there is none of that name."""
         if role not in self.hosts:
-            known = ", ".join(sorted(self.hosts))
-            raise ValueError(f"{role!r} is not a role of this application: choose one of {known}")
+            text = f"{role!r} is not a role of this application"
+            raise ValueError(f"{text}: {remedy(role, sorted(self.hosts))}")
         return role

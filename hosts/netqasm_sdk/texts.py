@@ -19,7 +19,7 @@ from netqasm.sdk.classical_communication.socket import Socket as BaseSocket
 
 from hosts.netqasm_sdk.placement import Placement
 from hosts.timeouts import GREETING_TIMEOUT_S, JOIN_TIMEOUT_S, TEXT_PAUSE_S, TEXT_TIMEOUT_S
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 from wire.netqasm.texts import (
     GREETING,
     MAX_BYTES,

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hosts.hardware.qnic import BlockName, Qnic, release
+from hosts.hardware.operations import BlockName
+from hosts.hardware.qnic import Qnic, release
 from hosts.middleware.session.errors import SessionError
 from hosts.network_loop import now_s
 from hosts.processing_unit.machine import Machine
@@ -17,7 +18,7 @@ from hosts.processing_unit.measuring import choose, measurement
 from hosts.processing_unit.memory import MOST, Value
 from hosts.processing_unit.pairs import PairMaking
 from hosts.processing_unit.qubits import Qubits
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 from wire.netqasm.messages import OpenSocket, ReturnedArray, ReturnedRegister
 from wire.netqasm.pair_requests import MAX_PAIRS, Measuring, PairRequest, RandomBasis, Use
 from wire.netqasm.subroutine import Subroutine

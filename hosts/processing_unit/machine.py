@@ -11,7 +11,7 @@ from inspect import isawaitable
 from hosts.middleware.session.errors import SessionError
 from hosts.processing_unit.memory import ClassicalMemory, Value
 from hosts.processing_unit.qubits import GATES, PAIR_GATES, ROTATIONS, Outcome, Qubits
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 from wire.netqasm.messages import ReturnedArray, ReturnedRegister
 from wire.netqasm.subroutine import Instruction, Subroutine
 

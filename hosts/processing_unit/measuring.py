@@ -5,8 +5,7 @@ from math import pi
 
 import numpy as np
 
-from hosts.hardware.operations import Kind, Operation
-from hosts.hardware.qnic import BlockName
+from hosts.hardware.operations import BlockName, Kind, Operation
 from wire.netqasm.pair_requests import Measuring, RandomBasis
 
 STEP_RAD = pi / 16

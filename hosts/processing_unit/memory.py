@@ -5,7 +5,7 @@ What was measured can be moved before it is known: then it is an Outcome.
 
 from hosts.middleware.session.errors import SessionError
 from hosts.processing_unit.qubits import Outcome
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 from wire.netqasm.messages import MAX_ENTRIES
 from wire.netqasm.subroutine import register_name
 

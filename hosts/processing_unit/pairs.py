@@ -17,8 +17,8 @@ from dataclasses import dataclass, field
 from itertools import count
 from typing import Any
 
-from hosts.hardware.operations import Kind, Operation
-from hosts.hardware.qnic import BlockName, HardwareError, Qnic
+from hosts.hardware.operations import BlockName, Kind, Operation
+from hosts.hardware.qnic import HardwareError, Qnic
 from hosts.middleware.session.blocks import PAIRS
 from hosts.middleware.session.ends import Answerer
 from hosts.middleware.session.errors import SessionError
@@ -34,7 +34,8 @@ from hosts.timeouts import (
     WANTED_TIMEOUT_S,
 )
 from wire.config import HostConfig
-from wire.metadata import MalformedPacket, Reason
+from wire.malformed import MalformedPacket
+from wire.metadata.vocabulary import Reason
 from wire.netqasm.pair_requests import (
     ANSWER,
     PAIRS_PORT,

@@ -10,10 +10,10 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
-from hosts.hardware.operations import OUTCOMES, Kind, Operation
-from hosts.hardware.qnic import BlockName, Qnic
+from hosts.hardware.operations import OUTCOMES, BlockName, Kind, Operation
+from hosts.hardware.qnic import Qnic
 from hosts.middleware.session.errors import SessionError
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 from wire.outcomes import NO_CLICK
 
 MOST_GATHERED = 4096  # operations

@@ -15,7 +15,7 @@ from hosts.middleware.session.errors import SessionError
 from hosts.processing_unit.application import Application
 from hosts.processing_unit.pairs import PairMaking, Sessions
 from wire.config import HostConfig
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 from wire.netqasm.messages import (
     Finished,
     HostMessage,

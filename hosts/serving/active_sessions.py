@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from hosts.middleware.session.errors import SessionError
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 from wire.services import Role
 
 MAX_SESSIONS = 64  # that others have opened, at a time

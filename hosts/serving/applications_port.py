@@ -16,7 +16,8 @@ from hosts.processing_unit.unit import ProcessingUnit
 from hosts.serving.incoming import Incoming, failed
 from hosts.serving.opened_session import read_call, reply, serve_session, stopped, unless_gone
 from hosts.serving.other_calls import Watch, serve_interception, serve_processing, tell_events
-from wire.metadata import MalformedPacket, Reason
+from wire.malformed import MalformedPacket
+from wire.metadata.vocabulary import Reason
 from wire.socket_calls import HEADER, Call, decode_fields, encode_fields
 
 log = logging.getLogger("applications")

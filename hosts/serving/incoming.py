@@ -6,7 +6,7 @@ from typing import Any
 from hosts.middleware.session.ends import Answerer
 from hosts.middleware.session.errors import SessionError
 from hosts.timeouts import ACCEPT_TIMEOUT_S, READ_TIMEOUT_S
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 from wire.socket_calls import MAX_PAYLOAD, Call, encode, encode_fields
 
 

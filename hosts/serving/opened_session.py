@@ -10,7 +10,7 @@ from hosts.middleware.session.ends import Answerer, Carrier
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.session import OpeningSession
 from hosts.serving.incoming import failed
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 from wire.socket_calls import HEADER, Call, decode_fields, decode_header, encode_fields
 
 log = logging.getLogger("applications")

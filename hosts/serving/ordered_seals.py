@@ -18,7 +18,8 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.session import OpeningSession
 from hosts.timeouts import UNUSED_S
 from wire.device import DEVICE_PORT
-from wire.metadata import Answer, Reason, Service, Setup
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.vocabulary import Reason, Service
 from wire.seal_orders import GiveBack, SealOrder
 
 log = logging.getLogger("ordered-seals")

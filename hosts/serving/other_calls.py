@@ -14,7 +14,7 @@ from hosts.middleware.services.interception.interception import Interception
 from hosts.middleware.session.errors import SessionError
 from hosts.processing_unit.unit import Connection, ProcessingUnit
 from hosts.serving.opened_session import read_call, reply, stopped, unless_gone
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 from wire.netqasm.messages import decode_host_message, encode_unit_message
 from wire.socket_calls import Call, encode, encode_fields
 

@@ -15,7 +15,8 @@ from qmn.reports.streams import segments
 from qmn.results.timeline import TIMELINE
 from wire.dispatcher_pb2 import Event
 from wire.dissection.dissectors import SCRIPT
-from wire.metadata import Handshake, Setup
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Handshake
 
 # The paper's table of encodings: bits, operator, Bell state.
 TABLE = {"00": ("I", "Phi+"), "01": ("X", "Psi+"), "10": ("Z", "Phi-"), "11": ("XZ", "Psi-")}

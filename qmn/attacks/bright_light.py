@@ -38,7 +38,7 @@ class Glare:
 def blinding(defended: bool, bits: int) -> tuple[int, int]:
     """Blind bob's detectors and let those click that eve's did; return bits known, of how many.
 
-    The defence is a monitor of their photocurrent: what it tells of is no key.
+    The defence is a monitor of their photocurrent: what it tells of is not a key.
     """
     detector = MONITORED if defended else AvalanchePhotodiode()
     spied = asyncio.run(blinded(4 * bits, Glare(), detector))

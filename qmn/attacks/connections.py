@@ -17,7 +17,7 @@ from qmn.attacks.conduct import (
 from qmn.timeouts import ATTACK_TIMEOUT_S
 from topologies.networks.network import Network
 from topologies.system.processes.programs import NetworkError
-from wire.metadata import METADATA_PORT
+from wire.metadata.header import METADATA_PORT
 
 GUESSES = 20  # RSTs on each connection: of 2^32 places in its sequence, blind
 LISTENING = 7  # port of bob's application

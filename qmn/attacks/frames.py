@@ -27,7 +27,9 @@ from scapy.layers.l2 import ARP, Ether
 from qmn.timeouts import LIE_PERIOD_S, TOLD_TIMEOUT_S
 from wire.features import EVERYTHING, NodeFeatures
 from wire.lldp import ETHER_TYPE, announcement
-from wire.metadata import METADATA_PORT, Service, Setup
+from wire.metadata.header import METADATA_PORT
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Service
 
 BEFORE_TOLD = 20  # lies, more than a kernel overhears because it has asked a second ago
 FRAMES_A_SECOND = 500

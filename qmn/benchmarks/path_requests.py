@@ -16,18 +16,11 @@ from pathlib import Path
 from typing import BinaryIO
 
 from qmn.timeouts import CLOSE_TIMEOUT_S, PATH_POLL_S, TURN_TIMEOUT_S
-from wire.metadata import (
-    METADATA_PORT,
-    Answer,
-    Handshake,
-    MalformedPacket,
-    Reason,
-    Service,
-    Setup,
-    decode,
-    message_length,
-    session_number,
-)
+from wire.malformed import MalformedPacket
+from wire.metadata.decoding import decode, message_length
+from wire.metadata.header import METADATA_PORT, session_number
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.vocabulary import Handshake, Reason, Service
 
 CHUNK = 4096
 

@@ -15,7 +15,7 @@ from itertools import count
 from threading import Thread
 
 from qmn.benchmarks.path_requests import NoPath, ask
-from wire.metadata import Service
+from wire.metadata.vocabulary import Service
 
 AT_A_TIME = 4
 

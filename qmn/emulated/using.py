@@ -11,10 +11,10 @@ from mininet.topo import Topo
 
 from hosts.quantum_socket import QuantumSocketError
 from hosts.service_socket import ServiceSocket
-from qmn.jobs.run_context import begin_folder
 from qmn.jobs.service_verbs import SERVICE_PORT
 from qmn.network.custom_topology import BadTopology
 from qmn.options import BadInput
+from qmn.results.run_folder import begin_folder
 from qmn.scripting.network import QuantumNetwork, start
 from qmn.sweeps.experiment import Experiment, SweepError
 from qmn.sweeps.parameters import Values

@@ -50,6 +50,7 @@ class QuantumCLI(CLI):
     """
 
     prompt = "qmn> "
+    helpStr = CLI.helpStr.replace(CLI.prompt, prompt)  # noqa: N815 (Mininet's name)
 
     def __init__(self, network: QuantumNetwork, script: Iterable[str] | None = None) -> None:
         self.network = network

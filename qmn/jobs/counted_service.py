@@ -18,7 +18,7 @@ from hosts.middleware.session.service_options import ServiceOptions
 from hosts.timeouts import MAX_BLOCK_S
 from qmn.jobs import eavesdropping, runner
 from qmn.jobs.eavesdropping import ATTACKS, RELAYED, RESEND, SPLIT, SPLITTABLE, Attack
-from qmn.jobs.run_context import RunContext, begin_folder
+from qmn.jobs.run_context import RunContext
 from qmn.jobs.run_options import RunOptions
 from qmn.jobs.service_verbs import Verb, verb_of
 from qmn.jobs.swap_schedule import scheduling_policy
@@ -26,9 +26,11 @@ from qmn.network.checks import check_network, check_two_hosts
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, check_ranges
+from qmn.results.run_folder import begin_folder
 from topologies.networks.network import Signals, require_root
 from wire.device import MAX_LEVEL_ROUNDS
 from wire.features import EMIT
+from wire.parameters.checks import remedy
 from wire.parameters.option import option
 from wire.parameters.physics import BEAM_SPLITTER, Device
 
@@ -220,7 +222,7 @@ def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription
     check_two_hosts(*ends, network.hosts, network.dark_hosts)
     for name in request.others:
         if name not in network.hosts:
-            raise BadInput(f"--line {name}: choose one of {', '.join(network.hosts)}")
+            raise BadInput(f"--line {name}: {remedy(name, network.hosts)}")
     check_source(request.options, network.hosts)
     check_network(request.network)
     check_ranges(request.run)
@@ -256,7 +258,7 @@ def with_beam_splitter(
 def check_source(options: ServiceOptions, hosts: Sequence[str]) -> None:
     """Raise BadInput for a source that is not a host."""
     if options.source and options.source not in hosts:
-        raise BadInput(f"--source {options.source}: choose one of {', '.join(hosts)}")
+        raise BadInput(f"--source {options.source}: {remedy(options.source, hosts)}")
 
 
 def check_options(options: ServiceOptions, backend: str) -> None:

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from controller_apps.policy.policy import DEFAULT
+from controller_apps.policy.reading import DEFAULT
 from qmn.network.description import NetworkDescription
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput

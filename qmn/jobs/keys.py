@@ -9,7 +9,7 @@ from rich.console import Console
 from qmn.jobs import eavesdropping, moments
 from qmn.jobs.moments import Moments
 from qmn.jobs.passing_eavesdropper import PassingEavesdropper, PassingEve
-from qmn.jobs.run_context import RunContext, begin_folder, ending, known_facts, running_network
+from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.jobs.run_options import RunOptions
 from qmn.network.checks import check_network
 from qmn.network.description import NetworkDescription, describe_network
@@ -17,6 +17,7 @@ from qmn.network.key_options import KeyServiceOptions, key_service
 from qmn.network.options import NetworkOptions
 from qmn.options import check_ranges
 from qmn.results import result
+from qmn.results.run_folder import begin_folder
 from topologies.daemons.key_managers import (
     KeyManagers,
     KeyService,

@@ -12,12 +12,14 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from hosts.middleware.services import NAMES
 from hosts.middleware.session.errors import SessionError
 from qmn.benchmarks.many_hosts import controller_s
-from qmn.jobs.run_context import RunContext, begin_folder, ending, known_facts, running_network
+from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.jobs.run_options import RunOptions
 from qmn.network.checks import check_network
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, check_ranges
+from qmn.results.network_facts import network_facts
+from qmn.results.run_folder import begin_folder
 from qmn.traffic import result
 from qmn.traffic.driver import Driver
 from qmn.traffic.plan import MODELS, MOST_SESSIONS, BadTraffic, Planned, Traffic, plan
@@ -25,20 +27,23 @@ from qmn.traffic.session import ACCEPTED, Wanted
 from qmn.traffic.summary import summary
 from topologies.networks.network import Network, Signals, require_root
 from wire.controller_lines import read_record
+from wire.parameters.checks import remedy
 from wire.parameters.option import option
 from wire.results.run_result import LoadJob, RunResult
 
 BYTES = "sdc"  # the service that carries some
 OWN = "own"
 MEASURED = ("distribute", "swap")  # services that leave pairs at both ends
-UNFIT = ("link", "pair_source")
+# More than two hosts take part in them, or go back on the light of another session.
+UNFIT = ("conference", "ghz", "graph", "sdc_return", "sense")
+FIT = sorted(NAMES.keys() - set(UNFIT))
 
 
 @dataclass(frozen=True, kw_only=True)
 class LoadRequest:
     """What traffic there is, and in which network."""
 
-    service: str = option("distribute", "that sessions are of (distribute)", choices=sorted(NAMES))
+    service: str = option("distribute", "that sessions are of (distribute)", choices=FIT)
     count: int = option(
         30,
         "of pairs, states or bits of a session; bytes of sdc (30)",
@@ -158,7 +163,7 @@ def chosen(option_name: str, named: str, hosts: Sequence[str]) -> list[str]:
     found = [name for name in named.split(",") if name]
     for name in found:
         if name not in hosts:
-            raise BadInput(f"{option_name} {name}: choose one of {', '.join(hosts)}")
+            raise BadInput(f"{option_name} {name}: {remedy(name, hosts)}")
     return found
 
 
@@ -166,7 +171,7 @@ def wanted_of(request: LoadRequest, hosts: Sequence[str]) -> Wanted:
     """Return what each session asks for; raise BadInput for what its service does not take."""
     own = request.source == OWN
     if request.source and not own and request.source not in hosts:
-        raise BadInput(f"--source {request.source}: choose {OWN} or one of {', '.join(hosts)}")
+        raise BadInput(f"--source {request.source}: {remedy(request.source, [OWN, *hosts])}")
     options: dict[str, Any] = {} if own or not request.source else {"source": request.source}
     data = bytes(n % 256 for n in range(request.count)) if request.service == BYTES else b""
     if not data:
@@ -208,7 +213,11 @@ def _drive(
             _follow(driver, len(planned), network, context.console)
         finally:
             load = summary(
-                driver.outcomes, read_record(network.runtime.logs), network.runtime.time.scale
+                driver.outcomes,
+                read_record(network.runtime.logs),
+                network.runtime.time.scale,
+                driver.began_ns,
+                {address: name for name, address in network_facts(network).addresses.items()},
             )
             load.controller_ms = 1e3 * (controller_s(network) - before_s) / len(planned)
             load.began_ns = driver.began_ns

@@ -6,7 +6,8 @@ program of all ranks, whose roles are rank_0, rank_1, ...
 """
 
 import json
-from collections.abc import Mapping, Sequence
+import shutil
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,13 +15,8 @@ from typing import Any
 import yaml
 from rich.console import Console
 
-from qmn.jobs.run_context import (
-    RunContext,
-    begin_folder,
-    ending,
-    known_facts,
-    running_network,
-)
+from qmn.jobs.in_the_way import lost_light
+from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.jobs.run_options import RunOptions
 from qmn.jobs.transfer import TransferError, follow_all
 from qmn.network.checks import check_network
@@ -28,9 +24,11 @@ from qmn.network.description import describe_network
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, check_ranges
 from qmn.results import result
+from qmn.results.run_folder import begin_folder
 from qmn.timeouts import NETQASM_STALL_TIMEOUT_S
 from topologies.networks.network import Network, Signals, require_root
 from topologies.system.processes.programs import NetworkError, Program, python
+from wire.parameters.checks import remedy
 from wire.parameters.option import option
 from wire.results.run_result import NetqasmJob
 
@@ -90,9 +88,10 @@ def run(request: NetqasmRequest, signals: Signals, console: Console) -> int:
     with (
         ending(folder, facts, result.complete, context.options.report) as ended,
         running_network(context, facts) as network,
+        lost_light(network, console) as lost,
     ):
         console.print(f"{application.path.name}: {told(application.hosts)}")
-        play(application, network, folder, played.outputs)
+        play(application, network, folder, played.outputs, lost.look)
         facts.delivered = True
     of_every_run = result.rows_of_every_run(facts, folder, ended.report)
     result.print_rows(console, {**rows(played.outputs), **of_every_run})
@@ -149,7 +148,7 @@ def placement(
     for role, host in placed.items():
         _require(role, roles, "roles.yaml or --place")
         if host not in hosts:
-            raise BadInput(f"{role} on {host}: choose one of {', '.join(hosts)} (--place)")
+            raise BadInput(f"{role} on {host}: {remedy(host, hosts)} (--place)")
     chosen = {role: role for role in roles if role in hosts} | dict(placed)
     free = [host for host in hosts if host not in chosen.values()]
     for role in roles:
@@ -175,15 +174,16 @@ def read_yaml(file: Path) -> dict[str, Any]:
 
 
 def play(
-    application: Application, network: Network, folder: Path, outputs: list[dict[str, Any]]
+    application: Application,
+    network: Network,
+    folder: Path,
+    outputs: list[dict[str, Any]],
+    look: Callable[[], None],
 ) -> None:
-    """Start the programs, and note what they return until all have ended."""
-    logs = folder / "netqasm"
-    logs.mkdir(exist_ok=True)
+    """Start the programs, and note what they return until all have ended; `look` meanwhile."""
     addresses = {role: network.runtime.addresses[host] for role, host in application.hosts.items()}
     placed = json.dumps({"hosts": dict(application.hosts), "addresses": addresses})
-    programs = {role: _start(role, application, network, placed, logs) for role in addresses}
-    roles = {program.name: role for role, program in programs.items()}
+    roles: dict[str, str] = {}
 
     def note(program: Program, fields: dict[str, Any]) -> None:
         if fields.get("event") == "result":
@@ -191,21 +191,34 @@ def play(
             outputs.extend({} for _ in range(number + 1 - len(outputs)))
             outputs[number][roles[program.name]] = fields["output"]
 
+    programs = {role: _start(role, application, network, placed) for role in addresses}
+    roles.update((program.name, role) for role, program in programs.items())
     try:
-        follow_all(network, list(programs.values()), note, NETQASM_STALL_TIMEOUT_S)
+        follow_all(network, list(programs.values()), note, look, NETQASM_STALL_TIMEOUT_S)
     except (TransferError, NetworkError):
         network.explain()
         raise
+    finally:
+        keep_logs(
+            folder / "netqasm", map(network.runtime.written_folder, application.hosts.values())
+        )
 
 
-def _start(
-    role: str, application: Application, network: Network, placed: str, logs: Path
-) -> Program:
+def keep_logs(folder: Path, written: Iterable[Path]) -> None:
+    """Copy what programs have logged: files, and nothing that they have linked."""
+    folder.mkdir(exist_ok=True)
+    for file in (file for each in written for file in sorted(each.iterdir())):
+        if file.is_file() and not file.is_symlink():
+            shutil.copyfile(file, folder / file.name, follow_symlinks=False)
+
+
+def _start(role: str, application: Application, network: Network, placed: str) -> Program:
+    logs = network.runtime.written_folder(application.hosts[role])
     command = [python(), "-m", "hosts.applications.netqasm_program", str(application.path), role]
     command += ["--stack", network.runtime.socket(application.hosts[role]), "--placement", placed]
-    command += ["--inputs", json.dumps(application.inputs[role]), "--logs", str(logs.resolve())]
+    command += ["--inputs", json.dumps(application.inputs[role]), "--logs", str(logs)]
     command += ["--rounds", str(application.rounds)]
-    return network.run_on(application.hosts[role], f"netqasm-{role}", command)
+    return network.run_as_people_do(application.hosts[role], f"netqasm-{role}", command)
 
 
 def rows(outputs: Sequence[Mapping[str, Any]]) -> dict[str, str]:

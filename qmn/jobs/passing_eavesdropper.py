@@ -9,7 +9,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
-from controller_apps.policy.policy import DEFAULT
+from controller_apps.policy.reading import DEFAULT
 from qmn.jobs import eavesdropping
 from qmn.jobs.moments import Moments
 from qmn.live.controller_console import ask

@@ -17,7 +17,7 @@ from qmn.live.metrics_targets import announce
 from qmn.live.running import announce_network
 from qmn.live_view.beside import live_view
 from qmn.machines.options import machine_facts, machines_of
-from qmn.network.custom_topology import BadTopology, short_name
+from qmn.network.custom_topology import BadTopology
 from qmn.network.description import NetworkDescription
 from qmn.network.options import settings
 from qmn.network.time_scale import Scale
@@ -25,7 +25,7 @@ from qmn.options import BadInput, option_names
 from qmn.reports.beside import Draw, report_beside
 from qmn.results.network_facts import network_facts
 from qmn.results.result import note_files
-from qmn.results.run_folder import give_to_invoker, given_at_the_end, make_folder, point_latest
+from qmn.results.run_folder import give_to_invoker, given_at_the_end
 from qmn.results.software_share import note_software
 from qmn.results.timeline import timeline_of_run
 from topologies.links.causality import worst
@@ -83,16 +83,6 @@ class RunContext:
     folder: Path
     signals: Signals
     console: Console
-
-
-def begin_folder(runs: Path, name: str) -> Path:
-    """Return the new folder of a run; raise BadInput if it cannot be made."""
-    try:
-        folder = make_folder(runs, short_name(name))
-    except OSError as error:
-        raise BadInput(f"cannot write to --runs {runs}: {error.strerror}") from error
-    point_latest(folder)
-    return folder
 
 
 def known_facts(
@@ -198,6 +188,7 @@ def _note_light(facts: RunResult, network: Network, scale: Scale) -> None:
         for each in reached.approximations
     ]
     facts.pairs_made, facts.photons_lost = reached.pairs_created, reached.photons_lost
+    facts.photons_lost_waiting = reached.photons_lost_waiting
     early = worst(network.runtime)
     facts.acausal = EarlyNews(*early) if early else None
     note_software(facts, reached.software, network.runtime.devices.values(), scale)

@@ -13,6 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from hosts.middleware.session.service_options import SessionOptions
 from qmn.jobs import eavesdropping
 from qmn.jobs.handed_out import handing_out
+from qmn.jobs.in_the_way import lost_light
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.jobs.transfer import TransferError, follow
 from qmn.results import message_result, result, service_result
@@ -70,8 +71,9 @@ def use_network(job: Job, context: RunContext, facts: RunResult) -> None:
             eavesdropping.eavesdropping(network, job.eve, facts),
             _handing_out(network, job, facts) as take,
             _progress_bar(context.console, job, facts, take) as progress,
+            lost_light(network, context.console) as lost,
         ):
-            _use(network, job, context.folder, facts, progress)
+            _use(network, job, context.folder, facts, progress, lost.look)
         facts.delivered = True
 
 
@@ -81,6 +83,7 @@ def _use(
     folder: Path,
     facts: RunResult,
     progress: Callable[[Line], None],
+    look: Callable[[], None],
 ) -> None:
     """Start both ends' applications, and follow them to their last words."""
     options = asdict(job.options)
@@ -91,14 +94,14 @@ def _use(
     source = ["--file", str(job.file)] if job.file else []
     try:
         asked = _start(network, job, job.acceptor, "asked", output)
-        others = [_start(network, job, host, "asked", output) for host in job.others]
+        others = [_start(network, job, host, f"asked-{host}", output) for host in job.others]
         for waiting in (asked, *others):
             waiting.wait_for("listening", START_TIMEOUT_S)
         asking = _start(network, job, job.opener, "asking", [*address, *source])
-        progress(follow(network, asking, progress))
-        _note_asked(facts, follow(network, asked, lambda _line: None))
+        progress(follow(network, asking, progress, look))
+        _note_asked(facts, follow(network, asked, lambda _line: None, look))
         for waiting in others:
-            follow(network, waiting, lambda _line: None)
+            follow(network, waiting, lambda _line: None, look)
     except (TransferError, NetworkError):
         network.explain()
         raise

@@ -14,16 +14,18 @@ from hosts.middleware.services.superdense.frame_format import FrameFormat
 from hosts.middleware.services.superdense.options import DEFAULT_BLOCK_PAIRS, SuperdenseOptions
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES, MIN_BLOCK_PAIRS
 from qmn.jobs import runner
-from qmn.jobs.run_context import RunContext, begin_folder
+from qmn.jobs.run_context import RunContext
 from qmn.jobs.run_options import RunOptions
 from qmn.network.checks import check_network, check_two_hosts
+from qmn.network.custom_topology import short_name
 from qmn.network.description import describe_network
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, Words, check_range, check_ranges
+from qmn.results.run_folder import begin_folder
 from qmn.results.timeline import MERGE_AT_MOST_BYTES, WHOLE_AT_MOST_BYTES
 from topologies.networks.captures import MAX_PACKET_BYTES
 from topologies.networks.network import Signals, require_root
-from wire.metadata import FEC_NAMES, Service
+from wire.metadata.vocabulary import FEC_NAMES, Service
 from wire.parameters.option import option
 
 MESSAGE = Path(__file__).with_name("message.txt")
@@ -93,7 +95,7 @@ def begun(
     size = check_input(request, network.hosts, network.dark_hosts)
     require_root()
     tell_estimate(request, size, console)
-    folder = begin_folder(request.run.runs, request.network.topology)
+    folder = begin_folder(request.run.runs, short_name(request.network.topology))
     context = RunContext(network, request.run, folder, signals, console)
     return job(request, message_file(request, folder)), context
 

@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from controller_apps.policy.policy import DEFAULT
+from controller_apps.policy.reading import DEFAULT
 
 POLICY = "policy.toml"  # in the run's folder
 

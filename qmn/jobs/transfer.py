@@ -1,19 +1,18 @@
 """The words of a run's applications, followed from their first line to their last."""
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from qmn.jobs.in_the_way import in_the_way
 from qmn.timeouts import STALL_TIMEOUT_S
 from topologies.networks.network import Network
 from topologies.system.processes.programs import NetworkError, Program
 from topologies.timeouts import POLL_S
 from wire.application_lines import fields_of
 from wire.controller_lines import read_record
-from wire.metadata import Reason
 
 APPLICATION_PORT = 7
-BROKEN = (Reason.FIBER_CUT.name, Reason.PATH_BROKEN.name)
 
 
 class TransferError(Exception):
@@ -27,7 +26,7 @@ class Lines:
         self.program, self._position = program, 0
 
     def new(self) -> list[dict[str, Any]]:
-        """Return what each new line says; a line that is no object of JSON says nothing."""
+        """Return what each new line says; a line that is not an object of JSON says nothing."""
         with self.program.log.open("rb") as log:
             log.seek(self._position)
             text = log.read().decode(errors="replace")
@@ -37,10 +36,13 @@ class Lines:
 
 
 def follow(
-    network: Network, program: Program, progress: Callable[[dict[str, Any]], None]
+    network: Network,
+    program: Program,
+    progress: Callable[[dict[str, Any]], None],
+    look: Callable[[], None],
 ) -> dict[str, Any]:
     """Read a program's lines of JSON until its last; every wait here has a deadline."""
-    last = follow_all(network, [program], lambda _program, fields: progress(fields))
+    last = follow_all(network, [program], lambda _program, fields: progress(fields), look)
     return last[program.name]
 
 
@@ -48,11 +50,13 @@ def follow_all(
     network: Network,
     programs: Sequence[Program],
     progress: Callable[[Program, dict[str, Any]], None],
+    look: Callable[[], None],
     stall_s: float = STALL_TIMEOUT_S,
 ) -> dict[str, dict[str, Any]]:
     """Read what programs say until the last line of each; return these by the programs' names.
 
-    In `stall_s` seconds of the network at least one of them must say something.
+    In `stall_s` seconds of the network at least one of them must say something. `look` is called
+    again and again meanwhile.
     """
     limit_s = network.runtime.time.wall_s(stall_s)
     deadline = time.monotonic() + limit_s
@@ -78,6 +82,7 @@ def follow_all(
                 network.check()
                 raise TransferError(f"{name} ended: {lines.program.end()}")
         network.check()
+        look()
         if going and time.monotonic() > deadline:
             raise NetworkError(standing_still({name: said.get(name) for name in going}, limit_s))
         if going:
@@ -115,18 +120,3 @@ def with_elements(network: Network, text: str) -> str:
     """
     elements = in_the_way(read_record(network.runtime.logs))
     return text if elements in text else f"{text}: {elements}"
-
-
-def in_the_way(record: Iterable[Mapping[str, Any]]) -> str:
-    """Return what was last in the way of light: for a refusal, or for a session that has none."""
-    found = ""
-    for fact in record:
-        event = fact["event"]
-        why, _, elements = str(fact.get("detail", "")).partition(": ")
-        if event == "stranded":
-            found = why
-        elif event == "refused":
-            found = elements if why in BROKEN else ""
-        elif event in ("granted", "moved") or (event == "port" and fact["up"]):
-            found = ""
-    return found

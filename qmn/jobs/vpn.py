@@ -16,7 +16,7 @@ from qmn.jobs import eavesdropping, moments
 from qmn.jobs.keys import show
 from qmn.jobs.moments import Moments
 from qmn.jobs.passing_eavesdropper import PassingEavesdropper, PassingEve
-from qmn.jobs.run_context import RunContext, begin_folder, ending, known_facts, running_network
+from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.jobs.run_options import RunOptions
 from qmn.jobs.tunnel import (
     MovedFile,
@@ -32,6 +32,7 @@ from qmn.network.options import NetworkOptions
 from qmn.network.time_scale import REAL
 from qmn.options import BadInput, check_ranges
 from qmn.results import result
+from qmn.results.run_folder import begin_folder
 from topologies.daemons.key_managers import KeyService, start_key_managers
 from topologies.networks.network import Network, Signals, require_root
 from topologies.system.processes.programs import NetworkError, Program

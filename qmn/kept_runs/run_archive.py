@@ -16,7 +16,7 @@ MOST_FILES, MOST_BYTES = 10_000, 64 << 30  # of a file that somebody else has ma
 
 
 class BadArchive(Exception):
-    """A run that cannot be written as a file, or a file that is none; the text says why."""
+    """A run that cannot be written as a file, or a file that is not a run; the text says why."""
 
 
 def exported(run: Path, file: Path, whole: bool = False) -> list[str]:

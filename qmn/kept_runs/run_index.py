@@ -36,7 +36,7 @@ class Run:
     began: str  # 2026-11-22 11:45:24
     what: str  # service and topology
     changed: str  # parameters that are not the default, as JSON
-    outcome: str  # done, not done: …, no result
+    outcome: str  # done, not done: …, no result, not readable: …
     bytes: int  # of all its files
 
     @property
@@ -82,6 +82,9 @@ def read_run(path: Path) -> Run:
     size = sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
     try:
         result = json.loads((path / RESULT).read_text())
+    except PermissionError:
+        unreadable = f"not readable: it is of user {path.stat().st_uid}"
+        return Run(path.name, 0, began, path.name[16:], "{}", unreadable, size)
     except (OSError, ValueError):
         return Run(path.name, 0, began, path.name[16:], "{}", "no result", size)
     what = " ".join(filter(None, [result.get("service", "network"), result.get("topology") or ""]))
@@ -129,7 +132,7 @@ def _result_ns(path: Path) -> int:
 
 @contextmanager
 def _opened(file: Path) -> Iterator[sqlite3.Connection]:
-    """Open the index; one that is none is made anew, one that cannot be written is not kept."""
+    """Open the index, anew if the file is not one; one that cannot be written is not kept."""
     writable = os.access(file if file.exists() else file.parent, os.W_OK)
     index = _connected(file if writable else Path(":memory:"))
     try:

@@ -4,7 +4,7 @@ import json
 import shutil
 from pathlib import Path
 
-from wire.metadata import Service
+from wire.metadata.vocabulary import Service
 from wire.results.run_result import RESULT
 
 # Services that make no keys; in a network of `qmn cli` or a script anybody may have made some.

@@ -11,7 +11,7 @@ from rich.console import Console
 from qmn.timeouts import CONSOLE_TIMEOUT_S
 from topologies.system.runs.runtime import CONSOLE, NONE_RUNS, RUNTIME_ROOT, folders_of_running
 from wire.controller_lines import ConsoleError, decode_answer, encode_request
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 CHUNK = 1 << 16
 WIDTH = 200  # where it is not a terminal's

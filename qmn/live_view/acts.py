@@ -44,7 +44,7 @@ class BadAct(Exception):
 
 
 def words_of(given: object) -> list[str]:
-    """Return the words of the command that a page asks for; raise BadAct for what is none."""
+    """Return the words of the command that a page asks for; raise BadAct for anything else."""
     match given:
         case {"act": str(name), **fields} if name in VERBS:
             wanted, make = VERBS[name]

@@ -13,11 +13,13 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from qmn.live_view.acts import ACTS
 from qmn.live_view.address import SAID
-from qmn.live_view.pages import VARIABLE, Pages
+from qmn.live_view.pages import Pages
 from qmn.timeouts import LIVE_START_S
 from topologies.system.processes import owners
 from topologies.system.processes.programs import Program, python
+from topologies.system.runs.runtime import LIVE_PAGES
 from wire.parameters.option import option
 
 Say = Callable[[str], None]
@@ -40,6 +42,7 @@ def live_view(wanted: bool, folder: Path, say: Say = SAY) -> Iterator[None]:
     If it is one of several of a command, its page is at the address of that, wanted here or not.
     The log is in the folder of the run. Raise NetworkError if it does not begin in time.
     """
+    (folder / ACTS).unlink(missing_ok=True)  # of an earlier network in this folder
     pages = Pages.of_command()
     if pages is None and not wanted:
         yield
@@ -70,7 +73,7 @@ def page_of_command(wanted: bool, say: Say = SAY) -> Iterator[None]:
         yield
     finally:
         server.stop()
-        del os.environ[VARIABLE]
+        del os.environ[LIVE_PAGES]
 
 
 def begin_page_of_command(say: Say = SAY) -> Program:
@@ -87,7 +90,7 @@ def begin_page_of_command(say: Say = SAY) -> Program:
         shutil.rmtree(folder, ignore_errors=True)
         raise
     say(address_said(server))
-    os.environ[VARIABLE] = str(folder)
+    os.environ[LIVE_PAGES] = str(folder)
     return server
 
 

@@ -6,7 +6,7 @@ from qmn.live.event_sources import recorded
 from qmn.reports.packets import messages
 from qmn.reports.sequence import handshake, lanes
 from topologies.system.runs.runtime import EVENT_CAPTURE
-from wire.metadata import Setup
+from wire.metadata.setup import Setup
 from wire.parameters.network import OPENFLOW_PORT
 from wire.results.network_facts import NetworkFacts
 

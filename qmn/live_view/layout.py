@@ -3,6 +3,7 @@
 from math import cos, pi, sin
 from typing import Any
 
+from hosts.middleware.session.errors import REMEDIES
 from qmn.reports.light_paths import fiber_name
 from qmn.reports.places import Place, columns, of_nodes, on_paper
 from wire.results.network_facts import NetworkFacts
@@ -42,6 +43,8 @@ def described(facts: NetworkFacts) -> dict[str, Any]:
         "copper": [list(ends) for ends in sorted(copper) if set(ends) <= places.keys()],
         "source": facts.source,
         "dpids": {str(dpid): name for name, dpid in facts.datapath_ids.items()},
+        "columns": in_columns(facts),
+        "reasons": {reason.name: text.split(";")[0] for reason, text in REMEDIES.items()},
     }
 
 
@@ -49,15 +52,20 @@ def placed(facts: NetworkFacts) -> dict[str, Place]:
     """Return where each node is: on its map, in columns, or near to its neighbours."""
     if facts.positions:
         return _on_map(facts)
-    filled = columns(facts)
-    if max(map(len, filled)) > MOST_IN_COLUMN:
+    if not in_columns(facts):
         return _by_neighbours(facts)
+    filled = columns(facts)
     height = ROW * max(map(len, filled))
     return {
         name: (WIDTH * (column + 0.5) / len(filled), height * (row + 0.5) / len(names))
         for column, names in enumerate(filled)
         for row, name in enumerate(names)
     }
+
+
+def in_columns(facts: NetworkFacts) -> bool:
+    """Return whether nodes stand in columns, and not where they are on a map, or by who is near."""
+    return not facts.positions and max(map(len, columns(facts))) <= MOST_IN_COLUMN
 
 
 def _on_map(facts: NetworkFacts) -> dict[str, Place]:

@@ -12,7 +12,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-VARIABLE = "QMN_LIVE_PAGES"
+from topologies.system.runs.runtime import LIVE_PAGES
+
 SECRET, PORT, NAME, SOCKET = "secret", "port", "name", "socket"
 ENDED = "ended"  # what the socket is then called
 
@@ -26,7 +27,7 @@ class Pages:
     @staticmethod
     def of_command() -> "Pages | None":
         """Return those of the command that this process is part of; None if it has none."""
-        folder = os.environ.get(VARIABLE)
+        folder = os.environ.get(LIVE_PAGES)
         return Pages(Path(folder)) if folder else None
 
     @property

@@ -28,7 +28,7 @@ from qmn.live_view.sources import ACT
 from qmn.live_view.timeline import Timeline
 from qmn.timeouts import LIVE_LAST_S, LIVE_LIST_S, LIVE_NEWEST_S
 from wire.bounded_json import decode_json
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 PAGE, INDEX = Path(__file__).with_name("page"), "index.html"
 STYLE = Path(__file__).parents[1] / "reports" / "report.css"

@@ -92,7 +92,7 @@ def following(timeline: Timeline, config: DispatcherConfig, folder: Path) -> Ite
 def _follow_events(timeline: Timeline, config: DispatcherConfig) -> None:
     try:
         for events in gathered(config, WatchRequest(history=True, pause_ms=LIVE_PAUSE_MS)):
-            timeline.add_all(EVENT, ((each.time_ns, to_fields(each)) for each in events))
+            timeline.add_events(EVENT, events)
     except NetworkError as error:
         timeline.add(FAULT, time.time_ns(), {"text": str(error)})
     timeline.end()

@@ -10,6 +10,9 @@ from contextlib import contextmanager
 from threading import Lock
 from typing import Any
 
+from wire.dispatcher_pb2 import Event
+from wire.events import fields_text
+
 MOST_MESSAGES = 100_000
 ENCODED = json.JSONEncoder(separators=(",", ":")).encode
 
@@ -37,7 +40,18 @@ class Timeline:
 
     def add_all(self, what: str, happened: Iterable[tuple[int, dict[str, Any]]]) -> None:
         """Append messages, each with its time: readers get them together."""
-        texts = [self._text(what, time_ns, fields) for time_ns, fields in happened]
+        self._append([self._text(what, time_ns, fields) for time_ns, fields in happened])
+
+    def add_events(self, what: str, events: Iterable[Event]) -> None:
+        """Append events of the dispatcher likewise: they are most of what there is."""
+        self._append(
+            [
+                f'{{"t":{self._seconds(event.time_ns)},"what":"{what}",{fields_text(event)}}}'
+                for event in events
+            ]
+        )
+
+    def _append(self, texts: list[str]) -> None:
         with self._lock:
             for text in texts:
                 if self._count < self._most:
@@ -48,8 +62,10 @@ class Timeline:
             self._tell()
 
     def _text(self, what: str, time_ns: int, fields: dict[str, Any]) -> str:
-        seconds = round((time_ns - self.origin_ns) / 1e9, 9)
-        return ENCODED({"t": seconds, "what": what, **fields})
+        return ENCODED({"t": self._seconds(time_ns), "what": what, **fields})
+
+    def _seconds(self, time_ns: int) -> float:
+        return round((time_ns - self.origin_ns) / 1e9, 9)
 
     def end(self) -> None:
         """Have nothing come any more."""

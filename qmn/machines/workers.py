@@ -20,6 +20,7 @@ from topologies.system.machines.agent import MODULE
 from topologies.system.machines.gathering import gathered
 from topologies.system.machines.machine import Machine
 from topologies.system.processes.programs import ROOT, NetworkError, python
+from wire.parameters.checks import remedy
 
 _agents: dict[str, subprocess.Popen[str]] = {}  # of this worker, by where their runner listens
 FIRST = "m1"  # the machine of the runner
@@ -142,8 +143,8 @@ def places(placed: Sequence[str], hosts: Sequence[str], workers: Sequence[str]) 
         if not equals or host in found:
             raise BadInput(f"--place {text}: write HOST=MACHINE, once a host")
         if host not in hosts:
-            raise BadInput(f"--place {text}: choose a host of {', '.join(hosts)}")
+            raise BadInput(f"--place {text}: no host {host}: {remedy(host, hosts)}")
         if machine not in machines:
-            raise BadInput(f"--place {text}: choose a machine of {', '.join(machines)}")
+            raise BadInput(f"--place {text}: no machine {machine}: {remedy(machine, machines)}")
         found[host] = machine
     return {host: machine for host, machine in found.items() if machine != FIRST}

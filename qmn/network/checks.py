@@ -5,9 +5,10 @@ from collections.abc import Collection, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from controller_apps.policy.policy import BadPolicy, read_policy
+from controller_apps.policy.reading import BadPolicy, read_policy
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, check_ranges
+from wire.parameters.checks import remedy
 
 
 def check_network(options: NetworkOptions) -> None:
@@ -58,14 +59,15 @@ def check_two_hosts(
     sender: str, receiver: str, hosts: Sequence[str], dark: Collection[str] = ()
 ) -> None:
     """Raise BadInput unless both are of these hosts, and not the same; `dark` have no light."""
-    known = ", ".join(hosts)
+    choice = f"choose sender and receiver (--from, --to) of {', '.join(hosts)}"
+    if not hosts:
+        choice = "there is none here: see examples/my_net.py"
     for name in (sender, receiver):
         if name in dark:
             raise BadInput(
-                f"host {name!r} has no light: only a host of cls=QuantumHost has; "
-                f"choose sender and receiver (--from, --to) of {known}"
+                f"host {name!r} has no light: only a host of cls=QuantumHost has; {choice}"
             )
         if name not in hosts:
-            raise BadInput(f"unknown host {name!r}: choose sender and receiver of {known}")
+            raise BadInput(f"unknown host {name!r}: {remedy(name, hosts)}")
     if sender == receiver:
         raise BadInput(f"sender and receiver are both {sender}: choose two hosts")

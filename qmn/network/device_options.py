@@ -9,6 +9,7 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from topologies.catalogue.node_kinds import NODE_KINDS, node_device
+from wire.parameters.checks import check_names, number
 from wire.parameters.physics import BadParameter, Device
 
 IDEAL = asdict(Device())
@@ -57,9 +58,12 @@ def devices(
     for word in words:
         place, _equals, text = word.partition("=")
         host, part, name = [*place.split("."), "", ""][:3]
-        if not text or not host or name not in IDEAL.get(part, {}) or place.count(".") != 2:
-            known = "; ".join(f"{part}: {', '.join(names)}" for part, names in IDEAL.items())
-            raise BadParameter(f"--device {word}: write HOST.PART.NAME=VALUE, of {known}")
+        if not text or not host or place.count(".") != 2:
+            raise BadParameter(
+                f"--device {word}: write HOST.PART.NAME=VALUE, of {', '.join(IDEAL)}"
+            )
+        check_names(f"--device {word}: a device", [part], IDEAL, BadParameter)
+        check_names(f"--device {word}: {part}", [name], IDEAL[part], BadParameter)
         device = given.get(host, base)
         changed = replace(getattr(device, part), **{name: _value(word, text, IDEAL[part][name])})
         given[host] = replace(device, **{part: changed})
@@ -82,6 +86,8 @@ def _value(word: str, text: str, default: Any) -> Any:
     try:
         if default is None:
             return tuple(json.loads(text))
+        if isinstance(default, int | float):
+            return number(f"--device {word}", text, type(default), BadParameter)
         return dict(json.loads(text)) if isinstance(default, dict) else type(default)(text)
     except (TypeError, ValueError) as error:
         raise BadParameter(f"--device {word}: {error}") from error

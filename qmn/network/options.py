@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from qmn.network.custom_topology import is_custom
 from qmn.network.time_scale import AUTO, REAL, scale
 from topologies.catalogue.node_kinds import NODE_KINDS
 from topologies.catalogue.presets import PRESETS
@@ -83,7 +84,7 @@ class NetworkOptions(NetworkSettings):
 
     def __post_init__(self) -> None:
         """Take a map, if one is named, in place of the topology that a job has by default."""
-        if self.map is not None:
+        if self.map is not None and not is_custom(self.topology):  # which says what it takes
             object.__setattr__(self, "topology", MAP)
 
 

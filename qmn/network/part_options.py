@@ -21,7 +21,7 @@ from topologies.links.fiber import FiberLink, resolved
 from topologies.nodes import OpticalSwitch, QuantumHost
 from topologies.nodes.quantum_host import PARTS as DEVICE_PARTS
 from topologies.nodes.quantum_host import device_of
-from wire.parameters.checks import check_names
+from wire.parameters.checks import check_names, number
 from wire.parameters.fiber import KINDS, FiberOptics, optics
 from wire.parameters.physics import Device
 from wire.parameters.switch import OPTICS as SWITCH_OPTICS
@@ -143,6 +143,8 @@ def _said(
 def _value(option: str, word: str, text: str, default: Any) -> Any:
     """Return a parameter's value as the kind of its default; one that may be None is a number."""
     kind = float if default is None else type(default)
+    if kind in (int, float):
+        return number(f"--{option} {word}", text, kind, BadTopology)
     try:
         return json.loads(text) if kind is dict else kind(text)
     except ValueError as error:

@@ -7,7 +7,7 @@ from qmn.network.topologies import SIZES
 from qmn.options import check_ranges
 from topologies.daemons.ip_over_light import IpOverLight
 from wire.ip_over_light import DEFAULT_MTU, MIN_MTU
-from wire.metadata import FEC_NAMES
+from wire.metadata.vocabulary import FEC_NAMES
 from wire.parameters.option import option
 
 

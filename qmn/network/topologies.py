@@ -19,6 +19,7 @@ from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
 from topologies.tapped import TappedTopo
 from topologies.tree import TreeTopo
+from wire.parameters.checks import remedy
 
 TOPOLOGIES: dict[str, tuple[Callable[..., Topo], str]] = {
     "sdc": (SdcTopo, "one quantum switch"),
@@ -30,6 +31,7 @@ TOPOLOGIES: dict[str, tuple[Callable[..., Topo], str]] = {
     "tapped": (TappedTopo, "one quantum switch, with eve, who can be put on a fibre"),
     MAP: (MapTopo, "a quantum switch and a host at each place of a map"),
 }
+KNOWN = (*TOPOLOGIES, "or your own, FILE.py:CLASS")  # as a user reads what may be chosen
 SIZES = {
     "sdc": ("both_ways",),
     "chain": ("switches", "fibers", "both_ways"),
@@ -50,8 +52,7 @@ def is_known(name: str) -> bool:
 def topology_name(text: str) -> str:
     """Return the name of a topology that there may be; raise ArgumentTypeError for no such."""
     if not is_known(text):
-        known = ", ".join(TOPOLOGIES)
-        raise argparse.ArgumentTypeError(f"{text!r}: choose {known}, or your own, FILE.py:CLASS")
+        raise argparse.ArgumentTypeError(f"{text!r}: {remedy(text, KNOWN)}")
     return text
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from qmn.reports.packets import messages
-from wire.metadata import Block, Emit, Report
+from wire.metadata.blocks import Block, Emit, Report
 from wire.results.network_facts import NetworkFacts
 
 MAX_CAPTURE_BYTES = 50_000_000  # 0.4 s to read

@@ -9,16 +9,18 @@ from qmn.reports.key_timeline import key_timeline
 from qmn.reports.light_paths import LightPath, without_outcome
 from qmn.reports.load_diagram import MOST_FIBERS, load_diagram
 from qmn.reports.map_diagram import map_diagram
-from qmn.reports.markup import figure, missing
+from qmn.reports.markup import figure, missing, table
 from qmn.reports.network_diagram import network_diagram, path_colour
 from qmn.reports.run_facts import RunFacts
 from qmn.reports.sequence import handshake, lanes
+from qmn.reports.waits_diagram import MOST_HOSTS, waits_diagram
 from qmn.results.timeline import TIMELINE
 from qmn.traffic.fiber_use import fiber_use
 from wire.parameters.network import OPENFLOW_PORT
 from wire.results.run_result import KeysJob, LoadJob, MessageJob
 
-MOST_NAMED = 12  # light paths
+MOST_NAMED = 12  # light paths, also in the figure of their losses
+MOST_WAITS = 10  # in a table
 NOT_WRITTEN = "what happened to qubits was not written (--no-events)."
 METADATA = (
     '<span class="metadata">quantum metadata</span> as it leaves one host and reaches another'
@@ -66,6 +68,33 @@ def load_figure(run: RunFacts, job: LoadJob) -> str:
     reasons = {**load.blocked, **load.broken}
     said = ", ".join(f"{count} {reason}" for reason, count in reasons.items())
     return figure(title, drawn, text + (f"Refused or broken: {said}." if said else ""), "wide")
+
+
+def waits_figure(job: LoadJob) -> str:
+    """Return the picture of who waited for whose light, and the longest waits; "" of none."""
+    waits = job.load.waits if job.load is not None else []
+    if not waits:
+        return ""
+    rows = [
+        [
+            f"{each.opener} → {each.acceptor}",
+            f"{each.waited_s:.3g} s",
+            f"{each.ready_s:.3g} s",
+            f"{each.after_opener} → {each.after_acceptor}",
+        ]
+        for each in waits[:MOST_WAITS]
+    ]
+    heads = ["waited", "for so long", "until", "for the light of"]
+    text = "Seconds that sessions of the host on the left waited until one of the host below gave "
+    text += "back the last of their light. Who was refused after waiting is not in it. "
+    openers = {name for each in waits for name in (each.opener, each.after_opener)}
+    if len(openers) > MOST_HOSTS:
+        text += f"The {MOST_HOSTS} hosts with the longest waits are shown. "
+    if len(waits) > MOST_WAITS:
+        text += f"The table has the {MOST_WAITS} longest of {len(waits)} waits."
+    return figure(
+        "Who waited for whom", f"{waits_diagram(waits)}{table(heads, rows)}", text, "wide"
+    )
 
 
 def handshake_figure(run: RunFacts) -> str:
@@ -156,7 +185,14 @@ def _losses(run: RunFacts, paths: Sequence[LightPath]) -> str:
         return missing(title, "no light path stood." if run.result.events else NOT_WRITTEN)
     budget = run.result.parameters["loss_budget_db"]
     text = "Every light path that stood, as declared: fibres and ways through switches."
-    return figure(title, charts.loss_budget(paths, budget), text)
+    shown = sorted(paths, key=lambda path: path.loss_db, reverse=True)[:MOST_NAMED]
+    if len(shown) == len(paths):
+        return figure(title, charts.loss_budget(paths, budget), text)
+    text = (
+        f"Of {len(paths):,} light paths that stood the {MOST_NAMED} that lose most, as declared: "
+    )
+    text += "fibres and ways through switches."
+    return figure(title, charts.loss_budget(shown, budget), text)
 
 
 def _setup_times(run: RunFacts) -> str:

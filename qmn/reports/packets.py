@@ -12,17 +12,10 @@ from itertools import islice
 from pathlib import Path
 
 from qmn.reports.streams import Flow, framed
-from wire.metadata import (
-    MAGIC,
-    METADATA_PORT,
-    SETUP_LENGTH,
-    VERSION,
-    MalformedPacket,
-    Message,
-    Setup,
-    decode,
-    message_length,
-)
+from wire.malformed import MalformedPacket
+from wire.metadata.decoding import decode, message_length
+from wire.metadata.header import MAGIC, METADATA_PORT, VERSION, Message
+from wire.metadata.setup import SETUP_LENGTH, Setup
 from wire.results.network_facts import NetworkFacts
 
 _OPENFLOW = struct.Struct("!BBHI")  # version, type, length, transaction

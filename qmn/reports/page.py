@@ -16,6 +16,7 @@ from qmn.results.service_result import number_text
 from wire.results.run_result import Figures, KeysJob, LoadJob, MessageJob, RunResult
 
 REPORT = "report.html"
+MOST_FIBERS = 24  # whose table is seen at once
 LAST_WORD = "Counts are the sender's last word; the figures may know more."
 STYLE = Path(__file__).with_name("report.css")
 
@@ -23,7 +24,7 @@ STYLE = Path(__file__).with_name("report.css")
 def write_report(folder: Path) -> Path:
     """Write report.html into the folder of a finished run; return the file.
 
-    Raise BadRun for a folder without a run, MalformedPacket for captures that are none.
+    Raise BadRun for a folder without a run, MalformedPacket for files that are not captures.
     """
     text = page(read_run(folder))
     unfinished = folder / f".{REPORT}"
@@ -86,6 +87,7 @@ def _sections(run: RunFacts) -> Iterator[str]:
     yield figures.network(run, paths)
     if isinstance(run.result.job, LoadJob):
         yield figures.load_figure(run, run.result.job)
+        yield figures.waits_figure(run.result.job)
     if isinstance(run.result.job, KeysJob):
         yield figures.key_figure(run.result.job)
     yield figures.handshake_figure(run)
@@ -116,7 +118,10 @@ def _fibers(run: RunFacts) -> str:
         )
     heads = ["fibre", "kind", "length", "loss", "delay", "photons to its host", "of these lost"]
     note = "<p>Photons count with the blocks they belong to; lost: anywhere before.</p>"
-    return f"<section><h2>Fibres</h2>{table(heads, rows)}{note}</section>"
+    told = f"{table(heads, rows)}{note}"
+    if len(rows) > MOST_FIBERS:
+        told = f"<details><summary>{len(rows):,} fibres</summary>{told}</details>"
+    return f"<section><h2>Fibres</h2>{told}</section>"
 
 
 def _parameters(result: RunResult) -> str:

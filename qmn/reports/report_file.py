@@ -4,7 +4,7 @@ from pathlib import Path
 
 from qmn.results.run_folder import give
 from topologies.system.runs.runtime import EVENT_CAPTURE
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 AT_MOST_EVENT_BYTES = 10_000_000  # read at the end of a run: about 5 s
 

@@ -13,24 +13,11 @@ from qmn.reports.packets import Flight, flights, holds_setup, openflow
 from qmn.reports.places import columns
 from qmn.reports.streams import Flow
 from wire.dispatcher_pb2 import Event
-from wire.metadata import (
-    FEC_NAMES,
-    Answer,
-    Block,
-    Emission,
-    Emit,
-    Emitted,
-    Envelope,
-    Finish,
-    Message,
-    Reason,
-    Report,
-    Service,
-    Setup,
-    Topic,
-    Values,
-    Verdict,
-)
+from wire.metadata.blocks import Block, Emission, Emit, Emitted, Finish, Report
+from wire.metadata.header import Message
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.values import Envelope, Topic, Values
+from wire.metadata.vocabulary import FEC_NAMES, Reason, Service, Verdict
 from wire.results.network_facts import NetworkFacts
 
 METADATA, OPENFLOW, QUANTUM = "metadata", "openflow", "quantum"

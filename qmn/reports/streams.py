@@ -8,7 +8,7 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 from wire.pcapng import LINKTYPE_ETHERNET, Packet, PcapReader
 
 _IPV4, _TCP = 0x0800, 6
@@ -40,7 +40,7 @@ class Flow(NamedTuple):
 
 
 def segments(file: Path) -> Iterator[Segment]:
-    """Yield the first TCP segments with data of a capture; raise MalformedPacket if it is none."""
+    """Yield a capture's first TCP segments with data; raise MalformedPacket if it is not one."""
     with file.open("rb") as opened:
         reader = PcapReader(opened)
         if reader.link_type != LINKTYPE_ETHERNET:
@@ -55,7 +55,7 @@ def framed(file: Path, port: int, length_of: LengthOf) -> Iterator[tuple[int, Fl
     """Yield the messages in the TCP streams from and to a port: time, direction, place, bytes.
 
     `length_of` returns the length of the message that its argument begins with, None if that is
-    too short to tell, and raises MalformedPacket if it is none.
+    too short to tell, and raises MalformedPacket if it is not one.
     """
     streams: dict[Flow, _Stream] = {}
     for segment in segments(file):

@@ -14,6 +14,7 @@ from qmn.results.run_folder import PRIVATE
 from qmn.results.timeline import timeline_of_run
 from topologies.networks.network import Interrupted
 from topologies.system.processes.programs import NetworkError
+from wire.controller_lines import EARLIER, RECORD
 from wire.results.run_result import RESULT, NetworkResult
 
 
@@ -28,8 +29,7 @@ def artifacts_of(options: NetworkOptions, folder: Path | None) -> Iterator[Netwo
         yield facts
         return
     folder.mkdir(mode=PRIVATE, parents=True, exist_ok=True)
-    # That of an earlier network would say that this one has ended.
-    (folder / RESULT).unlink(missing_ok=True)
+    _forget_earlier(folder)
     try:
         yield facts
     except (NetworkError, Interrupted) as error:
@@ -39,6 +39,16 @@ def artifacts_of(options: NetworkOptions, folder: Path | None) -> Iterator[Netwo
         facts.captures = [str(file) for file in sorted(folder.glob("*.pcap"))]
         facts.timeline = timeline_of_run(folder)
         facts.write(folder)
+
+
+def _forget_earlier(folder: Path) -> None:
+    """Remove what would be taken for this network's, if an earlier one had this folder.
+
+    Logs and records begin anew when they are opened; see `Runtime.private_file`.
+    """
+    if any((folder / name).exists() for name in (RESULT, RECORD)):
+        for left in (folder / RESULT, folder / (RECORD + EARLIER), *folder.glob("*.pcap")):
+            left.unlink(missing_ok=True)
 
 
 def beginning(options: NetworkOptions) -> NetworkResult:

@@ -12,7 +12,7 @@ from topologies.networks.network import Network
 from topologies.system.runs.runtime import EVENT_LOG, RECORD
 from wire.controller_lines import read_record
 from wire.dispatcher_record import has_ended
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 from wire.results.run_result import (
     Approximated,
     Figures,
@@ -40,10 +40,10 @@ def complete(facts: RunResult, folder: Path) -> None:
 
 
 def emulation(told: Figures, elapsed_s: float | None, time_scale: float | None) -> dict[str, float]:
-    """Return how long it took here, and rates by the wall: the speed of the emulation."""
+    """Return the speed of the emulation: how long it took here, if told, and rates by the wall."""
     scale = time_scale or 1.0  # a run that did not start has none
     rates = {name: rate / scale for name, rate in told.items() if name.endswith("_per_s") and rate}
-    return {"elapsed_s": (elapsed_s or 0.0) * scale, **rates}
+    return rates if elapsed_s is None else {"elapsed_s": elapsed_s * scale, **rates}
 
 
 def note_controller(facts: RunResult, lines: list[dict[str, Any]]) -> None:
@@ -121,6 +121,14 @@ def files_ended(facts: RunResult) -> dict[str, str]:
     return {"not whole": f"{names}: what came after --file-gib is in none, nor in the timeline"}
 
 
+def lost_waiting(facts: RunResult) -> dict[str, str]:
+    """Return what was lost in delay lines, which have a loss though fibres may have none."""
+    if not facts.photons_lost_waiting:
+        return {}
+    photons = f"{facts.photons_lost_waiting:,} photons, which waited for halves of longer ways"
+    return {"lost in delay lines": f"{photons} (--device HOST.analyser.delay_line_db_per_km)"}
+
+
 def approximations(facts: RunResult) -> dict[str, str]:
     """Return why a result is not exact, and by how much, if it is not."""
     told = [f"{each.name}: {said_size(each)}" for each in facts.approximations]
@@ -143,6 +151,7 @@ def rows_of_every_run(facts: RunResult, folder: Path, report: str) -> dict[str, 
     return {
         "metadata to light path": "no path was set up" if setup.p50 is None else str(setup),
         **watched_light(facts.watched),
+        **lost_waiting(facts),
         **software_share.rows(facts),
         "quantum states": f"{facts.backend}, {EXACTNESS[facts.exact]}",
         **approximations(facts),

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from qmn.options import BadInput
+
 PRIVATE = 0o700  # mode
 
 
@@ -25,6 +27,16 @@ def make_folder(runs: Path, topology: str) -> Path:
             continue
         return folder
     raise FileExistsError(f"a hundred runs in {runs} carry the stamp {stamp}")
+
+
+def begin_folder(runs: Path, name: str) -> Path:
+    """Return the new folder of a run; raise BadInput if it cannot be made."""
+    try:
+        folder = make_folder(runs, name)
+    except OSError as error:
+        raise BadInput(f"cannot write to --runs {runs}: {error.strerror}") from error
+    point_latest(folder)
+    return folder
 
 
 def point_latest(folder: Path) -> None:

@@ -19,7 +19,7 @@ from typing import IO, NamedTuple
 from topologies.nodes.tls import KEY_LOGS
 from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.dissection.dissectors import install
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 from wire.pcapng import TRAILER_BYTES, Interface, Packet, PcapReader, Reader, Writer
 
 # Big-endian, so that the bytes of notes sort as their fields do.
@@ -76,7 +76,7 @@ class NoCaptures(Exception):
 def timeline_of_run(run: Path) -> str:
     """Merge what was captured, beside dissectors for it; return the file, or why there is none.
 
-    Of a long run it is no second copy of everything: packets, whole in the captures, are cut.
+    Of a long run it is not a second copy of everything: packets, whole in the captures, are cut.
     """
     install(run)
     size = captured_bytes(run)

@@ -8,7 +8,7 @@ from typing import Any
 
 from qmn.scripting.tables import Row, Tabular, row_of
 from wire.dispatcher_pb2 import SwitchCondition, SwitchStatisticsReply
-from wire.metadata import Pauli
+from wire.outcomes import Pauli
 from wire.parameters.fiber import Fiber, FiberEnd
 
 Statistics = Mapping[str, SwitchStatisticsReply]

@@ -28,7 +28,7 @@ from qmn.network.description import (
     part_options,
 )
 from qmn.network.options import NetworkOptions, settings
-from qmn.network.topologies import SIZES, TOPOLOGIES, is_known
+from qmn.network.topologies import KNOWN, SIZES, is_known
 from qmn.options import BadInput, from_keywords
 from qmn.results.artifacts import artifacts_of
 from qmn.results.network_facts import network_facts
@@ -41,6 +41,7 @@ from qmn.scripting.tables import SIMPLE, Row, TableOf, Tabular, drawn, row_of
 from topologies.links.causality import worst
 from topologies.networks.network import Network, Signals
 from topologies.nodes import QuantumHost
+from wire.parameters.checks import remedy
 from wire.results.run_result import EarlyNews
 
 # What only the `build` of a topology that is chosen by name is told.
@@ -110,6 +111,8 @@ class QuantumNetwork(Network):
         Raise BadInput for hosts there are not, TransferError if the bytes did not arrive.
         """
         check_two_hosts(sender, receiver, self.quantum_hosts)
+        if isinstance(data, str):
+            raise BadInput(f"data {data!r} is text: send bytes, as b'hello' or data.encode()")
         return exchange(self, sender, receiver, [data], keep=True, **options)
 
     def ping(
@@ -169,10 +172,9 @@ class QuantumNetwork(Network):
         return TableOf(fiber_state(fiber, statistics, up) for fiber in self.runtime.fibers)
 
     def state(self, host: str) -> HostState:
-        """Return the state of a host; raise BadInput for none of this name."""
+        """Return the state of a host; raise BadInput if there is none of this name."""
         if host not in self.quantum_hosts:
-            known = ", ".join(self.quantum_hosts)
-            raise BadInput(f"unknown host {host!r}: choose one of {known}")
+            raise BadInput(f"unknown host {host!r}: {remedy(host, self.quantum_hosts)}")
         device = next(device for device in ask("devices") if device["name"] == host)
         blocks = (
             Held(
@@ -205,8 +207,7 @@ def start(
     asked = from_keywords(NetworkOptions, options)
     if isinstance(topo, str):
         if not is_known(topo):
-            known = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
-            raise BadInput(f"unknown topology {topo!r}: choose one of {known}")
+            raise BadInput(f"unknown topology {topo!r}: {remedy(topo, KNOWN)}")
         description = describe_network(replace(asked, topology=topo))
     elif unused := sorted(options.keys() & NAMED_ONLY):
         raise BadInput(f"{unused[0]} is of the topologies of qmn: say it in your own, or leave it")

@@ -14,10 +14,12 @@ from qmn.sweeps.gated_bell import GATED_BELL
 from qmn.sweeps.gated_swap import GATED_SWAP
 from qmn.sweeps.ghz import GHZ
 from qmn.sweeps.graph_states import GRAPH
+from qmn.sweeps.handed_over import HANDED_OVER
 from qmn.sweeps.heralding import HERALDING
 from qmn.sweeps.interference import HOM
 from qmn.sweeps.light_sources import LIGHT_SOURCES
 from qmn.sweeps.links import CHAIN_OF_LINKS, SEVERAL_FIBERS
+from qmn.sweeps.memory_heralds import MEMORY_HERALDS
 from qmn.sweeps.multi_pair import MULTI_PAIR
 from qmn.sweeps.nested import NESTED
 from qmn.sweeps.pair_keys import PAIR_KEYS
@@ -52,6 +54,8 @@ EXPERIMENTS: dict[str, Experiment] = {
         PURIFICATION,
         NESTED,
         WAITING,
+        HANDED_OVER,
+        MEMORY_HERALDS,
         FRESH_OUTCOMES,
         MULTI_PAIR,
         WEAK_PULSES,

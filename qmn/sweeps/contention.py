@@ -23,7 +23,9 @@ from qmn.sweeps.estimates import NOTHING, Estimate, ratio
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, number
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.traffic.erlang import erlang_b, erlang_c, mean_wait
-from wire.metadata import METADATA_PORT, SETUP_LENGTH, Handshake, Service, Setup
+from wire.metadata.header import METADATA_PORT
+from wire.metadata.setup import SETUP_LENGTH, Setup
+from wire.metadata.vocabulary import Handshake, Service
 from wire.optical import ANY_PORT, ANY_WAVELENGTH, TX_PWR, USE_FREQ, PathOptics, PortOptics
 from wire.parameters.fiber import FiberOptics
 

@@ -135,6 +135,49 @@ DEVICE_SHEETS = (
         ],
     ),
     Sheet(
+        "handed-over",
+        "handed-over",
+        {"waited_s": "0:0.1:6", "fidelity": [0.8, 0.95], "pairs": 300_000},
+        [
+            Curve(
+                f"handed-over-{measure}",
+                f"Pairs that wait after their sample (T1 = .2 s, T2 = .1 s): {text}",
+                "waited_s",
+                "wait between sample and delivery (s)",
+                measure,
+                by=["fidelity"],
+            )
+            for measure, text in (
+                ("expected", "what it lets expect"),
+                ("delivered", "what they are"),
+            )
+        ],
+    ),
+    Sheet(
+        "memory-heralds",
+        "memory-heralds",
+        {
+            "loss_db": "0:20:6",
+            "herald_efficiency": [0.8],
+            "false_herald": [0.0, 0.001, 0.01],
+            "pairs": 300_000,
+        },
+        [
+            Curve(
+                f"memory-heralds-{measure}",
+                f"A memory that tells of .8 of the photons that come: {text}",
+                "loss_db",
+                "loss (dB)",
+                measure,
+                by=["false_herald"],
+            )
+            for measure, text in (
+                ("heralded", "heralds"),
+                ("there", "heralds of photons that are there"),
+            )
+        ],
+    ),
+    Sheet(
         "fresh-outcomes",
         "fresh-outcomes",
         {"uses": [2, 3, 10, 30], "pairs": 200_000},

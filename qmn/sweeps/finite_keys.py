@@ -27,7 +27,7 @@ FAR = (0.25, 0.04, 0.52, 0.49, 0.1)  # near the best behind much loss
 LEAST, MOST, STARTS = (0.3, 0.05, 0.2, 0.4, 0.1), (0.95, 0.5, 0.5, 0.8, 0.3), 3
 FARTHEST_KM = 300.0  # by far beyond what dark counts allow
 NONE = -1e3  # what cannot be
-SOME = 100.0  # above all that is no key
+SOME = 100.0  # above whatever is not a key
 
 
 def best_rate(block: float, length_km: float) -> float:

@@ -21,7 +21,7 @@ from qmn.sweeps.experiment import Experiment, Measure, Outcome, number
 from qmn.sweeps.parameters import Parameter, Values
 from qmn.traffic.counted import Asked, CountedTime, Told
 from qmn.traffic.erlang import blocked_on_links, kaufman_roberts
-from wire.metadata import Service
+from wire.metadata.vocabulary import Service
 from wire.optical import ANY_PORT, PathOptics
 
 LOAD = Parameter("load", 2.0, 0.05, 16.0, "erlang")

@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 
 from dispatcher.laboratory import SESSION, Laboratory, LaboratoryHost, block_id
-from hosts.hardware.qnic import BlockName, Stored
+from hosts.hardware.operations import BlockName
+from hosts.hardware.qnic import Stored
 from hosts.middleware.services.distribution.purification import PHOTONS, Protocol, purify
 from hosts.middleware.session.protocol import Do, Steps
 from qmn.sweeps.bell_diagonal import nested

@@ -51,7 +51,7 @@ class Parameter:
     most: float = 1.0
     unit: str = ""
     choices: tuple[str, ...] = ()
-    text: str = ""  # what any text names; empty: it is no text
+    text: str = ""  # what any text names; empty: it is not a text
 
     @property
     def whole(self) -> bool:

@@ -24,12 +24,14 @@ from math import inf
 from controller_apps.sessions.actions import Action, Note, OpenPaths
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.timeouts import SESSION_TICK_S
-from wire.metadata import METADATA_PORT, SETUP_LENGTH, Handshake, Service, Setup
+from wire.metadata.header import METADATA_PORT
+from wire.metadata.setup import SETUP_LENGTH, Setup
+from wire.metadata.vocabulary import Handshake, Service
 
 S1 = 1 << 32  # datapath id of the classical switch, none of a quantum one
 FIRST_SEQUENCE = 100
 PUSH, FIN, ACK = 8, 1, 16
-GIVEN_UP = "GIVEN_UP"  # by its opener, which is none of wire.metadata.Reason
+GIVEN_UP = "GIVEN_UP"  # by its opener, which is not a Reason of wire.metadata
 _ETHERNET_IP_TCP = struct.Struct("!12sH BBHHHBBH4s4s HHIIBBHHH")
 
 

@@ -61,6 +61,11 @@ def show(console: Console, facts: RunResult, folder: Path, report: str) -> None:
         told[f"fidelity after {each.age_s:.3g} s"] = (
             f"{each.fidelity:.4f} ± {each.standard_error:.4f}"
         )
+    for longest in load.waits[:1]:
+        told["longest wait"] = (
+            f"{longest.waited_s:.3g} s: {longest.opener} → {longest.acceptor}, for the light of "
+            f"{longest.after_opener} → {longest.after_acceptor}"
+        )
     used = sorted(load.fibers.items(), key=lambda item: -item[1])
     told |= {f"use of {name}": f"{share:.1%}" for name, share in used[:BUSIEST]}
     print_rows(console, {**told, **rows_of_every_run(facts, folder, report)})

@@ -9,11 +9,14 @@ from typing import Any
 from qmn.timeouts import LOAD_LIMIT_S
 from qmn.traffic.plan import Planned
 from qmn.traffic.stack_calls import Refused, StackCalls, calls
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 from wire.socket_calls import Call
 
 ACCEPTED, BLOCKED, LATE, BROKEN = "accepted", "blocked", "late", "broken"
-NO_IDLE_HOST, NO_END = "NO_IDLE_HOST", "NO_END"  # reasons of our own, beside wire.metadata.Reason
+NO_IDLE_HOST, NO_END = (
+    "NO_IDLE_HOST",
+    "NO_END",
+)  # reasons of our own
 BASES = ("X", "Y", "Z")
 AGREE = {"X": True, "Y": False, "Z": True}  # whether both halves of Phi+ tell the same
 

@@ -5,7 +5,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
 
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 from wire.socket_calls import HEADER, Call, decode_fields, decode_header, encode, encode_fields
 
 

@@ -1,24 +1,30 @@
 """A summary of heavy traffic: what became of the sessions, and what the controller did."""
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import accumulate, pairwise
 from math import sqrt
+from types import MappingProxyType
 from typing import Any
 
 from qmn.traffic.session import ACCEPTED, BLOCKED, BROKEN, LATE, Outcome
-from wire.results.run_result import AgedFidelity, Load, LoadSession, Shares
+from wire.results.run_result import AgedFidelity, Load, LoadSession, LoadWait, Shares
 
 AGES = 5  # portions by age
 SHARES = {"p50": 0.5, "p90": 0.9, "p99": 0.99}
 
 
 def summary(
-    outcomes: Sequence[Outcome], record: Iterable[dict[str, Any]], scale: float = 1.0
+    outcomes: Sequence[Outcome],
+    record: Sequence[dict[str, Any]],
+    scale: float = 1.0,
+    began_ns: int = 0,
+    names: Mapping[str, str] = MappingProxyType({}),
 ) -> Load:
     """Return all that is counted; `record` are the controller's facts (wire.controller_lines).
 
-    `scale` is how long a second of the network takes on their clock.
+    `scale` is how long a second of the network takes on their clock, on which the first session
+    could be asked for at `began_ns`; `names` are the hosts' by their addresses.
     """
     accepted = [each for each in outcomes if each.outcome == ACCEPTED]
     span_s = max((each.ended_s for each in outcomes), default=0.0)
@@ -31,7 +37,8 @@ def summary(
         broken=reasons(outcomes, BROKEN),
         forgotten=sum(not each.outcome for each in outcomes),
         setup_s=shares([each.setup_s for each in outcomes if each.setup_s is not None]),
-        **light_times(list(record), scale),
+        **light_times(record, scale),
+        waits=waits(record, scale, began_ns, names),
         span_s=span_s,
         **load(outcomes, accepted, span_s),
         pairs=pairs,
@@ -91,6 +98,33 @@ def light_times(record: Sequence[dict[str, Any]], scale: float) -> dict[str, Any
             end = first.get((session, "torn_down"))
             held += [(end - time_ns) / 1e9 / scale] if end is not None else []
     return {"queued": queued, "waited_s": shares(waits), "light_s": mean(held)}
+
+
+def waits(
+    record: Iterable[dict[str, Any]], scale: float, began_ns: int, names: Mapping[str, str]
+) -> list[LoadWait]:
+    """Return who waited for whose light, the longest first."""
+    queued: dict[str, int] = {}
+    after: dict[str, dict[str, Any]] = {}
+    found = []
+    for line in record:
+        event, session = line["event"], line.get("session", "")
+        if event == "queued":
+            queued.setdefault(session, line["time_ns"])
+        elif event == "light_after":
+            after[session] = line
+        elif event == "path_ready" and session in after:
+            told, ready_ns = after.pop(session), line["time_ns"]
+            opener, acceptor, *holders = (
+                names.get(each, each) for each in (*told["ends"], *told["after"]["ends"])
+            )
+            ready_s, waited_s = (
+                (ready_ns - since_ns) / 1e9 / scale
+                for since_ns in (began_ns, queued.pop(session, ready_ns))
+            )
+            last = told["after"]["session"], *holders
+            found.append(LoadWait(session, opener, acceptor, ready_s, waited_s, *last))
+    return sorted(found, key=lambda each: -each.waited_s)
 
 
 def mean(values: Sequence[float]) -> float | None:

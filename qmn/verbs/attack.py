@@ -19,7 +19,9 @@ def add_parser(verbs: Any) -> None:
 
     text = "try an attack on an emulated network"
     parser = verbs.add_parser("attack", help=text, description=__doc__)
-    parser.add_argument("name", choices=[*ATTACKS, EVERY], help="which")
+    parser.add_argument(
+        "name", metavar="NAME", choices=[*ATTACKS, EVERY], help=", ".join([*ATTACKS, f"or {EVERY}"])
+    )
     parser.add_argument("--attempts", type=int, help="how often it is tried (default: its own)")
     parser.add_argument("--defence", choices=[OFF, ON], help="only without it, or only with it")
     add_options(parser, LiveOptions)

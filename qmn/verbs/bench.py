@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from hosts.quantum_socket import QuantumSocket
+from qmn.benchmarks.controller_load import controller_benchmarks
 from qmn.benchmarks.live_pairs import BLOCK_PAIRS, cost_by_live_pairs
 from qmn.benchmarks.many_hosts import many_hosts_benchmarks
 from qmn.benchmarks.measurement import seconds_of
@@ -51,7 +52,7 @@ def add_parser(verbs: Any) -> None:
 
 
 def sizes(text: str) -> tuple[int, ...]:
-    """Return sizes of networks; raise ArgumentTypeError for what is none."""
+    """Return sizes of networks; raise ArgumentTypeError for anything else."""
     words = text.split(",")
     if not all(word.isdecimal() and LEAST_HOSTS <= int(word) <= MOST_HOSTS for word in words):
         raise argparse.ArgumentTypeError(
@@ -78,6 +79,10 @@ def call(arguments: argparse.Namespace) -> int:
                 show(name, text)
             for name, text in path_benchmarks(Path(folder), arguments.setups, signals):
                 show(name, text)
+            for framework in ("ryu", "os-ken"):
+                parts = controller_benchmarks(Path(folder) / framework, signals, framework)
+                for name, text in parts:
+                    show(name, text)
             for name, text in many_hosts_benchmarks(Path(folder), arguments.hosts, signals):
                 show(name, text)
     except Interrupted as error:

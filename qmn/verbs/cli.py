@@ -21,12 +21,13 @@ from qmn.network.q0_options import Q0Options, ip_over_light, with_both_ways
 from qmn.network.topologies import TOPOLOGIES, topology_name
 from qmn.options import BadInput, add_options, read
 from qmn.results import software_share
-from qmn.results.run_folder import give_to_invoker, make_folder, point_latest
+from qmn.results.run_folder import begin_folder, give_to_invoker
 from qmn.scripting.network import QuantumNetwork, running
-from topologies.daemons.ip_over_light import start_ip_over_light
-from topologies.daemons.key_managers import start_key_managers
+from topologies.daemons.ip_over_light import IpOverLight, start_ip_over_light
+from topologies.daemons.key_managers import KeyService, start_key_managers
 from topologies.networks.network import Interrupted, require_root
 from topologies.system.processes.programs import NetworkError
+from wire.parameters.option import option
 from wire.results import schema
 
 INTERRUPTED = 130  # status of a script that Ctrl-C has ended, as of a shell
@@ -43,10 +44,7 @@ def add_parser(verbs: Any) -> None:
     add_options(parser, KeyServiceOptions)
     add_options(parser, Q0Options)
     add_options(parser, MachineOptions)
-    add_options(parser, LiveOptions)
-    add = parser.add_argument
-    add("--runs", type=Path, default=Path("runs"), metavar="DIR", help="where logs go (runs)")
-    add("--capture", action="store_true", help="capture packets, as `qmn run` does")
+    add_options(parser, CliOptions)
     parser.set_defaults(call=call, needs_root=True)
 
 
@@ -55,8 +53,7 @@ def call(arguments: argparse.Namespace) -> int:
     try:
         options, keys = read(NetworkOptions, arguments), read(KeyServiceOptions, arguments)
         q0, where = read(Q0Options, arguments), read(MachineOptions, arguments)
-        extras = CliExtras(arguments.runs, arguments.capture, arguments.live)
-        return start_and_obey(options, keys, q0, where, extras)
+        return start_and_obey(options, keys, q0, where, read(CliOptions, arguments))
     except (BadInput, BadTopology, NetworkError) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
@@ -68,13 +65,12 @@ def call(arguments: argparse.Namespace) -> int:
         return INTERRUPTED
 
 
-@dataclass(frozen=True)
-class CliExtras:
+@dataclass(frozen=True, kw_only=True)
+class CliOptions(LiveOptions):
     """What is done beside the network."""
 
-    runs: Path
-    capture: bool
-    live: bool
+    runs: Path = option(Path("runs"), "where logs go (runs)", metavar="DIR")
+    capture: bool = option(False, "capture packets, as `qmn run` does")
 
 
 def start_and_obey(
@@ -82,7 +78,7 @@ def start_and_obey(
     keys: KeyServiceOptions,
     q0: Q0Options,
     where: MachineOptions,
-    extras: CliExtras,
+    extras: CliOptions,
 ) -> int:
     """Return the exit status: of a script 1 if a command has failed."""
     if not options.topology:
@@ -94,29 +90,16 @@ def start_and_obey(
     description = describe_network(options)
     service = key_service(keys, description.hosts)
     require_root()
-    try:
-        folder = make_folder(extras.runs, short_name(options.topology))
-    except OSError as error:
-        raise BadInput(f"cannot write to --runs {extras.runs}: {error.strerror}") from error
-    point_latest(folder)
+    folder = begin_folder(extras.runs, short_name(options.topology))
     try:
         print(f"starting the network; its logs and quantum events: {folder}", flush=True)
         if description.scale.reason:
             chosen = description.scale
             print(f"time scale {chosen.scale:g}: {chosen.reason}", flush=True)
         with running(description, folder, where) as network:
-            for switch, address in network.runtime.gnmi_addresses.items():
-                print(f"gNMI of {switch}: {address}")
-            for program, url in urls(network.runtime.metrics_addresses).items():
-                print(f"metrics of {program}: {url}", flush=True)
             if extras.capture:
                 network.capture(*network.copper_switches, openflow=True)
-            if service is not None:
-                for host, url in start_key_managers(network, service).urls.items():
-                    print(f"keys of {host}: {url}", flush=True)
-            if interface is not None:
-                for host, address in start_ip_over_light(network, interface).items():
-                    print(f"q0 of {host}: {address}", flush=True)
+            start_beside(network, service, interface)
             with live_view(extras.live, folder):
                 status = obey(network)
         for name, text in software_share.rows(schema.read_left(folder)).items():
@@ -124,6 +107,22 @@ def start_and_obey(
         return status
     finally:
         give_to_invoker(folder)
+
+
+def start_beside(
+    network: QuantumNetwork, service: KeyService | None, interface: IpOverLight | None
+) -> None:
+    """Start what is wanted beside the network, and say where it is."""
+    for switch, address in network.runtime.gnmi_addresses.items():
+        print(f"gNMI of {switch}: {address}")
+    for program, url in urls(network.runtime.metrics_addresses).items():
+        print(f"metrics of {program}: {url}", flush=True)
+    if service is not None:
+        for host, url in start_key_managers(network, service).urls.items():
+            print(f"keys of {host}: {url}", flush=True)
+    if interface is not None:
+        for host, address in start_ip_over_light(network, interface).items():
+            print(f"q0 of {host}: {address}", flush=True)
 
 
 def obey(network: QuantumNetwork) -> int:

@@ -29,6 +29,7 @@ from qmn.sweeps.parameters import BadGrid
 from qmn.sweeps.table import opened
 from qmn.verbs.sweep import MAX_WORKERS, progress_columns
 from topologies.networks.network import Interrupted, Signals
+from wire.parameters.checks import remedy
 from wire.parameters.option import option
 
 if TYPE_CHECKING:
@@ -95,7 +96,7 @@ def chosen(options: CurvesOptions) -> "tuple[list[Sheet], list[PublishedRow]]":
     known = [*names, PUBLISHED]
     for name in options.only:
         if name not in known:
-            raise BadGrid(f"--only {name}: choose {', '.join(known)}")
+            raise BadGrid(f"--only {name}: {remedy(name, known)}")
     wanted = options.only or known
     sheets = [names[name] for name in wanted if name in names]
     return sheets, published.rows() if PUBLISHED in wanted else []

@@ -15,6 +15,7 @@ from wire.config import DispatcherConfig, QuantumSwitch
 from wire.dispatcher_pb2 import Connection, InjectFaultRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.dispatcher_service import RUNNER, metadata
+from wire.parameters.checks import remedy
 
 NO_CAUSE = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.DEADLINE_EXCEEDED)
 
@@ -50,12 +51,12 @@ class BadFault(Exception):
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     parser = verbs.add_parser("fault", help="make a quantum switch faulty", description=__doc__)
-    parser.add_argument("switch", help="its name, as q1")
+    parser.add_argument("switch", metavar="SWITCH", help="its name, as q1")
     kinds = parser.add_subparsers(dest="kind", metavar="FAULT", required=True)
     text = "a cross-connect is made now, and nothing can change it"
     stuck = kinds.add_parser("stuck", help=text, description=text)
-    stuck.add_argument("in_port", type=int, help="OpenFlow port number")
-    stuck.add_argument("out_port", type=int, help="OpenFlow port number")
+    stuck.add_argument("in_port", metavar="IN_PORT", type=int, help="OpenFlow port number")
+    stuck.add_argument("out_port", metavar="OUT_PORT", type=int, help="OpenFlow port number")
     text = "the switch has this temperature; above its limit every path loses more"
     temperature = kinds.add_parser("temperature", help=text, description=text)
     temperature.add_argument("temperature_c", type=float, metavar="CELSIUS")
@@ -100,8 +101,7 @@ def find_switch(config: DispatcherConfig, name: str) -> QuantumSwitch:
     """Return the switch of this name; raise BadFault with those there are."""
     switches = {switch.name: switch for switch in config.switches}
     if name not in switches:
-        known = ", ".join(sorted(switches)) or "none"
-        raise BadFault(f"unknown quantum switch {name!r}: choose one of {known}")
+        raise BadFault(f"unknown quantum switch {name!r}: {remedy(name, sorted(switches))}")
     return switches[name]
 
 

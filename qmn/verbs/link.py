@@ -12,6 +12,7 @@ from typing import Any
 from qmn.live.running import announced_network
 from qmn.timeouts import ORDER_TIMEOUT_S
 from topologies.system.processes.programs import NetworkError
+from wire.parameters.checks import remedy
 from wire.results.network_facts import NetworkFacts
 
 INTERFACES = Path("/sys/class/net")
@@ -22,7 +23,7 @@ def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("link", help="cut or mend links", description=__doc__)
     parser.add_argument("a", metavar="NODE", help="one end of the links, as alice")
     parser.add_argument("b", metavar="NODE", help="their other end, as q1")
-    parser.add_argument("state", choices=["down", "up"])
+    parser.add_argument("state", metavar="down|up", choices=["down", "up"])
     parser.set_defaults(call=call, needs_root=True)
 
 
@@ -54,7 +55,7 @@ def switch_ends(facts: NetworkFacts, a: str, b: str) -> list[str]:
     known |= {name for link in facts.copper for name in (link[0], link[2])}
     for node in (a, b):
         if node not in known:
-            raise NetworkError(f"unknown node {node!r}: choose one of {', '.join(sorted(known))}")
+            raise NetworkError(f"unknown node {node!r}: {remedy(node, sorted(known))}")
     found = []
     for fiber in facts.fibers:
         if {fiber.a.node, fiber.b.node} == {a, b}:
@@ -67,6 +68,6 @@ def switch_ends(facts: NetworkFacts, a: str, b: str) -> list[str]:
         raise NetworkError(f"no link between {a} and {b} ends at a switch")
     missing = [name for name in found if not (INTERFACES / name).exists()]
     if missing:
-        remedy = "try `qmn apart --of PID link …`"
-        raise NetworkError(f"{missing[0]} is not of this network namespace: {remedy}")
+        text = f"{missing[0]} is not of this network namespace"
+        raise NetworkError(f"{text}: try `qmn apart --of PID link …`")
     return found

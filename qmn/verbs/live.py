@@ -23,7 +23,7 @@ from qmn.live_view.timeline import Timeline
 from qmn.options import add_options, read
 from qmn.reports.run_facts import BadRun, read_result
 from topologies.system.processes.programs import NetworkError
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 from wire.parameters.option import option
 from wire.results.network_facts import NetworkFacts
 

@@ -9,7 +9,9 @@ from qmn.live.controller_console import answered, ask
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     parser = verbs.add_parser("policy", help="reload the policy file", description=__doc__)
-    parser.add_argument("what", choices=["reload"], help="overrides become those of the file")
+    parser.add_argument(
+        "what", metavar="reload", choices=["reload"], help="overrides become those of the file"
+    )
     parser.set_defaults(call=call, needs_root=True)
 
 

@@ -67,7 +67,7 @@ def add_parser(verbs: Any) -> None:
 
 
 def age_s(text: str) -> float:
-    """Return an age in seconds; raise ArgumentTypeError for what is none."""
+    """Return an age in seconds; raise ArgumentTypeError for anything else."""
     found = re.fullmatch(r"(\d+(?:\.\d+)?)([hdw])", text)
     if not found:
         raise argparse.ArgumentTypeError(f"{text!r} is not an age such as 12h, 30d or 8w")

@@ -53,7 +53,7 @@ def add_parser(verbs: Any) -> None:
     acts = parser.add_subparsers(metavar="ACT", required=True)
     run = acts.add_parser("run", help="run a circuit", description=__doc__, epilog=LIMITS)
     text = "program in OpenQASM 2.0, or in .chp if so named; - for standard input"
-    run.add_argument("file", help=text)
+    run.add_argument("file", metavar="FILE", help=text)
     add_options(run, CircuitRun)
     run.set_defaults(call=call)
 

@@ -10,6 +10,7 @@ from qmn.scripting.exchange import carried, ends
 from qmn.timeouts import STALL_TIMEOUT_S
 from topologies.system.processes.programs import NetworkError
 from wire.network_time import NetworkTime
+from wire.parameters.checks import remedy
 
 
 def add_parser(verbs: Any) -> None:
@@ -40,8 +41,7 @@ def sent(sender: str, receiver: str, text: str) -> str:
     network = announced_network()
     for host in (sender, receiver):
         if host not in network.stacks:
-            known = ", ".join(network.stacks)
-            raise NetworkError(f"unknown host {host!r}: choose one of {known}")
+            raise NetworkError(f"unknown host {host!r}: {remedy(host, network.stacks)}")
     if sender == receiver:
         raise NetworkError(f"{sender} to itself: choose two hosts")
     scale = NetworkTime(network.time_scale)

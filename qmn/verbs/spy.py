@@ -20,7 +20,8 @@ from topologies.system.processes.programs import NetworkError
 from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.dispatcher_pb2 import Event, WatchRequest
 from wire.events import DROPPED, format_line, to_json
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
+from wire.parameters.checks import remedy
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ def add_parser(verbs: Any) -> None:
 
 
 def session_number(text: str) -> int:
-    """Return the session that is meant; raise ArgumentTypeError for what is none."""
+    """Return the session that is meant; raise ArgumentTypeError for anything else."""
     if not re.fullmatch(r"(0x)?[0-9a-fA-F]{1,16}", text):
         raise argparse.ArgumentTypeError(f"{text!r} is not 1 to 16 hexadecimal digits")
     return int(text, 16)
@@ -110,7 +111,7 @@ def events(options: SpyOptions) -> Iterator[Event]:
     known = {*config.tokens, *(switch.name for switch in config.switches)}
     for node in options.node:
         if node not in known:
-            raise BadFilter(f"unknown node {node!r}: choose one of {', '.join(sorted(known))}")
+            raise BadFilter(f"unknown node {node!r}: {remedy(node, sorted(known))}")
     if options.follow is False:
         if not config.event_capture:
             raise BadFilter("--no-follow: this network writes no events (--no-events); follow it")

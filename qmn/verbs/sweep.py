@@ -36,6 +36,7 @@ from qmn.sweeps.parameters import BadGrid
 from qmn.sweeps.table import Table, opened
 from topologies.networks.network import Interrupted, Signals, require_root
 from topologies.system.processes.programs import NetworkError
+from wire.parameters.checks import remedy
 from wire.parameters.option import option
 
 MAX_WORKERS = 256
@@ -172,7 +173,7 @@ def experiment_of(name: str, emulate: bool) -> Experiment:
     known = EMULATED if emulate else EXPERIMENTS
     if name not in known:
         where = " with --emulate" if emulate else ""
-        raise BadGrid(f"unknown sweep {name!r}: choose {', '.join(known)}{where}, or a .toml file")
+        raise BadGrid(f"unknown sweep {name!r}{where}: {remedy(name, [*known, 'or a .toml file'])}")
     return known[name]
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from qmn.results.run_folder import give
 from qmn.results.timeline import TIMELINE, NoCaptures, merge
 from wire.dissection.dissectors import SCRIPT, install, search_path
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 COLUMNS = {
     "No.": "%m",

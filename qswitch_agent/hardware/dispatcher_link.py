@@ -8,7 +8,7 @@ from google.protobuf.message import DecodeError
 from wire import frames
 from wire.dispatcher_pb2 import CrossConnectOutcome, CrossConnectRequest
 from wire.dispatcher_service import cross_connects_socket
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 
 class DispatcherLink:

@@ -27,7 +27,7 @@ class Path:
     """What light undergoes on its way through the switch."""
 
     loss_db: float = 0.0
-    rotation: int = 0  # wire.metadata.Pauli
+    rotation: int = 0  # wire.outcomes.Pauli
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from qswitch_agent.hardware.optics import (
 from qswitch_agent.timeouts import CALL_DEADLINE_S
 from wire import dispatcher_pb2 as messages
 from wire import dispatcher_service
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 from wire.network_time import REAL_TIME, NetworkTime
 
 REFUSALS = (

@@ -10,7 +10,7 @@ from qswitch_agent.openflow import instructions, matches, multipart
 from qswitch_agent.openflow.flows import FlowEntry, entry
 from qswitch_agent.openflow.instructions import Instructions, Mark
 from qswitch_agent.openflow.messages import HEADER, NOT_AVAILABLE, strict, with_body
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 UPDATE = struct.Struct(ofp.OFP_FLOW_UPDATE_FULL_0_PACK_STR)
 STATISTICS = struct.Struct(ofp.OFP_FLOW_STATS_0_PACK_STR)

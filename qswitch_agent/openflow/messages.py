@@ -6,7 +6,7 @@ from functools import wraps
 from typing import ParamSpec, TypeVar
 
 from qswitch_agent.openflow import constants as ofp
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 HEADER = struct.Struct(ofp.OFP_HEADER_PACK_STR)  # version, type, length, xid
 ERROR = struct.Struct("!HH")  # type, code

@@ -8,7 +8,7 @@ from qswitch_agent.openflow import constants as ofp
 from qswitch_agent.openflow import matches
 from qswitch_agent.openflow.instructions import each_action, output_ports
 from qswitch_agent.openflow.messages import HEADER, MalformedPart, strict, with_body
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 PACKET_OUT = struct.Struct(ofp.OFP_PACKET_OUT_PACK_STR)  # buffer, in_port, length of actions
 PACKET_IN = struct.Struct(ofp.OFP_PACKET_IN_PACK_STR)

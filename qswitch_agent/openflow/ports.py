@@ -16,7 +16,7 @@ from qswitch_agent.openflow.messages import (
     strict,
     with_body,
 )
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 from wire.optical import OPTICAL, PortTuning
 
 PORT = struct.Struct(ofp.OFP_PORT_PACK_STR)  # number, length, address, name, config, state

@@ -7,7 +7,7 @@ from functools import partial
 
 from qswitch_agent.openflow import constants as ofp
 from qswitch_agent.openflow.messages import MalformedPart
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 
 class Refusal(Exception):

@@ -20,7 +20,7 @@ from qswitch_agent.proxy.checks import (
 )
 from qswitch_agent.proxy.link import Link
 from qswitch_agent.switch import Switch, circuits, impossible_path
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 
 class BundleRequests:

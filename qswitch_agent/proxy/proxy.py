@@ -25,7 +25,7 @@ from qswitch_agent.proxy.replies import Replies
 from qswitch_agent.proxy.requests import Requests
 from qswitch_agent.switch import Switch
 from qswitch_agent.timeouts import CLOSE_DEADLINE_S, FIRST_RETRY_S, HOLD_DEADLINE_S, LAST_RETRY_S
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 CHUNK = 1 << 16
 log = logging.getLogger(__name__)

@@ -28,7 +28,7 @@ from qswitch_agent.proxy.checks import (
 )
 from qswitch_agent.proxy.link import Link
 from qswitch_agent.switch import Switch
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 from wire.optical import encode_path_optics
 
 # Of Nicira: they would pass by unseen.

@@ -19,7 +19,7 @@ class Unusable(Exception):
 
 
 def path_of(prefix: Any, path: Any) -> Path:
-    """Return the path of a request, behind its prefix; raise Unusable for what is none."""
+    """Return the path of a request, behind its prefix; raise Unusable for anything else."""
     elements = [*prefix.elem, *path.elem]
     if path.element or prefix.element:
         raise Unusable("the path is in `element`, of gNMI before 0.4: use `elem`")

@@ -29,7 +29,7 @@ from random import Random
 
 import machine
 from jobs import JOBS, Job, command, whole
-from outcomes import Made, Outcome, bad, from_fields, summary, told, too_few
+from outcomes import Made, Outcome, bad, first_told, from_fields, summary, told, too_few
 from strikes import strike
 from under_way import ROOT, UnderWay, drawn
 
@@ -200,8 +200,8 @@ def _struck(
     outcome.slowed = round(run.slowed, 1)
     causes = [(at, line) for at, line in run.said if line.startswith(("ending: ", "qmn: "))]
     if causes and made:
-        outcome.cause = causes[0][1]
-        outcome.cause_after_s = round(causes[0][0] - first, 2)
+        at, outcome.cause = causes[0]
+        outcome.cause_after_s = round(first_told(run.said, outcome.cause, at) - first, 2)
     outcome.ended_after_s = round(time.monotonic() - last, 2)
     if any("Traceback" in line for _at, line in run.said):
         outcome.faults.append("a traceback")

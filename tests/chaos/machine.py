@@ -101,11 +101,23 @@ def monitors() -> dict[str, int]:
 
 
 def start_open_vswitch() -> None:
-    """Start both daemons, or the one that is missing; let one go on that was stopped."""
-    for pid in daemons().values():
-        with suppress(ProcessLookupError):
-            os.kill(pid, signal.SIGCONT)
-    run(CONTROL, "start", "--system-id=random")
+    """Start both daemons, or the one that is missing; let one go on that was stopped.
+
+    Where the monitor of one that has crashed starts it just now, ovs-ctl fails.
+    """
+    deadline = time.monotonic() + COMMAND_TIMEOUT_S
+    while True:
+        for pid in daemons().values():
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGCONT)
+        try:
+            run(CONTROL, "start", "--system-id=random")
+        except subprocess.CalledProcessError as error:
+            if time.monotonic() > deadline:
+                raise RuntimeError(f"Open vSwitch does not start: {error.stderr}") from error
+            time.sleep(0.1)
+        else:
+            return
 
 
 def stop_open_vswitch() -> None:

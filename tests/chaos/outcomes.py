@@ -1,11 +1,13 @@
 """Outcomes of strikes at a run: whether all was right, in words, and counted."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
 from strikes import RUNNER, Strike
 from under_way import PHASES, Moment
 
+NO_LIGHT = "no light: "
 NAMED_S, STALLED_NAMED_S = 5.0, 30.0
 
 
@@ -94,6 +96,15 @@ def from_fields(fields: dict[str, Any]) -> Outcome:
     moment, made = fields.pop("moment"), fields.pop("made")
     strikes = [Made(**each | {"strike": Strike(**each["strike"])}) for each in made]
     return Outcome(moment=Moment(**moment), made=strikes, **fields)
+
+
+def first_told(said: Iterable[tuple[float, str]], cause: str, ended: float) -> float:
+    """Return when a run has first told what it ended by: what its light was lost by, it says then.
+
+    It goes on for a while, and ends if its light is not back.
+    """
+    lost = ((at, line.removeprefix(NO_LIGHT)) for at, line in said if line.startswith(NO_LIGHT))
+    return min((at for at, element in lost if element in cause), default=ended)
 
 
 def bad(outcome: Outcome) -> bool:

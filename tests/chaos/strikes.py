@@ -133,4 +133,4 @@ def fiber(_runner: int, random: Random) -> Strike | None:
         return None
     name = random.choice(fibers)
     machine.run("ip", "link", "set", name, "down")
-    return Strike(f"fibre {name}", "down", (), stalls=True)
+    return Strike(f"fibre {name}", "down", ())

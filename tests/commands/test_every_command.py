@@ -51,7 +51,7 @@ NOT_HERE = {
     r"docker/run |docker swarm |docker stack |QMN_LIVE_PORT=8123 docker/run ": (
         "needs Docker: .ci/run, tests/image and tests/swarm"
     ),
-    r"\.venv/bin/dask |bin/qmn worker |bin/qmn run sdc --machines 2 ": (
+    r"\.venv/bin/dask |bin/qmn worker |ssh root@|bin/qmn run sdc --machines 2 ": (
         "needs a second machine: tests/emulation/test_several_machines.py"
     ),
     r"tshark .*/machines\.keys": (

@@ -24,7 +24,10 @@ from scapy.layers.l2 import Ether
 from topologies.system.processes.programs import python
 from topologies.system.runs.runtime import free_port
 from wire.config import ControllerConfig
-from wire.metadata import METADATA_PORT, Handshake, Service, Setup, decode, session_number
+from wire.metadata.decoding import decode
+from wire.metadata.header import METADATA_PORT, session_number
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Handshake, Service
 
 CLASSICAL, QUANTUM = "cat-s1", "cat-q1"
 DEADLINE_S = 15.0

@@ -16,23 +16,16 @@ from scapy.utils import rdpcap
 from test_service_faults import ALICE, BOB, CHARLIE, facts, listening, require_nothing_left
 
 from hosts.stack_socket import QuantumSocketError
+from qmn.live_view.pages import Pages
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
+from topologies.system.runs.runtime import LIVE_PAGES
 from wire.features import EVERYTHING, NodeFeatures
 from wire.lldp import announcement
-from wire.metadata import (
-    METADATA_PORT,
-    NUMBERS_APART,
-    Answer,
-    Message,
-    Reason,
-    Service,
-    Setup,
-    Verdict,
-    decode,
-    message_length,
-    session_number,
-)
+from wire.metadata.decoding import decode, message_length
+from wire.metadata.header import METADATA_PORT, NUMBERS_APART, Message, session_number
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.vocabulary import Reason, Service, Verdict
 
 SETUP = Setup(session_number(ALICE, 9), Service.TELEPORT, 1, CHARLIE, 100, 1, 1_000_000, port=9)
 # More than a segment takes: PSH is set only in the last one, and the set-up is in the first.
@@ -124,6 +117,42 @@ def test_for_attack_studies_hosts_may_pose_as_others(tmp_path: Path) -> None:
     with running(SdcTopo, tmp_path, policy=str(policy)) as network:
         carried = pose_as_alice(network)
         assert [words for words in FOREIGN if words in carried] == list(FOREIGN)
+
+
+HIDE = """
+import sys
+from itertools import product
+from scapy.all import ARP, Dot1AD, Dot1Q, Ether, IP, Raw, TCP, UDP, fragment, sendp
+own, bob = sys.argv[2:4]
+setup = IP(dst="10.0.0.2") / TCP(sport=4, dport=int(sys.argv[4])) / (b"hidden set-up" + bytes(99))
+poison = ARP(op=2, hwsrc=own, psrc="10.0.0.1", pdst="10.0.0.2") / b"hidden ARP"
+posing = IP(src="10.0.0.1", dst="10.0.0.2") / UDP(sport=1, dport=2) / b"hidden IP"
+tags = [a(vlan=0) / b(vlan=0) for a, b in product((Dot1Q, Dot1AD), repeat=2)]
+pieces = fragment(IP(dst="10.0.0.2") / UDP(sport=1, dport=2) / (bytes(2000) + b"own"), 800)
+for layer in [
+    *(tag / hidden for tag in tags for hidden in (setup, poison, posing)),
+    Dot1Q(vlan=0) / Dot1Q(vlan=0) / Dot1Q(vlan=0) / poison,
+    *fragment(setup, 64),
+    Dot1Q(vlan=7) / IP(dst="10.0.0.2") / UDP(sport=1, dport=2) / b"under one tag",
+    *pieces,
+]:
+    sendp(Ether(src=own, dst=bob) / layer, iface=sys.argv[1], verbose=False)
+"""
+
+
+def test_nothing_passes_that_the_switch_cannot_see_into(network: Network) -> None:
+    """Linux takes off any number of VLAN tags of number 0, and puts pieces of TCP together."""
+    capture = next(path for path in network.capture("s1") if path.name == "s1-eth2.pcap")
+    script = network.runtime.logs.parent / "hide.py"
+    script.write_text(HIDE)
+    charlie, bob = network.host("charlie"), network.host("bob")
+    words = f"{charlie.defaultIntf()} {charlie.MAC()} {bob.MAC()} {METADATA_PORT}"
+    said = charlie.cmd(f"{sys.executable} {script} {words}")
+    assert "Traceback" not in said, said
+    wait_until(lambda: b"own" in capture.read_bytes(), "what is in pieces, and no TCP")
+    carried = capture.read_bytes()
+    assert b"under one tag" in carried
+    assert b"hidden" not in carried
 
 
 def take_the_next_number_of_alice(network: Network) -> tuple[Reason, int]:
@@ -219,3 +248,17 @@ def test_nobody_poses_as_a_switch(network: Network) -> None:
     assert "is gone" not in log.read_text()
     with session(network, "alice", "bob") as opened:  # q1 was not displaced
         assert opened.carry(b"through q1") == b"through q1"
+
+
+def test_a_host_does_not_act_by_the_page_of_the_command_that_runs_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who knows its secret and reaches its socket can have done what an operator can."""
+    pages = Pages(tmp_path / "pages")
+    pages.folder.mkdir(mode=0o700)
+    monkeypatch.setenv(LIVE_PAGES, str(pages.folder))
+    assert pages.secret
+    with running(SdcTopo, tmp_path) as network:
+        said = network.host("charlie").cmd(f"cat ${LIVE_PAGES}/secret; find ${LIVE_PAGES}")
+    assert pages.secret not in said
+    assert said.split()[-1] == str(pages.folder)  # it is empty

@@ -1,11 +1,14 @@
-"""The environment of what people start by qmn: their own, and not that of qmn's programs."""
+"""The environment of what people start by qmn, and whose is what that leaves: their own."""
 
 import json
 import os
 import subprocess
 from pathlib import Path
 
+import pytest
 from conftest import ROOT
+
+from qmn.results.run_folder import give_tree
 
 QMN = str(ROOT / "bin" / "qmn")
 # What qmn would set: one of them is somebody's own with another value, one with the same.
@@ -57,3 +60,22 @@ def test_shells_of_hosts_have_the_environment_of_the_caller(tmp_path: Path) -> N
     assert of_machine["PYTHONPATH"] == "/callers/own"
     for line in SET_BY_QMN.splitlines():  # our own programs have ours
         assert line.startswith("#") or repr(line) in machine
+
+
+def test_what_a_run_leaves_is_of_who_has_called_sudo_but_not_what_its_links_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A host's root could leave a link there to a file of this machine's root."""
+    monkeypatch.setenv("SUDO_UID", "65534")
+    monkeypatch.setenv("SUDO_GID", "65534")
+    roots = tmp_path / "of root"
+    roots.write_text("secret")
+    folder = tmp_path / "runs" / "one"
+    (folder / "deep").mkdir(parents=True)
+    (folder / "log").write_text("told")
+    for link, target in (("link", roots), ("deep/folder", tmp_path)):
+        (folder / link).symlink_to(target)
+    give_tree(folder)
+    given = (folder, folder / "log", folder / "link", folder / "deep" / "folder")
+    assert {path.lstat().st_uid for path in given} == {65534}
+    assert {path.stat().st_uid for path in (roots, tmp_path)} == {0}

@@ -22,7 +22,8 @@ from qmn.jobs.transfer import TransferError
 from qmn.options import BadInput
 from qmn.scripting.network import start
 from topologies.chain import ChainTopo
-from wire.metadata import Pauli
+from wire.controller_lines import read_record
+from wire.outcomes import Pauli
 
 TIMEOUT_S = 90
 KEYBOARD_S = 15
@@ -246,3 +247,14 @@ def test_a_script_reads_results_of_a_topology_of_its_own(tmp_path: Path) -> None
         with pytest.raises(TransferError):
             network.send("alice", "bob", b"lost")
     assert (tmp_path / "quantum.log").exists()
+
+
+def test_a_network_in_the_folder_of_an_earlier_one_begins_anew(tmp_path: Path) -> None:
+    found = []
+    for message in (b"first", b"second"):
+        with start("sdc", folder=tmp_path) as network:
+            assert network.send("alice", "bob", message).data == message  # its fibres are found
+            fibers = len(network.runtime.fibers)
+        facts = [fact["event"] for fact in read_record(tmp_path)]
+        found.append((facts.count("fiber"), facts.count("path_ready")))
+    assert found == [(fibers, 1)] * 2

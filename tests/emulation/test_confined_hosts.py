@@ -1,8 +1,10 @@
 """A program on one host that looks for another's secrets and processes, and what it finds."""
 
+import os
 import re
 import signal
 import sys
+from pathlib import Path
 from subprocess import DEVNULL
 
 from conftest import ROOT, wait_until
@@ -77,6 +79,7 @@ def test_nothing_takes_the_covers_off(shared_network: Network) -> None:
         "unshare --map-root-user --mount umount /run/qmn",
         "unshare --map-root-user --mount bash -c 'mount --bind / /mnt && cd /mnt'",
         "umount --lazy /run",
+        "umount /dev/pts",
         "mount -o remount,rw /run/qmn",
         "mount --move /run/qmn /mnt",
         "mount --bind / /mnt",
@@ -85,7 +88,45 @@ def test_nothing_takes_the_covers_off(shared_network: Network) -> None:
         "touch /run/qmn/mine",
     ):
         assert charlie.cmd(f"{command}; echo status=$?").strip()[-1] != "0", command
-        assert charlie.cmd(f"ls {folder}").split() == ["charlie", "keys"]
+        assert charlie.cmd(f"ls {folder}").split() == ["charlie", "keys", "written"]
+
+
+def test_what_is_shown_to_a_host_it_cannot_change(shared_network: Network) -> None:
+    """Else it would leave links there to what is hidden, and its key manager follow them."""
+    charlie, runtime = shared_network.host("charlie"), shared_network.runtime
+    hidden = runtime.folder / "dispatcher.json"
+    assert runtime.token("alice") in hidden.read_text()
+    own, keys = runtime.own_folder("charlie"), Path(runtime.key_folder("charlie"))
+    (keys / "bob").mkdir(mode=0o700, exist_ok=True)
+    for command in (
+        f"ln -s {hidden} {own}/sae-charlie.key",
+        f"ln -s {hidden} {keys}/bob/00000000-0000-0000-0000-000000000001",
+        f"mv {keys}/bob {keys}/aside",
+        f"rm {own}/charlie.sock",
+        f"mount -o remount,bind,rw {keys}",
+        f"unshare --map-root-user --mount mount -o remount,bind,rw {keys}",
+        f"umount {keys}",
+    ):
+        assert charlie.cmd(f"{command}; echo status=$?").strip()[-1] != "0", command
+    assert sorted(path.name for path in (*own.iterdir(), *keys.iterdir())) == [
+        "bob",
+        "charlie.sock",
+    ]
+    assert charlie.cmd(f"touch {runtime.written_folder('charlie')}/own; echo $?").strip() == "0"
+    connect = f"socket.socket(socket.AF_UNIX).connect({runtime.socket('charlie')!r})"
+    said = charlie.cmd(f'{sys.executable} -c "import socket; {connect}; print(42)"')
+    assert said.strip() == "42"
+
+
+def test_a_host_has_terminals_of_its_own_and_no_others(shared_network: Network) -> None:
+    charlie, alice = shared_network.host("charlie"), shared_network.host("alice")
+    terminal = os.ttyname(alice.slave)
+    assert Path(terminal).is_char_device()
+    for host in (charlie, alice):
+        assert host.cmd(f"ls /dev/pts; head -c 1 {terminal}").split()[0] == "ptmx"
+        assert "No such file" in host.cmd(f"head -c 1 {terminal}")
+        said = host.cmd(f"{sys.executable} -c 'import pty; pty.spawn([\"tty\"])'")
+        assert said.strip() == "/dev/pts/0"
 
 
 def test_root_stays_root_and_tools_work(shared_network: Network) -> None:

@@ -28,7 +28,10 @@ from controller_scene import (
     wait_for,
 )
 
-from wire.metadata import METADATA_PORT, SETUP_LENGTH, Handshake, Service, Setup, Verdict, decode
+from wire.metadata.decoding import decode
+from wire.metadata.header import METADATA_PORT
+from wire.metadata.setup import SETUP_LENGTH, Setup
+from wire.metadata.vocabulary import Handshake, Service, Verdict
 
 pytestmark = pytest.mark.skipif(
     os.geteuid() != 0 or not all(map(shutil.which, ("ovs-vsctl", "ethtool"))),

@@ -26,7 +26,8 @@ from controller_scene import (
 )
 from scapy.layers.inet import TCP
 
-from wire.metadata import SETUP_LENGTH, Verdict
+from wire.metadata.setup import SETUP_LENGTH
+from wire.metadata.vocabulary import Verdict
 
 pytestmark = pytest.mark.skipif(
     os.geteuid() != 0 or shutil.which("ovs-vsctl") is None,

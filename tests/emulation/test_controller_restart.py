@@ -18,7 +18,7 @@ from topologies.ring import RingTopo
 from topologies.sdc import SdcTopo
 from topologies.system.processes.programs import python
 from topologies.timeouts import READY_TIMEOUT_S
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 
 BOTH = pytest.mark.parametrize("framework", ["ryu", "os-ken"])
 RYU = pytest.mark.parametrize("framework", ["ryu"])

@@ -15,7 +15,7 @@ from loaded import run_qmn
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 
 FRAMEWORKS = ("ryu", "os-ken")
 

@@ -11,7 +11,8 @@ from loaded import run_qmn
 from hosts.quantum_socket import QuantumSocket
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
-from wire.metadata import Fec, Pauli
+from wire.metadata.vocabulary import Fec
+from wire.outcomes import Pauli
 from wire.parameters.physics import BellAnalyser
 
 

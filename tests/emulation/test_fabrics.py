@@ -22,7 +22,7 @@ from topologies.system.processes.programs import python
 from wire.dispatcher_pb2 import TunePortRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.dispatcher_service import metadata
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 
 DATA = bytes(range(256)) * 64
 

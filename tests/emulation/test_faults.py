@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, qmn, qmn_command, qmn_words, wait_until
+from conftest import ROOT, our_processes, qmn, qmn_command, qmn_words, wait_until
 from loaded import Running, running_qmn
 
 from topologies.system.open_vswitch import openvswitch
@@ -104,6 +104,30 @@ def test_a_program_that_dies_in_mid_run_is_named(tmp_path: Path, module: str, na
     assert f"qmn: {name} died in mid-run: killed by SIGKILL" in output
     result = json.loads((tmp_path / "latest" / "result.json").read_text())
     assert result["delivered"] is False
+
+
+@pytest.mark.parametrize("role", ["asking", "asked"])
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_an_application_that_a_signal_strikes_in_mid_run_is_named(
+    tmp_path: Path, role: str, number: signal.Signals
+) -> None:
+    words = "--options" if role == "asking" else "--output"
+
+    def found() -> list[int]:
+        applications = [each for each in our_processes() if "hosts.applications.service" in each]
+        return [int(each.split()[0]) for each in applications if words in each]
+
+    with long_run(tmp_path) as process:
+        read_until(process, "sending")
+        wait_until(found, f"{role} runs")
+        os.kill(found()[0], number)
+        output = process.finish(40)
+    assert process.returncode == 1
+    named = {
+        signal.SIGKILL: f"qmn: {role} died in mid-run: killed by SIGKILL",
+        signal.SIGSTOP: f"qmn: {role} does not answer: a signal has stopped it (SIGSTOP)",
+    }
+    assert named[number] in output
 
 
 @pytest.mark.parametrize("name", ["alice", "s1"])

@@ -1,14 +1,17 @@
 """`link alice q1 down` is a fibre cut: light is lost, the controller hears of it."""
 
 import threading
+from io import StringIO
 
 import pytest
 from conftest import wait_until
+from rich.console import Console
 
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
+from qmn.jobs.in_the_way import lost_light
 from topologies.networks.network import Network
 from wire.controller_lines import read_record
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 
 CUT = r"^no light path from alice to bob: fibre alice-q1 \(alice-q0\) is cut$"
 
@@ -42,6 +45,32 @@ def test_what_a_cut_has_cost_is_sent_again(shared_network: Network, host: str) -
             sending.join(30)
     assert not sending.is_alive()
     assert received == data
+
+
+def test_a_session_that_loses_its_light_says_so_at_once_and_when_it_is_back(
+    shared_network: Network,
+) -> None:
+    network, screen = shared_network, StringIO()
+    with (
+        QuantumSocket(network.runtime.socket("bob")) as listener,
+        lost_light(network, Console(file=screen)) as lost,
+    ):
+        listener.listen(7)
+        with QuantumSocket(network.runtime.socket("alice")) as sender:
+            sender.connect(("bob", 7))
+            lost.look()  # at what other tests have left in the record
+
+            def told(words: str) -> bool:
+                lost.look()
+                return screen.getvalue().endswith(words)
+
+            before = len(screen.getvalue())
+            network.net.configLinkStatus("alice", "q1", "down")
+            wait_until(lambda: told("no light: fibre alice-q1 (alice-q0) is cut\n"), "it is told")
+            network.net.configLinkStatus("alice", "q1", "up")
+            wait_until(lambda: told("light is back\n"), "it is told that it is whole")
+            lost.look()
+            assert screen.getvalue()[before:].count("\n") == 2
 
 
 def test_a_session_over_a_cut_fibre_is_refused_until_it_is_mended(shared_network: Network) -> None:

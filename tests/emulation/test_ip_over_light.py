@@ -19,7 +19,7 @@ from scapy.utils import rdpcap
 from topologies.daemons.ip_over_light import IpOverLight, start_ip_over_light
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
-from wire.metadata import METADATA_PORT
+from wire.metadata.header import METADATA_PORT
 
 MARK = b"by light"  # in the packets of a test, and nowhere else
 BOB6 = "fd71:6d6e::2"

@@ -41,8 +41,9 @@ def dave(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Node]:
 
 
 def groups() -> list[Path]:
-    below = parent()
-    return sorted(below[0].glob("qmn.*.dave")) if below else []
+    """Return those of this process's networks; beside it others may have a host of this name."""
+    below, ours = parent(), f"qmn.{owners.namespace()}.*.dave"
+    return sorted(below[0].glob(ours)) if below else []
 
 
 def take(dave: Node, mib: int) -> "subprocess.Popen[str]":

@@ -208,3 +208,28 @@ def overlap(rows: Any, state: tuple[complex, ...]) -> float:
     return sum(
         state[i].conjugate() * complex(*rows[i][j]) * state[j] for i in (0, 1) for j in (0, 1)
     ).real
+
+
+CURIOUS = """
+import os
+from pathlib import Path
+
+def main(app_config=None):
+    (run,) = Path("/run/qmn").iterdir()
+    shown = sorted(str(path.relative_to(run)) for path in run.rglob("*"))
+    others = [Path("/proc", pid, "cmdline").read_bytes() for pid in os.listdir("/proc")
+              if pid.isdigit() and int(pid) != os.getpid()]
+    return {"shown": shown, "dispatcher": any(b"dispatcher" in each for each in others)}
+"""
+
+
+def test_a_program_sees_of_the_run_what_its_host_is_shown(tmp_path: Path) -> None:
+    application = tmp_path / "curious"
+    application.mkdir()
+    (application / "app_alice.py").write_text(CURIOUS)
+    run(tmp_path / "runs", str(application))
+    result = json.loads((tmp_path / "runs" / "latest" / "result.json").read_text())
+    ((output,),) = [list(each.values()) for each in result["job"]["outputs"]]
+    own = ["alice", "alice/alice.sock", "keys", "keys/alice", "written", "written/alice"]
+    assert [path for path in output["shown"] if path.count("/") < 2] == own
+    assert not output["dispatcher"]

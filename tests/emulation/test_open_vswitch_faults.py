@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from topologies.system.open_vswitch import openvswitch
 from topologies.system.processes.owners import from_words
 from topologies.system.processes.programs import NetworkError
 from topologies.system.runs.runtime import RUNTIME_ROOT
+from topologies.timeouts import OPENVSWITCH_TIMEOUT_S
 
 SAID_IN_S = 20  # with clean-up; the wait ends much sooner
 
@@ -97,6 +99,25 @@ def test_a_daemon_that_a_signal_stops_while_it_is_to_end_ends_in_order(
     openvswitch.stop_if_ours("tests")
     assert not openvswitch.daemons()
     assert "SIGKILL" not in said.read_text()
+
+
+@pytest.mark.usefixtures("no_open_vswitch")
+def test_a_daemon_that_ends_while_it_is_started_is_named_and_nothing_waits_for_it() -> None:
+    def strike() -> None:
+        wait_until(openvswitch.daemons, "the database runs")
+        openvswitch.daemons()[openvswitch.DATABASE].signal(signal.SIGTERM)
+
+    began = time.monotonic()
+    striker = threading.Thread(target=strike)
+    striker.start()
+    try:
+        with pytest.raises(NetworkError, match=openvswitch.DATABASE):
+            openvswitch.start("tests")
+        assert time.monotonic() - began < OPENVSWITCH_TIMEOUT_S / 2
+    finally:
+        striker.join()
+        openvswitch.start("tests")
+        openvswitch.stop_if_ours("tests")
 
 
 @pytest.mark.usefixtures("no_open_vswitch")

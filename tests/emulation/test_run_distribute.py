@@ -9,16 +9,10 @@ from loaded import run_qmn
 from scapy.layers.inet import IP, TCP
 from scapy.utils import PcapReader
 
-from wire.metadata import (
-    MAGIC,
-    METADATA_PORT,
-    SETUP_LENGTH,
-    VERSION,
-    Service,
-    Setup,
-    Verdict,
-    decode,
-)
+from wire.metadata.decoding import decode
+from wire.metadata.header import MAGIC, METADATA_PORT, VERSION
+from wire.metadata.setup import SETUP_LENGTH, Setup
+from wire.metadata.vocabulary import Service, Verdict
 
 BEGIN = MAGIC.to_bytes(2, "big") + bytes([VERSION, Setup.KIND])
 

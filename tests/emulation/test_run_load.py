@@ -7,10 +7,25 @@ from pathlib import Path
 from conftest import ROOT
 from loaded import run_qmn
 
+from qmn.live.event_sources import recorded
 from qmn.traffic.erlang import erlang_b
+from topologies.system.runs.runtime import EVENT_CAPTURE
 
 SESSIONS, FIBERS = 70, 2
 SIDES = [",".join(f"{side}{n}" for n in range(1, 7)) for side in "ab"]
+
+
+def holders_of_trunk(run: Path) -> dict[str, list[str]]:
+    """Return whose light left q1 by each fibre, in order, by what q1's optics did.
+
+    Host aN is at port N + 1 of q1, as trunk.py lays them.
+    """
+    found: dict[str, list[str]] = {}
+    for event in recorded(run / EVENT_CAPTURE, follow=False):
+        if (event.node, event.kind) == ("q1", "open"):
+            in_port, _arrow, out_port = event.detail.split()[:3]
+            found.setdefault(out_port, []).append(f"a{int(in_port) - 1}")
+    return found
 
 
 def test_light_is_handed_out_in_slots_and_none_is_given_too_late(tmp_path: Path) -> None:
@@ -22,7 +37,7 @@ def test_light_is_handed_out_in_slots_and_none_is_given_too_late(tmp_path: Path)
     trace.write_text("\n".join([header, *rows]) + "\n")
     words = ["run", "load", "--topology", f"{ROOT}/docs/traffic/trunk.py:Trunk", "--source", "own"]
     words += ["--traffic", "trace", "--file", str(trace), "--policy", str(policy), "--no-capture"]
-    words += ["--from", SIDES[0], "--to", SIDES[1], "--time-scale", "5"]  # software is quick enough
+    words += ["--from", SIDES[0], "--to", SIDES[1], "--time-scale", "12"]  # quick software
     done = run_qmn(*words, "--runs", str(tmp_path), timeout_s=110)
     assert done.returncode == 0, done.stdout + done.stderr
     load = json.loads((tmp_path / "latest" / "result.json").read_text())["job"]["load"]
@@ -30,6 +45,12 @@ def test_light_is_handed_out_in_slots_and_none_is_given_too_late(tmp_path: Path)
     assert load["accepted"] + load["late"] == 6
     assert load["accepted"] in (4, 5, 6)
     assert load["queued"] >= 4  # two may come when a slot begins
+    holders = holders_of_trunk(tmp_path / "latest")
+    assert load["waits"]
+    for wait in load["waits"]:
+        order = next(o for o in holders.values() if wait["opener"] in o)
+        assert order[order.index(wait["opener"]) - 1] == wait["after_opener"]
+    assert "Who waited for whom" in (tmp_path / "latest" / "report.html").read_text()
 
 
 def test_two_fibres_are_busy_as_often_as_erlang_says(tmp_path: Path) -> None:

@@ -13,7 +13,11 @@ from scapy.layers.inet import IP, TCP
 from scapy.utils import PcapReader, rdpcap
 
 from topologies.system.processes.programs import ENVIRONMENT
-from wire.metadata import METADATA_PORT, SETUP_LENGTH, MalformedPacket, Setup, Verdict, decode
+from wire.malformed import MalformedPacket
+from wire.metadata.decoding import decode
+from wire.metadata.header import METADATA_PORT
+from wire.metadata.setup import SETUP_LENGTH, Setup
+from wire.metadata.vocabulary import Verdict
 
 SEQUENTIAL = "one"  # is sent by handshakes that wait for each other
 RESULT_KEYS = {

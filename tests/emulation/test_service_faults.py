@@ -15,18 +15,10 @@ from hosts.stack_socket import QuantumSocketError
 from qmn.live.dispatcher_calls import held_blocks, status
 from topologies.networks.network import Network
 from wire.controller_lines import read_record
-from wire.metadata import (
-    HEADER,
-    METADATA_PORT,
-    Answer,
-    Message,
-    Reason,
-    Service,
-    Setup,
-    Verdict,
-    decode,
-    session_number,
-)
+from wire.metadata.decoding import decode
+from wire.metadata.header import HEADER, METADATA_PORT, Message, session_number
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.vocabulary import Reason, Service, Verdict
 
 ALICE, BOB, CHARLIE = "10.0.0.1", "10.0.0.2", "10.0.0.3"
 DEADLINE_S = 30.0

@@ -8,7 +8,7 @@ from conftest import qmn, wait_until
 
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
 from topologies.networks.network import Network
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 
 
 def test_a_second_network_on_the_same_machine_is_refused(

@@ -11,7 +11,7 @@ from hosts.quantum_socket import QuantumSocketError
 from topologies.links.fiber import PORTS_PER_CHANNEL
 from topologies.sdc import SdcTopo
 from wire.config import Fiber, FiberEnd
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 
 DATA = bytes(range(256)) * 16
 

@@ -21,7 +21,7 @@ from scapy.utils import rdpcap
 
 from qmn.scripting.network import start
 from wire.config import DISPATCHER_PORT
-from wire.metadata import METADATA_PORT
+from wire.metadata.header import METADATA_PORT
 
 LIGHT_M_PER_S = 2.04e8
 ECHO_REQUEST, ECHO_REPLY = 8, 0

@@ -39,7 +39,6 @@ from wire import (
     key_delivery,
     key_relay,
     machine_channel,
-    metadata,
     optical,
     pcapng,
     qkd,
@@ -53,7 +52,9 @@ from wire.features import EVERYTHING, NodeFeatures
 from wire.key_routes import Hop, KeyLinks, LinkState
 from wire.lldp import announcement
 from wire.lost_packet import Packet
-from wire.metadata import MalformedPacket, Verdict
+from wire.malformed import MalformedPacket
+from wire.metadata.decoding import decode
+from wire.metadata.vocabulary import Verdict
 from wire.netqasm import messages, pair_requests, subroutine, texts
 
 KEY = "0f" * 16
@@ -211,9 +212,7 @@ PROPERTIES: dict[str, tuple[type[optical.OpticalProperty], int]] = {
 }
 
 TARGETS: dict[str, Target] = {
-    "metadata": Target(
-        [*_golden(test_metadata.GOLDEN), *JUDGED], metadata.decode, lambda m: m.encode()
-    ),
+    "metadata": Target([*_golden(test_metadata.GOLDEN), *JUDGED], decode, lambda m: m.encode()),
     "key distribution": Target(
         [test_qkd.whole(message) for message, _golden in test_qkd.GOLDEN],
         lambda data: (sealed := qkd.unframe(data), sealed.open()),

@@ -22,7 +22,7 @@ from qswitch_agent.hardware.scpi_format import GarbledReply
 from qswitch_agent.openflow import matches
 from qswitch_agent.openflow.flows import FlowMod
 from qswitch_agent.openflow.refusals import Refusal
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 REFUSED = (MalformedPacket, Refusal)
 

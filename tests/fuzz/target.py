@@ -12,7 +12,7 @@ from typing import Any
 
 from spoiling import spoiled
 
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 
 class Fault(AssertionError):

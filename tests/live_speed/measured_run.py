@@ -45,10 +45,16 @@ class Time:
     said: str
 
 
-def run(folder: Path, rounds: int, seconds: float, block_pairs: int) -> tuple[Path, list[Turn]]:
-    """Return the run's folder, and its turns: without a page, with one, without, …, without."""
+def run(
+    folder: Path, rounds: int, seconds: float, block_pairs: int, rate_hz: int | None = None
+) -> tuple[Path, list[Turn]]:
+    """Return the run's folder, and its turns: without a page, with one, without, …, without.
+
+    Its source makes pairs at this rate (None: as fast as this machine can).
+    """
     # Frames are as small as can be, so that there are as many events as can be.
-    sent = ("--block-pairs", str(block_pairs), "--frame-bytes", "8", "--captures", "none")
+    sent = ["--block-pairs", str(block_pairs), "--frame-bytes", "8", "--captures", "none"]
+    sent += ["--rate-hz", str(rate_hz)] if rate_hz else []
     message = folder / "message"
     message.write_bytes(bytes(range(250)) * (1 << 16))  # of which a run sends a part
     command = [QMN, "run", "sdc", "--file", str(message), *sent, "--no-report"]

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 from jobs import keys_differ
-from outcomes import Made, Outcome, bad, told, too_few
+from outcomes import Made, Outcome, bad, first_told, told, too_few
 from strikes import Strike
 from under_way import Moment
 
 KILLED_BOB = Strike("bob", "SIGKILL", ("bob",))
 KILLED_C0 = Strike("c0", "SIGTERM", ("c0",))
-CUT = Strike("fibre q1-eth2", "down", (), stalls=True)
+CUT = Strike("fibre q1-eth2", "down", ())
 
 
 def outcome(cause: str, *strikes: tuple[Strike, float], at_s: float = 2.0) -> Outcome:
@@ -45,6 +45,15 @@ def test_a_strike_with_no_name_of_its_own_may_be_what_any_cause_is_of() -> None:
     cut = outcome("qmn: no light path from alice to bob", (CUT, 0.0), at_s=4.0)
     assert not bad(cut)
     assert not bad(outcome(cut.cause, (KILLED_BOB, 0.0), (CUT, 0.1)))
+
+
+def test_a_cut_fibre_is_named_when_the_run_tells_of_it_and_not_when_it_ends() -> None:
+    said = [(1.0, "no light: fibre a is cut"), (2.0, "no light: fibre b is cut"), (12.0, "ending")]
+    cause = "ending: no light for 10 s: fibre b is cut"
+    assert first_told(said, cause, ended=12.0) == 2.0
+    assert first_told(said, "ending: bob died in mid-run", ended=12.0) == 12.0
+    assert bad(outcome(cause, (CUT, 0.5), at_s=12.0))
+    assert not bad(outcome(cause, (CUT, 0.5), at_s=2.0))
 
 
 def test_fewer_strikes_than_were_asked_for_are_a_fault() -> None:

@@ -17,7 +17,7 @@ from target import Fault, Target
 import wire
 from dispatcher.layer.ownership import Ownership
 from dispatcher.refusal import invalid
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 INPUTS = 400  # of each decoder
 

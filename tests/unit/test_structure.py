@@ -93,19 +93,24 @@ def room_of(file: Path) -> str:
     return str(path.parent if len(path.parts) > 2 else path)
 
 
-def arrows() -> dict[str, set[str]]:
-    """Return which rooms each room imports; packages and entry points stand above their folder."""
-    modules = {
+@cache
+def modules() -> dict[str, Path]:
+    """Return the files of the product by the names under which they are imported."""
+    return {
         ".".join(file.relative_to(ROOT).with_suffix("").parts): file
         for folder in ALL[:-1]
         for file in sources(folder)
     }
+
+
+def arrows() -> dict[str, set[str]]:
+    """Return which rooms each room imports; packages and entry points stand above their folder."""
     found: dict[str, set[str]] = {}
-    for file in modules.values():
+    for file in modules().values():
         if file.name in ("__init__.py", "__main__.py"):
             continue
         for name in members(file):
-            if name in modules and (there := room_of(modules[name])) != room_of(file):
+            if name in modules() and (there := room_of(modules()[name])) != room_of(file):
                 found.setdefault(room_of(file), set()).add(there)
     return found
 
@@ -124,6 +129,14 @@ def test_no_rooms_import_each_other_even_by_way_of_others(storeys: int) -> None:
     for room, others in arrows().items():
         here = shortened(room, storeys)
         found.setdefault(here, set()).update({shortened(each, storeys) for each in others} - {here})
+    try:
+        list(TopologicalSorter(found).static_order())
+    except CycleError as error:
+        pytest.fail(f"a circle: {' <- '.join(error.args[1])}")
+
+
+def test_no_files_import_each_other_even_by_way_of_others_or_for_types_alone() -> None:
+    found = {name: set(members(file)) & modules().keys() for name, file in modules().items()}
     try:
         list(TopologicalSorter(found).static_order())
     except CycleError as error:
@@ -230,7 +243,7 @@ TIME = re.compile(r"(?!.*_PER_S$)[A-Z][A-Z0-9_]*_M?S")
 # Times that nothing waits for: ranges and parameters of what a user sets, physics, what is told to
 # others, and what is reckoned with.
 NOT_WAITS = {
-    "controller_apps/policy/policy.py": {"SLOT_S"},
+    "controller_apps/policy/reading.py": {"SLOT_S"},
     "dispatcher/fiber/classical_light.py": {"PLANCK_J_S"},
     "dispatcher/operations/limits.py": {"MAX_EMISSION_S"},
     "hosts/applications/carrying.py": {"LIGHT_S"},
@@ -295,7 +308,7 @@ def test_every_row_of_the_conformance_table_names_tests_that_are_there() -> None
 
 # Names that a stranger smiles at, or that mean something else (docs/glossary.md).
 NOT_NAMES = re.compile(
-    r"own_noise|require_room|let_go\b|wish|session_?figure|eventfigure", re.IGNORECASE
+    r"own_noise|require_room|let_go\b|wish|session_?figure|eventfigure|hurr", re.IGNORECASE
 )
 # "X is no Y", but for "there is no Y".
 IS_NO = re.compile(r"(?<![Tt]here )\b(is|are) no (?!more\b|longer\b|sooner\b|earlier\b)")
@@ -335,3 +348,13 @@ def test_what_something_is_not_is_said_plainly(folder: str) -> None:
     for file in (ROOT / folder).rglob("*.lua"):
         for text in LUA_TEXT.findall(file.read_text()):
             assert not IS_NO.search(text), (file, text)
+
+
+PAGES = (*ROOT.glob("*.md"), *ROOT.glob("*/*.md"), *ROOT.glob("labs/*/*.md"))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_pages_say_plainly_what_something_is_not(page: Path) -> None:
+    if page.name != "CHANGELOG.md":
+        found = IS_NO.search(" ".join(page.read_text().split()))
+        assert found is None, found.string[max(found.start() - 40, 0) : found.end() + 40]

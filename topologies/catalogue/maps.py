@@ -15,6 +15,8 @@ from math import asin, cos, radians, sin, sqrt
 from pathlib import Path
 from typing import Any
 
+from wire.parameters.checks import remedy
+
 GROUPS = ("sndlib", "topozoo", "backbone", "caida")  # in this order, for a name without its group
 EARTH_KM = 6371.0088  # mean radius
 NAME_LENGTH = 10  # of a host: Linux has 15 letters for NAME-eth0
@@ -54,12 +56,12 @@ class Map:
     ways: Sequence[Way]
 
     def place(self, name: str) -> Place:
-        """Return a place by its host's name or its own; raise BadMap for none."""
+        """Return a place by its host's name or its own; raise BadMap if there is none."""
         for place in self.places:
             if name.lower() in (place.name, place.called.lower()):
                 return place
-        known = ", ".join(place.name for place in self.places)
-        raise BadMap(f"map {self.name} has no place {name!r}: choose one of {known}")
+        known = [place.name for place in self.places]
+        raise BadMap(f"map {self.name} has no place {name!r}: {remedy(name, known)}")
 
 
 def read_map(name: str) -> Map:

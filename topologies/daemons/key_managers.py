@@ -18,6 +18,7 @@ from topologies.system.runs.launching import launch
 from topologies.timeouts import READY_TIMEOUT_S
 from wire.key_delivery import KEY_DELIVERY_PORT
 from wire.key_manager import KeyLink, KeyManagerConfig, manager_name
+from wire.parameters.checks import remedy
 
 MODULE = "hosts.key_delivery"
 CERTIFICATES = "certificates"  # in the private folder
@@ -116,12 +117,10 @@ def links_of(host: str, service: KeyService) -> list[KeyLink]:
 
 
 def check(service: KeyService, saes: Mapping[str, str], hosts: Mapping[str, object]) -> None:
-    """Raise NetworkError for hosts that are none, and names that cannot be."""
+    """Raise NetworkError for what is not such a host, and names that cannot be."""
     unknown = {*saes.values(), *(host for pair in service.pairs for host in pair)} - hosts.keys()
-    if unknown:
-        raise NetworkError(
-            f"{min(unknown)} is not a host with a key manager: choose one of {', '.join(hosts)}"
-        )
+    for name in sorted(unknown):
+        raise NetworkError(f"{name} is not a host with a key manager: {remedy(name, hosts)}")
     for sae in service.saes:
         if not sae.isascii() or not sae.replace("-", "").isalnum() or sae.startswith("kme-"):
             raise NetworkError(f"SAE ID {sae!r}: letters, digits and - only, and not kme-...")

@@ -9,6 +9,7 @@ Nodes and links of a user's own classes are checked when they are made.
 
 import string
 from collections.abc import Mapping
+from functools import wraps
 from typing import Any
 
 from mininet.link import Intf
@@ -33,6 +34,7 @@ OF_LINKS = {"node1", "node2", "port1", "port2"}  # that Topo itself adds
 def checked(kind: type[Topo]) -> type[Topo]:
     """Return the same class of topologies, whose nodes and links are checked as they are added."""
 
+    @wraps(kind.build)
     def build(self: Topo, *arguments: Any, **params: Any) -> None:
         self.g = CheckedGraph()
         kind.build(self, *arguments, **params)
@@ -91,7 +93,7 @@ def check_node(name: str, info: Info) -> None:
 
 
 def check_dpid(name: str, dpid: object) -> None:
-    """Raise BadParameter for a datapath ID that is none; without one a switch's name has it."""
+    """Raise BadParameter for what is not a datapath ID; without one a switch's name has it."""
     if not dpid:
         if not any(each.isdigit() for each in name):
             raise BadParameter(f'{name} has no dpid: give one of its own, as dpid="1"')

@@ -54,7 +54,8 @@ def _address(name: str, text: str) -> object:
     try:
         return IPv4Interface(text).ip
     except (AddressValueError, NetmaskValueError) as error:
-        raise BadParameter(f"{name}: ip {text!r} is none: write ADDRESS/BITS ({error})") from error
+        text = f"{name}: ip {text!r} is not an address: write ADDRESS/BITS"
+        raise BadParameter(f"{text} ({error})") from error
 
 
 def _dpid(name: str, info: Mapping[str, Any]) -> int:

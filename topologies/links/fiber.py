@@ -84,7 +84,7 @@ class FiberLink(Channel):
 
 
 def channels_of(link: Link) -> list[Channel]:
-    """Return the channels of a link beside the first, none of one that is no fibre."""
+    """Return the channels of a link beside the first, none of one that is not a fibre."""
     return link.channels if isinstance(link, FiberLink) else []
 
 

@@ -6,7 +6,6 @@ start another network than the one that was described.
 
 import inspect
 from collections.abc import Iterable, Iterator
-from difflib import get_close_matches
 
 from wire.parameters.checks import remedy
 from wire.parameters.physics import BadParameter
@@ -27,9 +26,8 @@ def refuse_unknown(
     ours = {*also, *_taken(own)}
     known = {*ours, *FROM_MININET, *_taken(each for kind in kinds for each in kind.__mro__)}
     for name in sorted(set(given) - known):
-        nearest = get_close_matches(name, known, 1)
-        choices = nearest or sorted((ours or known) - {"name", "node1", "node2"})
-        raise BadParameter(f"{where} has no {name}: {remedy(name, choices)}")
+        choices = sorted((ours or known) - {"name", "node1", "node2"})
+        raise BadParameter(f"{where} has no {name}: {remedy(name, sorted(known), choices)}")
 
 
 def _is_mininets(kind: type) -> bool:

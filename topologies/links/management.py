@@ -50,7 +50,7 @@ def lay_management(
             loss=network.settings.control_loss,
             intfName1=f"{controller.name}-{name}",
             intfName2=f"{name}-{controller.name}",
-            params2={"ip": f"{theirs}/30"},  # with an address it is no port of the bridge
+            params2={"ip": f"{theirs}/30"},  # with an address it is not a port of the bridge
         )
         near, far = link.intf1, link.intf2
         inside += [

@@ -14,7 +14,7 @@ from mininet.node import Host
 
 from topologies.system.processes.programs import NetworkError
 from topologies.timeouts import COMMAND_TIMEOUT_S
-from wire.metadata import METADATA_PORT
+from wire.metadata.header import METADATA_PORT
 from wire.parameters.network import MOST_MBPS
 
 # Room for one packet: what TCP hands over as one of 64 KiB is cut, and none goes on saved tokens.

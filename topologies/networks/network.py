@@ -48,6 +48,7 @@ from topologies.timeouts import (
     STOPPED_TIMEOUT_S,
 )
 from wire.config import BadConfig
+from wire.parameters.checks import remedy
 from wire.parameters.physics import BadParameter
 
 MOST_FILES = 65_536
@@ -80,6 +81,8 @@ class Network:
         self._daemons: dict[str, Owner] = {}  # of Open vSwitch
         self._stopped: dict[str, float] = {}  # what a signal has stopped, since when
         self._look_again_at = 0.0
+        self._applications: list[Program] = []
+        self._struck: Program | None = None  # of these, as the last look has found
 
     def __enter__(self) -> Self:
         self._cleanup.callback(self.runtime.remove)
@@ -102,7 +105,7 @@ class Network:
         """Remove everything; what then goes wrong does not hide what has ended the network."""
         if self._tell is not None and isinstance(cause, Exception):
             self._tell(str(cause))
-        self.runtime.hurried = True
+        self.runtime.time_limited = True
         try:
             with self._signals.deferred():
                 self._cleanup.close()
@@ -148,10 +151,10 @@ class Network:
         self._cleanup.callback(self._stop_programs)
         self._cleanup.callback(openvswitch.revive_if_ours, self.runtime.name)
         self._cleanup.callback(self.captures.end)
-        self.runtime.hurried = True
+        self.runtime.time_limited = True
         self._build_and_start()
         self._wait_until_ready()
-        self.runtime.hurried = False
+        self.runtime.time_limited = False
 
     def _build_and_start(self) -> None:
         """Let Mininet start all nodes; where it fails because of another's end, name that."""
@@ -199,7 +202,7 @@ class Network:
         """Return a host; raise NetworkError if there is none of that name."""
         hosts = {host.name: host for host in self.net.hosts}
         if name not in hosts:
-            raise NetworkError(f"unknown host {name!r}: choose one of {', '.join(sorted(hosts))}")
+            raise NetworkError(f"unknown host {name!r}: {remedy(name, sorted(hosts))}")
         return hosts[name]
 
     def run_on(self, host: str, name: str, command: list[str]) -> Program:
@@ -210,19 +213,37 @@ class Network:
         node = self.host(host)
         if host not in self.runtime.places:
             return self._run(name, command, node.pid)
-        program = Program(name, self.runtime.logs / f"{name}.log")
+        program = self._application(name)
         errand = Errand(self.runtime.places[host], self.runtime.folder / name, command)
         self._cleanup.callback(errand.bring_back)
         self._cleanup.callback(program.stop)
         errand.start(program, node.pid_there)
         return program
 
+    def run_as_people_do(self, host: str, name: str, command: list[str]) -> Program:
+        """Start a program that people have written on a host: it sees what they see there.
+
+        On another machine it is as `run_on`.
+        """
+        if host in self.runtime.places:
+            return self.run_on(host, name, command)
+        program = self._application(name)
+        self._cleanup.callback(program.stop)
+        self.host(host).start_program(program, command)
+        return program
+
     def run_beside(self, name: str, command: list[str]) -> Program:
         """Start a program on this machine itself; it ends with the network at the latest."""
         return self._run(name, command)
 
+    def _application(self, name: str) -> Program:
+        """Return a program that may end before the network, and is watched until it does."""
+        program = Program(name, self.runtime.private_file(f"{name}.log"))
+        self._applications.append(program)
+        return program
+
     def _run(self, name: str, command: list[str], namespace_pid: int | None = None) -> Program:
-        program = Program(name, self.runtime.logs / f"{name}.log")
+        program = self._application(name)
         self._cleanup.callback(program.stop)
         program.start(command, namespace_pid, forks=self.runtime.forks())
         return program
@@ -297,6 +318,11 @@ class Network:
         for node in self._watched():
             if node.shell_ended:
                 raise NetworkError(f"{node.name} died in mid-run: its shell was ended")
+        # Seen twice: what ends because its host's shell does may have ended before that.
+        before = self._struck
+        self._struck = next((each for each in self._applications if each.struck_down), None)
+        if self._struck is not None and self._struck is before:
+            raise NetworkError(f"{before.name} died in mid-run: {before.end()}")
         if time.monotonic() > self._look_again_at:
             self._look_again_at = time.monotonic() + STOPPED_LOOK_S
             self._require_none_stopped(STOPPED_TIMEOUT_S)
@@ -327,7 +353,8 @@ class Network:
         """Raise for what has been seen to be stopped by a signal for so long."""
         now = time.monotonic()
         stopped = set()
-        for program in (*self.runtime.programs, *self.captures.programs):
+        of_the_network = *self.runtime.programs, *self.captures.programs
+        for program in (*of_the_network, *self._applications):
             stopped |= {program.name} if program.stopped else set()
         stopped |= {node.name for node in self._watched() if node.shell_stopped}
         stopped |= {name for name, daemon in self._daemons.items() if daemon.stopped}

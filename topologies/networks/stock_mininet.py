@@ -21,12 +21,12 @@ class StockMininet(IperfMininet):
         network = runtime.current()
         self._keeper = DiskKeeper(network.logs, lambda: network.programs)
         self._keeper.__enter__()
-        with network.in_a_hurry():
+        with network.time_limit():
             super().build()
 
     def start(self) -> None:
         """Start controllers and switches."""
-        with runtime.current().in_a_hurry():
+        with runtime.current().time_limit():
             super().start()
 
     def stop(self) -> None:

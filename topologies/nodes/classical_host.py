@@ -1,5 +1,6 @@
 """A host with copper alone."""
 
+import os
 import subprocess
 from pathlib import Path
 
@@ -22,8 +23,9 @@ DEFAULT_PREFIX_LENGTH = 8  # Mininet's
 
 def covered_folders(network: Runtime) -> list[Path]:
     """Return the folders with what hosts are not to see of a run, or of others on this machine."""
-    kept = [Path(network.settings.keys)] if network.settings.keys else []
-    return [runtime.RUNTIME_ROOT, openvswitch.RUN_FOLDER, network.logs.resolve(), *kept]
+    further = network.settings.keys, os.environ.get(runtime.LIVE_PAGES)  # one acts by a page
+    others = [Path(folder) for folder in further if folder]
+    return [runtime.RUNTIME_ROOT, openvswitch.RUN_FOLDER, network.logs.resolve(), *others]
 
 
 class ClassicalHost(QuantumNode, ConfinedNode, Host):
@@ -69,9 +71,9 @@ class ClassicalHost(QuantumNode, ConfinedNode, Host):
             self.confine(self.shown_folders(), covered, table, self.memory_mib)
         return result
 
-    def shown_folders(self) -> list[Path]:
-        """Return the folders of the run that are this host's own."""
-        return []
+    def shown_folders(self) -> dict[Path, str]:
+        """Return the folders of the run that are this host's own, and its access to them."""
+        return {}
 
     def terminate(self) -> None:
         """End the host's program, then the host."""

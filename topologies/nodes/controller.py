@@ -91,7 +91,7 @@ class QuantumController(QuantumNode, ManagedController):
             listen=f"{LOOPBACK if network.settings.tls else ANYWHERE}:{self.port}",
             framework=network.settings.controller,
             quantum_switches=dict(network.datapath_ids),
-            record=str(network.logs / RECORD),
+            record=str(network.private_file(RECORD)),
             address=free_address(network.addresses.values(), network.prefix_length),
             device_keys=network.device_keys,
             addresses={host: network.addresses[host] for host in network.device_keys},

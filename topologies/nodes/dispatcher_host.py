@@ -35,7 +35,7 @@ class DispatcherHost(ClassicalHost):
             fibers=network.fibers,
             switches=list(network.switches.values()),
             event_log=str(network.private_file(EVENT_LOG)) if network.events else "",
-            record=str(network.logs / RECORD) if network.record else "",
+            record=str(network.begun_anew(RECORD)) if network.record else "",
             qasm=str(network.private_file("quantum.qasm")) if network.qasm else "",
             devices=network.devices,
             event_capture=str(network.private_file(EVENT_CAPTURE)) if network.events else "",

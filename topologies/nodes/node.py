@@ -15,9 +15,9 @@ class QuantumNode(ShellWatcher):
     network: Runtime
 
     @property
-    def hurried(self) -> bool:  # type: ignore[override]
+    def time_limited(self) -> bool:  # type: ignore[override]
         """Whether the network starts or ends just now."""
-        return self.network.hurried
+        return self.network.time_limited
 
     @property
     def ending(self) -> bool:  # type: ignore[override]

@@ -141,7 +141,7 @@ class OpticalSwitch(ClassicalSwitch):
         super().terminate()
 
     def _end_agent(self) -> None:
-        """End the agent, whose end is no fault then."""
+        """End the agent, whose end is not a fault then."""
         if self.program:
             self.network.programs.remove(self.program)
             self.program.stop()

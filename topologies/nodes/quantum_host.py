@@ -10,6 +10,7 @@ from topologies.links.keywords import refuse_unknown
 from topologies.nodes.addresses import broadcast
 from topologies.nodes.classical_host import ClassicalHost
 from topologies.nodes.tls import credentials
+from topologies.system.confinement.confinement import READ, WRITTEN
 from topologies.system.runs import runtime
 from topologies.system.runs.launching import launch
 from wire.announcement import period_s
@@ -22,6 +23,7 @@ from wire.config import (
     QuantumSwitch,
 )
 from wire.features import EMIT
+from wire.parameters.checks import check_choice
 from wire.parameters.physics import (
     BadParameter,
     BellAnalyser,
@@ -80,8 +82,7 @@ class QuantumHost(ClassicalHost):
         memory_mib: int | None = None,
         **params: object,
     ) -> None:
-        if light not in LIGHT:
-            raise BadParameter(f"{name}: light {light!r}: choose one of {', '.join(LIGHT)}")
+        check_choice(f"{name}: light", light, LIGHT, BadParameter)
         parts = {"memory": memory, "detectors": detectors, "analyser": analyser, "gates": gates}
         described = device_of(name, {"source": source, "device": device, **parts})
         self.qnic = python_file(f"{name}: qnic", qnic)
@@ -100,9 +101,10 @@ class QuantumHost(ClassicalHost):
         """Name the socket of its stack as well."""
         return {**super().environment(), "QMN_STACK": self.network.socket(self.name)}
 
-    def shown_folders(self) -> list[Path]:
-        """Return those of its stack's socket and of its keys."""
-        return [self.network.own_folder(self.name), Path(self.network.key_folder(self.name))]
+    def shown_folders(self) -> dict[Path, str]:
+        """Return those of its stack's socket and of its keys, and one for what programs write."""
+        own, keys = self.network.own_folder(self.name), Path(self.network.key_folder(self.name))
+        return {own: READ, keys: READ, self.network.written_folder(self.name): WRITTEN}
 
     def config(self, **params: object) -> dict[str, object]:
         """Configure the interfaces and start the stack."""

@@ -8,7 +8,7 @@ from wire.config import Station
 
 
 def is_copper_switch(node: Node) -> bool:
-    """Return whether a node is a switch of copper, whatever its name; a quantum one is none."""
+    """Return whether a node is a switch of copper, whatever its name; a quantum switch is not."""
     return isinstance(node, ClassicalSwitch) and not isinstance(node, OpticalSwitch)
 
 

@@ -17,7 +17,6 @@ from wire import (
     dispatcher_pb2,
     events,
     key_routes,
-    metadata,
     optical,
     qkd,
     session_estimates,
@@ -34,6 +33,9 @@ from wire.dissection.layout import (
     placed,
     settings_fields,
 )
+from wire.metadata import header
+from wire.metadata.blocks import MAX_FRAMES
+from wire.metadata.values import WIDTHS, Topic
 from wire.parameters.network import OPENFLOW_PORT
 
 FOLDER = Path(__file__).with_name("wireshark")
@@ -70,21 +72,21 @@ def tables() -> dict[str, Any]:
     return {
         "grpc": {"port": DISPATCHER_PORT},
         "metadata": {
-            "magic": metadata.MAGIC,
-            "version": metadata.VERSION,
-            "port": metadata.METADATA_PORT,
-            "header": metadata.HEADER.size,
-            "max_length": metadata.MAX_LENGTH,
-            "max_frames": metadata.MAX_FRAMES,
-            "widths": dict.fromkeys(metadata.WIDTHS, True),
-            "opener": metadata.Topic.OPENER,
-            "answered": [metadata.Topic.COMING, metadata.Topic.DELIVER],
+            "magic": header.MAGIC,
+            "version": header.VERSION,
+            "port": header.METADATA_PORT,
+            "header": header.HEADER.size,
+            "max_length": header.MAX_LENGTH,
+            "max_frames": MAX_FRAMES,
+            "widths": dict.fromkeys(WIDTHS, True),
+            "opener": Topic.OPENER,
+            "answered": [Topic.COMING, Topic.DELIVER],
             "kinds": [_layout(layout) for layout in metadata_layouts()],
         },
         "keys": {
             "magic": qkd.MAGIC,
             "version": qkd.VERSION,
-            "topic": metadata.Topic.KEYS,
+            "topic": Topic.KEYS,
             "header": qkd.HEADER.size,
             "tag": qkd.TAG_BYTES,
             "max_length": qkd.MAX_LENGTH,

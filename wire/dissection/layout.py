@@ -12,23 +12,29 @@ from struct import Struct, calcsize
 from types import MappingProxyType
 from typing import Any
 
-from wire import device, metadata, qkd
+from wire import device, qkd
 from wire.device import DeviceReport, DeviceSettings
 from wire.key_routes import HOP, LINK, KeyLinks, KeyRoute, LinkState
-from wire.metadata import Answer, Block, Envelope, Frame, Message, Report, Values
+from wire.metadata.blocks import Block, Frame, Report
+from wire.metadata.decoding import KINDS
+from wire.metadata.header import Message
+from wire.metadata.setup import Answer
+from wire.metadata.values import Envelope, Topic, Values
+from wire.metadata.vocabulary import Handshake, Reason, Service, Verdict
+from wire.outcomes import Pauli
 from wire.qkd import QkdMessage
 from wire.session_estimates import Quantity
 
 Enums = Mapping[str, type[IntEnum]]
 ENUMS: Enums = MappingProxyType(
     {
-        "service": metadata.Service,
-        "handshake": metadata.Handshake,
-        "verdict": metadata.Verdict,
-        "rotation": metadata.Pauli,
-        "reason": metadata.Reason,
-        "seal_end": metadata.Reason,
-        "topic": metadata.Topic,
+        "service": Service,
+        "handshake": Handshake,
+        "verdict": Verdict,
+        "rotation": Pauli,
+        "reason": Reason,
+        "seal_end": Reason,
+        "topic": Topic,
         "quantity": Quantity,
     }
 )
@@ -80,7 +86,7 @@ class Layout:
 
 def metadata_layouts() -> list[Layout]:
     """Return the kinds of quantum metadata."""
-    return [_layout(kind) for kind in metadata.KINDS.values()]
+    return [_layout(kind) for kind in KINDS.values()]
 
 
 def device_layouts() -> list[Layout]:

@@ -18,8 +18,8 @@ from scapy.fields import (
 )
 from scapy.packet import Packet
 
-from wire import metadata
 from wire.dissection import layout
+from wire.metadata.vocabulary import PAPER_ENCODING
 
 _NUMBERS = {1: ByteField, 2: ShortField, 4: IntField, 8: LongField}
 _RENAMED = {"name": "interface"}  # scapy's packets have a name of their own
@@ -52,5 +52,5 @@ def scapy_field(described: layout.Field) -> Field[Any, Any]:
     if described.values and size in _NAMED:
         return _NAMED[size](name, 0, dict(described.values))
     if name == "encoding":
-        return XByteField(name, metadata.PAPER_ENCODING)
+        return XByteField(name, PAPER_ENCODING)
     return _NUMBERS[size](name, 0)

@@ -16,11 +16,13 @@ from scapy.fields import (
 from scapy.layers.inet import IP, TCP
 from scapy.packet import Packet, bind_layers
 
-from wire import metadata, qkd
+from wire import qkd
 from wire.dissection import layout
 from wire.dissection.layout import Layout, Tail
 from wire.dissection.scapy_fields import Framed, scapy_field
-from wire.metadata import METADATA_PORT, Envelope, Topic
+from wire.metadata.decoding import decode, message_length
+from wire.metadata.header import METADATA_PORT
+from wire.metadata.values import Envelope, Topic
 from wire.qkd import HEADER, TAG_BYTES
 
 
@@ -39,7 +41,7 @@ class QKey(Framed):
 
 
 def split(stream: bytes) -> Iterator[QKey]:
-    """Yield the whole messages that a stream begins with; MalformedPacket for what is none."""
+    """Yield the whole messages that a stream begins with; MalformedPacket for anything else."""
     while (length := qkd.message_length(stream)) is not None and length <= len(stream):
         yield QKey(stream[:length])
         stream = stream[length:]
@@ -53,8 +55,8 @@ def key_messages(packets: Iterable[Packet], sender: str) -> list[QKey]:
     said: defaultdict[int, bytes] = defaultdict(bytes)  # by session
     for stream in _streams(packets, sender):
         left = stream
-        while (length := metadata.message_length(left)) is not None and length <= len(left):
-            message = metadata.decode(left[:length])
+        while (length := message_length(left)) is not None and length <= len(left):
+            message = decode(left[:length])
             if isinstance(message, Envelope) and message.topic == Topic.KEYS:
                 said[message.session] += message.content
             left = left[length:]

@@ -32,13 +32,15 @@ from scapy.fields import (
 from scapy.layers.inet import TCP, UDP
 from scapy.packet import Packet, bind_layers
 
-from wire import device, events, metadata
+from wire import device, events
 from wire.dispatcher_pb2 import Event
 from wire.dissection import layout
 from wire.dissection.layout import Layout, Tail
 from wire.dissection.scapy_fields import Framed, scapy_field
 from wire.dissection.scapy_keys import KEY_LAYERS
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
+from wire.metadata import header
+from wire.metadata.decoding import KINDS
 from wire.pcapng import LINKTYPE_USER0
 
 
@@ -47,8 +49,8 @@ class QMeta(Framed):
 
     name = "quantum metadata"
     fields_desc = [  # noqa: RUF012 (scapy's own way)
-        XShortField("magic", metadata.MAGIC),
-        ByteField("version", metadata.VERSION),
+        XShortField("magic", header.MAGIC),
+        ByteField("version", header.VERSION),
         ByteField("kind", 0),
         IntField("length", None),
         XLongField("session", 0),
@@ -56,7 +58,7 @@ class QMeta(Framed):
 
     def extract_padding(self, data: bytes) -> tuple[bytes, bytes]:
         """Leave what is behind the message to the next one."""
-        size = max((self.length or 0) - metadata.HEADER.size, 0)
+        size = max((self.length or 0) - header.HEADER.size, 0)
         return data[:size], data[size:]
 
 
@@ -98,7 +100,7 @@ class QEvent(Packet):
 
     @property
     def event(self) -> Event:
-        """The message; MalformedPacket if it is none."""
+        """The message; MalformedPacket if it is not one."""
         return events.decode_record(bytes(self))
 
 
@@ -151,7 +153,7 @@ def _layers(kinds: list[Layout]) -> dict[int, type[Packet]]:
 
 def decode_layers(data: bytes) -> Packet:
     """Read one whole message as scapy layers; raise MalformedPacket for less or more."""
-    if len(data) < metadata.HEADER.size or int.from_bytes(data[4:8], "big") != len(data):
+    if len(data) < header.HEADER.size or int.from_bytes(data[4:8], "big") != len(data):
         raise MalformedPacket(f"{len(data)} bytes are not one message")
     return QMeta(data)
 
@@ -159,11 +161,11 @@ def decode_layers(data: bytes) -> Packet:
 LAYERS = _layers(
     [
         *layout.metadata_layouts(),
-        *(kind for kind in layout.device_layouts() if kind.number not in metadata.KINDS),
+        *(kind for kind in layout.device_layouts() if kind.number not in KINDS),
     ]
 )
 globals().update({layer.__name__: layer for layer in (*LAYERS.values(), *KEY_LAYERS.values())})
 for _end in ("sport", "dport"):
-    bind_layers(TCP, QMetaStream, **{_end: metadata.METADATA_PORT})
+    bind_layers(TCP, QMetaStream, **{_end: header.METADATA_PORT})
     bind_layers(UDP, QDevice, **{_end: device.DEVICE_PORT})
 conf.l2types.register(LINKTYPE_USER0, QEvent)

@@ -13,7 +13,7 @@ import struct
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 from wire.netqasm.subroutine import (
     Subroutine,
     decode_register,

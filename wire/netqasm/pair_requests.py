@@ -11,7 +11,7 @@ import struct
 from dataclasses import astuple, dataclass
 from enum import IntEnum
 
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 PAIRS_PORT = 9014
 MAGIC = b"QE"

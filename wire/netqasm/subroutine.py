@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 METADATA = struct.Struct("<BBH")
 LANGUAGE = 0, 10  # version of NetQASM that the SDK says it writes

@@ -10,7 +10,7 @@ A text is its length in four bytes, network byte order, and as many bytes of UTF
 import struct
 from typing import NamedTuple
 
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 TEXTS_PORT = 9016
 GREETING = struct.Struct("!2sBi32s32s")

@@ -13,10 +13,13 @@ from typing import Any
 Refusal = Callable[[str], Exception]  # makes the error of a text
 
 
-def remedy(name: str, known: Collection[str]) -> str:
-    """Return what may be meant by a name that is not known: the nearest one, or else any."""
-    nearest = get_close_matches(name, known, 1)
-    return f"did you mean {nearest[0]}?" if nearest else f"choose one of {', '.join(known)}"
+def remedy(name: str, known: Collection[str], listed: Collection[str] = ()) -> str:
+    """Return what may be meant by a name that is not known: the nearest one, or else any listed."""
+    for each in get_close_matches(name, known):
+        if each[0] == name[0]:  # pens rarely slip at once: alice is not one for charlie
+            return f"did you mean {each}?"
+    choices = listed or known
+    return f"choose one of {', '.join(choices)}" if choices else "there are none"
 
 
 def check_names(
@@ -54,6 +57,17 @@ def check_number(
         meaning = meaning or ("a whole number" if whole else "")
         words = f" ({meaning})" if meaning else ""
         raise refusal(f"{what} {value!r}: choose {range_words(least, most)}{words}")
+
+
+def number(
+    where: str, text: str, kind: type[int] | type[float], refusal: Refusal = ValueError
+) -> float:
+    """Return a number that somebody wrote, or refuse what is none."""
+    try:
+        return kind(text)
+    except ValueError as error:
+        words = "a whole number" if kind is int else "a number"
+        raise refusal(f"{where}: {text!r} is not {words}") from error
 
 
 def range_words(least: float, most: float) -> str:

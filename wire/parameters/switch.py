@@ -23,7 +23,7 @@ class PathOptics:
     in_port: int
     out_port: int
     insertion_loss_db: float = parameter(0.0, *LOSS_DB)
-    rotation: int = parameter(0, *ROTATIONS)  # wire.metadata.Pauli
+    rotation: int = parameter(0, *ROTATIONS)  # wire.outcomes.Pauli
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class QuantumSwitch:
     name: str
     switching_time_s: float = parameter(100e-9, 0.0, 60.0)
     insertion_loss_db: float = parameter(0.0, *LOSS_DB)
-    rotation: int = parameter(0, *ROTATIONS)  # wire.metadata.Pauli that every path applies
+    rotation: int = parameter(0, *ROTATIONS)  # wire.outcomes.Pauli that every path applies
     # Of what leaves it, X, Y and Z each with p/4.
     depolarizing: float = parameter(0.0, 0.0, 1.0)
     paths: list[PathOptics] = field(default_factory=list)  # that differ from the rest

@@ -237,6 +237,20 @@ class LoadSession:
     session: str | None
 
 
+@dataclass(frozen=True)
+class LoadWait:
+    """A session that waited for light, and who gave back the last of it; hosts by their names."""
+
+    session: str
+    opener: str
+    acceptor: str
+    ready_s: float  # when its light was there, since the first could be asked
+    waited_s: float
+    after_session: str
+    after_opener: str
+    after_acceptor: str
+
+
 @dataclass(kw_only=True)
 class Load:
     """Heavy traffic: what became of the sessions, how long they waited, and what there was."""
@@ -260,6 +274,7 @@ class Load:
     fidelity_by_age: list[AgedFidelity]
     fairness: float | None  # Jain's index of the hosts' accepted shares
     sessions: list[LoadSession]
+    waits: list[LoadWait] = field(default_factory=list)  # of who then had light, longest first
     controller_ms: float = 0.0  # of a processor for a session
     began_ns: int = 0  # when the first session could be asked for
     fibers: dict[str, float] = field(default_factory=dict)  # share of the time that each was in use
@@ -286,6 +301,7 @@ class RunResult(NetworkResult):
     sessions: Sessions = field(default_factory=Sessions)
     pairs_made: int | None = None  # by sources; None: the network did not come to say it
     photons_lost: int | None = None
+    photons_lost_waiting: int | None = None  # of these, in delay lines, for the other half
     elapsed_s: float | None = None  # of the job, as the host that asks says it; None: it does not
     emulation: dict[str, float] = field(default_factory=dict)  # elapsed_s and rates by the wall
     path_setup_ms: SetUpTimes = field(default_factory=SetUpTimes)

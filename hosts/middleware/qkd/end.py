@@ -31,7 +31,7 @@ from hosts.middleware.qkd.parities import ReconciliationError
 from hosts.middleware.qkd.relayed_decoys import PairSifted
 from hosts.middleware.qkd.relayed_decoys import bounds as relayed_bounds
 from hosts.middleware.qkd.sifting import Record
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 from wire.qkd import MAX_KEY_BITS, Abort, AbortReason, QkdMessage, Sealed, unframe, unsealed
 
 RandomBytes = Callable[[int], bytes]

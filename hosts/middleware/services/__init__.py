@@ -14,7 +14,7 @@ from hosts.middleware.services.superdense import superdense
 from hosts.middleware.services.swapping import swap
 from hosts.middleware.services.teleportation import teleport
 from hosts.middleware.session.ends import ServiceKind
-from wire.metadata import Service
+from wire.metadata.vocabulary import Service
 
 KINDS: Mapping[Service, ServiceKind] = MappingProxyType(
     {

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from hosts.hardware.qnic import BlockName, HardwareError, Qnic
+from hosts.hardware.operations import BlockName
+from hosts.hardware.qnic import HardwareError, Qnic
 from hosts.middleware.session.errors import SessionError, unexpected
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.middleware.session.protocol import (
@@ -25,7 +26,9 @@ from hosts.middleware.session.protocol import (
 )
 from hosts.middleware.session.values import announcement, words_of
 from hosts.timeouts import KEY_GRACE_S, LIGHT_TIMEOUT_S, MAX_BLOCK_S
-from wire.metadata import Answer, Emission, Emit, Emitted, MemoryState, Reason, Setup
+from wire.metadata.blocks import Emission, Emit, Emitted
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.vocabulary import MemoryState, Reason
 from wire.outcomes import NO_COINCIDENCE
 
 Emitting = Callable[[Qnic, int, int, int, tuple[str, str], int, int], Coroutine[Any, Any, None]]

@@ -17,17 +17,10 @@ from hosts.timeouts import (
     FREEING_TIMEOUT_S,
     HERALD_TIMEOUT_S,
 )
-from wire.metadata import (
-    Answer,
-    Emission,
-    Emit,
-    Emitted,
-    MemoryState,
-    Reason,
-    Service,
-    Setup,
-    Values,
-)
+from wire.metadata.blocks import Emission, Emit, Emitted
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.values import Values
+from wire.metadata.vocabulary import MemoryState, Reason, Service
 
 
 @dataclass

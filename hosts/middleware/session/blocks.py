@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hosts.hardware.qnic import BlockName, Positions, Qnic, Symbols
+from hosts.hardware.operations import BlockName
+from hosts.hardware.qnic import Positions, Qnic, Symbols
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import Say, Side, Steps, do, hear
 from hosts.timeouts import HERALD_TIMEOUT_S
-from wire.metadata import Reason, Topic
+from wire.metadata.values import Topic
+from wire.metadata.vocabulary import Reason
 
 Mask = NDArray[np.bool_]  # shape (k,)
 

@@ -15,18 +15,11 @@ from hosts.timeouts import (
     IDLE_TIMEOUT_S,
     LINGER_S,
 )
-from wire.metadata import (
-    HEADER,
-    METADATA_PORT,
-    Answer,
-    MalformedPacket,
-    Message,
-    Reason,
-    Setup,
-    UnknownService,
-    decode,
-    message_length,
-)
+from wire.malformed import MalformedPacket
+from wire.metadata.decoding import decode, message_length
+from wire.metadata.header import HEADER, METADATA_PORT, Message
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.vocabulary import Reason, UnknownService
 from wire.verdict import Connection
 
 M = TypeVar("M", bound=Message)

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hosts.hardware.qnic import Symbols
-from wire.metadata import Pauli
-from wire.outcomes import NO_COINCIDENCE
+from wire.outcomes import NO_COINCIDENCE, Pauli
 
 DISTINGUISHABLE_STATES = {
     "complete": 4,

@@ -20,7 +20,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hosts.hardware.qnic import BlockName, Stored
+from hosts.hardware.operations import BlockName
+from hosts.hardware.qnic import Stored
 from hosts.middleware.session import protocol
 from hosts.middleware.session.arrangement import Arrangement
 from hosts.middleware.session.channel import MetadataChannel
@@ -30,7 +31,9 @@ from hosts.middleware.session.protocol import HostSide, Light, OpenerSide, Order
 from hosts.middleware.session.values import Lifetimes, Numbers
 from hosts.timeouts import ANSWER_TIMEOUT_S, LIGHT_TIMEOUT_S
 from wire.features import NodeFeatures
-from wire.metadata import Answer, Handshake, Reason, Service, Setup, Values
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.values import Values
+from wire.metadata.vocabulary import Handshake, Reason, Service
 
 Tell = Callable[..., Coroutine[Any, Any, None]]
 Answerer = Callable[[dict[str, Any]], Awaitable[dict[str, Any]]]

@@ -1,6 +1,8 @@
 """The errors of sessions: why one cannot go on, and what a person can do about it."""
 
-from wire.metadata import Answer, Message, Reason
+from wire.metadata.header import Message
+from wire.metadata.setup import Answer
+from wire.metadata.vocabulary import Reason
 
 REMEDIES = {
     Reason.NOT_ARBITRATED: "no controller has granted the light path; is c0 running and does "
@@ -8,7 +10,8 @@ REMEDIES = {
     Reason.NO_LISTENER: "no application listens on that port; start the receiver first",
     Reason.UNKNOWN_HOST: "the controller has not seen the fibres of sender, receiver and source",
     Reason.NO_PATH: "no light path joins sender, receiver and source; each needs the fibres that "
-    "the service asks for (for bytes the receiver and the source two, the sender one of its own)",
+    "the service asks for (for bytes the receiver and the source two, the sender one of its own; "
+    "for the way back in a ready topology: --both-ways)",
     Reason.PATH_BROKEN: "no light path is whole: a fibre between quantum switches is cut, a "
     "cross-connect is stuck or a switch is away; who runs the network can say which",
     Reason.BUSY: "another session uses these fibres; try again when it has ended",

@@ -12,7 +12,7 @@ from hosts.middleware.session.encoding import DISTINGUISHABLE_STATES
 from hosts.middleware.session.swap_orders import Swaps
 from hosts.middleware.session.values import Lifetimes
 from wire.features import NodeFeatures
-from wire.metadata import Pauli
+from wire.outcomes import Pauli
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,11 @@ that what is said of one block never passes for news of another.
 from collections import deque
 
 from hosts.middleware.session.errors import SAME_VERSION, SessionError
-from wire.metadata import Answer, Finish, Message, Reason, Topic, Values
+from wire.metadata.blocks import Finish
+from wire.metadata.header import Message
+from wire.metadata.setup import Answer
+from wire.metadata.values import Topic, Values
+from wire.metadata.vocabulary import Reason
 
 HEARD = Values, Finish, Answer  # what comes while blocks are under way
 MAX_KEPT = 4096  # messages that nobody has asked for yet

@@ -5,7 +5,10 @@ from hosts.middleware.session.protocol import HostSide, OpenerSide, Say, Side, S
 from hosts.middleware.session.protocol import hear as hear_numbers
 from hosts.middleware.session.values import NUMBERS, Lifetimes
 from wire.features import STORE, Feature, NodeFeatures, names
-from wire.metadata import MalformedPacket, Reason, Service, Setup, Topic
+from wire.malformed import MalformedPacket
+from wire.metadata.setup import Setup
+from wire.metadata.values import Topic
+from wire.metadata.vocabulary import Reason, Service
 from wire.services import Role, needs
 
 MAX_NUMBER = (1 << 32) - 1

@@ -3,7 +3,8 @@
 from dataclasses import replace
 
 from hosts.middleware.session.errors import SessionError
-from wire.metadata import Answer, Reason, Service, Setup
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.vocabulary import Reason, Service
 from wire.optical import ANY_WAVELENGTH, frequency_mhz
 from wire.services import memory_of
 

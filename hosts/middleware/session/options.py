@@ -7,7 +7,8 @@ from typing import Any, Self
 from hosts.middleware.session.errors import SessionError
 from hosts.timeouts import MAX_BLOCK_S
 from wire.device import OF_LIGHT, DeviceSettings
-from wire.metadata import Reason, Setup
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Reason
 from wire.parameters import checks
 from wire.parameters.checks import check_names, check_number
 

@@ -8,7 +8,8 @@ from collections.abc import Callable, Coroutine
 from dataclasses import dataclass, field
 from typing import Any, TypeVar, cast
 
-from hosts.hardware.qnic import BlockName, HardwareError, NoLight, Qnic
+from hosts.hardware.operations import BlockName
+from hosts.hardware.qnic import HardwareError, NoLight, Qnic
 from hosts.middleware.session import protocol
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import Order, Steps

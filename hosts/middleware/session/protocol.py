@@ -25,12 +25,17 @@ from typing import Any, Concatenate, NewType, ParamSpec, Protocol, TypeAlias, Ty
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hosts.hardware.qnic import BlockName, Heralds, Qnic, Stored
+from hosts.hardware.operations import BlockName
+from hosts.hardware.qnic import Heralds, Qnic, Stored
 from hosts.middleware.session.errors import SessionError, unexpected
 from hosts.middleware.session.values import Lifetimes, Numbers, expect, values
 from hosts.timeouts import ANSWER_TIMEOUT_S, GRACE_S, LIGHT_TIMEOUT_S
 from wire.features import NodeFeatures
-from wire.metadata import Answer, Finish, Message, Reason, Setup, Topic, Values
+from wire.metadata.blocks import Finish
+from wire.metadata.header import Message
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.values import Topic, Values
+from wire.metadata.vocabulary import Reason
 
 Light = NewType("Light", object)  # under way; only who carries orders out knows what it is
 

@@ -11,7 +11,7 @@ from hosts.middleware.session.options import (
     check_where_and_how_fast,
     check_whole,
 )
-from wire.metadata import Handshake, Reason
+from wire.metadata.vocabulary import Handshake, Reason
 
 MAX_COUNT = 100_000_000
 MOST_PRIORITY = 255

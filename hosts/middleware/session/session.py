@@ -27,7 +27,9 @@ from hosts.middleware.session.service_options import SessionOptions
 from hosts.middleware.session.values import Lifetimes
 from hosts.timeouts import IDLE_TIMEOUT_S, REPORT_TIMEOUT_S
 from wire.features import NOTHING, NodeFeatures
-from wire.metadata import Answer, Finish, Handshake, MemoryState, Reason, Service, Setup
+from wire.metadata.blocks import Finish
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.vocabulary import Handshake, MemoryState, Reason, Service
 from wire.services import Making, Role, fibers_needed, uses_source
 
 CERTAIN_PPM = 1_000_000

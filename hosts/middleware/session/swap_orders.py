@@ -11,7 +11,8 @@ from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError
 from hosts.timeouts import ORDER_TIMEOUT_S, UNUSED_S
 from wire.device import SwapOrder
-from wire.metadata import Reason, Setup
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Reason
 
 MAX_ORDERS = 256
 

@@ -1,4 +1,4 @@
-"""Values as they travel between the ends of a session (wire.metadata.Values).
+"""Values as they travel between the ends of a session (wire.metadata.values.Values).
 
 Arrays of small numbers, the lifetimes of a memory, and what a station tells of a block that it was
 asked to herald:
@@ -20,7 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from hosts.hardware.qnic import Heralds, Symbols
 from hosts.middleware.session.errors import SAME_VERSION, SessionError
-from wire.metadata import Answer, Reason, Topic, Values
+from wire.metadata.setup import Answer
+from wire.metadata.values import Topic, Values
+from wire.metadata.vocabulary import Reason
 from wire.outcomes import NO_COINCIDENCE
 
 Numbers = NDArray[np.uint32]

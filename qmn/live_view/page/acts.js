@@ -1,6 +1,7 @@
 // What can be done to what is chosen: each a form, which becomes a command of qmn.
 
-import { device, element, table } from "./panels.js";
+import { rate } from "./light.js";
+import { count, device, element, ports, table } from "./panels.js";
 import { end } from "./state.js";
 
 const field = (name, words, value = "", kind = "") => ({ name, words, value, kind });
@@ -38,14 +39,18 @@ function formsOf(chosen, network) {
   return [];
 }
 
-export function show(at, chosen, network, state, perform) {
-  const head = element("h2", chosen ? `${chosen.kind === "fiber" ? "fibre" : chosen.kind} ${chosen.name}` : "Choose a node or a fibre");
-  at.replaceChildren(head);
-  if (!chosen) return;
-  const facts = document.createElement("table");
-  facts.id = "facts";
-  at.append(facts);
-  refresh(facts, chosen, state);
+export function show(at, chosen, network, state, perform, leave) {
+  at.replaceChildren();
+  if (!chosen) {
+    at.append(element("h2", "Light paths"), scrolled("paths"), element("p", "Choose a node or a fibre to see more of it."));
+    return;
+  }
+  const head = element("h2", `${chosen.kind === "fiber" ? "fibre" : chosen.kind} ${chosen.name}`), back = element("button", "×", "back");
+  back.ariaLabel = "back to light paths";
+  back.addEventListener("click", leave);
+  head.append(back);
+  at.append(head, scrolled("facts"), scrolled("ports"));
+  refresh(at, chosen, state);
   if (!network.acts) {
     at.append(element("p", network.live ? "This view is to be looked at alone." : "This run is over: nothing can be done to it."));
     return;
@@ -59,9 +64,17 @@ export function show(at, chosen, network, state, perform) {
   at.append(forms, said);
 }
 
-export function refresh(facts, chosen, state) {
+function scrolled(id) {
+  const box = element("div", "", "scroll"), made = document.createElement("table");
+  made.id = id;
+  box.append(made);
+  return box;
+}
+
+export function refresh(at, chosen, state) {
   const rows = chosen.kind === "fiber" ? fiber(state, chosen.fiber) : device(state, chosen.name);
-  table(facts, ["what", "value"], rows, "Nothing is known of it yet.");
+  table(at.querySelector("#facts"), ["what", "value"], rows, "Nothing is known of it yet.");
+  ports(at.querySelector("#ports"), state, chosen.name);
 }
 
 function fiber(state, { ends, km, loss_db }) {
@@ -71,6 +84,10 @@ function fiber(state, { ends, km, loss_db }) {
   rows.push(["state", keys.some((key) => state.cut.has(key)) ? "cut" : "whole"]);
   rows.push(["measured by somebody", `${100 * known(state.tapped)} % of the photons`]);
   rows.push(["classical light", `${known(state.classical)} mW`]);
+  for (const key of keys) {
+    const { photons, lost } = rate(state, key);
+    if (photons) rows.push([`photons to ${key}`, `${count(Math.round(photons))} /s, ${(100 * lost).toFixed(1)} % lost on their way`]);
+  }
   return rows;
 }
 

@@ -2,21 +2,24 @@
 
 import * as acts from "./acts.js";
 import { Charts } from "./charts.js";
+import { Ladder } from "./ladder.js";
 import { Drawing } from "./network.js";
 import { Networks } from "./networks.js";
 import * as panels from "./panels.js";
 import { Pictures } from "./pictures.js";
 import { Timeline } from "./timeline.js";
+import { reasons } from "./words.js";
 
 const at = (id) => document.getElementById(id);
 const network = await (await fetch("network.json")).json();
+Object.assign(reasons, network.reasons);
 const timeline = new Timeline(network.dpids);
 const charts = new Charts(at("rates"), at("losses"));
 const view = { follow: true, playing: network.live, t: 0, chosen: null, ended: false, connected: false };
 const networks = new Networks(network.number, at("networks"), view, () => status());
 const drawing = new Drawing(at("network"), network, choose);
 const SETTLED_S = 1.5; // behind the last message: rates, which are of a second, are 0
-const pictures = new Pictures(draw);
+const pictures = new Pictures(draw), ladder = new Ladder(at("handshake"), at("draw"));
 let drawn = { count: -1, t: -1 }, state = timeline.state;
 
 document.title = `${network.name} · qmn`;
@@ -25,8 +28,9 @@ choose(null);
 
 function choose(chosen) {
   view.chosen = chosen;
-  acts.show(at("chosen"), chosen, network, state ?? timeline.state, perform);
+  acts.show(at("chosen"), chosen, network, state ?? timeline.state, perform, () => choose(null));
   drawn.t = -1;
+  pictures.numbers = -Infinity; // what one has done oneself is seen at once
   pictures.wake();
 }
 
@@ -61,7 +65,7 @@ function status() {
     : "no connection: has the network ended?";
   const missed = timeline.missed + timeline.state.missed;
   const seldom = pictures.seldom && view.connected && !view.ended
-    ? `; ${1000 / pictures.pause} pictures a second, as all processors here are in use` : "";
+    ? "; one picture a second, as all processors here are in use" : "";
   const text = `${words}${seldom}${missed ? `; ${panels.count(missed)} earlier messages are not shown` : ""}`;
   if (at("status").textContent !== text) at("status").textContent = text;
   const label = view.playing ? "pause" : "play";
@@ -106,8 +110,9 @@ function tables() {
   panels.job(at("job"), state);
   panels.decisions(at("decisions"), state);
   charts.show(state);
-  const facts = document.getElementById("facts");
-  if (view.chosen && facts) acts.refresh(facts, view.chosen, state);
+  if (view.chosen) acts.refresh(at("chosen"), view.chosen, state);
+  else panels.paths(at("paths"), drawing.paths(state));
+  ladder.changed(state, pictures.seldom);
   status();
 }
 
@@ -131,11 +136,7 @@ at("now").addEventListener("click", () => {
 at("nearer").addEventListener("click", () => drawing.zoom(1 / 1.3));
 at("farther").addEventListener("click", () => drawing.zoom(1.3));
 at("whole").addEventListener("click", () => drawing.fit());
-at("draw").addEventListener("click", async (event) => {
-  event.target.disabled = true;
-  at("handshake").innerHTML = await (await fetch("handshake")).text();
-  event.target.disabled = false;
-});
+addEventListener("keydown", (event) => { if (event.key === "Escape" && view.chosen) choose(null); });
 
 listen();
 pictures.wake();

@@ -1,13 +1,20 @@
 // The drawing of the network: nodes, copper, fibres; light and photons where they are.
 
-import { end, rate } from "./state.js";
+import { rate, sending, wayFrom } from "./light.js";
+import { around, Taken } from "./room.js";
+import { end } from "./state.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const NODE = { width: 92, height: 44 };
+const TURNED = { x: 116 / 90, y: 0.36 }; // columns as rows: of what was between nodes of one, and between them
+const LEAST_PX = 224, MOST_PX = 576, MOST_SHARE = 0.6; // height of the drawing, and of the window
+const READABLE = 0.6; // px of the screen for one of the drawing: names in boxes are still read
+const DOT_PX = 7, LETTER_PX = 7.2, LINE_PX = 15; // of a map: dots, and names of them
 const BESIDE = 12; // between fibres of the same two nodes
 const FLOWS_S = 0.5; // after photons were seen somewhere they are shown as moving
 const DASHES = 16, SPEED = 64; // px between photons that are shown as moving, and px/s
 const STILL = matchMedia("(prefers-reduced-motion: reduce)");
+const SPOKEN = [["lit", "has light"], ["cut", "cut"], ["tapped", "somebody measures"], ["faulty", "faulty"], ["silent", "silent"]];
 const COLOURS = ["--quantum", "--path-1", "--path-2", "--path-3"];
 
 function make(kind, attributes = {}, ...inside) {
@@ -23,14 +30,31 @@ export class Drawing {
     this.network = network;
     this.fibers = new Map(); // "q1:2" or "alice-q0" -> {fiber, far}
     this.elements = new Map(); // name -> element
-    this.places = new Map(network.nodes.map((node) => [node.name, node]));
-    this.kinds = new Map(network.nodes.map((node) => [node.name, node.kind]));
-    this.draw(choose);
+    this.choose = choose;
+    this.map = !network.columns; // nodes are as large from near and far, to tell them apart
+    svg.classList.toggle("map", this.map);
+    this.draw(false);
     this.fit();
     this.move();
   }
 
-  draw(choose) {
+  // Where nodes are; `turned`: columns lie, as a phone is narrow and high.
+  placed(turned) {
+    const of = ({ x, y }) => (turned ? { x: y * TURNED.x, y: x * TURNED.y } : { x, y });
+    return new Map(this.network.nodes.map((node) => [node.name, of(node)]));
+  }
+
+  // What of the drawing is seen at first: all of it, with room for boxes.
+  extent(places) {
+    const xs = [...places.values()].map(({ x }) => x), ys = [...places.values()].map(({ y }) => y);
+    const left = Math.min(...xs) - 0.6 * NODE.width, top = Math.min(...ys) - NODE.height;
+    return [left, top, Math.max(...xs) + 0.6 * NODE.width - left, Math.max(...ys) + NODE.height - top];
+  }
+
+  draw(turned) {
+    const choose = this.choose;
+    this.turned = turned;
+    this.places = this.placed(turned);
     const behind = make("g"), before = make("g");
     for (const [one, two] of this.network.copper) behind.append(line("copper", this.places.get(one), this.places.get(two)));
     const beside = new Map();
@@ -49,14 +73,17 @@ export class Drawing {
     const [a, b] = fiber.ends.map(([node]) => this.places.get(node));
     const ends = moved(a, b, fiber.ends[0][0] < fiber.ends[1][0] ? offset : -offset);
     const keys = fiber.ends.map((each) => end(...each));
-    this.fibers.set(keys[0], { fiber, far: keys[1] });
-    this.fibers.set(keys[1], { fiber, far: keys[0] });
+    fiber.ends.forEach(([node], number) => this.fibers.set(keys[number], { fiber, far: keys[1 - number], node }));
     const text = `fibre ${fiber.name}, ${fiber.km} km, ${fiber.loss_db.toFixed(2)} dB`;
-    const photons = line("photons", ...ends), y = (ends[0].y + ends[1].y) / 2;
-    const beside = y > (a.y + b.y) / 2 ? 17 : -9; // of two fibres between the same nodes the lower one's is below
+    const photons = line("photons", ...ends), middle = (ends[0].y + ends[1].y) / 2;
+    const beside = middle > (a.y + b.y) / 2 ? 17 : -9; // of two fibres between the same nodes the lower one's is below
+    // Of columns that lie fibres meet at a switch: what is said of them is not side by side.
+    const along = this.turned ? [0.35, 0.65][this.elements.size % 2] : 0.5;
+    const [x, y] = ["x", "y"].map((name) => ends[0][name] + along * (ends[1][name] - ends[0][name]));
     const group = make("g", { class: "fiber", tabindex: 0, role: "button", "aria-label": text },
       make("title", {}, text), line("near", ...ends), line("seen", ...ends), photons,
-      make("text", { class: "small flow", x: (ends[0].x + ends[1].x) / 2, y: y + beside }));
+      make("text", { class: "small flow", y: beside, transform: `translate(${x} ${y})` }));
+    group.label = { x, y };
     chooses(group, () => choose({ kind: "fiber", name: fiber.name, fiber }));
     group.dataset.keys = keys.join(" ");
     group.photons = photons;
@@ -67,11 +94,15 @@ export class Drawing {
   node(node, choose) {
     const group = make("g", {
       class: `node ${node.kind.split(" ")[0]}`, tabindex: 0, role: "button",
-      "aria-label": `${node.kind} ${node.name}`, transform: `translate(${node.x} ${node.y})`,
+      "aria-label": `${node.kind} ${node.name}`,
     });
-    const { width, height } = NODE;
-    group.append(make("rect", { x: -width / 2, y: -height / 2, width, height, rx: node.kind === "host" ? 8 : 1 }));
-    group.append(make("text", { y: node.ip ? -7 : 0 }, node.name));
+    const { width, height } = NODE, { x, y } = this.places.get(node.name);
+    group.setAttribute("transform", `translate(${x} ${y})`);
+    group.append(make("title", {}, [node.kind, node.name, node.ip].filter(Boolean).join(" ")));
+    group.append(make("rect", { class: "box", x: -width / 2, y: -height / 2, width, height, rx: node.kind === "host" ? 8 : 1 }));
+    const half = DOT_PX / 2;
+    group.append(make("rect", { class: "dot", x: -half, y: -half, width: DOT_PX, height: DOT_PX, rx: node.kind === "host" ? half : 0 }));
+    group.append(make("text", { class: "name", y: node.ip ? -7 : 0 }, node.name));
     if (node.ip) group.append(make("text", { y: 11, class: "small" }, node.ip));
     chooses(group, () => choose({ kind: node.kind, name: node.name, node }));
     this.elements.set(node.name, group);
@@ -88,70 +119,88 @@ export class Drawing {
       const keys = element.dataset.keys.split(" ");
       const classes = ["fiber"];
       if (light) {
-        classes.push("lit");
+        classes.push(light.stands ? "lit" : "glow");
         element.style.setProperty("--light", `var(${COLOURS[light.number % COLOURS.length]})`);
-        if (state.t - light.t < FLOWS_S) {
+        if (light.flows) {
           classes.push("flowing");
-          moves = !STILL.matches;
-          if (moves) element.photons.style.strokeDashoffset = light.back ? shift : -shift;
+          moves ||= !STILL.matches;
+          if (!STILL.matches) element.photons.style.strokeDashoffset = light.back ? shift : -shift;
         }
       }
       if (numbers || !light) write(element.lastChild, light?.label ?? "");
       if (keys.some((key) => state.cut.has(key))) classes.push("cut");
       if (keys.some((key) => state.tapped.get(key))) classes.push("tapped");
+      if (numbers) speak(element, SPOKEN.filter(([kind]) => classes.includes(kind)));
       if (chosen?.name === fiber.name) classes.push("chosen");
-      const text = classes.join(" ");
-      if (element.getAttribute("class") !== text) element.setAttribute("class", text);
+      dress(element, classes);
     }
     for (const node of this.network.nodes) {
-      const classes = ["node", node.kind.split(" ")[0]];
+      const classes = ["node", node.kind.split(" ")[0]], element = this.elements.get(node.name);
       if (state.faulty.has(node.name)) classes.push("faulty");
       if (state.devices[node.name]?.state === "silent") classes.push("silent");
+      if (numbers) speak(element, SPOKEN.filter(([kind]) => classes.includes(kind)));
       if (chosen?.name === node.name) classes.push("chosen");
-      const element = this.elements.get(node.name), text = classes.join(" ");
-      if (element.getAttribute("class") !== text) element.setAttribute("class", text);
+      if (element.named) classes.push("named");
+      dress(element, classes);
     }
     return moves;
   }
 
-  // Fibres of the light paths that stand: name -> number of the path, its direction, last photons.
-  lit(state, numbers) {
-    const found = new Map();
-    let number = 0;
+  // Light paths that stand, or did until just now: from where to where, by which fibres and switches.
+  paths(state) {
+    const found = [];
     for (const [begin] of this.fibers) {
-      const host = begin.includes(":") ? null : begin;
-      if (!host) continue;
-      const hops = this.follow(begin, state.ways);
+      const hops = begin.includes(":") ? null : this.follow(begin, state);
       if (!hops) continue;
-      const last = hops.at(-1);
-      const t = Math.max(state.flows.get(begin)?.t ?? -9, state.flows.get(last.to)?.t ?? -9);
-      for (const { fiber, from } of hops) {
-        const keys = this.elements.get(fiber.name).dataset.keys.split(" ");
-        found.set(fiber.name, { number, t, back: from !== keys[0] });
-      }
-      if (numbers) found.get(last.fiber.name).label = told(rate(state, last.to));
-      number += 1;
+      const stands = hops.every(({ to }) => !to.includes(":") || state.ways.has(to)), last = hops.at(-1).to;
+      const by = hops.slice(0, -1).map(({ to }) => to.split(":")[0]);
+      const [from, to] = [begin, last].map((port) => this.fibers.get(port).node);
+      found.push({ begin, end: last, from, to, by, hops, stands, ...rate(state, last) });
     }
     return found;
   }
 
-  follow(begin, ways) {
+  // Fibres of light paths: name -> number of the path, its direction, whether it stands, whether photons fly.
+  lit(state, numbers) {
+    const found = new Map(), ports = sending(state);
+    this.paths(state).forEach(({ begin, end: last, hops, stands, photons, lost }, number) => {
+      const t = Math.max(state.flows.get(begin)?.t ?? -9, state.flows.get(last)?.t ?? -9);
+      const flows = state.t - t < FLOWS_S || (stands && ports.has(begin));
+      for (const { fiber, from } of hops) {
+        const keys = this.elements.get(fiber.name).dataset.keys.split(" ");
+        found.set(fiber.name, { number, stands, flows, back: from !== keys[0] });
+      }
+      if (numbers) found.get(hops.at(-1).fiber.name).label = told({ photons, lost });
+    });
+    return found;
+  }
+
+  follow(begin, state) {
     const hops = [], seen = new Set();
     for (let at = begin; this.fibers.has(at) && !seen.has(at);) {
       seen.add(at);
       const { fiber, far } = this.fibers.get(at);
       hops.push({ fiber, from: at, to: far });
       if (!far.includes(":")) return hops;
-      if (!ways.has(far)) return null;
-      at = `${far.split(":")[0]}:${ways.get(far)}`;
+      const way = wayFrom(state, far);
+      if (way === undefined) return null;
+      at = `${far.split(":")[0]}:${way}`;
     }
     return null;
   }
 
+  // Show all of it, in the direction in which it is larger; the drawing is as high as it needs.
   fit() {
-    const xs = this.network.nodes.map((node) => node.x), ys = this.network.nodes.map((node) => node.y);
-    const left = Math.min(...xs) - NODE.width, top = Math.min(...ys) - NODE.height;
-    this.box = [left, top, Math.max(...xs) + NODE.width - left, Math.max(...ys) + NODE.height - top];
+    const room = { width: this.svg.clientWidth || 800, height: Math.min(MOST_PX, MOST_SHARE * innerHeight) };
+    const scale = ([, , width, height]) => Math.min(room.width / width, room.height / height);
+    const lying = this.extent(this.placed(true)), standing = this.extent(this.placed(false));
+    const turned = !this.map && scale(standing) < READABLE && scale(lying) > scale(standing);
+    if (turned !== this.turned) this.draw(turned);
+    this.svg.classList.toggle("turned", turned);
+    this.box = turned ? lying : standing;
+    this.room = room.width;
+    const height = this.map ? room.height : Math.max(LEAST_PX, Math.min(room.height, room.width * (this.box[3] / this.box[2])));
+    this.svg.style.height = `${Math.round(height)}px`;
     this.apply();
   }
 
@@ -165,12 +214,38 @@ export class Drawing {
     this.svg.setAttribute("viewBox", this.box.join(" "));
     const { clientWidth, clientHeight } = this.svg;
     const scale = Math.min((clientWidth || 800) / this.box[2], (clientHeight || 400) / this.box[3]);
-    this.scale = scale;
-    this.svg.classList.toggle("far", scale < 0.6); // px of the screen for one of the drawing
-    this.svg.classList.toggle("farthest", scale < 0.4);
+    this.scale = scale; // px of the screen for one of the drawing
+    this.svg.classList.toggle("far", !this.map && scale < READABLE);
+    this.svg.classList.toggle("farthest", !this.map && scale < 0.4);
+    if (this.map && scale !== this.arranged) this.arrange(scale);
+  }
+
+  // On a map nodes are boxes where there is room for all of them, else dots; of dots those have their
+  // names beside them for which there is room, hosts first.
+  arrange(scale) {
+    this.arranged = scale;
+    const nodes = [...this.network.nodes].sort((one, two) => (two.kind === "host") - (one.kind === "host"));
+    const at = (node) => ({ x: node.x * scale, y: node.y * scale });
+    const taken = new Taken(NODE.width);
+    const boxes = nodes.every((node) => taken.take(around(at(node), NODE.width, NODE.height)));
+    this.svg.classList.toggle("dots", !boxes);
+    const dots = new Taken(NODE.width);
+    if (!boxes) for (const node of nodes) dots.take(around(at(node), DOT_PX, DOT_PX), true);
+    for (const node of nodes) {
+      const element = this.elements.get(node.name), { x, y } = at(node);
+      element.setAttribute("transform", `translate(${node.x} ${node.y}) scale(${1 / scale})`);
+      const name = { left: x + DOT_PX, right: x + DOT_PX + LETTER_PX * node.name.length, top: y - LINE_PX / 2, bottom: y + LINE_PX / 2 };
+      element.named = boxes || dots.take(name);
+      element.classList.toggle("named", element.named);
+    }
+    for (const fiber of this.network.fibers) {
+      const { label, lastChild } = this.elements.get(fiber.name);
+      lastChild.setAttribute("transform", `translate(${label.x} ${label.y}) scale(${1 / scale})`);
+    }
   }
 
   move() {
+    this.svg.addEventListener("click", (event) => event.target === this.svg && this.choose(null));
     const pointers = new Map();
     this.svg.addEventListener("wheel", (event) => {
       event.preventDefault();
@@ -195,8 +270,21 @@ export class Drawing {
     for (const end of ["pointerup", "pointercancel", "pointerleave"]) {
       this.svg.addEventListener(end, (event) => pointers.delete(event.pointerId));
     }
-    new ResizeObserver(() => this.apply()).observe(this.svg);
+    // A window that is turned shows all of it anew; else what is looked at stays.
+    new ResizeObserver(() => (this.svg.clientWidth === this.room ? this.apply() : this.fit())).observe(this.svg);
   }
+}
+
+// Who does not see it hears of what is other than usual, behind the name.
+function speak(element, kinds) {
+  element.spoken ??= element.getAttribute("aria-label");
+  const text = [element.spoken, ...kinds.map(([, words]) => words)].join(", ");
+  if (element.getAttribute("aria-label") !== text) element.setAttribute("aria-label", text);
+}
+
+function dress(element, classes) {
+  const text = classes.join(" ");
+  if (element.getAttribute("class") !== text) element.setAttribute("class", text);
 }
 
 // What comes to the end of a path, in photons a second, and what is lost on its way.

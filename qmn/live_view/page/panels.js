@@ -1,6 +1,8 @@
 // The tables beside the drawing. Each number says its unit in the head of its column.
 
-const SHOWN_SESSIONS = 30, SHOWN_MEMORIES = 40, SHOWN_DECISIONS = 200;
+const SHOWN_SESSIONS = 30, SHOWN_MEMORIES = 40, SHOWN_DECISIONS = 200, SHOWN_PATHS = 40;
+
+import { plain, quantity } from "./words.js";
 
 export const count = (number) => (number ?? 0).toLocaleString("en");
 
@@ -66,16 +68,18 @@ function errors(each) {
 
 export function sessions(at, state) {
   const newest = [...state.sessions.values()].sort((one, two) => two.last - one.last).slice(0, SHOWN_SESSIONS);
-  const heads = ["session", "between", "state", "set-up (ms)", "pairs", "pairs/s", "photons arrived", "lost (%)", "measured",
+  const heads = ["session", "service", "between", "state", "set-up (ms)", "pairs or photons", "per s", "photons arrived", "lost (%)", "measured",
     "fidelity, or S of CHSH (95 %)", "errors in % (95 %)"];
   table(at, heads,
     newest.map((each) => {
-      const took = Math.max(each.last - each.since, 1e-3);
-      const ends = each.told.from ? `${each.told.from} → ${each.told.to}` : [...each.nodes].join(", ");
+      // Of blocks that have come: a block that is on its way is counted when it was made.
+      const [made, began] = each.came ? [each.came, each.began] : [each.pairs, each.since];
+      const known = each.told.from ? each.told : each.asked;
+      const ends = known.from ? `${known.from} → ${known.to}` : [...each.nodes].join(", ");
       const arrived = each.arrived - each.lost;
       return [
-        element("td", each.id.slice(-6)), ends, each.says || "-", each.setup_ms?.toFixed(1) ?? "-", count(each.pairs),
-        each.pairs ? count(Math.round(each.pairs / took)) : "-", count(arrived),
+        element("td", each.id.slice(-6)), plain(known.service ?? "-"), ends, each.says || "-", each.setup_ms?.toFixed(1) ?? "-", count(each.pairs),
+        made ? count(Math.round(made / Math.max(each.last - began, 1e-3))) : "-", count(arrived),
         each.arrived ? ((100 * each.lost) / each.arrived).toFixed(1) : "-", count(each.measured),
         fidelity(each), errors(each),
       ];
@@ -86,12 +90,29 @@ export function outcomes(at, state) {
   const names = Object.keys(state.outcomes).sort();
   const total = names.reduce((sum, name) => sum + state.outcomes[name], 0);
   table(at, ["state", "pairs", "share (%)"], names.map((name) => {
-    const share = (100 * state.outcomes[name]) / total, cell = element("td", ` ${share.toFixed(1)}`);
-    const bar = element("span", "", "bar");
-    bar.style.width = `${share}px`;
-    cell.prepend(bar);
-    return [name, count(state.outcomes[name]), cell];
+    const share = (100 * state.outcomes[name]) / total;
+    return [SHOWN_AS[name] ?? name, count(state.outcomes[name]), withBar(share.toFixed(1), share)];
   }), "No Bell measurement yet.");
+}
+
+const SHOWN_AS = { "Phi+": "Φ+", "Phi-": "Φ−", "Psi+": "Ψ+", "Psi-": "Ψ−" };
+
+function withBar(text, px) {
+  const cell = element("td", ` ${text}`), bar = element("span", "", "bar");
+  bar.style.width = `${px}px`;
+  cell.prepend(bar);
+  return cell;
+}
+
+// Of the fullest store that there is.
+const fill = (keys, most) => withBar(count(keys), (50 * keys) / most);
+
+// Light paths that stand, and those that have closed just now.
+export function paths(at, found) {
+  table(at, ["light path", "by", "photons/s", "lost (%)", "state"], found.slice(0, SHOWN_PATHS).map((each) => [
+    `${each.from} → ${each.to}`, each.by.join(", ") || "-", each.photons ? count(Math.round(each.photons)) : "-",
+    each.photons ? (100 * each.lost).toFixed(1) : "-", each.stands ? "stands" : "closed",
+  ]), "No light path stands.");
 }
 
 export function memories(at, state) {
@@ -106,17 +127,18 @@ export function memories(at, state) {
 }
 
 export function keys(at, state) {
+  const most = Math.max(1, ...state.keyLinks.map((link) => Math.max(link.keys_ready, link.keys_ready_there)));
   table(at, ["key link", "keys ready", "at the other end", "key (bit/s)", "QBER (%)", "state"], state.keyLinks.map((link) => [
-    `${link.from_} → ${link.to}`, count(link.keys_ready), count(link.keys_ready_there), count(link.key_bits_per_s),
+    `${link.from_} → ${link.to}`, fill(link.keys_ready, most), fill(link.keys_ready_there, most), count(link.key_bits_per_s),
     link.qber === null ? "-" : (100 * link.qber).toFixed(2), link.state,
   ]), "No host has told of keys.");
 }
 
+const OF_NO_USE = new Set(["event", "session"]);
+
 export function job(at, state) {
-  const rows = Object.entries(state.job).filter(([, value]) => value !== null && typeof value !== "object");
-  table(at, ["what the program says", ""], rows.map(([name, value]) => [
-    name.replaceAll("_", " "), typeof value === "number" ? value.toLocaleString("en", { maximumSignificantDigits: 6 }) : String(value),
-  ]), "No program has said anything.");
+  const rows = Object.entries(state.job).filter(([name, value]) => !OF_NO_USE.has(name) && value !== null && typeof value !== "object");
+  table(at, ["what the program says", ""], rows.map(([name, value]) => quantity(name, value)), "No program has said anything.");
 }
 
 export function decisions(at, state) {
@@ -128,27 +150,35 @@ export function decisions(at, state) {
   }));
 }
 
-const NOT_SHOWN = new Set(["heard_s_ago", "paths", "tuning"]);
-const words = (text) => text.replaceAll("_", " ");
+const APART = new Set(["heard_s_ago", "paths", "tuning", "ports", "name", "kind", "dpid"]);
 
-// Devices as the controller knows them: counts and settings of a host, faults and ports of a switch.
+// Devices as the controller knows them: counts and settings of a host, faults of a switch.
 export function device(state, name) {
-  const rows = [];
+  const rows = [], device = state.devices[name] ?? {};
   if (state.faulty.has(name)) rows.push(["fault", state.faulty.get(name)]);
-  for (const [field, value] of Object.entries(state.devices[name] ?? {})) {
-    if (NOT_SHOWN.has(field)) continue;
-    if (Array.isArray(value)) rows.push(...value.map((each) => [words(field).replace(/s$/, ""), list(each)]));
-    else rows.push([words(field), list(value)]);
-  }
-  for (const { in_port, out_port } of state.devices[name]?.paths ?? []) rows.push(["light path", `${in_port} → ${out_port}`]);
+  for (const [field, value] of Object.entries(device)) if (!APART.has(field)) rows.push([plain(field), list(field, value)]);
+  if (!device.dpid) for (const port of device.ports ?? []) rows.push([`port ${port.name}`, port.up ? "up" : "cut"]);
   return rows;
 }
 
-// Values one behind the other, those of objects with their names, which say the unit.
-function list(value) {
-  if (value === null || typeof value !== "object") return typeof value === "number" ? count(value) : String(value);
-  return Object.entries(value).filter(([name, each]) => each !== null && !NOT_SHOWN.has(name))
-    .map(([name, each]) => (name === "up" ? (each ? "up" : "cut") : `${words(name)} ${list(each)}`)).join(", ") || "-";
+// Values one behind the other, those of objects with their names.
+function list(field, value) {
+  if (Array.isArray(value)) return value.map((each) => list(field, each)).join(", ") || "-";
+  if (value === null || typeof value !== "object") return quantity(field, value ?? "-")[1];
+  const known = Object.entries(value).filter(([, each]) => each !== null);
+  return known.map(([name, each]) => quantity(name, each).join(" ")).join(", ") || "-";
+}
+
+// Ports of a switch: where light that comes in leaves, photons, and what optics tell.
+export function ports(at, state, name) {
+  const { ports = [], paths = [], dpid } = state.devices[name] ?? {};
+  if (!dpid) return at.replaceChildren();
+  const ways = new Map(paths.map(({ in_port, out_port }) => [in_port, out_port]));
+  const optics = (light, field) => (light?.[field] == null ? "-" : quantity(field, light[field])[1]);
+  table(at, ["port", "state", "light to port", "photons in", "out", "lost", "frequency", "sent", "received", "temperature"], ports.map((each) => [
+    each.port, each.up ? "up" : "cut", ways.get(each.port) ?? "-", count(each.photons_in), count(each.photons_out), count(each.photons_lost),
+    optics(each.light, "frequency_mhz"), optics(each.light, "tx_power_dbm"), optics(each.light, "rx_power_dbm"), optics(each.light, "temperature_c"),
+  ]), "It has told of no port yet.");
 }
 
 export { element, table };

@@ -28,7 +28,7 @@ export class Pictures {
 
   frame() {
     const now = performance.now(), passed = now - this.last;
-    const left = this.numbers + (this.seldom ? 1.8 * this.pause : NUMBERS_MS) - now; // every second picture
+    const left = this.numbers + (this.seldom ? 0.8 * this.pause : NUMBERS_MS) - now; // each, if they are seldom
     this.last = now;
     this.due = Infinity;
     if (left <= 0) this.numbers = now;

@@ -1,21 +1,25 @@
 // The state of a network as messages tell it, one after the other. `apply` is all that changes it.
 
-const GATHERED = /^(\d+) of \d+ of (\d+\/\d+)(, still stored)?/;
+import { arrive, block, BUCKET_S, bucket, close, forgetLight, send } from "./light.js";
+import { decision, outcome } from "./words.js";
+
+const GATHERED = /(\d+) of \d+ of (\d+\/\d+)/g;
+const STORED = ", still stored", LET_GO = ", the rest let go";
 const OUTCOME = /(?:Phi|Psi)[+-]=(\d+)/g;
 const TAPPED = /^tapped (\S+)/, LIT = /^classical light (\S+)/;
-export const BUCKET_S = 0.1;
-const RATE_BUCKETS = 10; // of a port, over which its rate is told
 const MOST_DECISIONS = 300, MOST_SESSIONS = 300;
-export const WINDOW_S = 60; // of which buckets are kept
 const ENDED = new Set(["torn_down", "refused", "forbidden"]);
 
 export function blank() {
   return {
     t: 0,
     ways: new Map(), // "q1:2" -> "4": cross-connects that stand
+    closed: new Map(), // the same -> {to, t}: those that have closed just now
+    flights: new Map(), // "session block/half" -> {t, port}: light that is on its way
+    made: new Map(), // "session block" -> {t, pairs}: of blocks of which nothing has come yet
     sessions: new Map(),
     memories: new Map(), // node -> Map of block -> {photons, t}
-    flows: new Map(), // "alice-q0" -> {photons, lost, t, session} of the last light there, and its buckets
+    flows: new Map(), // "alice-q0" -> {photons, lost, took} of the last light that came, its buckets, when some was there
     outcomes: {},
     buckets: new Map(), // number of a BUCKET_S -> {pairs, arrived, lost}
     decisions: [],
@@ -48,20 +52,19 @@ function event(state, m) {
       break;
     }
     case "close":
-      state.ways.delete(`${m.node}:${m.port}`);
+      close(state, `${m.node}:${m.port}`, m.t);
       break;
     case "create":
       if (here) here.pairs += count;
-      bucket(state, m.t).pairs += count;
+      bucket(state, Math.floor(m.t / BUCKET_S)).pairs += count;
+      if (m.session) state.made.set(`${m.session} ${m.block}`, { t: m.t, pairs: count });
       break;
     case "send":
-      flow(state, m);
+      send(state, m);
       break;
     case "arrive":
-      flow(state, m);
       if (here) here.arrived += count, here.lost += m.lost ?? 0;
-      bucket(state, m.t).arrived += count - (m.lost ?? 0);
-      bucket(state, m.t).lost += m.lost ?? 0;
+      arrive(state, m, here);
       break;
     case "bell-measure":
       for (const [text, number] of m.detail.matchAll(OUTCOME)) {
@@ -76,16 +79,9 @@ function event(state, m) {
     case "store":
       memory(state, m.node).set(block(m), { photons: count, t: m.t });
       break;
-    case "gather": {
-      const [, moved, from, stored] = m.detail.match(GATHERED) ?? [];
-      if (!stored) break;
-      const held = memory(state, m.node), old = held.get(`${m.session} ${from}`) ?? held.get(found(held, from));
-      if (!old) break;
-      old.photons -= Number(moved);
-      if (old.photons <= 0) held.delete([...held].find(([, each]) => each === old)[0]);
-      held.set(block(m), { photons: Number(moved), t: old.t });
+    case "gather":
+      gather(state, m);
       break;
-    }
     case "recall":
     case "discard":
       memory(state, m.node).delete(block(m));
@@ -104,23 +100,19 @@ function event(state, m) {
   }
 }
 
-function flow(state, m) {
-  if (!m.port) return;
-  const photons = m.photons ?? 0, lost = m.lost ?? 0, number = Math.floor(m.t / BUCKET_S);
-  const buckets = (state.flows.get(m.port)?.buckets ?? []).filter((each) => each.number > number - RATE_BUCKETS);
-  const last = buckets.at(-1);
-  if (last?.number === number) last.photons += photons, last.lost += lost;
-  else buckets.push({ number, photons, lost });
-  state.flows.set(m.port, { photons, lost, t: m.t, session: m.session, buckets });
-}
-
-// Photons that have come to a port in the last second, or were to come, and the part that was lost.
-export function rate(state, port) {
-  const first = Math.floor(state.t / BUCKET_S) - RATE_BUCKETS;
-  const recent = (state.flows.get(port)?.buckets ?? []).filter((each) => each.number > first);
-  const sum = (name) => recent.reduce((all, each) => all + each[name], 0);
-  const photons = sum("photons") / (RATE_BUCKETS * BUCKET_S);
-  return { photons, lost: photons ? sum("lost") / sum("photons") : 0 };
+// Photons of other blocks become one: they take their age with them, the rest stays or is let go.
+function gather(state, m) {
+  if (!m.detail.includes(STORED)) return;
+  const held = memory(state, m.node);
+  let oldest = Infinity;
+  for (const [, moved, from] of m.detail.matchAll(GATHERED)) {
+    const key = held.has(`${m.session} ${from}`) ? `${m.session} ${from}` : found(held, from), old = held.get(key);
+    if (!old) continue;
+    oldest = Math.min(oldest, old.t);
+    old.photons -= Number(moved);
+    if (old.photons <= 0 || m.detail.includes(LET_GO)) held.delete(key);
+  }
+  if (oldest < Infinity) held.set(block(m), { photons: m.photons ?? 0, t: oldest });
 }
 
 // A fibre's end: "q1:2", or "alice-q0", as ports of hosts have names of their own.
@@ -139,25 +131,9 @@ function found(held, number) {
   return [...held.keys()].find((key) => key.endsWith(` ${number}`));
 }
 
-function block(m) {
-  return `${m.session} ${m.block}/${m.half}`;
-}
-
 function memory(state, node) {
   if (!state.memories.has(node)) state.memories.set(node, new Map());
   return state.memories.get(node);
-}
-
-function bucket(state, t) {
-  const number = Math.floor(t / BUCKET_S);
-  if (!state.buckets.has(number)) {
-    for (const old of state.buckets.keys()) {
-      if (old >= number - WINDOW_S / BUCKET_S) break;
-      state.buckets.delete(old);
-    }
-    state.buckets.set(number, { pairs: 0, arrived: 0, lost: 0 });
-  }
-  return state.buckets.get(number);
 }
 
 // Those go of which nothing has been heard for longest.
@@ -170,7 +146,7 @@ function session(state, id, t) {
   if (!state.sessions.has(id)) {
     if (state.sessions.size >= MOST_SESSIONS) forgetSessions(state);
     state.sessions.set(id, {
-      id, nodes: new Set(), says: "", since: t, last: t, pairs: 0, arrived: 0, lost: 0, measured: 0, told: {},
+      id, nodes: new Set(), says: "", asked: {}, since: t, last: t, pairs: 0, came: 0, arrived: 0, lost: 0, measured: 0, told: {},
       estimates: {}, // what its ends have estimated: name -> {value, low, high} of 95 %
     });
   }
@@ -191,8 +167,11 @@ function controller(state, m, names) {
   }
   if (m.session) {
     const here = session(state, m.session, m.t);
-    here.says = m.event === "refused" || m.event === "forbidden" ? `${m.event}: ${m.detail}` : m.event.replaceAll("_", " ");
+    here.says = outcome(m);
+    // A session's second set-up message asks a source for its pairs.
+    if (m.service && (!here.asked.service || m.service !== "pair_source")) here.asked = { from: m.from, to: m.to, service: m.service };
     here.over = ENDED.has(m.event);
+    if (here.over) for (const light of [state.flights, state.made]) forgetLight(light, m.session);
     if (m.setup_ms !== undefined) here.setup_ms = m.setup_ms;
   }
   if (m.event === "port") {
@@ -201,13 +180,8 @@ function controller(state, m, names) {
     else state.cut.add(end);
   }
   if (m.event === "device" && m.name) state.devices[m.name] = { ...state.devices[m.name], state: m.state };
-  if (m.event !== "tuned" && m.event !== "fiber" && m.event !== "link") decide(state, m.t, "c0", words(m));
-}
-
-function words(m) {
-  const { t, what, event, packet_in_count, ...rest } = m;
-  const more = Object.entries(rest).map(([name, value]) => `${name} ${typeof value === "object" ? JSON.stringify(value) : value}`);
-  return [event.replaceAll("_", " "), ...more].join(", ");
+  const text = decision(m, names);
+  if (text) decide(state, m.t, "c0", text);
 }
 
 function act(state, m) {
@@ -215,7 +189,10 @@ function act(state, m) {
 }
 
 function decide(state, t, who, text) {
-  state.decisions.push({ t, who, text });
+  // Programs write each for itself: some come a moment behind what happened after them.
+  let place = state.decisions.length;
+  while (place > 0 && state.decisions[place - 1].t > t) place--;
+  state.decisions.splice(place, 0, { t, who, text });
   if (state.decisions.length > MOST_DECISIONS) state.decisions.shift();
 }
 

@@ -3,7 +3,7 @@
 import { apply, blank } from "./state.js";
 
 const MOST = 100_000; // messages that are kept
-const BETWEEN = 2_000; // checkpoints
+const BETWEEN = 10_000; // checkpoints
 
 export class Timeline {
   constructor(names) {

@@ -10,7 +10,9 @@ from scapy.layers.l2 import Ether
 from controller_apps.light.optics import SwitchOptics, SwitchPort
 from controller_apps.light.paths import HostPort, Network
 from controller_apps.sessions.arbiter import Arbiter
-from wire.metadata import METADATA_PORT, Handshake, Service, Setup
+from wire.metadata.header import METADATA_PORT
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Handshake, Service
 from wire.optical import ANY_PORT, PathOptics
 
 S1, Q1 = 1, 2

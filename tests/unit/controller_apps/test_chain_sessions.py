@@ -7,7 +7,7 @@ from metadata_scene import ALICE, BOB, CHARLIE, FRAMED, HOLD_S, IDLE_S, Q1, S1, 
 from test_controller_arbiter import LATER, answer, arrive, fin, notes, opened
 
 from controller_apps.light.paths import Hop
-from controller_apps.policy.policy import parse_policy
+from controller_apps.policy.reading import parse_policy
 from controller_apps.sessions.actions import Action, ClosePaths, Keep, Note
 from controller_apps.sessions.admission import Admission
 from controller_apps.sessions.arbiter import Arbiter
@@ -16,7 +16,9 @@ from controller_apps.sessions.sessions import Stop
 from controller_apps.sessions.snapshot import decode_session
 from controller_apps.timeouts import NODE_TIMEOUT_S
 from wire.features import EVERYTHING, NodeFeatures
-from wire.metadata import MalformedPacket, Reason, Service, Setup, Verdict
+from wire.malformed import MalformedPacket
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Reason, Service, Verdict
 
 SWAP = replace(FRAMED, service=Service.SWAP, fidelity_ppm=900_000)
 CHAIN = (ALICE, CHARLIE, BOB)

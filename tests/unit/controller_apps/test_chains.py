@@ -16,7 +16,10 @@ from controller_apps.sessions.node_features import is_station
 from controller_apps.sessions.sessions import Chain, Stop
 from wire.device import NOBODY, SwapOrder
 from wire.features import EVERYTHING, INTERFERE, MEASURE, NodeFeatures
-from wire.metadata import HEADER, Reason, Service, Setup, Verdict, decode
+from wire.metadata.decoding import decode
+from wire.metadata.header import HEADER
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Reason, Service, Verdict
 
 SWAP = replace(FRAMED, service=Service.SWAP)
 

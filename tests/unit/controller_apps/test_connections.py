@@ -28,7 +28,9 @@ from controller_apps.sessions.actions import (
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.handshakes import WINDOW
 from controller_apps.timeouts import COUNTING_S, HELD_UP_S
-from wire.metadata import METADATA_PORT, SETUP_LENGTH, Reason
+from wire.metadata.header import METADATA_PORT
+from wire.metadata.setup import SETUP_LENGTH
+from wire.metadata.vocabulary import Reason
 
 # Sequence numbers of the first byte of alice and bob, near the end of their space.
 A, B = 0xFFFFFFF0, 0xFFFFFF00

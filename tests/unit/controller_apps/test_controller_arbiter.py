@@ -42,19 +42,11 @@ from controller_apps.sessions.actions import (
 )
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.timeouts import SWITCH_GRACE_S
-from wire.metadata import (
-    HEADER,
-    METADATA_PORT,
-    SETUP_LENGTH,
-    Emit,
-    Handshake,
-    Reason,
-    Service,
-    Setup,
-    UnknownService,
-    Verdict,
-    decode,
-)
+from wire.metadata.blocks import Emit
+from wire.metadata.decoding import decode
+from wire.metadata.header import HEADER, METADATA_PORT
+from wire.metadata.setup import SETUP_LENGTH, Setup
+from wire.metadata.vocabulary import Handshake, Reason, Service, UnknownService, Verdict
 
 PATHS = (Hop(Q1, 4, 1), Hop(Q1, 1, 3), Hop(Q1, 5, 2))
 LATER = 100 + SETUP_LENGTH  # sequence number of what follows the set-up
@@ -276,7 +268,9 @@ def test_refusals_name_their_reason_and_open_nothing() -> None:
     for setup, reason in cases:
         state = arbiter(rotation=1)
         actions = ask(state, setup)
-        assert answer(actions) == replace(setup, verdict=Verdict.REFUSED, reason=reason)
+        few = "alice has 1 fibre, SDC needs 2 there" if reason == Reason.NO_PATH else ""
+        told = replace(setup, verdict=Verdict.REFUSED, reason=reason, obstacle=few)
+        assert answer(actions) == told
         assert [type(action) for action in actions] == [Note, Forward]
         assert answer(ask(state, setup, 0.2)).reason == reason  # again for a retransmission
         assert not state.sessions.by_number
@@ -493,8 +487,9 @@ def test_one_pair_needs_a_per_pair_session_of_the_same_hosts() -> None:
     assert answer(ask(state, ONE_PAIR, sport=1)).reason == Reason.UNKNOWN_SESSION
     state = arbiter()
     ask(state, PER_PAIR)
-    other: dict[str, Any] = {"sport": 2, "source": CHARLIE}
-    assert answer(ask(state, ONE_PAIR, **other)).reason == Reason.UNKNOWN_SESSION
+    for end in ("source", "destination"):
+        other: dict[str, Any] = {"sport": 2, end: CHARLIE}
+        assert answer(ask(state, ONE_PAIR, **other)).reason == Reason.UNKNOWN_SESSION
     moved = replace(ONE_PAIR, source=BOB)
     assert answer(ask(state, moved, sport=3)).reason == Reason.UNKNOWN_SESSION
 

@@ -14,7 +14,9 @@ from controller_apps.light.paths import Direction, HostPort, Network
 from controller_apps.sessions.actions import Action, Forward, Note, OpenPaths
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.snapshot import decode_session, encode_session
-from wire.metadata import SETUP_LENGTH, Handshake, Reason, Service, Setup, Verdict, decode
+from wire.metadata.decoding import decode
+from wire.metadata.setup import SETUP_LENGTH, Setup
+from wire.metadata.vocabulary import Handshake, Reason, Service, Verdict
 from wire.optical import ANY_WAVELENGTH, TX_PWR, USE_FREQ, PortOptics
 
 S1, Q1, Q2, Q3 = 1, 2, 3, 4

@@ -42,7 +42,10 @@ from controller_apps.sessions.actions import (
 )
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.snapshot import decode_session, keep
-from wire.metadata import METADATA_PORT, SETUP_LENGTH, Reason, Setup, Verdict, decode
+from wire.metadata.decoding import decode
+from wire.metadata.header import METADATA_PORT
+from wire.metadata.setup import SETUP_LENGTH, Setup
+from wire.metadata.vocabulary import Reason, Verdict
 from wire.optical import DEFAULT_FREQUENCY_MHZ, TUNABLE, PortOptics
 
 Q2 = 3
@@ -288,6 +291,26 @@ def test_who_waits_for_light_gets_it_when_it_is_free() -> None:
     assert [answer.session for answer in answers(ready(state, actions))] == [8]
     actions = fin(state, 2.0, sport=40001)
     assert {bundle.session for bundle in opened(actions)} == {9}
+
+
+def after(actions: list[Action]) -> list[tuple[int, int]]:
+    """Return which session has light, and who gave it back."""
+    return [(a.session, a.after.session) for a in actions if isinstance(a, Note) and a.after]
+
+
+def test_who_has_waited_is_noted_with_who_gave_its_light_back() -> None:
+    state = two_switches(queues=True)
+    actions = ask(state, FRAMED)
+    assert after([*actions, *ready(state, actions)]) == []  # nobody was in its way
+    ask(state, replace(FRAMED, session=8), 0.1, sport=40001)
+    ask(state, replace(FRAMED, session=9), 0.2, sport=40002)
+    actions = fin(state)
+    assert after(actions) == [(8, 7)]
+    (note,) = (a for a in actions if isinstance(a, Note) and a.after)
+    assert note.after is not None
+    assert note.ends == note.after.ends == (ALICE, BOB)
+    ready(state, actions)
+    assert after(fin(state, 2.0, sport=40001)) == [(9, 8)]  # and not the first, who was long gone
 
 
 def test_who_has_waited_too_long_is_refused_with_busy() -> None:

@@ -14,7 +14,7 @@ from controller_apps.light.routing import (
     route,
     why_not,
 )
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 from wire.optical import ALL_VALID, ANY_PORT, TUNABLE, PathOptics, PortLight, PortOptics
 
 CHANNEL_MHZ, OTHER_MHZ = 193_400_000, 193_500_000

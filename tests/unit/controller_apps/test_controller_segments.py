@@ -9,7 +9,8 @@ from scapy.layers.l2 import Ether
 from scapy.packet import Packet
 
 from controller_apps.packets.segments import ETHERNET_LENGTH, FiveTuple, checksum, parse
-from wire.metadata import METADATA_PORT, MalformedPacket
+from wire.malformed import MalformedPacket
+from wire.metadata.header import METADATA_PORT
 
 
 def test_a_segment_is_read_as_scapy_wrote_it() -> None:

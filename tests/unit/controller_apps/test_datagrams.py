@@ -7,7 +7,7 @@ from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 
 from controller_apps.packets.datagrams import Frame, is_udp
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 FRAME = Frame(
     bytes.fromhex("020000000001"),

@@ -14,7 +14,7 @@ from topologies.system.certificates.authority import CertificateAuthority
 from topologies.system.runs.runtime import free_port
 from wire.config import EntranceConfig
 from wire.credentials import Credentials
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 HELLO = bytes.fromhex("0500000800000001")  # OpenFlow 1.4, section 7.5.1
 IDS = {"s1": 1, "q1": 0x1001}

@@ -13,14 +13,16 @@ from test_seals_and_sessions import DIRECT, ROUND, grant, noted, opened, triangl
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop, Network
 from controller_apps.packets.segments import FiveTuple
-from controller_apps.policy.policy import BadPolicy, parse_policy, require_switches
+from controller_apps.policy.reading import BadPolicy, parse_policy, require_switches
 from controller_apps.policy.watches import Watch
 from controller_apps.sessions.actions import Action, Note, Order
 from controller_apps.sessions.admission import Admission, find_light
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.idle_light import MOST_AT_ONCE, IdleLight
 from controller_apps.timeouts import DISCOVERY_S, SEAL_BEGIN_S
-from wire.metadata import METADATA_PORT, Reason, Service, Setup
+from wire.metadata.header import METADATA_PORT
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Reason, Service
 from wire.seal_orders import SealOrder
 
 WATCH = Watch(("alice", "bob"), every_s=10.0, pairs=2000, rate_hz=5000, false_alarm=1e-9)

@@ -7,7 +7,8 @@ import pytest
 
 from controller_apps.keys.key_network import KeyNetwork, NoRoute
 from controller_apps.keys.view import identifier, keys_view
-from controller_apps.policy.policy import Policy, Trusted, parse_policy
+from controller_apps.policy.policy import Policy, Trusted
+from controller_apps.policy.reading import parse_policy
 from controller_apps.timeouts import SILENT_S
 from wire.key_routes import KeyRouteRequest, LinkState
 

@@ -18,7 +18,10 @@ from controller_apps.sessions.chains import find_chain, repeaters_of
 from controller_apps.sessions.node_features import blocks_under_way, want_of_repeater
 from controller_apps.sessions.sessions import Sessions
 from wire.features import EMIT, EVERYTHING, GATE, MEASURE, STORE, Feature, NodeFeatures
-from wire.metadata import METADATA_PORT, MemoryState, Reason, Service, Setup, Verdict, decode
+from wire.metadata.decoding import decode
+from wire.metadata.header import METADATA_PORT
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import MemoryState, Reason, Service, Verdict
 from wire.services import NEEDS, WANT_OF, Role
 
 ADDRESSES = {Role.OPENER: ALICE, Role.ACCEPTOR: BOB, Role.SOURCE: CHARLIE}

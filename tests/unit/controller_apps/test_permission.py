@@ -18,12 +18,15 @@ from metadata_scene import (
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.packets.segments import parse
-from controller_apps.policy.policy import parse_policy
+from controller_apps.policy.reading import parse_policy
 from controller_apps.sessions.actions import Action, Drop, Forward, Note, OpenPaths
 from controller_apps.sessions.admission import Admission
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.permission import Permission
-from wire.metadata import Reason, Service, Setup, Verdict, decode, session_number
+from wire.metadata.decoding import decode
+from wire.metadata.header import session_number
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Reason, Service, Verdict
 
 ANY_NUMBER = "\n[filter]\nnumbers = false\n"
 

@@ -6,16 +6,8 @@ from pathlib import Path
 import pytest
 
 from controller_apps.policy.orders import Queue
-from controller_apps.policy.policy import (
-    SHIPPED,
-    BadPolicy,
-    Host,
-    Policy,
-    Reporting,
-    SessionRequest,
-    parse_policy,
-    read_policy,
-)
+from controller_apps.policy.policy import Host, Policy, Reporting, SessionRequest
+from controller_apps.policy.reading import SHIPPED, BadPolicy, parse_policy, read_policy
 from wire.device import DeviceSettings
 
 ALICE, BOB, CHARLIE = (

@@ -41,7 +41,11 @@ from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.snapshot import decode_session
 from controller_apps.timeouts import DISCOVERY_S, HELD_UP_S, NODE_TIMEOUT_S, SWITCH_GRACE_S
 from wire.device import SessionQuery
-from wire.metadata import METADATA_PORT, SETUP_LENGTH, MalformedPacket, Reason, Setup, decode
+from wire.malformed import MalformedPacket
+from wire.metadata.decoding import decode
+from wire.metadata.header import METADATA_PORT
+from wire.metadata.setup import SETUP_LENGTH, Setup
+from wire.metadata.vocabulary import Reason
 
 LATER = 100 + SETUP_LENGTH
 OWNER = FiveTuple(ALICE, 40000, BOB, METADATA_PORT)

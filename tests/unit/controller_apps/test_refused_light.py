@@ -1,5 +1,6 @@
 """A host that is refused light is told which element is in the way, if the policy lets it."""
 
+import re
 from dataclasses import replace
 
 import pytest
@@ -8,10 +9,13 @@ from test_chains import SWAP, line
 
 from controller_apps.light.optics import SwitchOptics, SwitchPort
 from controller_apps.light.paths import HostPort, Network
-from controller_apps.policy.policy import Policy, parse_policy
+from controller_apps.policy.policy import Policy
+from controller_apps.policy.reading import parse_policy
 from controller_apps.sessions.actions import Forward, Note
 from controller_apps.sessions.arbiter import Arbiter
-from wire.metadata import Reason, Service, Setup, Verdict, decode
+from wire.metadata.decoding import decode
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Reason, Service, Verdict
 from wire.optical import PathOptics
 
 NEAR, FAR = SwitchPort(1, 2), SwitchPort(2, 2)
@@ -71,6 +75,14 @@ def test_a_host_cannot_put_words_into_the_mouth_of_the_controller() -> None:
     found.remove_link(NEAR)
     answer, _detail = refusal(found, asked)
     assert (answer.reason, answer.obstacle) == (Reason.NO_PATH, "")
+
+
+def test_a_host_with_too_few_fibres_is_named() -> None:
+    """Superdense coding takes two at its receiver; from a source of his own, bob has but one."""
+    answer, detail = refusal(two_switches(), replace(KEYS, service=Service.SDC, source=ALICE))
+    found = re.fullmatch(r"(alice|bob) has 1 fibre, SDC needs 2 there", answer.obstacle)
+    assert found
+    assert (answer.reason, detail) == (Reason.NO_PATH, f"NO_PATH: {answer.obstacle}")
 
 
 def test_a_chain_whose_fibre_is_cut_is_refused_by_the_name_of_the_fibre() -> None:

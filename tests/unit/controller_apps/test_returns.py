@@ -9,11 +9,13 @@ from test_controller_arbiter import LATER, answer, ask, granted, notes, opened
 
 from controller_apps.light.optics import SwitchOptics, SwitchPort
 from controller_apps.light.paths import Hop, HostPort
-from controller_apps.policy.policy import Tap, parse_policy
+from controller_apps.policy.policy import Tap
+from controller_apps.policy.reading import parse_policy
 from controller_apps.sessions.actions import ClosePaths, Note
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.permission import Permission
-from wire.metadata import Reason, Service, Setup, Verdict
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Reason, Service, Verdict
 from wire.optical import ANY_PORT, PathOptics
 
 BACK = replace(FRAMED, session=8, service=Service.SDC_RETURN)

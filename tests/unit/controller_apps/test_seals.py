@@ -18,7 +18,8 @@ from metadata_scene import (
 from controller_apps.sessions.actions import Action, Forward, Keep, OpenPaths
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.snapshot import decode_session
-from wire.metadata import HEADER, METADATA_PORT, Setup
+from wire.metadata.header import HEADER, METADATA_PORT
+from wire.metadata.setup import Setup
 from wire.verdict import is_sealed
 
 KEY = "0011223344556677"

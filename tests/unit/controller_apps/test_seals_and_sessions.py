@@ -8,13 +8,8 @@ from metadata_scene import ALICE, BOB, CHARLIE, FRAMED, Q1, S1, arbiter, frame, 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop, HostPort, Network
 from controller_apps.packets.segments import parse
-from controller_apps.policy.policy import (
-    CLOSE,
-    TELL,
-    BadPolicy,
-    parse_policy,
-    require_switches,
-)
+from controller_apps.policy.policy import CLOSE, TELL
+from controller_apps.policy.reading import BadPolicy, parse_policy, require_switches
 from controller_apps.sessions.actions import (
     Action,
     ClosePaths,
@@ -26,7 +21,9 @@ from controller_apps.sessions.actions import (
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.seals import Seals
 from controller_apps.timeouts import TAKEN_BACK_S
-from wire.metadata import Reason, Service, Setup, decode
+from wire.metadata.decoding import decode
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Reason, Service
 from wire.seal_orders import GiveBack
 
 SEAL = replace(FRAMED, service=Service.SEAL, source=ALICE)
@@ -102,7 +99,7 @@ def test_a_seal_that_has_not_begun_is_refused_at_once() -> None:
     state = arbiter()
     ask(state, SEAL, 40000)  # and no switch has answered yet
     wanted = ask(state, KEYS, 40001)
-    assert noted(wanted) == ["queued", "refused"]
+    assert noted(wanted) == ["queued", "refused", "light_after"]
     assert opened(wanted) == [Hop(Q1, 1, 2)]
 
 

@@ -14,7 +14,8 @@ from controller_apps.light.waypoints import path_over
 from controller_apps.sessions.actions import Action, Note, OpenPaths
 from controller_apps.sessions.admission import find_light
 from controller_apps.sessions.arbiter import Arbiter
-from wire.metadata import SETUP_LENGTH, Handshake, Service, Setup
+from wire.metadata.setup import SETUP_LENGTH, Setup
+from wire.metadata.vocabulary import Handshake, Service
 from wire.optical import ALL_VALID, ANY_PORT, PathOptics, PortLight
 
 CHANNEL_MHZ = 193_400_000

@@ -18,7 +18,10 @@ from controller_apps.sessions.snapshot import (
 )
 from controller_apps.sessions.state_folder import StateFolder
 from wire.features import STORE, NodeFeatures
-from wire.metadata import SETUP_LENGTH, MalformedPacket, Verdict, decode
+from wire.malformed import MalformedPacket
+from wire.metadata.decoding import decode
+from wire.metadata.setup import SETUP_LENGTH
+from wire.metadata.vocabulary import Verdict
 
 NOW = 50.0
 HOSTS = {SwitchPort(Q1, port): host for port, host in FIBERS.items()}

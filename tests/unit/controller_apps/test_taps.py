@@ -8,10 +8,13 @@ from metadata_scene import BOB, CHARLIE, FRAMED, Q1, S1, arbiter, frame
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop, HostPort
 from controller_apps.packets.segments import parse
-from controller_apps.policy.policy import Tap, parse_policy
+from controller_apps.policy.policy import Tap
+from controller_apps.policy.reading import parse_policy
 from controller_apps.sessions.actions import Action, Forward, Note, OpenPaths
 from controller_apps.sessions.arbiter import Arbiter
-from wire.metadata import Reason, Service, Setup, Verdict, decode
+from wire.metadata.decoding import decode
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Reason, Service, Verdict
 
 EVE = "10.0.0.4"
 BB84 = replace(FRAMED, service=Service.BB84)

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 import uvloop
 from dispatcher_network import Bench, JumpingClock, block, configuration, running
+from five_sigma import within
 from numpy.typing import NDArray
 
 from dispatcher.approximations import (
     EXACT,
     RELAXATION,
+    STIMULATED,
     TURN,
     UNEQUAL_ARMS,
     approximation,
@@ -18,8 +20,13 @@ from dispatcher.approximations import (
     twirled_turn,
 )
 from dispatcher.devices.heralding import Arm, single_click
-from wire.dispatcher_pb2 import CreateRequest, StoreRequest
-from wire.parameters.physics import Device, Memory
+from dispatcher.devices.source import emit
+from dispatcher.laboratory import Laboratory, block_id
+from dispatcher.photon_random import PhotonRandom
+from dispatcher.sabot.draws import Draws
+from wire.config import DispatcherConfig
+from wire.dispatcher_pb2 import CreateRequest, Gate, StoreRequest
+from wire.parameters.physics import Device, Memory, PairSource
 
 Matrix = NDArray[np.complex128]
 PAULIS: list[Matrix] = [
@@ -96,6 +103,39 @@ async def wait_and_measure(bench: Bench, clock: JumpingClock) -> None:
     await bench.alice.feedback("Store", StoreRequest(block=block(0)))
     clock.time_ns += 3 * 10**8
     await bench.alice.measure(block(0))
+
+
+@pytest.mark.parametrize("mean", [0.1, 0.5])
+def test_thermal_pairs_stimulate_each_other_where_there_are_several(mean: float) -> None:
+    """P(n) = m^n / (1 + m)^(n + 1): of the pulses with light, how many have two pairs or more."""
+    chances = mean ** np.arange(200.0) / (1 + mean) ** np.arange(1.0, 201.0)
+    random = PhotonRandom(Draws(1), (7, 0, 0), "here", 100)
+    for statistics, expected in (
+        ("thermal", chances[2:].sum() / chances[1:].sum()),
+        ("poisson", 0),
+    ):
+        sizes = emit(PairSource(statistics, mean), random).approximations.sizes
+        assert sizes.get(STIMULATED, 0) == pytest.approx(expected)
+
+
+def test_several_photons_of_a_pulse_pass_no_gate_of_two_qubits() -> None:
+    """Poisson pulses, mean .5: 1 - 1.5 e^-.5 have several pairs."""
+    count = 40_000
+    several = 1 - 1.5 * float(np.exp(-0.5))
+
+    async def inside() -> None:
+        device = Device(source=PairSource("poisson", 0.5))
+        config = DispatcherConfig("", "", 1, {"alice": ""}, [], [], devices={"alice": device})
+        laboratory = Laboratory(config)
+        alice, target = laboratory.host("alice"), block_id((0, 1))
+        await alice.create(count)
+        await alice.apply((0, 0), gates=[Gate(name=Gate.CX, target=target)])
+        await alice.measure((0, 0))
+        (size,) = laboratory.layer.approximations.sizes.values()
+        assert size is not None
+        assert within(size * count, count, several)
+
+    uvloop.run(inside())
 
 
 def test_unequal_arms_herald_a_qubit_that_is_rather_in_one_state() -> None:

@@ -13,6 +13,7 @@ import pytest
 import uvloop
 from five_sigma import within
 
+from dispatcher.approximations import CROSSTALK
 from dispatcher.fiber.channels import Traffic
 from dispatcher.fiber.noise import Pattern, Schedule
 from dispatcher.laboratory import RATE_HZ, SESSION, Laboratory
@@ -113,6 +114,9 @@ def test_strays_of_neighbours_make_errors_as_the_closed_form_says(
         alone = (1 - stays) * (1 - exp(-strays))
         assert within(clicks, COUNT, stays + alone)
         assert within(errors, COUNT, stays * (1 - exp(-strays / 2)) / 2 + alone / 2)
+        assert laboratory.layer.approximations.sizes == {
+            CROSSTALK: pytest.approx(1 - exp(-strays))  # pulses that any of it is in
+        }
 
     scene(act, channel_crosstalk_db=10.0, **ALL_IN_STEP)
 

@@ -63,6 +63,7 @@ def test_so_much_fibre_as_the_ways_differ_by_costs_light(
     assert within(seen, COUNT, 10 ** (-loss_db / 10))
     assert not found[found != NO_CLICK].any()
     assert laboratory.layer.photons_lost == COUNT - seen
+    assert laboratory.layer.photons_lost_waiting == COUNT - seen
 
 
 def test_two_thousand_kilometres_leave_nothing() -> None:

@@ -15,7 +15,7 @@ from dispatcher.sabot.backend import Bytes
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.dispatcher_pb2 import CreateRequest, Gate, MeasureRequest
 from wire.outcomes import NO_CLICK
-from wire.parameters.physics import BellAnalyser, Detectors, Device, Gates, Memory
+from wire.parameters.physics import BellAnalyser, Detectors, Device, Gates, Memory, PairSource
 
 COUNT = 100_000
 P1, P2 = 0.04, 0.08
@@ -317,6 +317,23 @@ def test_a_host_without_a_source_prepares_what_it_keeps_and_sends_none_of_it() -
         assert (await alice.measure((0, 0))).tolist() == [1, 0]
 
     between(act, WITHOUT["emit"])
+
+
+def test_qubits_of_a_host_itself_are_none_of_its_laser() -> None:
+    """Of a laser nine pulses in ten are dark, and one state in ten is wrong: not of an ion."""
+    laser = PairSource("poisson", 0.1, preparation_error=0.1, jitter_ps=50.0)
+
+    async def act(laboratory: Laboratory) -> None:
+        alice = laboratory.host("alice")
+        await alice.create(COUNT, 0, CreateRequest.ZEROS)
+        found = await alice.measure((0, 0))
+        assert not (found == NO_CLICK).any()
+        assert within(int(found.sum()), COUNT, 0.02)
+        await alice.prepare(np.zeros(COUNT, np.uint8), 1)
+        seen = int((await alice.measure((1, 0)) != NO_CLICK).sum())
+        assert within(seen, COUNT, 1 - float(np.exp(-0.1)))
+
+    scene(act, Device(source=laser, gates=Gates(initialization_error=0.02)))
 
 
 def test_a_host_that_neither_emits_nor_stores_has_no_qubits_of_its_own() -> None:

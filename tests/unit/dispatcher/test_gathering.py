@@ -431,9 +431,13 @@ def test_the_events_say_what_was_gathered_from_where() -> None:
             await alice.store((number, 0))
         log.truncate(0)
         await alice.gather((2, 0), {(1, 0): np.array([4]), (0, 0): np.array([2, 0, 1])})
+        await alice.gather((3, 0), {(2, 0): np.array([1])}, keep_rest=True)
+        await alice.gather((4, 0), {(3, 0): np.array([0])})  # all that there is
 
     scene(act)
     lines = [line for line in log.getvalue().splitlines() if " gather " in line]
-    assert lines[0].endswith("1 of 5 of 1/0, 3 of 5 of 0/0, still stored")
-    origins = [line.split("photons=1 ")[1] for line in lines[1:]]
+    assert lines[0].endswith("1 of 5 of 1/0, 3 of 5 of 0/0, still stored, the rest let go")
+    assert lines[4].endswith("1 of 4 of 2/0, still stored")
+    assert lines[6].endswith("1 of 1 of 3/0, still stored")
+    origins = [line.split("photons=1 ")[1] for line in lines[1:4]]
     assert origins == ["photon 5 of 1/0", "photon 3 of 0/0", "photon 1 of 0/0"]

@@ -1,9 +1,10 @@
 """Heralded pairs beside closed forms and a simulation in Fock space; 5 standard errors, seed 1."""
 
+import asyncio
 from collections import defaultdict
 from collections.abc import Awaitable, Callable, Mapping
 from itertools import product
-from math import cos, exp, expm1, factorial, prod, sin, sqrt
+from math import cos, erf, exp, expm1, factorial, prod, sin, sqrt
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -14,6 +15,7 @@ import uvloop
 from five_sigma import within
 from numpy.typing import NDArray
 
+from dispatcher.approximations import CLASSICAL_LIGHT, READY_STATION, STRAYED
 from dispatcher.devices.heralding import (
     KINDS,
     Arm,
@@ -22,12 +24,20 @@ from dispatcher.devices.heralding import (
     single_click,
     two_click,
 )
-from dispatcher.laboratory import Laboratory, LaboratoryHost
+from dispatcher.laboratory import SESSION, Laboratory, LaboratoryHost
+from dispatcher.layer.ownership import BlockName
 from dispatcher.layer.software_time import SoftwareTime
 from dispatcher.refusal import Refusal
 from wire.config import BadConfig, DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
-from wire.dispatcher_pb2 import MeasureRequest
-from wire.parameters.physics import BellAnalyser, Detectors, Device, Emitter, Memory
+from wire.dispatcher_pb2 import DiscardRequest, MeasureRequest
+from wire.parameters.physics import (
+    BellAnalyser,
+    Detectors,
+    Device,
+    Emitter,
+    Memory,
+    PairSource,
+)
 
 M_PER_S = 2.04e8  # of light in fibre, as docs/physical-layer.md has it
 STATION = Device(memory=Memory(capacity=0), analyser=BellAnalyser("linear"))
@@ -152,6 +162,7 @@ def scene(
     device: Device,
     station: Device = STATION,
     km: tuple[float, float] = (10.0, 10.0),
+    switch: QuantumSwitch = QuantumSwitch("q1"),  # noqa: B008 - immutable
     own: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
     **fiber: Any,
 ) -> None:
@@ -174,7 +185,7 @@ def scene(
     ]
     devices = {"alice": device, "bob": device, "charlie": station}
     config = DispatcherConfig(
-        "", "", 1, dict.fromkeys(devices, ""), fibers, [QuantumSwitch("q1")], devices=devices
+        "", "", 1, dict.fromkeys(devices, ""), fibers, [switch], devices=devices
     )
 
     async def inside() -> None:
@@ -341,6 +352,187 @@ def test_noise_of_fibres_and_of_emitters_is_in_the_pairs() -> None:
     scene(act, device, depolarizing=p)
 
 
+SINGLE, DOUBLE = "single-click", "two-click"
+LITTLE = 0.01  # light of an emission: that two photons come is left out of closed forms below
+
+
+def of_little_light(scheme: str, alpha: float = 0.1, **more: Any) -> Device:
+    """Return a device whose attempts are heralded with 2 alpha eta, or eta^2 / 2."""
+    return Device(emitter=Emitter(scheme, LITTLE, alpha, modes=1000), **more)
+
+
+def chance_of(scheme: str, each: float = 1.0, alpha: float = 0.1) -> float:
+    """Return how likely an attempt is heralded whose photons come with `each` of their chance."""
+    light = LITTLE * each
+    return 2 * alpha * light * (1 - alpha * light / 2) if scheme == SINGLE else light**2 / 2
+
+
+@pytest.mark.parametrize("scheme", list(SCHEMES))
+def test_scattered_classical_light_heralds_pairs_that_are_none(scheme: str) -> None:
+    """Of mean mu at the station mu/2 come to either side, of two clicks half of it to each mode."""
+    km, joule = 10.0, 6.62607015e-34 * 299_792_458 / 1550.12e-9
+    mu = 1e-3 * 2e-9 * km * 0.4 * 1e-9 / joule  # 1 mW, as parameters of fibres are by default
+    dark = 1 - exp(-mu / 2 if scheme == SINGLE else -mu / 4)
+    chance = 2 * dark * (1 - dark)
+    chance **= 1 if scheme == SINGLE else 2
+    device = Device(emitter=Emitter(scheme, 0.0, 0.0, modes=1000))
+
+    async def act(laboratory: Laboratory) -> None:
+        told, attempts, _took_s = await heralded(laboratory, 20_000)
+        assert within(told.size, attempts, chance)
+        right = await correlations(laboratory, told)
+        zeros = 0.0 if scheme == SINGLE else 0.5  # of qubits that are both in |0>, or in any state
+        assert within(*right["Z"], zeros)
+        assert within(*right["X"], 0.5)
+        # No emission has clicked: of all heralds none is a pair.
+        assert laboratory.layer.approximations.sizes == {CLASSICAL_LIGHT: pytest.approx(1.0)}
+
+    scene(act, device, own={"alice": {"classical_mw": 1.0}})
+
+
+@pytest.mark.parametrize("scheme", list(SCHEMES))
+def test_detectors_that_are_unlike_tell_one_state_less_often(scheme: str) -> None:
+    """One has 1 - m of the other's efficiency: the mean of both clicks, the lesser for Psi-."""
+    mismatch, count = 0.5, 20_000
+    less = 1 - mismatch
+    minus = less / (1 + less) if scheme == SINGLE else 2 * less / (1 + less) ** 2
+    detectors = Detectors(efficiency_mismatch=mismatch)
+
+    async def act(laboratory: Laboratory) -> None:
+        told, attempts, _took_s = await heralded(laboratory, count)
+        assert within(told.size, attempts, chance_of(scheme, (1 + less) / 2))
+        assert within(int(np.count_nonzero(told == 3)), told.size, minus)
+        right = await correlations(laboratory, told)
+        assert within(*right["X"], 0.95 if scheme == SINGLE else 1.0)
+
+    scene(act, of_little_light(scheme), Device(detectors=detectors, analyser=STATION.analyser))
+
+
+SOME = """import numpy as np
+from dispatcher.fiber.noise import Effect
+
+
+class Some:
+    def __init__(self, lost=0.0, flipped=0.0, extras=False):
+        self.lost, self.flipped, self.extras = lost, flipped, extras
+
+    def effect(self, passage):
+        return Effect(
+            lost=passage.happens("lost", self.lost),
+            paulis=passage.happens("flipped", self.flipped) * np.uint8(2),
+            extras=np.ones(passage.photons, np.uint8) if self.extras else None,
+        )
+"""
+
+
+@pytest.mark.parametrize("scheme", list(SCHEMES))
+def test_a_click_of_one_photon_needs_that_one_alone(scheme: str, tmp_path: Path) -> None:
+    """A model of one's own loses .4 of either host's light: .6 of single clicks are left."""
+    (tmp_path / "some.py").write_text(SOME)
+    own: Any = {"noise": f"{tmp_path}/some.py:Some", "noise_parameters": {"lost": 0.4}}
+
+    async def act(laboratory: Laboratory) -> None:
+        told, attempts, _took_s = await heralded(laboratory, 20_000)
+        assert within(told.size, attempts, chance_of(scheme, 0.6))
+
+    scene(act, of_little_light(scheme), own={"alice": own, "bob": own})
+
+
+def test_what_a_model_of_one_s_own_adds_to_light_of_attempts_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "some.py").write_text(SOME)
+    own: Any = {"noise": f"{tmp_path}/some.py:Some", "noise_parameters": {"extras": True}}
+
+    async def act(laboratory: Laboratory) -> None:
+        with pytest.raises(BadConfig, match=r"extras of noise in the fibre to 1 of q1: light of"):
+            await heralded(laboratory, 10)
+
+    scene(act, of_little_light(DOUBLE), **own)
+
+
+@pytest.mark.parametrize("scheme", list(SCHEMES))
+@pytest.mark.parametrize("what", ["detectors", "source", "dispersion"])
+def test_light_that_comes_outside_the_gate_is_no_herald(scheme: str, what: str) -> None:
+    """Of an rms error of 100 ps erf(1/2 / sqrt 2) come within a gate of 100 ps."""
+    inside = erf(0.5 / sqrt(2))
+    detectors = Detectors(gate_s=1e-10, jitter_ps=100.0 if what == "detectors" else 0.0)
+    source = PairSource(
+        jitter_ps=100.0 if what == "source" else 0.0,
+        bandwidth_nm=0.5 if what == "dispersion" else 0.0,
+    )
+    fiber: dict[str, Any] = {"dispersion_ps_per_nm_km": 20.0} if what == "dispersion" else {}
+
+    async def act(laboratory: Laboratory) -> None:
+        told, attempts, _took_s = await heralded(laboratory, 20_000)
+        assert within(told.size, attempts, chance_of(scheme, inside))
+
+    device = of_little_light(scheme, source=source)
+    scene(act, device, Device(detectors=detectors, analyser=STATION.analyser), **fiber)
+
+
+def test_clicks_that_are_too_far_apart_are_no_coincidence() -> None:
+    """The difference of two jitters of 100 ps is within a window of 100 ps."""
+    detectors = Detectors(gate_s=1e-8, jitter_ps=100.0)
+    analyser = BellAnalyser("linear", coincidence_window_s=1e-10)
+
+    async def act(laboratory: Laboratory) -> None:
+        told, attempts, _took_s = await heralded(laboratory, 20_000)
+        assert within(told.size, attempts, chance_of(DOUBLE) * erf(1 / sqrt(2) / sqrt(2)))
+
+    scene(act, of_little_light(DOUBLE), Device(detectors=detectors, analyser=analyser))
+
+
+def test_noise_of_one_s_own_of_a_station_s_detectors_is_in_its_heralds(tmp_path: Path) -> None:
+    """Of .3 nothing is told, and of .1 the other phase."""
+    (tmp_path / "some.py").write_text(SOME)
+    parameters = {"lost": 0.3, "flipped": 0.1}
+    detectors = Detectors(noise=f"{tmp_path}/some.py:Some", noise_parameters=parameters)
+
+    async def act(laboratory: Laboratory) -> None:
+        told, attempts, _took_s = await heralded(laboratory, 20_000)
+        assert within(told.size, attempts, 0.7 * chance_of(DOUBLE))
+        right = await correlations(laboratory, told)
+        assert within(*right["Z"], 1.0)
+        assert within(*right["X"], 0.9)
+        assert within(*right["Y"], 0.9)
+
+    scene(act, of_little_light(DOUBLE), Device(detectors=detectors, analyser=STATION.analyser))
+
+
+@pytest.mark.parametrize(
+    ("scheme", "detectors", "modes", "share"),
+    [
+        # The detector sees alpha eta of all modes: so many clicks are in the time of two rounds.
+        (SINGLE, Detectors(dead_time_s=2.5 * 2 * 10_000 / M_PER_S), 1, 2 * 0.1 * LITTLE),
+        (SINGLE, Detectors(dead_time_s=1e-8), 1, None),  # over when the next attempt is
+        (SINGLE, Detectors(dead_time_s=1e-8), 100, 100 * 0.1 * LITTLE),
+        (DOUBLE, Detectors(afterpulse_probability=0.02), 1, 0.02),
+        (DOUBLE, Detectors(dead_time_s=1e-8), 1, None),  # polarisations have detectors of their own
+    ],
+)
+def test_a_result_says_what_dead_times_of_a_station_would_decide(
+    scheme: str, detectors: Detectors, modes: int, share: float | None
+) -> None:
+    device = Device(emitter=Emitter(scheme, LITTLE, 0.1, modes=modes))
+
+    async def act(laboratory: Laboratory) -> None:
+        await heralded(laboratory, 3)
+        found = laboratory.layer.approximations.sizes.get(READY_STATION)
+        assert found == (None if share is None else pytest.approx(share))
+        assert laboratory.layer.exact == (share is None)
+
+    scene(act, device, Device(detectors=detectors, analyser=STATION.analyser))
+
+
+def test_a_result_says_how_much_light_of_attempts_would_stray() -> None:
+    """10^(-20 / 10) in the one switch on the way."""
+
+    async def act(laboratory: Laboratory) -> None:
+        await heralded(laboratory, 3)
+        assert laboratory.layer.approximations.sizes == {STRAYED: pytest.approx(0.01)}
+
+    scene(act, of_little_light(DOUBLE), switch=QuantumSwitch("q1", crosstalk_db=20.0))
+
+
 LATE = """import numpy as np
 from dispatcher.fiber.noise import Effect
 
@@ -494,6 +686,70 @@ def test_a_station_hears_of_a_path_that_is_not_there_when_news_can_be_here() -> 
         with pytest.raises(Refusal, match="bob-q0 of bob comes out nowhere"):
             await laboratory.host("charlie").herald(5, ("charlie-q0", "charlie-q1"), 1.0)
         assert laboratory.clock.now_ns() == asked_ns + 10_000_000 + 1
+
+    scene(act, device)
+
+
+@pytest.mark.parametrize("copper_s", [None, 20e-6, 90e-6])
+def test_no_host_finds_a_heralded_pair_before_news_of_it_can_be_there(
+    copper_s: float | None,
+) -> None:
+    """10 km of fibre take 49.02 us; copper that is shorter may bring it sooner, no other."""
+    device = Device(memory=Memory(capacity=10), emitter=Emitter("two-click"))
+    news_ns = round(min(10_000 / M_PER_S, copper_s or 1.0) * 1e9)
+
+    async def act(laboratory: Laboratory) -> None:
+        if copper_s is not None:
+            laboratory.layer.software = SoftwareTime({"alice": {"charlie": copper_s}})
+        layer, clock = laboratory.layer, laboratory.clock
+        told, jump = asyncio.Event(), clock.wait_until
+
+        async def wait(time_ns: int) -> None:
+            if asyncio.current_task() is not station:
+                await told.wait()
+            await jump(time_ns)
+
+        clock.wait_until = wait  # type: ignore[method-assign]
+        station = asyncio.create_task(heralded(laboratory, 3))
+        with layer.history.watching("alice", 0, remembered=False) as watcher:
+            async with asyncio.timeout(20):
+                while "alice" not in layer.memories._stored:
+                    await asyncio.sleep(0)
+            clicked_ns, alice = clock.now_ns(), laboratory.host("alice")
+            name, nowhere = BlockName(SESSION, 0, 0), BlockName(SESSION, 99, 0)
+            for later_ns in (0, news_ns - 2):
+                clock.time_ns = clicked_ns + later_ns
+                words = set()
+                for each in (name, nowhere):
+                    with pytest.raises(Refusal) as refused:
+                        layer.ownership.require(each, "alice")
+                    words.add(str(refused.value).replace(str(each), ""))
+                assert len(words) == 1
+                assert not layer.ownership.of_session("alice", SESSION)
+            while not watcher.idle:
+                assert (await watcher.next()).kind == "attempt"
+            clock.time_ns = clicked_ns + news_ns
+            told.set()
+            assert (await alice.measure((0, 0))).size == 3
+            await station
+            assert "heralded" in [each.kind for each in await watcher.some()]
+
+    scene(act, device)
+
+
+def test_a_pair_that_nobody_wants_any_more_when_it_is_heard_of_is_let_go() -> None:
+    device = Device(memory=Memory(capacity=10), emitter=Emitter("two-click"))
+
+    async def act(laboratory: Laboratory) -> None:
+        request = DiscardRequest(session=SESSION)
+        station = asyncio.create_task(heralded(laboratory, 3))
+        while "alice" not in laboratory.layer.memories._stored:
+            await asyncio.sleep(0)
+        await laboratory._handlers["discard"]("alice", request)
+        await station
+        assert not laboratory.layer.ownership.at_node("alice")
+        assert len(laboratory.layer.ownership.at_node("bob")) == 1
+        assert laboratory.layer.sabot.live_qubits == 3
 
     scene(act, device)
 

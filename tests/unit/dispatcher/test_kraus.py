@@ -33,7 +33,7 @@ from dispatcher.sabot.manager import Sabot
 from wire.config import BadConfig, DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
 from wire.dispatcher_pb2 import CreateRequest, Gate
 from wire.outcomes import NO_CLICK
-from wire.parameters.physics import Detectors, Device, Gates, Memory, PairSource
+from wire.parameters.physics import BellAnalyser, Detectors, Device, Gates, Memory, PairSource
 
 COUNT = 4_000
 PREPARED_ONE = 1  # of dispatcher.operations.preparation.STATES
@@ -318,6 +318,28 @@ def test_gates_let_those_qubits_meet_it_that_they_act_on(model: str) -> None:
 
     own = {"noise": model, "noise_parameters": {"kraus": X @ damping(0.3) @ X}}
     act(run, Device(gates=Gates(**own)))  # type: ignore[arg-type]
+
+
+def test_gates_of_a_bell_measurement_let_its_qubits_meet_it_behind_each(model: str) -> None:
+    """From |1> to |0> with .3, behind the CX on both qubits, behind the H on one: in matrices."""
+    phi = np.array([1, 0, 0, 1]) / np.sqrt(2)
+    state = np.outer(phi, phi).astype(np.complex128)
+    idle, damped = np.eye(2), damping(0.3)
+    hadamard = np.kron(np.array([[1, 1], [1, -1]]) / np.sqrt(2), idle)
+    for gate, both in ((np.eye(4)[[0, 1, 3, 2]], True), (hadamard, False)):
+        state = gate @ state @ gate.T
+        for first in (True, False)[: 1 + both]:
+            ops = [np.kron(k, idle) if first else np.kron(idle, k) for k in damped]
+            state = np.sum([op @ state @ op.conj().T for op in ops], axis=0)
+
+    async def run(laboratory: Laboratory) -> None:
+        alice = laboratory.host("alice")
+        await alice.create(COUNT)
+        found = await alice.bell_measure((0, 0), (0, 1))
+        require(found, np.diag(state).real.tolist())
+
+    own = {"noise": model, "noise_parameters": {"kraus": damped}}
+    act(run, Device(gates=Gates(**own), analyser=BellAnalyser("gates")))  # type: ignore[arg-type]
 
 
 def test_detectors_tell_a_one_as_a_zero_in_any_basis(model: str) -> None:

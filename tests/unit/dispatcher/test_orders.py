@@ -136,7 +136,7 @@ def test_the_step_that_fails_ends_its_order_and_those_before_it_stand(tmp_path: 
         discard = Step(discard=DiscardRequest(block=block(number=9)))
         await alice.order(1, create(3), discard, create(3, number=1))
         outcome = await alice.outcome()
-        assert outcome.code == grpc.StatusCode.NOT_FOUND.value[0]
+        assert outcome.code == grpc.StatusCode.PERMISSION_DENIED.value[0]
         assert "block 9/0" in outcome.text
         assert not outcome.feedbacks
         assert (await bench.runner.status()).live_qubits == 6

@@ -5,18 +5,29 @@ from math import exp
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import uvloop
 from five_sigma import within
+from numpy.typing import NDArray
 
-from dispatcher.laboratory import Laboratory
+from dispatcher.laboratory import SESSION, Laboratory
 from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_pb2 import CreateRequest, Gate, MeasureRequest
 from wire.outcomes import NO_CLICK
-from wire.parameters.physics import BadParameter, Detectors, Device, Gates, Memory, PairSource
+from wire.parameters.physics import (
+    BadParameter,
+    BellAnalyser,
+    Detectors,
+    Device,
+    Gates,
+    Memory,
+    PairSource,
+)
 
 X, ZEROS = MeasureRequest.X, CreateRequest.ZEROS
 COUNT = 4_000
+Matrix = NDArray[np.float64]
 MODEL = """
 from dataclasses import dataclass
 import numpy as np
@@ -109,6 +120,64 @@ def test_gates_err_as_their_model_says(model: str, only: str, flipped: float) ->
         assert within(int((await alice.measure((0, 0))).sum()), COUNT, flipped)
 
     at_alice(act, Device(gates=Gates(**sometimes(model, pauli=1, chance=0.2, only=only))))
+
+
+FLIP, PHASE = np.array([[0, 1], [1, 0]]), np.diag([1, -1])
+ERRORS = [np.eye(2), FLIP, PHASE, FLIP @ PHASE]  # 0 I, 1 X, 2 Z, 3 XZ
+
+
+def told_by_gates(pauli: int, of_one: float, of_two: float) -> Matrix:
+    """Return how likely a CX, an H and two readings tell each Bell state of Phi+: in matrices.
+
+    The operator follows the H, and the CX on either qubit, each with its chance.
+    """
+    phi = np.array([1, 0, 0, 1]) / np.sqrt(2)
+    state = np.outer(phi, phi)
+    error, idle = ERRORS[pauli], ERRORS[0]
+    hadamard = np.kron(np.array([[1, 1], [1, -1]]) / np.sqrt(2), idle)
+    for gate, chance, both in ((np.eye(4)[[0, 1, 3, 2]], of_two, True), (hadamard, of_one, False)):
+        state = gate @ state @ gate.T
+        for hit in (np.kron(error, idle), np.kron(idle, error))[: 1 + both]:
+            state = (1 - chance) * state + chance * hit @ state @ hit.T
+    return np.diag(state).clip(0)  # phase, parity: Phi+, Psi+, Phi-, Psi-
+
+
+@pytest.mark.parametrize("pauli", [1, 2, 3])
+@pytest.mark.parametrize("only", ["gate 1", "gate 2"])
+def test_gates_of_a_bell_measurement_err_as_their_model_says(
+    model: str, pauli: int, only: str
+) -> None:
+    """Each behind its gate: X behind the CX does not flip what it would in front of it."""
+    chances = (0.2, 0.0) if only == "gate 1" else (0.0, 0.2)
+    expected = told_by_gates(pauli, *chances)
+
+    async def act(laboratory: Laboratory) -> None:
+        alice = laboratory.host("alice")
+        await alice.create(COUNT)
+        counts = np.bincount(await alice.bell_measure((0, 0), (0, 1)), minlength=4)
+        assert all(within(int(n), COUNT, p) for n, p in zip(counts, expected, strict=True))
+
+    gates = Gates(**sometimes(model, pauli=pauli, chance=0.2, only=only))
+    at_alice(act, Device(gates=gates, analyser=BellAnalyser("gates")))
+
+
+def test_who_resends_meets_the_noise_of_its_detectors_too(model: str) -> None:
+    """Of |0> measured in Z, .2 is told and sent on as |1>, and .3 is missed: nothing is sent."""
+
+    async def act(laboratory: Laboratory) -> None:
+        alice = laboratory.host("alice")
+        await alice.prepare(np.zeros(COUNT, np.uint8))
+        told = await alice.resend((0, 0), np.zeros(COUNT, np.uint8))
+        assert within(int((told == NO_CLICK).sum()), COUNT, 0.3)
+        assert within(int((told == 1).sum()), COUNT, 0.7 * 0.2)
+        [sent] = laboratory.layer.ownership.of_session("alice", SESSION)
+        np.testing.assert_array_equal(sent.register.present, told != NO_CLICK)
+        again = await alice.measure((0, 0))  # which errs anew
+        there = again != NO_CLICK
+        assert within(int((told != again)[there].sum()), int(there.sum()), 0.2)
+
+    detectors = Detectors(**sometimes(model, pauli=1, chance=0.2, lost=0.3))
+    at_alice(act, Device(detectors=detectors))
 
 
 def test_detectors_err_and_miss_as_their_model_says(model: str) -> None:

@@ -8,6 +8,7 @@ import uvloop
 from five_sigma import within
 from noise_cases import passage
 
+from dispatcher.approximations import MODE_DISPERSION
 from dispatcher.fiber.polarization_modes import PolarizationModeDispersion
 from dispatcher.laboratory import Laboratory
 from dispatcher.sabot.backend import Bytes
@@ -78,6 +79,17 @@ def test_mode_dispersion_is_the_mean_over_colours_and_delays() -> None:
     assert (found != NO_CLICK).all()
     share = float(wrong.mean())
     assert abs(np.count_nonzero(found) - COUNT * share) < 6 * (COUNT * share) ** 0.5
+
+
+def test_a_result_says_what_one_axis_for_all_would_change() -> None:
+    """(1 - exp(-(s d)^2 / 2)) / 2 of the photons meet n.sigma, d the delay between both."""
+    width_rad_per_s, here = 1e12, passage(1000)
+    here.width_rad_per_s = width_rad_per_s
+    effect = PolarizationModeDispersion(1.0, 100.0).effect(here)
+    assert effect.delays_ps is not None
+    delay_s = 2e-12 * float(np.abs(effect.delays_ps).max())
+    most = (1 - np.exp(-((width_rad_per_s * delay_s) ** 2) / 2)) / 2
+    assert effect.approximations.sizes == {MODE_DISPERSION: pytest.approx(most)}
 
 
 def test_delays_are_maxwell_distributed_and_go_either_way() -> None:

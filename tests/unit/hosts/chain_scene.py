@@ -22,7 +22,8 @@ from controller_apps.sessions.sessions import Stop
 from hosts import network_loop
 from hosts.stack import Stack
 from wire.device import MAX_UNDER_WAY
-from wire.metadata import Service, Setup
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Service
 
 Stacks = dict[str, Stack]
 

@@ -21,7 +21,8 @@ from stacks_scene import DEADLINE_S, Judge, grant, network
 from hosts.quantum_socket import QuantumSocket
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError, StackSocket
-from wire.metadata import Message, Reason
+from wire.metadata.header import Message
+from wire.metadata.vocabulary import Reason
 
 PORT = 9
 DATA = bytes(range(256))

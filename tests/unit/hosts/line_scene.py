@@ -11,7 +11,8 @@ from stacks_scene import DEADLINE_S, live_qubits, network, taken_part
 
 from hosts import network_loop
 from hosts.service_socket import ServiceSocket
-from wire.metadata import Message, Topic, Values
+from wire.metadata.header import Message
+from wire.metadata.values import Topic, Values
 from wire.parameters.physics import Device, Memory
 
 LINE = ["alice", "bob", "charlie", "eve"]

@@ -32,21 +32,15 @@ from hosts.stack import Stack
 from hosts.stack_socket import QuantumSocketError
 from qswitch_agent.hardware.optics import CrossConnect
 from qswitch_agent.hardware.simulated import SimulatedSwitch
-from wire import dispatcher_service, metadata
+from wire import dispatcher_service
 from wire.config import DispatcherConfig, Fiber, FiberEnd, HostConfig, PathOptics, QuantumSwitch
 from wire.device import DeviceSettings
 from wire.dispatcher_pb2 import StatusRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
-from wire.metadata import (
-    HEADER,
-    METADATA_PORT,
-    SETUP_LENGTH,
-    Message,
-    Setup,
-    Verdict,
-    decode,
-    message_length,
-)
+from wire.metadata.decoding import decode, message_length
+from wire.metadata.header import HEADER, METADATA_PORT, Message, session_number
+from wire.metadata.setup import SETUP_LENGTH, Setup
+from wire.metadata.vocabulary import Verdict
 from wire.netqasm.pair_requests import PAIRS_PORT
 from wire.optical import ANY_WAVELENGTH
 from wire.parameters.physics import BellAnalyser, Device
@@ -83,7 +77,7 @@ def same_number(opener: str, count: int) -> int:
 
     It has an address, of which here only the last byte is always the same.
     """
-    return metadata.session_number(f"127.0.0.{opener.rpartition('.')[2]}", count)
+    return session_number(f"127.0.0.{opener.rpartition('.')[2]}", count)
 
 
 pytest.MonkeyPatch().setattr(hosts.stack, "session_number", same_number)  # as long as tests run

@@ -7,7 +7,7 @@ import pytest
 from hosts.middleware.session.errors import SessionError
 from hosts.serving import active_sessions
 from hosts.serving.active_sessions import MAX_SESSIONS, ActiveSessions
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 from wire.services import Role
 
 

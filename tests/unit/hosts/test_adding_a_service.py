@@ -41,7 +41,7 @@ def test_the_page_on_adding_a_service_adds_one(
     for folder in FOLDERS:
         shutil.copytree(ROOT / folder, tmp_path / folder)
     name, light, needs, code, entry = snippets()
-    insert(tmp_path / "wire" / "metadata.py", "BB84 =", name)
+    insert(tmp_path / "wire" / "metadata" / "vocabulary.py", "BB84 =", name)
     insert(tmp_path / "wire" / "services.py", "Service.DISTRIBUTE: PAIRS,", light)
     insert(tmp_path / "wire" / "services.py", "Service.DISTRIBUTE: {SOURCE", needs)
     services = tmp_path / "hosts" / "middleware" / "services"

@@ -12,7 +12,8 @@ from hosts import network_loop
 from hosts.middleware.session import arrangement
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
-from wire.metadata import Reason, Service, Setup, Verdict
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Reason, Service, Verdict
 
 MOST_S = (0.1, 0.2, 0.4, 0.8, 0.8, 0.8)  # a pause doubles up to the longest
 Judge = Callable[[Setup], Setup]

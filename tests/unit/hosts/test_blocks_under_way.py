@@ -22,7 +22,8 @@ from controller_apps.policy.schedules import SCHEDULES
 from controller_apps.sessions.actions import SwapsOrdered
 from controller_apps.sessions.chains import orders
 from controller_apps.sessions.sessions import Stop
-from hosts.hardware.qnic import BlockName, Coincidences, Outcomes, Qnic, Stored
+from hosts.hardware.operations import BlockName
+from hosts.hardware.qnic import Coincidences, Outcomes, Qnic, Stored
 from hosts.middleware.services.distribution.options import DistributeOptions
 from hosts.middleware.services.distribution.pairs import Pairs
 from hosts.middleware.services.distribution.protocol import Opening as Opener
@@ -37,7 +38,8 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import HostSide, OpenerSide, Order
 from hosts.middleware.session.values import Lifetimes
 from wire.device import SwapOrder
-from wire.metadata import Handshake, Service, Setup
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Handshake, Service
 from wire.outcomes import NO_CLICK
 
 PAIRS = 8  # in a block

@@ -9,7 +9,10 @@ from hosts import network_loop
 from hosts.middleware.session import channel as channels
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError
-from wire.metadata import Answer, Emit, Finish, Handshake, Message, Reason, Service, Setup
+from wire.metadata.blocks import Emit, Finish
+from wire.metadata.header import Message
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.vocabulary import Handshake, Reason, Service
 
 
 async def heard_after(loss: bool) -> str:

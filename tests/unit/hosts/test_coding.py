@@ -20,7 +20,7 @@ from hosts.middleware.services.superdense.coding.perfect import (
     REPETITION,
     PerfectCode,
 )
-from wire.metadata import Fec
+from wire.metadata.vocabulary import Fec
 
 PERFECT = [REPETITION, HAMMING, GOLAY]
 REED_SOLOMON = CODES[Fec.REED_SOLOMON]

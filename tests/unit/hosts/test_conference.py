@@ -16,7 +16,8 @@ from hosts import network_loop
 from hosts.middleware.session.values import numbers_of
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
-from wire.metadata import Message, Topic, Values
+from wire.metadata.header import Message
+from wire.metadata.values import Topic, Values
 
 LINE = ALL[:3]
 COUNT = 30_000

@@ -12,7 +12,8 @@ from test_heralded_distribution import ATTEMPTS, STATION
 from hosts import network_loop
 from hosts.stack_socket import QuantumSocketError
 from wire.device import DeviceSettings
-from wire.metadata import Message, Topic, Values
+from wire.metadata.header import Message
+from wire.metadata.values import Topic, Values
 from wire.parameters.physics import Device, Emitter, Memory, PairSource
 
 

@@ -35,7 +35,9 @@ from wire.device import (
     SwapOrder,
     open_sealed,
 )
-from wire.metadata import Answer, Fec, Handshake, Message, Reason, Service, Setup
+from wire.metadata.header import Message
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.vocabulary import Fec, Handshake, Reason, Service
 from wire.seal_orders import GiveBack, SealOrder
 from wire.session_estimates import Quantity, SessionEstimate
 

@@ -10,7 +10,8 @@ from bell_pairs import Bell, near
 from stacks_scene import ask, grant
 
 from wire.config import PathOptics
-from wire.metadata import Pauli, Setup
+from wire.metadata.setup import Setup
+from wire.outcomes import Pauli
 from wire.parameters.physics import Device, Memory, PairSource
 
 COUNT = 2000

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hosts.hardware.qnic import BlockName, Outcomes, Stored
+from hosts.hardware.operations import BlockName
+from hosts.hardware.qnic import Outcomes, Stored
 from hosts.middleware.services.distribution.options import DistributeOptions
 from hosts.middleware.services.distribution.pairs import Pairs
 from hosts.middleware.services.distribution.protocol import Opening, follow
@@ -23,7 +24,11 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import HostSide, Light, OpenerSide, Order, Steps
 from hosts.middleware.session.values import Lifetimes, values
 from wire.features import EVERYTHING, NodeFeatures
-from wire.metadata import Handshake, Message, Service, Setup, Topic, decode
+from wire.metadata.decoding import decode
+from wire.metadata.header import Message
+from wire.metadata.setup import Setup
+from wire.metadata.values import Topic
+from wire.metadata.vocabulary import Handshake, Service
 
 SETUP = Setup(5, Service.DISTRIBUTE, Handshake.FRAMED, "10.0.0.3", 8, 1, 1_000_000)
 FOREVER = Lifetimes(np.inf, np.inf, np.inf, np.inf)

@@ -20,7 +20,11 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.values import Lifetimes, expect, values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
-from wire.metadata import Finish, Message, Reason, Service, Setup, Topic, Values
+from wire.metadata.blocks import Finish
+from wire.metadata.header import Message
+from wire.metadata.setup import Setup
+from wire.metadata.values import Topic, Values
+from wire.metadata.vocabulary import Reason, Service
 from wire.parameters.physics import Device, Memory, PairSource
 
 LASTING = Lifetimes(*[float("inf")] * 4).numbers()

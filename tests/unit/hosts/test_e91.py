@@ -17,7 +17,8 @@ from hosts import network_loop
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from wire.config import PathOptics
-from wire.metadata import Pauli, Setup
+from wire.metadata.setup import Setup
+from wire.outcomes import Pauli
 
 PATHS, BY_EVE = [(4, 1), (5, 2)], [(4, 1), (5, 6), (7, 2)]
 FIBERS = 4  # that both halves of a pair have passed together

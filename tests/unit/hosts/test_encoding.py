@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from hosts.middleware.session.encoding import agreed_encoding, from_bell_states, to_paulis
-from wire.metadata import PAPER_ENCODING, Pauli
+from wire.metadata.vocabulary import PAPER_ENCODING
+from wire.outcomes import Pauli
 
 PHI_PLUS, PSI_PLUS, PHI_MINUS, PSI_MINUS = range(4)
 

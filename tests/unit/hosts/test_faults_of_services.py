@@ -27,23 +27,11 @@ from hosts.middleware.services.key_distribution import light
 from hosts.middleware.session import protocol, swap_orders
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from wire.device import DeviceReport
-from wire.metadata import (
-    HEADER,
-    Answer,
-    Block,
-    Emit,
-    Envelope,
-    Finish,
-    Frame,
-    Message,
-    Reason,
-    Report,
-    Service,
-    Setup,
-    Topic,
-    Values,
-    Verdict,
-)
+from wire.metadata.blocks import Block, Emit, Finish, Frame, Report
+from wire.metadata.header import HEADER, Message
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.values import Envelope, Topic, Values
+from wire.metadata.vocabulary import Reason, Service, Verdict
 from wire.parameters.physics import Device, Memory, PairSource
 
 services = pytest.mark.parametrize("service", SERVICES)

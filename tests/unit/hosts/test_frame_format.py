@@ -7,7 +7,7 @@ from hosts.hardware.qnic import Symbols
 from hosts.middleware.services.superdense.alphabet import ALPHABETS, Alphabet
 from hosts.middleware.services.superdense.coding import CODES, Bits, Code
 from hosts.middleware.services.superdense.frame_format import FrameFormat
-from wire.metadata import Fec
+from wire.metadata.vocabulary import Fec
 from wire.outcomes import NO_COINCIDENCE
 
 DIBITS, TRITS = ALPHABETS[4], ALPHABETS[3]

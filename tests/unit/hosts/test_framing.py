@@ -13,7 +13,9 @@ from hosts.middleware.services.superdense.frame_format import FrameFormat
 from hosts.middleware.services.superdense.framing import BLOCKS_UNDER_WAY, FramingError
 from hosts.middleware.services.superdense.inbox import Inbox
 from hosts.middleware.services.superdense.outbox import Outbox, OutgoingBlock
-from wire.metadata import Block, Fec, Frame, Report, decode
+from wire.metadata.blocks import Block, Frame, Report
+from wire.metadata.decoding import decode
+from wire.metadata.vocabulary import Fec
 
 PLAIN = FrameFormat()
 GOLAY = FrameFormat(CODES[Fec.GOLAY], True)

@@ -18,7 +18,9 @@ from hosts.middleware.services.ghz.witness import Tally, X, Y, Z, chosen_bases
 from hosts.middleware.session.values import values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
-from wire.metadata import MAX_LENGTH, Topic, message_length
+from wire.metadata.decoding import message_length
+from wire.metadata.header import MAX_LENGTH
+from wire.metadata.values import Topic
 from wire.parameters.physics import Detectors, Device
 
 COUNT = 20_000

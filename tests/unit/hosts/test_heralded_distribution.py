@@ -15,7 +15,8 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.offers import check_light
 from hosts.stack_socket import QuantumSocketError
 from wire.config import PathOptics
-from wire.metadata import MemoryState, Service, Setup
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import MemoryState, Service
 from wire.parameters.physics import BellAnalyser, Device, Emitter, Memory, PairSource
 
 ATTEMPTS = [(1, 4), (2, 5)]  # alice's and bob's first fibres to charlie's

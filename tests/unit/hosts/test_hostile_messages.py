@@ -14,7 +14,7 @@ from fault_scene import SERVICES, Once, Raw, running, session
 
 from hosts import network_loop
 from hosts.middleware.session import swap_orders
-from wire.metadata import HEADER, Message
+from wire.metadata.header import HEADER, Message
 
 SESSIONS = 12
 LENGTH = range(4, 8)  # of the header: what has another one is waited for, see the faults

@@ -32,7 +32,10 @@ from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from wire import qkd
 from wire.config import PathOptics
-from wire.metadata import Envelope, Message, Pauli, Setup, Topic, Values
+from wire.metadata.header import Message
+from wire.metadata.setup import Setup
+from wire.metadata.values import Envelope, Topic, Values
+from wire.outcomes import Pauli
 from wire.parameters.physics import Detectors, Device, PairSource
 
 PATHS = {"bb84": [(1, 2)], "bbm92": [(4, 1), (5, 2)]}

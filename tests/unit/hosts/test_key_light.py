@@ -5,8 +5,8 @@ import pytest
 
 from hosts.middleware.services.key_distribution.light import next_photons, turned_back
 from hosts.middleware.services.key_distribution.messages import PIECE_BYTES, Cutter, in_envelopes
-from wire.metadata import MalformedPacket, Pauli
-from wire.outcomes import NO_COINCIDENCE
+from wire.malformed import MalformedPacket
+from wire.outcomes import NO_COINCIDENCE, Pauli
 from wire.qkd import MAX_KEY_BITS, Disclosed, unsealed
 
 MOST = 131_072

@@ -5,7 +5,10 @@ import random
 import pytest
 
 from hosts.middleware.services.key_distribution.messages import Cutter, in_envelopes
-from wire.metadata import MAX_LENGTH, MalformedPacket, Topic, decode
+from wire.malformed import MalformedPacket
+from wire.metadata.decoding import decode
+from wire.metadata.header import MAX_LENGTH
+from wire.metadata.values import Topic
 from wire.qkd import (
     TAG_BYTES,
     Abort,

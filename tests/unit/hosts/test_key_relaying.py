@@ -11,7 +11,7 @@ from uuid import uuid4
 import pytest
 
 from controller_apps.keys.key_network import KeyNetwork, NoRoute
-from controller_apps.policy.policy import parse_policy
+from controller_apps.policy.reading import parse_policy
 from hosts import network_loop
 from hosts.key_delivery.delivery import KeyDelivery
 from hosts.key_delivery.link_states import KeyLinkStates
@@ -21,7 +21,7 @@ from wire.key_delivery import KeyRequest
 from wire.key_manager import KeyLink, KeyManagerConfig, manager_name
 from wire.key_relay import Relay, decode_sealed, encode_sealed
 from wire.key_routes import ROUTE_S, Hop, KeyRoute, KeyRouteRequest, route_tag
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 HOSTS = {"alice": "10.0.0.1", "bob": "10.0.0.2", "r1": "10.0.0.11", "r2": "10.0.0.12"}
 NAMES = {address: host for host, address in HOSTS.items()}

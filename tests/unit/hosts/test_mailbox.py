@@ -7,7 +7,11 @@ import pytest
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.mailbox import MAX_KEPT, Mailbox
 from hosts.middleware.session.values import values
-from wire.metadata import Answer, Emit, Envelope, Finish, Message, Reason, Report, Topic, Values
+from wire.metadata.blocks import Emit, Finish, Report
+from wire.metadata.header import Message
+from wire.metadata.setup import Answer
+from wire.metadata.values import Envelope, Topic, Values
+from wire.metadata.vocabulary import Reason
 
 SESSION = 5
 

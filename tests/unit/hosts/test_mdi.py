@@ -16,7 +16,10 @@ from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from qmn.sweeps.relay_theory import diagonal, rectilinear
 from wire.config import PathOptics
-from wire.metadata import Message, Pauli, Setup, Topic, Values
+from wire.metadata.header import Message
+from wire.metadata.setup import Setup
+from wire.metadata.values import Topic, Values
+from wire.outcomes import Pauli
 from wire.parameters.physics import BellAnalyser, Detectors, Device, PairSource
 
 PATHS = [(1, 4), (2, 5)]

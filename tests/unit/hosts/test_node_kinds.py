@@ -25,7 +25,10 @@ from hosts.stack_socket import QuantumSocketError
 from topologies.catalogue.node_kinds import ION_TRAP, node_device
 from wire.config import HostConfig
 from wire.features import ABSORB, EMIT, GATE, HERALD, INTERFERE, MEASURE, STORE
-from wire.metadata import Message, Reason, Setup, Topic, Values, Verdict
+from wire.metadata.header import Message
+from wire.metadata.setup import Setup
+from wire.metadata.values import Topic, Values
+from wire.metadata.vocabulary import Reason, Verdict
 from wire.parameters.physics import Detectors, Device, Gates, Memory, PairSource
 
 LASTING = Lifetimes(*[float("inf")] * 4).numbers()

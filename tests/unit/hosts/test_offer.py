@@ -8,7 +8,8 @@ import pytest
 from hosts.middleware.services.superdense.receiver import check_offer
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES
-from wire.metadata import Fec, Handshake, Reason, Service, Setup
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Fec, Handshake, Reason, Service
 
 PLAIN = Setup(1, Service.SDC, Handshake.FRAMED, "10.0.0.3", MAX_BLOCK_PAIRS, MAX_FRAME_BYTES, 1)
 

@@ -15,7 +15,9 @@ from hosts.middleware.services import KINDS, NAMES
 from hosts.service_socket import ServiceSocket
 from hosts.stack import Stack
 from hosts.stack_socket import QuantumSocketError
-from wire.metadata import Finish, Message, Service
+from wire.metadata.blocks import Finish
+from wire.metadata.header import Message
+from wire.metadata.vocabulary import Service
 from wire.services import LIGHT, RETURNS
 
 T = TypeVar("T")

@@ -16,7 +16,8 @@ from hosts.service_socket import ServiceSocket
 from hosts.serving.ordered_seals import OrderedSeals
 from hosts.stack import Stack
 from wire.device import DeviceReport
-from wire.metadata import Answer, Handshake, Reason, Service, Setup
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.vocabulary import Handshake, Reason, Service
 from wire.seal_orders import GiveBack, SealOrder
 
 SEAL = 0x7070

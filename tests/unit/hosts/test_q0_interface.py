@@ -22,7 +22,8 @@ from hosts.quantum_socket import QuantumSocket
 from hosts.stack import Stack
 from wire.ip_over_light import PACKETS_PORT, IpOverLightConfig, Neighbor
 from wire.ip_packet import decode
-from wire.metadata import Reason, Setup, Verdict
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Reason, Verdict
 
 ALICE, BOB = "10.1.0.1", "10.1.0.2"
 LIGHT = {"alice": ALICE, "bob": BOB}
@@ -60,12 +61,12 @@ class Kernel:
 class Scene:
     """Both ends."""
 
-    def __init__(self, folder: Path, stacks: dict[str, Stack]) -> None:
+    def __init__(self, folder: Path, stacks: dict[str, Stack], time_scale: float = 1.0) -> None:
         self.kernels = {name: Kernel() for name in LIGHT}
         self.failed: list[BaseException] = []
         self._stacks = stacks
         self.interfaces = {
-            name: Interface(config(folder, name), cast(Tun, kernel), self.failed.append)
+            name: Interface(config(folder, name, time_scale), cast(Tun, kernel), self.failed.append)
             for name, kernel in self.kernels.items()
         }
 
@@ -84,7 +85,7 @@ class Scene:
             time.sleep(0.02)
 
 
-def config(folder: Path, name: str) -> IpOverLightConfig:
+def config(folder: Path, name: str, time_scale: float = 1.0) -> IpOverLightConfig:
     return IpOverLightConfig(
         host=name,
         stack=str(folder / f"{name}.sock"),
@@ -102,11 +103,16 @@ def config(folder: Path, name: str) -> IpOverLightConfig:
         mtu=MTU,
         idle_s=IDLE_S,
         patience_s=0.5,
+        time_scale=time_scale,
     )
 
 
 def with_scene(
-    folder: Path, work: Callable[[Scene], None], judge: Judge = grant, **physics: Any
+    folder: Path,
+    work: Callable[[Scene], None],
+    judge: Judge = grant,
+    time_scale: float = 1.0,
+    **physics: Any,
 ) -> None:
     """Do something with both ends; in the end no photon may be left."""
 
@@ -114,7 +120,7 @@ def with_scene(
         stacks: dict[str, Stack] = {}
         words = {"paths": PATHS, "qnics": FIBERS, "ports": NUMBERS, "stacks": stacks, **physics}
         async with network(folder, judge, **words):
-            scene = Scene(folder, stacks)
+            scene = Scene(folder, stacks, time_scale)
             for interface in scene.interfaces.values():
                 await asyncio.to_thread(interface.start)
             await asyncio.to_thread(work, scene)
@@ -191,6 +197,21 @@ def test_a_refusal_is_told_to_every_packet_that_waits(
         assert scene.kernels["bob"].quiet
 
     with_scene(tmp_path, work, refuse)
+
+
+def test_a_packet_waits_for_light_by_the_clock_of_the_network(tmp_path: Path) -> None:
+    """Half a second of the network, of which each takes three here."""
+
+    def refuse(setup: Setup) -> Setup:
+        return replace(setup, verdict=Verdict.REFUSED, reason=Reason.BUSY)
+
+    def work(scene: Scene) -> None:
+        began_s = time.monotonic()
+        scene.ping()
+        assert (scene.kernels["alice"].received())[ICMP].type == 3
+        assert time.monotonic() - began_s >= 3 * 0.5
+
+    with_scene(tmp_path, work, refuse, time_scale=3.0)
 
 
 def test_a_packet_that_its_sender_may_not_send_here_reaches_nobody(tmp_path: Path) -> None:

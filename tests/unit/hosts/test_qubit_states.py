@@ -16,7 +16,8 @@ from hosts.middleware.services.teleportation.qubit_states import (
 )
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.values import values
-from wire.metadata import Reason, Topic, Values
+from wire.metadata.values import Topic, Values
+from wire.metadata.vocabulary import Reason
 
 SESSION = 5
 BLOCK = 3

@@ -19,21 +19,11 @@ from hosts.middleware.session.errors import SessionError
 from hosts.quantum_socket import QuantumSocket
 from hosts.service_socket import ServiceSocket
 from hosts.serving.active_sessions import MAX_OF_ONE
-from wire.metadata import (
-    HEADER,
-    METADATA_PORT,
-    SETUP_LENGTH,
-    Answer,
-    Block,
-    Emission,
-    Emit,
-    Finish,
-    Message,
-    Reason,
-    Service,
-    Setup,
-    decode,
-)
+from wire.metadata.blocks import Block, Emission, Emit, Finish
+from wire.metadata.decoding import decode
+from wire.metadata.header import HEADER, METADATA_PORT, Message
+from wire.metadata.setup import SETUP_LENGTH, Answer, Setup
+from wire.metadata.vocabulary import Reason, Service
 
 services = pytest.mark.parametrize("service_name", SERVICES)
 

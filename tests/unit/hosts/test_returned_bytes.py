@@ -10,7 +10,9 @@ from stacks_scene import DEADLINE_S, live_qubits, network
 
 from hosts import network_loop
 from hosts.quantum_socket import QuantumSocket
-from wire.metadata import Pauli, Setup, Verdict
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Verdict
+from wire.outcomes import Pauli
 
 DATA = bytes(range(256)) * 4
 # As the light of a session of bob to alice comes: half 1 to alice, who passes it on, half 0 to bob.

@@ -15,7 +15,7 @@ from hosts.middleware.services.key_distribution import light
 from hosts.middleware.services.sealing.sequential_test import Question, SequentialTest
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.service_socket import ServiceSocket
-from wire.metadata import Setup
+from wire.metadata.setup import Setup
 
 PAIRS, BY_EVE = [(4, 1), (5, 2)], [(4, 1), (5, 6), (7, 2)]
 QUICK: dict[str, Any] = {"block_pairs": 2000, "rate_hz": 1_000_000}
@@ -100,6 +100,8 @@ def test_a_whole_fibre_keeps_its_seal(tmp_path: Path) -> None:
         sigma = 2 * sqrt(error / (alice["compared"] / 2))
         assert abs(alice[f"visibility_{basis}"] - (1 - 2 * error)) < 5 * sigma
     assert alice["tests_whole"] > 100
+    assert alice["elapsed_s"] >= alice["light_s"]  # that its pairs take at least, at their rate
+    assert alice["pairs_per_s"] == pytest.approx(alice["compared"] / alice["elapsed_s"])
     assert bob["photons"] == alice["emitted"]
 
 

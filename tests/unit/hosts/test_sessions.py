@@ -14,7 +14,7 @@ import pytest
 from stacks_scene import DEADLINE_S, OWN_ADDRESS, PORTS, QNICS, Judge, grant, network, transfer
 
 from hosts import network_loop
-from hosts.hardware.qnic import BlockName
+from hosts.hardware.operations import BlockName
 from hosts.hardware.simulated import SimulatedQnic
 from hosts.middleware.services.superdense import opener, sender
 from hosts.middleware.services.superdense.coding import CODES, NAMES
@@ -25,16 +25,11 @@ from wire import dispatcher_service
 from wire.device import DeviceSettings
 from wire.dispatcher_pb2 import SwitchStatisticsRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
-from wire.metadata import (
-    METADATA_PORT,
-    Fec,
-    Pauli,
-    Reason,
-    Service,
-    Setup,
-    Verdict,
-    decode,
-)
+from wire.metadata.decoding import decode
+from wire.metadata.header import METADATA_PORT
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Fec, Reason, Service, Verdict
+from wire.outcomes import Pauli
 from wire.socket_calls import HEADER as CALL_HEADER
 from wire.socket_calls import Call, decode_fields, decode_header, encode
 

@@ -11,10 +11,13 @@ from dispatcher_status import held, status
 from stacks_scene import OWN_ADDRESS, QNICS, arbitrated, live_qubits, network
 
 from hosts import network_loop
-from hosts.hardware.qnic import BlockName, Coincidences, HardwareError
+from hosts.hardware.operations import BlockName
+from hosts.hardware.qnic import Coincidences, HardwareError
 from hosts.hardware.simulated import TIMES, SimulatedQnic
 from hosts.middleware.session.channel import MetadataChannel
-from wire.metadata import Answer, Emission, Emitted, Reason, Service, Setup
+from wire.metadata.blocks import Emission, Emitted
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.vocabulary import Reason, Service
 
 SESSION, RATE_HZ, WAVELENGTH_PM, TIMEOUT_S = 9, 50_000_000, 1_550_120, 10.0
 PORTS = ("charlie-q0", "charlie-q1")

@@ -30,19 +30,12 @@ from hosts.middleware.services.superdense.sender import (
 )
 from hosts.middleware.session.errors import SessionError
 from hosts.timeouts import DARK_LIMIT_S
-from wire.metadata import (
-    Answer,
-    Block,
-    Finish,
-    Handshake,
-    Message,
-    Pauli,
-    Reason,
-    Report,
-    Service,
-    Setup,
-    decode,
-)
+from wire.metadata.blocks import Block, Finish, Report
+from wire.metadata.decoding import decode
+from wire.metadata.header import Message
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.vocabulary import Handshake, Reason, Service
+from wire.outcomes import Pauli
 
 SETUP = Setup(7, Service.SDC, Handshake.FRAMED, "10.0.0.3", 64, 8, 1_000_000)
 DATA = bytes(range(256)) * 2

@@ -15,7 +15,10 @@ from stacks_scene import grant
 
 from controller_apps.policy.schedules import SCHEDULES
 from hosts.middleware.session.values import numbers_of
-from wire.metadata import Message, Service, Setup, Topic, Values
+from wire.metadata.header import Message
+from wire.metadata.setup import Setup
+from wire.metadata.values import Topic, Values
+from wire.metadata.vocabulary import Service
 from wire.parameters.physics import BellAnalyser, Device, Memory, PairSource
 
 COUNT = 2000

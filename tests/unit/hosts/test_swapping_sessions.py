@@ -21,7 +21,10 @@ from hosts.middleware.session.values import numbers_of, values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from wire.device import SwapOrder
-from wire.metadata import Message, Reason, Service, Setup, Topic, Values, Verdict
+from wire.metadata.header import Message
+from wire.metadata.setup import Setup
+from wire.metadata.values import Topic, Values
+from wire.metadata.vocabulary import Reason, Service, Verdict
 from wire.parameters.physics import Device, Memory
 
 PORT = 9

@@ -192,8 +192,8 @@ def test_what_cannot_be_is_refused_before_anything_is_sent(
 
 
 def test_an_unknown_service_is_refused(tmp_path: Path) -> None:
-    words = "unknown service 'telepathy': choose one of"
-    assert words in refusal(tmp_path, "telepathy")
+    words = "unknown service 'oracle': choose one of"
+    assert words in refusal(tmp_path, "oracle")
 
 
 def test_without_a_listening_application_there_is_no_session(tmp_path: Path) -> None:

@@ -21,7 +21,11 @@ from hosts.middleware.services.teleportation.protocol import (
 from hosts.middleware.services.teleportation.qubit_states import NAMES, Cardinal
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.values import values
-from wire.metadata import Handshake, Pauli, Reason, Service, Setup, Topic, Values, decode
+from wire.metadata.decoding import decode
+from wire.metadata.setup import Setup
+from wire.metadata.values import Topic, Values
+from wire.metadata.vocabulary import Handshake, Reason, Service
+from wire.outcomes import Pauli
 
 SETUP = Setup(5, Service.TELEPORT, Handshake.FRAMED, "10.0.0.3", 50, 1, 1_000_000)
 EVERY, LINEAR = frozenset(range(4)), frozenset({1, 3})

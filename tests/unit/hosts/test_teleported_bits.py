@@ -16,7 +16,8 @@ from hosts import network_loop
 from hosts.middleware.session.values import numbers_of, values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
-from wire.metadata import Message, Topic, Values
+from wire.metadata.header import Message
+from wire.metadata.values import Topic, Values
 
 COUNT, BLOCK = 6000, 1500
 HELD_S = 0.05  # much longer than bob takes to store light and ask for it again

@@ -14,7 +14,10 @@ from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.verdicts import Verdicts
 from hosts.service_socket import ServiceSocket
-from wire.metadata import Answer, Reason, Service, Setup, Values, Verdict, decode
+from wire.metadata.decoding import decode
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.values import Values
+from wire.metadata.vocabulary import Reason, Service, Verdict
 from wire.verdict import seal
 
 PORT = 9

@@ -15,7 +15,8 @@ from qmn.results.result import complete
 from wire.config import PathOptics, QuantumSwitch
 from wire.controller_lines import RECORD
 from wire.dispatcher_pb2 import BlockId, Event
-from wire.metadata import Answer, Handshake, Reason, Service, Setup, Verdict
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.vocabulary import Handshake, Reason, Service, Verdict
 from wire.parameters.fiber import Fiber, FiberEnd
 from wire.results.network_facts import NetworkFacts
 from wire.results.run_result import (

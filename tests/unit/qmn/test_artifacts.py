@@ -13,6 +13,7 @@ from qmn.results.artifacts import artifacts_of
 from qmn.results.timeline import TIMELINE
 from topologies.system.processes.programs import NetworkError
 from topologies.system.runs.runtime import EVENT_CAPTURE
+from wire.controller_lines import EARLIER, RECORD
 from wire.dispatcher_pb2 import Event
 from wire.dissection.dissectors import SCRIPT, script
 from wire.results.network_facts import NetworkFacts
@@ -42,6 +43,22 @@ def test_parameters_seed_and_timeline_are_left(tmp_path: Path) -> None:
     assert (folder / SCRIPT).read_text() == script()
     with pytest.raises(NoReport, match="only `qmn run` has a report"):
         made_report(folder)
+
+
+def test_captures_of_an_earlier_network_are_not_taken_for_this_ones(tmp_path: Path) -> None:
+    for name in (RECORD, RECORD + EARLIER, "s1-eth1.pcap"):
+        (tmp_path / name).write_text("earlier")
+    with artifacts_of(OPTIONS, tmp_path):
+        pass
+    assert result(tmp_path)["captures"] == []
+    assert not (tmp_path / (RECORD + EARLIER)).exists()
+
+
+def test_what_is_in_a_folder_without_a_network_stays(tmp_path: Path) -> None:
+    (tmp_path / "mine.pcap").write_text("mine")
+    with artifacts_of(OPTIONS, tmp_path):
+        pass
+    assert (tmp_path / "mine.pcap").read_text() == "mine"
 
 
 def die_in(folder: Path) -> None:

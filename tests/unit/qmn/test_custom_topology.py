@@ -58,12 +58,14 @@ def test_parts_of_a_device_are_seen_where_devices_are_asked_for(tmp_path: Path) 
     ("name", "options", "refusal"),
     [
         ("nowhere.py:MyNet", [], "there is no file .*nowhere.py; write FILE.py:CLASS"),
-        ("parts.py:Nothing", [], "has no class Nothing of mininet.topo.Topo"),
+        ("parts.py:Nothing", [], "has no class Nothing of mininet.topo.Topo: choose one of Parts"),
+        ("parts.py:Part", [], r"has no class Part of mininet.topo.Topo: did you mean Parts\?"),
         ("parts.py:NoTopo", [], "has no class NoTopo of mininet.topo.Topo"),
         ("broken.py:Broken", [], "broken.py cannot be loaded: No module named 'nowhere'"),
         ("parts.txt:Parts", [], "parts.txt is not a Python file"),
         ("parts.py:Parts", ["--preset", "metro"], "--preset: build of Parts takes no preset"),
         ("parts.py:Parts", ["--length-km", "3"], "--length-km: build of Parts takes no length_km"),
+        ("parts.py:Parts", ["--map", "garr"], "--map: build of Parts takes no map"),
         ("parts.py:Parts", ["--switches", "3"], "--switches: build of Parts takes no switches"),
     ],
 )
@@ -177,7 +179,7 @@ def test_what_is_of_all_fibres_can_be_said_of_some(tmp_path: Path) -> None:
         ),
         (
             'self.addHost("h2", cls=QuantumHost, ip="10.0.0.300/24")',
-            "h2: ip '10.0.0.300/24' is none: write ADDRESS/BITS",
+            "h2: ip '10.0.0.300/24' is not an address: write ADDRESS/BITS",
         ),
         (
             'self.addLink(self.addHost("abcdefghijk", cls=QuantumHost, ip="10.0.0.2/24"), "q1")',
@@ -206,4 +208,4 @@ def test_a_name_that_is_neither_is_refused_with_those_there_are(
 ) -> None:
     with pytest.raises(SystemExit):
         parse("--topology", "star")
-    assert "'star': choose sdc, chain, ring" in capsys.readouterr().err
+    assert "'star': choose one of sdc, chain, ring" in capsys.readouterr().err

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from controller_apps.policy.policy import DEFAULT, Tap, read_policy
+from controller_apps.policy.policy import Tap
+from controller_apps.policy.reading import DEFAULT, read_policy
 from qmn.__main__ import described
 from qmn.jobs.counted_service import ServiceRequest, attack_of, checked, with_policy
 from qmn.jobs.eavesdropping import Attack

@@ -2,7 +2,7 @@
 
 import pytest
 
-from qmn.jobs.transfer import in_the_way
+from qmn.jobs.in_the_way import in_the_way
 
 PATH = {"event": "refused", "session": "1", "detail": "PATH_BROKEN: fibre q1-q2 is cut"}
 STRANDED = {
@@ -25,6 +25,8 @@ ENDED = {"event": "torn_down", "session": "1", "detail": "FIN"}
         ([STRANDED, {"event": "moved", "session": "1"}], ""),
         ([STRANDED, {"event": "port", "at": 3, "up": True}], ""),
         ([STRANDED, {"event": "port", "at": 3, "up": False}], STUCK),
+        ([STRANDED, {"event": "granted", "session": "1"}, ENDED], STUCK),
+        ([STRANDED, ENDED, {"event": "granted", "session": "2"}], ""),
         ([PATH, {"event": "granted", "session": "2"}], ""),
         ([PATH, PATH | {"detail": "BUSY", "session": "2"}], ""),
     ],

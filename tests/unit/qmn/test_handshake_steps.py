@@ -30,21 +30,11 @@ from qmn.reports.sequence import (
     lanes,
     together,
 )
-from wire.metadata import (
-    KINDS,
-    Block,
-    Emission,
-    Emit,
-    Emitted,
-    Envelope,
-    Finish,
-    Frame,
-    MalformedPacket,
-    Message,
-    Report,
-    Topic,
-    Values,
-)
+from wire.malformed import MalformedPacket
+from wire.metadata.blocks import Block, Emission, Emit, Emitted, Finish, Frame, Report
+from wire.metadata.decoding import KINDS
+from wire.metadata.header import Message
+from wire.metadata.values import Envelope, Topic, Values
 from wire.results.network_facts import NetworkFacts
 
 THERE = (ALICE, BOB)

@@ -2,7 +2,7 @@
 
 from qmn.scripting.light import fiber_state, light_path
 from wire.dispatcher_pb2 import SwitchCondition, SwitchStatisticsReply
-from wire.metadata import Pauli
+from wire.outcomes import Pauli
 from wire.parameters.fiber import Fiber, FiberEnd
 
 ALICE = Fiber(FiberEnd("alice", "alice-q0"), FiberEnd("q1", "2"), length_km=5, loss_db_per_km=0.2)

@@ -83,10 +83,10 @@ def test_a_finished_run_is_shown_at_any_time(
         expect(page.locator("#status")).to_have_text("a run that is over")
         expect(page.locator("#sessions tbody tr")).to_have_count(1)
         cells = page.locator("#sessions tbody td")
-        expect(cells.nth(4)).to_have_text("100")  # pairs
-        expect(cells.nth(6)).to_have_text("60")  # photons that arrived
-        expect(cells.nth(7)).to_have_text("40.0")  # % lost
-        expect(page.locator("#outcomes")).to_contain_text("Phi+")
+        expect(cells.nth(5)).to_have_text("100")  # pairs
+        expect(cells.nth(7)).to_have_text("60")  # photons that arrived
+        expect(cells.nth(8)).to_have_text("40.0")  # % lost
+        expect(page.locator("#outcomes")).to_contain_text("Φ+")
         expect(page.locator("#job")).to_contain_text("bell pairs")
         expect(page.locator(".fiber.lit")).to_have_count(0)  # at its end the path is closed
         page.get_by_label("time in s").fill("0.0035")
@@ -95,7 +95,7 @@ def test_a_finished_run_is_shown_at_any_time(
         page.get_by_label("time in s").fill("0.0")
         expect(page.locator(".fiber.lit")).to_have_count(0)
         page.get_by_role("button", name="play").click()
-        expect(page.locator("#outcomes")).to_contain_text("Phi+")
+        expect(page.locator("#outcomes")).to_contain_text("Φ+")
         expect(page.get_by_role("button", name="play")).to_be_visible()
         page.get_by_role("button", name="host alice").click()
         expect(page.locator("#chosen")).to_contain_text("nothing can be done to it")
@@ -167,9 +167,9 @@ def test_what_is_known_of_a_sessions_pairs_is_in_its_row(
         page = opened(chromium, url, said)
         light(view, 1.0)
         heads = page.locator("#sessions th")
-        expect(heads.nth(9)).to_have_text("fidelity, or S of CHSH (95 %)")
-        expect(heads.nth(10)).to_have_text("errors in % (95 %)")
-        fidelity, errors = (page.locator("#sessions tbody td").nth(n) for n in (9, 10))
+        expect(heads.nth(10)).to_have_text("fidelity, or S of CHSH (95 %)")
+        expect(heads.nth(11)).to_have_text("errors in % (95 %)")
+        fidelity, errors = (page.locator("#sessions tbody td").nth(n) for n in (10, 11))
         expect(fidelity).to_have_text("not yet known")
         expect(errors).to_have_text("not yet known")
         told_by_hosts(view, 1.1, quantity="error_rate", value=0.03125, low=0.02, high=0.045)
@@ -205,18 +205,23 @@ def test_what_others_do_to_fibres_and_switches_is_shown(
         tell(view, 1.1, "fault", "q1", detail="stuck 2 -> 3")
         expect(page.locator(".fiber.tapped")).to_have_count(1)
         expect(page.locator(".node.faulty")).to_have_count(1)
+        spoken = page.get_by_role("button", name="quantum switch q1, faulty", exact=True)
+        expect(spoken).to_be_visible()
+        tapped = re.compile("^fibre alice-q0.* dB, somebody measures$")
+        expect(page.get_by_role("button", name=tapped)).to_have_count(1)
         page.get_by_role("button", name=re.compile("^fibre alice-q0")).press("Enter")
         expect(page.locator("#facts")).to_contain_text("25 % of the photons")
         page.get_by_role("button", name="quantum switch q1").press("Enter")
         expect(page.locator("#facts")).to_contain_text("stuck 2 -> 3")
-        eth2 = {"port": 2, "name": "q1-eth2", "up": True, "photons_in": 1200, "photons_lost": 3}
+        eth2 = {"port": 2, "name": "q1-eth2", "up": True, "photons_in": 1200}
+        eth2 |= {"photons_out": 1197, "photons_lost": 3}
         eth2["light"] = {"frequency_mhz": 193_400_000, "tx_power_dbm": 0, "temperature_c": 25}
-        known = {"name": "q1", "kind": "quantum-switch", "state": "up"}
+        known = {"name": "q1", "kind": "quantum-switch", "dpid": "1001", "state": "up"}
         ways = {"ports": [eth2], "paths": [{"in_port": 2, "out_port": 3}]}
         told = {"devices": [known | ways], "sessions": [], "key_links": []}
         view.timeline.add("devices", START_NS + 12 * 10**8, told)
-        expect(page.locator("#facts")).to_contain_text("photons in 1,200, photons lost 3")
-        expect(page.locator("#facts")).to_contain_text("2 → 3")
+        row = ["2", "up", "3", "1,200", "1,197", "3", "193.4 THz", "0 dBm", "-", "25 °C"]
+        expect(page.locator("#ports tbody td")).to_have_text(row)
         page.set_viewport_size({"width": 390, "height": 800})  # what is known of a port is long
         page.wait_for_function("() => document.documentElement.scrollWidth <= innerWidth")
         tell(view, 2.0, "fault", "q1", detail="repaired")
@@ -224,6 +229,7 @@ def test_what_others_do_to_fibres_and_switches_is_shown(
         tell(view, 2.0, "tune", "alice", port="alice-q0", detail="tapped 0")
         expect(page.locator(".node.faulty")).to_have_count(0)
         expect(page.locator(".fiber.tapped")).to_have_count(0)
+        expect(page.get_by_role("button", name="quantum switch q1", exact=True)).to_be_visible()
         page.close()
 
 
@@ -255,7 +261,7 @@ def test_where_all_processors_are_in_use_it_says_that_it_draws_seldom(
     with served(view) as url:
         page = opened(chromium, url, said)
         status = page.locator("#status")
-        expect(status).to_have_text("live; 2 pictures a second, as all processors here are in use")
+        expect(status).to_have_text("live; one picture a second, as all processors here are in use")
         light(view, 1.0)
         expect(page.locator(".fiber.lit")).to_have_count(3)  # what happens is shown all the same
         page.get_by_label("time in s").fill("0.5")  # what one does oneself is shown at once
@@ -264,6 +270,147 @@ def test_where_all_processors_are_in_use_it_says_that_it_draws_seldom(
         idle = 1 << 62
         tell(view, 2.0, "create", "charlie")
         expect(status).to_have_text("live")
+        page.close()
+
+
+def test_photons_of_a_block_are_told_of_the_time_in_which_they_flew(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    """A block is one event, however long its light takes: 1,000 within 2 s are 500 a second."""
+    view = live(tmp_path)
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        tell(view, 0.9, "open", "q1", port="2", detail="2 -> 3")
+        tell(view, 0.9, "open", "q2", port="1", detail="1 -> 2")
+        block = {"session": SESSION, "block": 1, "half": 0, "photons": 1000}
+        tell(view, 1.0, "create", "alice", **block)
+        tell(view, 1.0, "send", "alice", port="alice-q0", **block)
+        tell(view, 1.3, "create", "charlie")  # time goes on, and nothing has come yet
+        expect(page.locator("#clock")).to_have_text("1.300 s")
+        expect(page.locator("#rates .u-value").nth(1)).to_have_text("-")  # not known yet
+        expect(page.locator("#rates")).not_to_contain_text("10,000")
+        tell(view, 2.5, "create", "charlie")
+        expect(page.locator("#clock")).to_have_text("2.500 s")
+        expect(page.locator(".fiber.lit.flowing")).to_have_count(3)
+        expect(page.locator("#rates")).not_to_contain_text("10,000")  # all of them at once
+        tell(view, 3.0, "arrive", "bob", port="bob-q0", lost=400, **block)
+        tell(view, 3.5, "create", "charlie")
+        label = page.locator(".fiber .flow", has_text="photons/s")
+        expect(label).to_have_text(["500 photons/s, 40.0 % lost"])
+        row = ["alice → bob", "q1, q2", "500", "40.0", "stands"]
+        expect(page.locator("#paths tbody td")).to_have_text(row)
+        rates, losses = page.locator("#rates .u-value"), page.locator("#losses .u-value")
+        page.get_by_label("time in s").fill("3.05")
+        expect(rates.nth(1)).to_have_text(re.compile("^(500|476.2)$"))  # 2 s are 20 or 21 tenths
+        expect(rates.nth(2)).to_have_text(re.compile("^(300|285.7)$"))
+        expect(losses.nth(1)).to_have_text("40")
+        page.close()
+
+
+SENT_ON = """async () => {
+  const { apply, blank } = await import("./state.js");
+  const { rate } = await import("./light.js");
+  const state = blank(), block = { session: "1", block: 1, half: 0 };
+  const here = { what: "event", node: "alice", port: "alice-q0", ...block };
+  apply(state, { ...here, kind: "arrive", t: 1.0, photons: 100, lost: 20 }, {});
+  apply(state, { ...here, kind: "send", t: 1.1, photons: 100, lost: 20 }, {});
+  return rate(state, "alice-q0");
+}"""
+
+
+def test_light_that_is_sent_on_by_the_port_it_came_to_is_counted_once(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    with served(live(tmp_path)) as url:
+        told = opened(chromium, url, said).evaluate(SENT_ON)
+    assert told == {"photons": 100, "lost": 0.2}
+
+
+def test_a_light_path_of_milliseconds_is_seen_for_a_second(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    view = live(tmp_path)
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        light(view, 1.0)
+        tell(view, 1.01, "close", "q1", port="2")
+        tell(view, 1.01, "close", "q2", port="1")
+        expect(page.locator("#clock")).to_have_text("1.010 s")
+        expect(page.locator(".fiber.lit")).to_have_count(0)
+        tell(view, 3.0, "create", "charlie")
+        expect(page.locator(".fiber.glow")).to_have_count(0)
+        page.get_by_label("time in s").fill("1.9")
+        expect(page.locator(".fiber.glow")).to_have_count(3)
+        expect(page.locator("#paths tbody td").last).to_have_text("closed")
+        page.close()
+
+
+def test_a_memory_holds_what_was_not_let_go(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    view = live(tmp_path)
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        light(view, 1.0)  # bob has stored 100
+        cells = page.locator("#memories tbody td")
+        taken = {"session": SESSION, "block": 2, "half": 0, "photons": 60}
+        tell(view, 2.0, "gather", "bob", detail="60 of 100 of 1/0, still stored", **taken)
+        expect(cells).to_have_text(["bob", "100", "0.998"])  # the others stay
+        more = {"session": SESSION, "block": 3, "half": 0, "photons": 50}
+        detail = "10 of 40 of 1/0, 40 of 60 of 2/0, still stored, the rest let go"
+        tell(view, 3.0, "gather", "bob", detail=detail, **more)
+        expect(cells).to_have_text(["bob", "50", "1.998"])
+        page.close()
+
+
+def test_decisions_say_whose_and_why(chromium: Browser, tmp_path: Path, said: list[str]) -> None:
+    view = live(tmp_path)
+    asked = {"session": SESSION, "service": "bb84", "from": "alice", "to": "bob"}
+    way = {"begin": "alice-q0", "end": "bob-q0", "by": ["q1", "q2"], "loss_db": 1.25}
+    facts: list[dict[str, Any]] = [
+        {"event": "granted", **asked, "light": [way]},
+        {"event": "refused", **asked, "session": "2" * 16, "detail": "BUSY"},
+        {"event": "forbidden", **asked, "session": "3" * 16, "detail": "rule 2"},
+        {"event": "path_ready", "session": SESSION, "setup_ms": 3.9},
+        {"event": "override", "name": "alice", "rate_hz": 2_000_000, "fec": "golay"},
+        {"event": "torn_down", "session": SESSION, "detail": "FIN"},
+        {"event": "light_after", "session": "4" * 16, "ends": [], "after": {"session": SESSION}},
+    ]
+    for number, fact in enumerate(facts):
+        view.timeline.add("controller", START_NS + number * 10**9, fact)
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        way_told = "light of least loss: alice-q0 → bob-q0 by q1, q2 (1.25 dB)"
+        expect(page.locator("#decisions li")).to_have_text(
+            [
+                "6.000 s c0 has light now: session 444444, which waited for session bdb225 to give"
+                " it back",
+                "5.000 s c0 over: session bdb225; its connection was closed",
+                "4.000 s c0 alice shall use rate 2 MHz, fec golay",
+                "3.000 s c0 light path of session bdb225 stands after 3.9 ms",
+                "2.000 s c0 forbidden by the policy: session 333333; alice → bob, bb84; rule 2",
+                "1.000 s c0 refused: session 222222; alice → bob, bb84; BUSY: another session uses"
+                " these fibres",
+                f"0.000 s c0 granted: session bdb225; alice → bob, bb84; {way_told}",
+            ]
+        )
+        row = page.locator("#sessions tbody tr", has_text="bdb225").locator("td")
+        expect(row.nth(1)).to_have_text("bb84")
+        expect(row.nth(2)).to_have_text("alice → bob")
+        page.close()
+
+
+def test_the_newest_handshake_is_drawn_when_one_looks_at_it(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    view = live(tmp_path)
+    light(view, 1.0)
+    tell(view, 3.0, "create", "charlie")
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        expect(page.locator("#clock")).to_have_text("3.000 s")
+        page.locator("#handshake").scroll_into_view_if_needed()
+        expect(page.locator("#handshake")).to_have_text("drawn")
         page.close()
 
 
@@ -341,7 +488,7 @@ def test_nothing_can_be_done_in_a_view_to_be_looked_at(
         page = opened(chromium, url, said)
         page.get_by_role("button", name="host alice").click()
         expect(page.locator("#chosen")).to_contain_text("to be looked at alone")
-        expect(page.locator("#chosen button")).to_have_count(0)
+        expect(page.locator("#chosen form")).to_have_count(0)
         page.close()
 
 
@@ -561,6 +708,8 @@ def test_a_page_that_waits_for_a_network_hears_that_its_command_has_ended(
         expect(status).to_contain_text("No network of this command runs yet.")
         with page.expect_request(re.compile(r"/networks\?next$")):
             page.reload()
+        # That question may only be on its way; a browser's next one comes after it.
+        assert page.evaluate("async () => (await fetch('networks')).status") == 200
     expect(status).to_have_text("No network of this command runs yet. So has its command.")
     page.close()
 
@@ -578,6 +727,73 @@ def test_a_network_waits_for_a_page_that_is_being_opened(
     expect(page.locator("#status")).to_have_text("the network has ended")
     expect(page.locator("#memories tbody tr")).to_have_count(1)
     page.close()
+
+
+def overlaps(page: Page, selector: str) -> list[str]:
+    """Return pairs of what is seen of these whose boxes on the screen overlap by over a pixel."""
+    seen = [each for each in page.locator(selector).all() if each.is_visible()]
+    boxes = [(each.text_content(), each.bounding_box()) for each in seen]
+    found = []
+    for number, (name, one) in enumerate(boxes):
+        for other, two in boxes[:number]:
+            assert one is not None
+            assert two is not None
+            across = max(one["x"] - two["x"] - two["width"], two["x"] - one["x"] - one["width"])
+            down = max(one["y"] - two["y"] - two["height"], two["y"] - one["y"] - one["height"])
+            if max(across, down) < -1:
+                found.append(f"{name} {other}")
+    return found
+
+
+@pytest.mark.parametrize("width", [390, 1400])
+def test_no_names_of_a_map_overlap_at_any_zoom(
+    chromium: Browser, tmp_path: Path, said: list[str], width: int
+) -> None:
+    places = [
+        (9.19, 45.46),
+        (9.2, 45.47),
+        (9.22, 45.5),
+        (11.34, 44.49),
+        (12.5, 41.9),
+        (13.36, 38.1),
+    ]
+    names = [f"place{number}" for number in range(len(places))]
+    hosts = {name: f"10.0.0.{number}" for number, name in enumerate(names, 1)}
+    fibers = [Fiber(FiberEnd(name, f"{name}-q0"), FiberEnd(f"q{name}", "1")) for name in names]
+    positions = {f"q{name}": place for name, place in zip(names, places, strict=True)}
+    net = replace(NETWORK, addresses=hosts, source=names[0], fibers=fibers, positions=positions)
+    net = replace(net, switches=[QuantumSwitch(name) for name in positions])
+    net = replace(net, copper=[], copper_switches=[])
+    with served(replace(live(tmp_path), network=described(net))) as url:
+        page = opened(chromium, url, said, viewport={"width": width, "height": 900})
+        expect(page.locator("#status")).to_have_text("live")
+        expect(page.locator("#network")).to_have_class(re.compile("dots"))
+        assert page.locator(".node.named").count() > 1
+        assert overlaps(page, "#network .name") == []
+        for _turn in range(60):
+            if "dots" not in (page.locator("#network").get_attribute("class") or ""):
+                break
+            page.get_by_role("button", name="zoom in").click()
+        assert overlaps(page, "#network rect.box") == []
+        boxes = [each.bounding_box() for each in page.locator("#network rect.box").all()]
+        assert {round(box["width"]) for box in boxes if box} <= {92, 93, 94}  # as large as ever
+        page.get_by_role("button", name="whole network").click()
+        expect(page.locator("#network")).to_have_class(re.compile("dots"))
+        page.close()
+
+
+def test_columns_lie_on_a_phone_and_stand_on_a_screen(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    with served(live(tmp_path)) as url:
+        page = opened(chromium, url, said, viewport={"width": 1400, "height": 900})
+        (_, alice), (_, bob) = (place(page, f"host {name}") for name in ("alice", "bob"))
+        assert abs(alice - bob) > 40  # one below the other
+        page.set_viewport_size({"width": 390, "height": 844})
+        expect(page.locator("#network")).to_have_class("turned")  # and not far
+        (_, alice), (_, bob) = (place(page, f"host {name}") for name in ("alice", "bob"))
+        assert alice == pytest.approx(bob, abs=1)  # side by side
+        page.close()
 
 
 def test_a_network_of_a_thousand_hosts_is_drawn_and_can_be_read_from_near(

@@ -20,8 +20,9 @@ def test_hosts_go_to_the_machines_in_turn_if_none_is_placed() -> None:
     ("text", "said"),
     [
         ("bob", "write HOST=MACHINE"),
-        ("eve=m2", "choose a host of alice, bob, charlie, dave"),
-        ("bob=m4", "choose a machine of m1, m2, m3"),
+        ("eve=m2", "no host eve: choose one of alice, bob, charlie, dave"),
+        ("alcie=m2", "no host alcie: did you mean alice?"),
+        ("bob=x4", "no machine x4: choose one of m1, m2, m3"),
     ],
 )
 def test_places_that_there_are_not_are_refused(text: str, said: str) -> None:

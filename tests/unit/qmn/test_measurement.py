@@ -10,7 +10,9 @@ import pytest
 from qmn.benchmarks.measurement import Times
 from qmn.benchmarks.path_benchmarks import parts, ratio
 from qmn.benchmarks.path_requests import NoPath, Openings, answered, time_ns, wait_until_closed
-from wire.metadata import Answer, Emit, Reason
+from wire.metadata.blocks import Emit
+from wire.metadata.setup import Answer
+from wire.metadata.vocabulary import Reason
 
 OPEN = b"2026-11-21T08:00:00.000000000Z q1       open          port=1 1 -> 2\n"
 CLOSE = b"2026-11-21T08:00:00.000000001Z q1       close         port=1 1 -> 2\n"

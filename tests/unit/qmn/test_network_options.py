@@ -11,7 +11,7 @@ from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, add_options, from_keywords, read
 from qmn.scripting.network import start
 from topologies.sdc import SdcTopo
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 
 
 def parse(*words: str) -> NetworkOptions:
@@ -103,5 +103,10 @@ def test_remedies_of_sessions_name_options_that_there_are() -> None:
     named = {
         reason: re.findall(r"--[a-z-]+", text) for reason, text in REMEDIES.items() if "--" in text
     }
-    assert named == {Reason.NOT_ALLOWED: ["--policy"], Reason.LOSS_TOO_HIGH: ["--loss-budget-db"]}
+    assert named == {
+        Reason.NO_PATH: ["--both-ways"],
+        Reason.NOT_ALLOWED: ["--policy"],
+        Reason.LOSS_TOO_HIGH: ["--loss-budget-db"],
+    }
+    assert parse("--both-ways").both_ways
     assert parse("--policy=a", "--loss-budget-db=40").loss_budget_db == 40

@@ -60,6 +60,17 @@ def test_a_person_is_told_what_is_approximated_and_by_how_much(tmp_path: Path) -
     assert not [line for line in shown(tmp_path) if line.startswith("approximated")]
 
 
+def test_a_person_is_told_what_was_lost_while_it_waited(tmp_path: Path) -> None:
+    (line,) = [
+        line
+        for line in shown(tmp_path, photons_lost_waiting=46_991)
+        if line.startswith("lost in delay lines")
+    ]
+    assert "46,991 photons" in line
+    assert "analyser.delay_line_db_per_km" in line
+    assert not [line for line in shown(tmp_path) if line.startswith("lost in delay lines")]
+
+
 @pytest.mark.parametrize("received", [None, b"two bit!", b"two bits "])
 def test_a_person_is_told_what_was_not_delivered(tmp_path: Path, received: bytes | None) -> None:
     assert "message 8 bytes, NOT DELIVERED" in shown(tmp_path, received=received)

@@ -113,7 +113,10 @@ def test_a_device_is_the_host_s_own_but_for_what_is_said(tmp_path: Path) -> None
             "a quantum switch has no gain_db: choose one of switching_time_s, insertion_loss_db",
         ),
         (["--switch", "q1.insertion_loss_db=-1"], "q1: insertion_loss_db -1.0: choose 0 to 100"),
-        (["--switch", "q1.rotation=half"], "--switch q1.rotation=half: invalid literal"),
+        (
+            ["--switch", "q1.rotation=half"],
+            "--switch q1.rotation=half: 'half' is not a whole number",
+        ),
         (["--device", "h9.memory.capacity=1"], "--device h9: choose one of h1, h2, src"),
         (["--node", "h9=ion-trap"], "--device h9: choose one of h1, h2, src"),
     ],

@@ -45,7 +45,7 @@ def why(*programs: Program) -> str:
     """Return why following the programs ends."""
     network: Any = Standing()
     with pytest.raises(NetworkError) as raised:
-        follow_all(cast("Network", network), programs, lambda _program, _fields: None, WAIT_S)
+        follow_all(cast("Network", network), programs, lambda *_fields: None, lambda: None, WAIT_S)
     return str(raised.value)
 
 

@@ -4,6 +4,7 @@ import json
 import re
 import xml.etree.ElementTree as ET
 from argparse import Namespace
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,10 +12,13 @@ from recorded_run import ALICE, BOB, MS, NETWORK, SETUP, capture, record_run, se
 
 from qmn.reports import report_file
 from qmn.reports.error_counts import reported
+from qmn.reports.figures import _losses
+from qmn.reports.light_paths import Hop, LightPath, light_paths
+from qmn.reports.page import _fibers
 from qmn.reports.report_file import NoReport, made_report, report_of_run
 from qmn.reports.run_facts import read_run
 from qmn.verbs import report
-from wire.metadata import Block, Emit, Frame, Report
+from wire.metadata.blocks import Block, Emit, Frame, Report
 
 FIGURES = [
     "The network",
@@ -204,3 +208,20 @@ def test_lines_that_are_no_json_do_not_matter(tmp_path: Path) -> None:
     with (tmp_path / "asking.log").open("a") as log:
         log.write("a warning\n[1]\n")
     assert len(read_run(tmp_path).sender) == 1
+
+
+def test_the_page_of_a_large_network_stays_short(tmp_path: Path) -> None:
+    """As one of 48 places, of whose paths and fibres it would else have forty screens."""
+    run = read_run(record_run(tmp_path))
+    few = _losses(run, light_paths(run.network, run.events))
+    hops = [(Hop("a fibre", loss),) for loss in range(20)]
+    paths = [LightPath(f"h{n}-q0", f"h{n}-q1", each) for n, each in enumerate(hops)]
+    drawn = _losses(run, paths)
+    assert "Every light path that stood" in few
+    assert "Of 20 light paths that stood the 12 that lose most" in drawn
+    shown = set(map(int, re.findall(r"h(\d+)-q0", drawn)))
+    assert shown == set(range(8, 20))
+    fibers = [run.network.fibers[0]] * 25
+    large = replace(run, network=replace(run.network, fibers=fibers))
+    assert "<details><summary>25 fibres</summary>" in _fibers(large)
+    assert "<details>" not in _fibers(run)

@@ -134,6 +134,13 @@ def test_hosts_tell_the_time_of_the_network_which_took_longer_here(tmp_path: Pat
     assert facts.emulation == {"elapsed_s": 2.0, "key_bits_per_s": 200.0}
 
 
+def test_a_job_that_tells_no_time_of_its_own_took_none_that_is_known(tmp_path: Path) -> None:
+    facts = service_run(states_per_s=80.0)
+    facts.time_scale = 4.0
+    complete(facts, tmp_path)
+    assert (facts.elapsed_s, facts.emulation) == (None, {"states_per_s": 20.0})
+
+
 def asking_of(facts: RunResult) -> Sent:
     assert isinstance(facts.job, MessageJob)
     return facts.job.asking

@@ -58,15 +58,23 @@ def checked(*words: str) -> int:
         ),
         (
             ["--fiber", "filter_nm=long"],
-            "--fiber filter_nm=long: could not convert",
+            "--fiber filter_nm=long: 'long' is not a number",
         ),
         (["--fiber", "noise_parameters={"], "--fiber noise_parameters={: Expecting"),
         (["--fiber", "noise=no.py:Noise"], "there is no file /"),
         (["--fiber", f"noise={__file__}:run"], "has no class run with a method effect"),
         (["--device", "bob.detectors"], "--device bob.detectors: write HOST.PART.NAME=VALUE, of s"),
-        (["--device", "bob.lasers.efficiency=1"], "write HOST.PART.NAME=VALUE, of source: statis"),
+        (
+            ["--device", "bob.detector.efficiency=1"],
+            "a device has no detector: did you mean detectors?",
+        ),
+        (
+            ["--device", "bob.lasers.efficiency=1"],
+            "a device has no lasers: choose one of source, mem",
+        ),
+        (["--device", "bob.detectors.eficiency=1"], "detectors has no eficiency: did you mean eff"),
         (["--device", "bob.detectors.efficiency=2"], "bob, detectors: efficiency 2.0: choose 0 to"),
-        (["--device", "bob.memory.capacity=many"], "capacity=many: invalid literal"),
+        (["--device", "bob.memory.capacity=many"], "capacity=many: 'many' is not a whole number"),
         (["--device", "charlie.source.bell_diagonal=1"], "bell_diagonal=1: 'int' object"),
         (
             ["--device", "bob.memory.t2_s=1", "--device", "bob.memory.t1_s=.1"],
@@ -86,7 +94,7 @@ def checked(*words: str) -> int:
         (["--rate-hz", "0"], "--rate-hz 0"),
         (
             ["--to", "ed"],
-            "unknown host 'ed': choose sender and receiver of alice, bob, c",
+            "unknown host 'ed': choose one of alice, bob, c",
         ),
         (["--from", "bob"], "sender and receiver are both bob"),
         (["--policy", "/nowhere.toml"], "cannot read the policy /nowhere.toml: No such file"),
@@ -105,7 +113,7 @@ def checked(*words: str) -> int:
         ),
         (
             ["--map", "abilene"],
-            "unknown host 'alice': choose sender and receiver of atlam5, a",
+            "unknown host 'alice': choose one of atlam5, a",
         ),
         (["--map", "abilene", "--length-km", "3"], "the map says how long fibres are"),
         (["--map", "abilene", "--switches", "3"], "--switches is of chain, ring, tree, not of map"),

@@ -23,7 +23,7 @@ from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.config import Fiber, FiberEnd
 from wire.dispatcher_pb2 import Event
 from wire.events import decode_record
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 from wire.pcapng import Packet, Reader
 
 START_S = 1_700_000_000

@@ -44,6 +44,23 @@ def test_photons_beside_classical_light(way: str, gain: float, qber: float) -> N
     assert abs(told["qber"][0] - qber) < 5 * sqrt(qber * (1 - qber) / (200_000 * gain))
 
 
+def test_pairs_are_handed_over_as_their_sample_lets_expect() -> None:
+    """(1 + 2 w e^-1 + w e^-.5 + (1 - e^-.25)^2)/4, w = (4 x .95 - 1)/3, and .95 at the sample."""
+    told = measure("handed-over", complete("handed-over", {"waited_s": 0.05}), SEED)
+    error = told["delivered"][1]
+    assert abs(told["estimate"][0] - 0.95) < 5 * error
+    assert abs(told["expected"][0] - 0.5754337) < 5 * error
+    assert abs(told["delivered"][0] - 0.5754337) < 5 * error
+
+
+def test_a_memory_heralds_what_has_come_and_what_has_not() -> None:
+    """Of a tenth that comes .8, and of the rest a hundredth: .089, of which .08 is there."""
+    given: Values = {"loss_db": 10.0, "herald_efficiency": 0.8, "false_herald": 0.01}
+    told = measure("memory-heralds", complete("memory-heralds", given), SEED)
+    assert abs(told["heralded"][0] - 0.089) < 5 * sqrt(0.089 / PAIRS)
+    assert abs(told["there"][0] - 0.08 / 0.089) < 5 * sqrt(0.09 / (0.089 * PAIRS))
+
+
 @pytest.mark.parametrize(("hosts", "p", "fidelity"), [(3, 0.1, 0.85625), (5, 0.3, 0.3810531)])
 def test_ghz_states_over_links_that_depolarise(hosts: int, p: float, fidelity: float) -> None:
     """(.95^2 + .9^2)/2 and (.85^4 + .7^4)/2: half the mean of stabilisers of either kind."""

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from controller_apps.policy.policy import DEFAULT, read_policy
+from controller_apps.policy.reading import DEFAULT, read_policy
 from controller_apps.policy.schedules import SCHEDULES, Purification
 from qmn.__main__ import described
 from qmn.jobs.counted_service import ServiceRequest, checked, with_policy

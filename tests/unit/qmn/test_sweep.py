@@ -144,15 +144,15 @@ def test_a_file_with_a_grid_is_swept_and_flags_come_first(tmp_path: Path, schedu
 
 
 SWAP_ALONE = (
-    "unknown sweep 'swap': choose sdc, teleport, congestion, control, flapping, head-of-line with "
-    "--emulate"
+    "unknown sweep 'swap' with --emulate: choose one of sdc, teleport, congestion, control, "
+    "flapping, head-of-line, or a .toml file"
 )
 
 
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["nonsense"], "unknown sweep 'nonsense': choose sdc, teleport"),
+        (["nonsense"], "unknown sweep 'nonsense': choose one of sdc, teleport"),
         (["swap", "--emulate"], SWAP_ALONE),
         (["teleport", "--emulate", "--classical-mbps", "0"], "choose 0.001 to 10000 Mbit/s"),
         (["teleport", "--classical-mbps", "1"], "classical_mbps is not a parameter of teleport"),
@@ -249,7 +249,7 @@ def test_a_published_figure_that_is_not_ours_fails_the_command_and_is_named(
 
 def test_unknown_curves_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("curves", "--only", "nothing", "--out", str(tmp_path)) == 1
-    assert "--only nothing: choose superdense" in capsys.readouterr().err
+    assert "--only nothing: choose one of superdense" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

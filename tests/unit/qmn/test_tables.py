@@ -17,7 +17,7 @@ from qmn.sweeps.catalogue import EXPERIMENTS
 from qmn.sweeps.estimates import Estimate
 from qmn.sweeps.parquet import write_parquet
 from qmn.sweeps.table import opened
-from wire.metadata import Pauli
+from wire.outcomes import Pauli
 
 EXCHANGE = Exchange(b"<secret>", 8, 0.25, 0.5, 4000, 1000, 3000, 30, 2)
 PATH = LightPath(

@@ -10,20 +10,21 @@ import numpy as np
 import pytest
 
 from qmn.__main__ import described
-from qmn.jobs.load import checked
+from qmn.jobs.load import FIT, checked
 from qmn.network.description import describe_network
 from qmn.options import BadInput
+from qmn.reports.waits_diagram import waited
 from qmn.traffic.erlang import erlang_b, erlang_c, mean_wait, waits_longer
 from qmn.traffic.fiber_use import fiber_use, shares, span_of
 from qmn.traffic.plan import BadTraffic, Planned, Traffic, plan
 from qmn.traffic.session import ACCEPTED, BLOCKED, Outcome, Wanted
-from qmn.traffic.summary import fairness, fidelity_by_age, light_times, summary
+from qmn.traffic.summary import fairness, fidelity_by_age, light_times, summary, waits
 from qmn.verbs.run import load_request
 from wire.config import QuantumSwitch
 from wire.dispatcher_pb2 import Event
 from wire.parameters.fiber import Fiber, FiberEnd
 from wire.results.network_facts import NetworkFacts
-from wire.results.run_result import Shares
+from wire.results.run_result import LoadWait, Shares
 
 HOSTS = ["h1", "h2", "h3"]
 PLAIN = Traffic(HOSTS, HOSTS, rate_per_s=20.0, holding_s=0.5)
@@ -180,6 +181,33 @@ def test_the_controller_s_record_says_who_waited_and_who_had_light() -> None:
     assert (found["queued"], found["waited_s"].p50, found["light_s"]) == (1, 1.5, 2.0)
 
 
+def test_the_controller_s_record_says_who_waited_for_whom() -> None:
+    """On a clock that is twice as slow, a waits from 2 to 6, and then b from 3 to 10, for a."""
+    names = {"10.0.0.1": "h1", "10.0.0.2": "h2", "10.0.0.3": "h3"}
+    ends = {
+        "x": ["10.0.0.1", "10.0.0.2"],
+        "a": ["10.0.0.1", "10.0.0.3"],
+        "b": ["10.0.0.3", "9.9.9.9"],
+    }
+    lines = [("queued", "a", 2, ""), ("queued", "b", 3, ""), ("light_after", "a", 5, "x")]
+    lines += [("path_ready", "a", 6, ""), ("light_after", "b", 9, "a"), ("path_ready", "b", 10, "")]
+    lines += [("path_ready", "c", 11, "")]  # which never waited
+    record = [
+        {"event": event, "session": session, "time_ns": at * 10**9}
+        | ({"ends": ends[session], "after": {"session": of, "ends": ends[of]}} if of else {})
+        for event, session, at, of in lines
+    ]
+    first, second = waits(record, 2.0, 10**9, names)
+    assert first == LoadWait("b", "h3", "9.9.9.9", 4.5, 3.5, "a", "h1", "h3")
+    assert second == LoadWait("a", "h1", "h3", 2.5, 2.0, "x", "h1", "h2")
+    assert waited([first, second, first]) == {("h3", "h1"): 7.0, ("h1", "h1"): 2.0}
+
+
+def test_the_hosts_with_the_longest_waits_are_shown() -> None:
+    told = [LoadWait("", f"h{n:02}", "", 0.0, n + 1.0, "", "src", "") for n in range(30)]
+    assert set(waited(told)) == {(f"h{n}", "src") for n in range(15, 30)}  # and src: 16
+
+
 def test_a_third_of_the_outcomes_in_each_basis_gives_the_fidelity_of_a_werner_pair() -> None:
     """Halves agree as those of Phi+ with probability (1 + c) / 2, where F = (1 + 3c) / 4."""
     told = outcome("h1", measured=dict.fromkeys("XYZ", 1000), right=dict.fromkeys("XYZ", 900))
@@ -240,12 +268,27 @@ def test_sources_neither_ask_nor_are_asked_unless_they_are_named() -> None:
     assert named.openers == ["charlie", "bob"]
 
 
+def test_every_service_that_is_offered_can_be_asked_for() -> None:
+    for service in FIT:
+        _traffic, _planned, wanted = asked("--service", service, "--sessions", "1")
+        assert wanted.service == service
+
+
+@pytest.mark.parametrize("service", ["ghz", "graph", "conference", "sense", "sdc_return"])
+def test_a_service_of_other_than_two_hosts_is_not_offered(
+    service: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        asked("--service", service)
+    assert f"--service '{service}': choose one of bb84, " in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "text"),
     [
         (["--from", "dave"], "--from dave: choose one of alice, bob, charlie"),
         (["--from", "bob", "--to", "bob"], "--from bob --to bob: name more hosts"),
-        (["--source", "dave"], "--source dave: choose own or one of alice, bob, charlie"),
+        (["--source", "dave"], "--source dave: choose one of own, alice, bob, charlie"),
         (["--rate-per-s", "0"], "--rate-per-s 0.0: choose 1e-06 to"),
         (["--sessions", "0"], "--sessions 0: choose 1 to 100000"),
         (["--traffic", "trace"], "name a file with the columns acceptor, at_s, opener"),

@@ -6,6 +6,7 @@ import sys
 import pytest
 
 from qmn.__main__ import VERBS, described
+from qmn.parser import Parser
 
 LOADED = """
 import sys
@@ -57,7 +58,7 @@ def test_a_verb_does_not_wait_for_what_others_load() -> None:
         ),
         (
             ["policy", "relaod"],
-            "qmn policy: error: what 'relaod': did you mean reload? "
+            "qmn policy: error: reload 'relaod': did you mean reload? "
             "(`qmn policy --help` lists all)",
         ),
         (
@@ -72,7 +73,7 @@ def test_a_verb_does_not_wait_for_what_others_load() -> None:
         ),
         (
             ["run", "sdc", "hello"],
-            "qmn run sdc: error: hello is too much (`qmn run sdc --help` lists all)",
+            "qmn run sdc: error: unexpected argument 'hello' (`qmn run sdc --help` lists all)",
         ),
     ],
 )
@@ -83,3 +84,20 @@ def test_a_slip_is_one_line_of_the_verb_with_what_is_near(
         described(words).parse_args(words)
     assert ended.value.code == 2
     assert capsys.readouterr().err == f"{said}\n"
+
+
+@pytest.mark.parametrize(("text", "whole"), [("1e6", 1_000_000), ("2.0", 2), ("-3", -3)])
+def test_a_whole_number_may_have_a_point_or_an_exponent(text: str, whole: int) -> None:
+    parser = Parser()
+    parser.add_argument("--number", type=int)
+    number = parser.parse_args([f"--number={text}"]).number
+    assert (number, type(number)) == (whole, int)
+
+
+@pytest.mark.parametrize("text", ["1.5", "1e", "inf", "nan", "2%"])
+def test_what_is_not_whole_is_refused(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    parser = Parser()
+    parser.add_argument("--number", type=int)
+    with pytest.raises(SystemExit):
+        parser.parse_args([f"--number={text}"])
+    assert f"--number '{text}': choose a whole number" in capsys.readouterr().err

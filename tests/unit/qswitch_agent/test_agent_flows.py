@@ -12,7 +12,7 @@ from qswitch_agent.openflow.flow_reports import FlowRemoved, FlowUpdate
 from qswitch_agent.openflow.flows import FlowEntry, FlowMod
 from qswitch_agent.openflow.instructions import Mark
 from qswitch_agent.openflow.messages import encode
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 # Recorded: hard_timeout=1,in_port=1,actions=output:2 is added.
 ADDED = bytes.fromhex(

@@ -7,7 +7,7 @@ from os_ken.ofproto import ofproto_v1_4_parser as parser
 
 from qswitch_agent.openflow import messages
 from qswitch_agent.openflow.messages import Framer, each_part, encode
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 STREAM = [messages.hello(), of.light(1, 2), of.barrier_reply(1), of.packet_in(1, of.LLDP)]
 

@@ -8,7 +8,7 @@ from os_ken.ofproto import ofproto_v1_4_parser as parser
 from qswitch_agent.openflow import multipart
 from qswitch_agent.openflow.messages import Framer, encode
 from wire import optical
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 from wire.optical import PathOptics
 
 

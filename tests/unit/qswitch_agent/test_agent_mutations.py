@@ -34,7 +34,7 @@ from qswitch_agent.openflow.messages import HEADER, transaction_id
 from qswitch_agent.openflow.packets import PacketOut
 from qswitch_agent.openflow.ports import PortMod
 from qswitch_agent.openflow.refusals import Refusal
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 COUNT = 10_000
 THROUGH_THE_AGENT = 4_000

@@ -9,7 +9,7 @@ from os_ken.ofproto import ofproto_v1_4_parser as parser
 
 from qswitch_agent.openflow import packets
 from qswitch_agent.openflow.packets import PacketOut
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 
 def test_packet_out_of_os_ken_is_decoded() -> None:

@@ -9,7 +9,7 @@ from os_ken.ofproto import ofproto_v1_4_parser as parser
 
 from qswitch_agent.openflow import multipart, ports
 from qswitch_agent.openflow.ports import PortMod
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 from wire.optical import PortLight, PortOptics, PortTuning
 
 OPTICS = PortOptics(15, 1, 2, 3, 4, 5, 6, -7, 8)

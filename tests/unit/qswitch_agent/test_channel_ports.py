@@ -29,3 +29,10 @@ def test_a_port_mod_to_another_frequency_than_the_channels_is_refused() -> None:
     assert tuned(asked(193_500_000), tuning).frequency_mhz == 193_500_000
     with pytest.raises(Refusal, match="193400000 MHz: ports are tuned to 193500000"):
         tuned(asked(193_400_000), tuning)
+
+
+@pytest.mark.parametrize("offset_mhz", [-50_000, 0, 100_000])
+def test_the_offset_of_a_port_mod_is_signed_and_counts(offset_mhz: int) -> None:
+    """OpenFlow 1.4, 7.3.4.3: fl_offset is the offset from the frequency in freq_lmda."""
+    asked = PortTuning(TX_TUNE | USE_FREQ, 193_400_000, offset_mhz, 0, 0)
+    assert tuned(asked, CONDITION.tuning).frequency_mhz == 193_400_000 + offset_mhz

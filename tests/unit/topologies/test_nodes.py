@@ -107,7 +107,7 @@ def test_root_of_a_host_without_a_user_namespace_cannot_take_limits_off(
     monkeypatch.setattr(
         "topologies.system.confinement.confinement.MemoryGroup.of_host", lambda *_: None
     )
-    kind.confine(node, [], [], tmp_path / "fstab", 64)
+    kind.confine(node, {}, [], tmp_path / "fstab", 64)
     words = shlex.split(told[0])
     given_up = words[words.index("bob") + 2].split(",")
     assert {"-sys_admin", "-sys_resource", "-dac_read_search", "-sys_module"} <= set(given_up)

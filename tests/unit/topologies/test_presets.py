@@ -56,7 +56,7 @@ def test_what_is_given_goes_before_the_kind_and_the_kind_before_the_preset() -> 
         ({"preset": "metropolis"}, "preset 'metropolis': did you mean metro?"),
         ({"preset": "metro", "length_km": -2}, "every fibre: length_km -2: choose 0 to 2000"),
         ({"kind": "pn"}, "kind 'pn': choose one of"),
-        ({"length": 2}, "every fibre has no length: did you mean length_km"),
+        ({"length": 2}, "SdcTopo has no length: did you mean length_km"),
         ({"noise": "nowhere.py:Flicker"}, "there is no file /"),
     ],
 )

@@ -8,7 +8,7 @@ import pytest
 
 from topologies.system.processes.owners import this_process
 from topologies.system.runs import runtime
-from topologies.system.runs.runtime import Runtime
+from topologies.system.runs.runtime import RECORD, Runtime
 
 
 @pytest.fixture
@@ -51,3 +51,17 @@ def test_the_folder_goes_although_a_file_is_made_meanwhile(
     monkeypatch.setattr(os, "rmdir", with_one_that_is_late)
     network.remove()
     assert not network.folder.exists()
+
+
+def test_a_file_of_an_earlier_network_begins_anew_and_is_kept_from_then_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(runtime, "RUNTIME_ROOT", tmp_path / "qmn")
+    (tmp_path / "controller.jsonl").write_text("earlier\n")
+    network = Runtime(log_folder=tmp_path)
+    record = network.private_file("controller.jsonl")
+    assert record.read_text() == ""
+    record.write_text("now\n")
+    assert network.private_file("controller.jsonl").read_text() == "now\n"
+    (tmp_path / RECORD).write_text("earlier\n")
+    assert not network.begun_anew(RECORD).exists()  # the dispatcher writes over no record

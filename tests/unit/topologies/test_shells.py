@@ -96,10 +96,12 @@ def test_a_program_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> 
         Watched("watched", inNamespace=False)
 
 
-def test_a_hurried_node_waits_for_no_command_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_node_with_a_time_limit_waits_for_no_command_for_ever(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(shells, "COMMAND_TIMEOUT_S", 0.2)
     node = Watched("watched", inNamespace=False)
-    node.hurried = True
+    node.time_limited = True
     with pytest.raises(NetworkError, match=r"watched did not end 'sleep 60' in 0\.2 s"):
         node.cmd("sleep 60")
     node.terminate()
@@ -116,7 +118,7 @@ def test_a_shell_that_does_not_answer_at_the_end_is_killed(monkeypatch: pytest.M
 
 def test_a_shell_that_dies_while_the_network_starts_is_named() -> None:
     node = Watched("watched", inNamespace=False)
-    node.hurried = True
+    node.time_limited = True
     with pytest.raises(NetworkError, match="watched died at its start: its shell was ended"):
         node.cmd("kill -KILL $$")
     with pytest.raises(NetworkError, match="watched died at its start: its shell was ended"):

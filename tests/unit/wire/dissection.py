@@ -1,6 +1,8 @@
 """Lets tshark dissect what wire/ encodes: captures of frames, fields that tshark shows."""
 
+import atexit
 import functools
+import shutil
 import struct
 import subprocess
 import tempfile
@@ -12,7 +14,7 @@ from scapy.layers.inet import IP, TCP, UDP
 from scapy.layers.l2 import Ether
 
 from wire.dissection.dissectors import script
-from wire.metadata import METADATA_PORT
+from wire.metadata.header import METADATA_PORT
 from wire.pcapng import LINKTYPE_ETHERNET, LINKTYPE_USER0, Interface, Packet, Writer
 
 INTERFACES = [Interface("s1-eth1", LINKTYPE_ETHERNET), Interface("dispatcher", LINKTYPE_USER0)]
@@ -27,6 +29,7 @@ LUA_ERROR = "_ws.lua.error"
 @functools.cache
 def script_file() -> Path:
     folder = Path(tempfile.mkdtemp(prefix="qmn-dissectors-"))
+    atexit.register(shutil.rmtree, folder)
     file = folder / "qmn.lua"
     file.write_text(script())
     return file

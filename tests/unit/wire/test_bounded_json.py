@@ -5,7 +5,7 @@ import json
 import pytest
 
 from wire.bounded_json import decode_json
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 
 def test_what_is_json_is_read() -> None:

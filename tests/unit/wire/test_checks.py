@@ -6,11 +6,14 @@ from typing import Any
 
 import pytest
 
-from controller_apps.policy.policy import parse_policy
+from controller_apps.policy.reading import parse_policy
 from hosts.middleware.services.teleportation.teleport import TeleportOptions
 from hosts.middleware.session.errors import SessionError
+from qmn.network.checks import check_two_hosts
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, from_keywords
+from topologies.description.checked_graph import checked
+from topologies.ring import RingTopo
 from wire.parameters.checks import check_choice, check_names, check_number, range_words
 from wire.parameters.fiber import optics
 from wire.parameters.physics import BadParameter, Device
@@ -63,11 +66,32 @@ def test_a_choice_is_one_of_the_words() -> None:
             check_choice("kind", value, ("any", "none"))
     with pytest.raises(ValueError, match=r"^kind 'nine': did you mean none\?$"):
         check_choice("kind", "nine", ("any", "none"))
+    # Alike as words, but nobody who writes the one means the other.
+    with pytest.raises(ValueError, match=r"^host 'alice': choose one of bob, charlie$"):
+        check_choice("host", "alice", ("bob", "charlie"))
+    with pytest.raises(ValueError, match=r"^host 'alice': there are none$"):
+        check_choice("host", "alice", ())
 
 
 SLIPS: dict[str, tuple[Callable[[], object], type[Exception], str]] = {
     "fibre": (lambda: optics("fibre", lenght_km=1), BadParameter, "did you mean length_km?"),
     "device": (lambda: Device.from_dict({"memry": {}}), BadParameter, "did you mean memory?"),
+    "topology": (
+        lambda: RingTopo(swiches=3),
+        BadParameter,
+        "RingTopo has no swiches: did you mean",
+    ),
+    "size of another topology": (
+        lambda: RingTopo(hosts=9),
+        BadParameter,
+        "RingTopo has no hosts: ",
+    ),
+    "own topology": (lambda: checked(RingTopo)(swiches=3), BadParameter, "did you mean switches?"),
+    "host": (
+        lambda: check_two_hosts("alise", "b", ["alice", "b"]),
+        BadInput,
+        "did you mean alice?",
+    ),
     "part": (
         lambda: Device.from_dict({"memory": {"t1": 1}}),
         BadParameter,

@@ -5,7 +5,7 @@ import struct
 import pytest
 
 from wire.conference import ConferenceProposal
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 from wire.qkd import Bound
 
 PROPOSAL = ConferenceProposal(0x0102030405060708, Bound.FINITE, 0.5, 0.25, ("alice", "bob"))

@@ -11,7 +11,7 @@ from wire.controller_lines import (
     encode_request,
     encode_result,
 )
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 SET = b'{"command": "set", "device": "alice", "settings": {"rate_hz": null}}\n'
 

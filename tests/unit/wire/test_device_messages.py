@@ -31,7 +31,10 @@ from wire.key_routes import (
     LinkState,
     route_tag,
 )
-from wire.metadata import HEADER, Answer, MalformedPacket, Message, Reason, Setup
+from wire.malformed import MalformedPacket
+from wire.metadata.header import HEADER, Message
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.vocabulary import Reason
 from wire.seal_orders import GiveBack, SealOrder
 from wire.session_estimates import Quantity, SessionEstimate
 

@@ -31,30 +31,14 @@ from wire.dissection.dissectors import lua
 from wire.dissection.layout import COUNTED, Layout, device_layouts, metadata_layouts
 from wire.events import decode_record, encode_record
 from wire.key_routes import Hop, KeyLinks, KeyRoute, KeyRouteRequest, LinkState
-from wire.metadata import (
-    HEADER,
-    Answer,
-    Block,
-    Emission,
-    Emit,
-    Emitted,
-    Envelope,
-    Finish,
-    Frame,
-    Handshake,
-    MalformedPacket,
-    Message,
-    Pauli,
-    Reason,
-    Report,
-    Service,
-    Setup,
-    Topic,
-    Values,
-    Verdict,
-    decode,
-    message_length,
-)
+from wire.malformed import MalformedPacket
+from wire.metadata.blocks import Block, Emission, Emit, Emitted, Finish, Frame, Report
+from wire.metadata.decoding import decode, message_length
+from wire.metadata.header import HEADER, Message
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.values import Envelope, Topic, Values
+from wire.metadata.vocabulary import Handshake, Reason, Service, Verdict
+from wire.outcomes import Pauli
 from wire.seal_orders import GiveBack, SealOrder
 from wire.session_estimates import Quantity, SessionEstimate
 

@@ -1,12 +1,20 @@
 """The quantum event log."""
 
+import json
 from contextlib import suppress
 
 import pytest
 
 from wire.dispatcher_pb2 import BlockId, Event
-from wire.events import decode_record, encode_record, format_line, to_json
-from wire.metadata import MalformedPacket
+from wire.events import (
+    decode_record,
+    encode_record,
+    fields_text,
+    format_line,
+    to_fields,
+    to_json,
+)
+from wire.malformed import MalformedPacket
 
 
 def test_a_line_has_time_node_kind_block_and_counts() -> None:
@@ -72,3 +80,17 @@ def test_json_has_the_session_as_the_log_shows_it() -> None:
         "port": "alice-q0",
         "photons": 8,
     }
+
+
+@pytest.mark.parametrize(
+    "event",
+    [
+        EVENT,
+        Event(node="q1", kind="open", port="2", detail="2 -> 3"),
+        Event(node="bob", kind="measure", block=BlockId(session=2**64 - 1), photon=7, lost=3),
+        Event(node='a "quoted" \\ name', kind="tune", detail="tab\t, line\n, \u20ac, \U0001f408"),
+        Event(),
+    ],
+)
+def test_fields_as_text_are_the_fields(event: Event) -> None:
+    assert json.loads(f"{{{fields_text(event)}}}") == to_fields(event)

@@ -16,7 +16,8 @@ from wire.features import (
     NodeFeatures,
     names,
 )
-from wire.metadata import MalformedPacket, Service
+from wire.malformed import MalformedPacket
+from wire.metadata.vocabulary import Service
 from wire.services import (
     HERALDED_LIGHT,
     HERALDED_NEEDS,

@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from wire import frames
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 
 def read_all(data: bytes) -> list[bytes]:

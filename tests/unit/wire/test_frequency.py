@@ -2,7 +2,8 @@
 
 import pytest
 
-from wire.metadata import Handshake, Service, Setup
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Handshake, Service
 from wire.optical import DEFAULT_FREQUENCY_MHZ, frequency_mhz
 
 

@@ -10,7 +10,7 @@ from scapy.packet import Packet as ScapyPacket
 from wire.ip_packet import PacketStream, decode, packet_bytes, unreachable
 from wire.ipv4 import HEADER
 from wire.lost_packet import Packet, Unreachable, checksum
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 MOST = 1500
 ROUTER = IPv4Address("10.1.255.254")

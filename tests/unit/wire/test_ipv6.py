@@ -21,7 +21,7 @@ from scapy.packet import Packet as ScapyPacket
 from wire.ip_packet import PacketStream, decode, packet_bytes, unreachable
 from wire.ipv6 import HEADER
 from wire.lost_packet import Packet, Unreachable
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 MOST = 1500
 ROUTER = IPv6Address("fd71:6d6e::ffff")

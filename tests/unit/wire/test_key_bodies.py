@@ -20,7 +20,7 @@ from wire.key_delivery import (
     encode_refusal,
     encode_request,
 )
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 # Ids and request of the standard's examples (clause 6 and annex B).
 ONE, OTHER = "bc490419-7d60-487f-adc1-4ddcc177c139", "0a782fb5-3434-48fe-aa4d-14f41d46cf92"

@@ -14,14 +14,10 @@ from test_dissectors import SEED, SETUP, mutated, plain
 from test_qkd import GOLDEN, SEQUENCE, SESSION, TAG, WRONG, whole
 
 from wire.dissection.layout import Layout, key_layouts
-from wire.metadata import (
-    Answer,
-    Envelope,
-    MalformedPacket,
-    Message,
-    Topic,
-    Values,
-)
+from wire.malformed import MalformedPacket
+from wire.metadata.header import Message
+from wire.metadata.setup import Answer
+from wire.metadata.values import Envelope, Topic, Values
 from wire.qkd import (
     HEADER,
     MAX_TEXT,

@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from wire.machine_channel import LENGTHS, decode_header, encode, lengths, receive
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 HEADER = {"ask": 1, "do": "put"}
 GOLDEN = bytes.fromhex("00000017 00000003") + b'{"ask": 1, "do": "put"}' + b"\x00\x01\x02"

@@ -19,32 +19,14 @@ from scapy.fields import (
 from scapy.packet import Packet
 
 from wire.device import MAX_REPEATERS
-from wire.metadata import (
-    SETUP_LENGTH,
-    Answer,
-    Block,
-    Emission,
-    Emit,
-    Emitted,
-    Envelope,
-    Finish,
-    Frame,
-    Handshake,
-    MalformedPacket,
-    Message,
-    Pauli,
-    Reason,
-    Report,
-    Service,
-    Setup,
-    Topic,
-    Values,
-    Verdict,
-    decode,
-    is_number_of,
-    message_length,
-    session_number,
-)
+from wire.malformed import MalformedPacket
+from wire.metadata.blocks import Block, Emission, Emit, Emitted, Finish, Frame, Report
+from wire.metadata.decoding import decode, message_length
+from wire.metadata.header import Message, is_number_of, session_number
+from wire.metadata.setup import SETUP_LENGTH, Answer, Setup
+from wire.metadata.values import Envelope, Topic, Values
+from wire.metadata.vocabulary import Handshake, Reason, Service, Verdict
+from wire.outcomes import Pauli
 
 SETUP = Setup(
     session=0x0102030405060708,

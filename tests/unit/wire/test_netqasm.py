@@ -10,7 +10,7 @@ from netqasm.lang.operand import Address, ArrayEntry, ArraySlice, Immediate, Reg
 from netqasm.lang.parsing import parse_text_subroutine
 from netqasm.lang.subroutine import Subroutine as SdkSubroutine
 
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 from wire.netqasm.messages import (
     Finished,
     InitApplication,

@@ -9,7 +9,7 @@ from os_ken.ofproto import ofproto_v1_4 as ofp
 from os_ken.ofproto import ofproto_v1_4_parser as parser
 
 from wire import optical
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 from wire.optical import (
     OpticalProperty,
     PathOptics,

@@ -8,7 +8,7 @@ import pytest
 from scapy.layers.l2 import Ether
 from scapy.utils import RawPcapReader
 
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 from wire.pcapng import with_clock
 
 FRAME = bytes(Ether(dst="02:00:00:00:00:01", src="02:00:00:00:00:02") / b"light")

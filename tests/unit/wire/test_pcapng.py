@@ -11,7 +11,7 @@ from scapy.layers.inet import IP, UDP
 from scapy.layers.l2 import Ether
 from scapy.utils import PcapWriter, RawPcapNgReader
 
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 from wire.pcapng import (
     LINKTYPE_ETHERNET,
     LINKTYPE_USER0,

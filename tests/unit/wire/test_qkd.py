@@ -5,7 +5,7 @@ import struct
 
 import pytest
 
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 from wire.qkd import (
     HEADER,
     KINDS,

@@ -17,7 +17,9 @@ from wire.device import DEVICE_PORT, Datagram, DeviceSettings
 from wire.dissection.scapy_keys import KEY_LAYERS, QKey, key_messages, split
 from wire.dissection.scapy_layers import LAYERS, QDevice, QEvent, QMeta, QMetaStream, decode_layers
 from wire.events import encode_record
-from wire.metadata import MalformedPacket, Message, decode
+from wire.malformed import MalformedPacket
+from wire.metadata.decoding import decode
+from wire.metadata.header import Message
 from wire.pcapng import Packet, Writer
 from wire.qkd import QkdMessage, Sifted, unframe
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 from wire.socket_calls import (
     HEADER,
     MAX_PAYLOAD,

@@ -4,7 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from wire.metadata import SEAL_BYTES, Pauli, Service, Setup, Verdict, decode
+from wire.metadata.decoding import decode
+from wire.metadata.setup import SEAL_BYTES, Setup
+from wire.metadata.vocabulary import Service, Verdict
+from wire.outcomes import Pauli
 from wire.verdict import is_sealed, seal
 
 KEY, OTHER_KEY = "00112233445566778899aabbccddeeff", "ff" * 16

@@ -65,7 +65,7 @@ class GivenCertificates:
 
 
 def _certificate(path: Path) -> x509.Certificate:
-    """Read a certificate; raise NetworkError if it is none."""
+    """Read a certificate; raise NetworkError if it is not one."""
     try:
         return x509.load_pem_x509_certificate(path.read_bytes())
     except OSError as error:
@@ -75,7 +75,7 @@ def _certificate(path: Path) -> x509.Certificate:
 
 
 def _private_key(path: Path) -> object:
-    """Read a private key; return its public half. Raise NetworkError if it is none."""
+    """Read a private key; return its public half. Raise NetworkError if it is not one."""
     try:
         return serialization.load_pem_private_key(path.read_bytes(), None).public_key()
     except OSError as error:

@@ -16,7 +16,7 @@ import shlex
 import signal
 import subprocess
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from mininet.log import warn
 from topologies.system.kernel.memory_share import KIB, MIB, MemoryGroup
 from topologies.system.kernel.user_namespace import UserNamespace
 from topologies.system.processes.owners import Owner, owner
-from topologies.system.processes.programs import NetworkError
+from topologies.system.processes.programs import ROOT, NetworkError, Program
 from topologies.system.processes.shells import ShellWatcher
 from topologies.timeouts import END_TIMEOUT_S, POLL_S
 
@@ -35,6 +35,7 @@ SHELL = Path(__file__).with_name("confined_shell")
 # the kernel's memory. And what could take limits off.
 GIVEN_UP = "-sys_admin,-dac_read_search,-sys_module,-sys_rawio,-sys_boot,-perfmon,-sys_resource"
 APART = ["unshare", "--pid", "--fork", "--kill-child", "unshare", "--mount", "--mount-proc"]
+READ, WRITTEN = "ro", "rw"  # access to what is shown: words of mount(8)
 FIRST_SHOWN = 10  # descriptor by which the shell has the first of what is shown
 CLONE_NEWPID = 0x20000000
 # A command in the working directory that is its $0, with so much memory (KiB).
@@ -42,6 +43,8 @@ LIMITED = 'limit=$1 && shift && cd "$0" && ulimit -d "$limit" && exec "$@"'
 # By which root rules the kernel; some are not in all kernels (as Docker's readonlyPaths).
 RULED = [Path("/proc/sys"), Path("/sys")]
 RULED_IN_SOME = [Path("/proc", name) for name in ("bus", "fs", "irq", "sysrq-trigger")]
+# Of its own, or else root of one host could read what is typed on another, or by who runs it.
+TERMINALS = "qmn-terminals /dev/pts devpts newinstance,mode=0620,ptmxmode=0666"
 OWN_NETWORK = [Path("/proc/sys/net"), Path("/sys/devices/virtual/net")]  # all that a host has of it
 LIBC = ctypes.CDLL(None, use_errno=True)
 
@@ -68,7 +71,7 @@ class ConfinedNode(ShellWatcher):
             raise NetworkError(f"the shell of {self.name} does not start: {error}") from error
 
     def confine(
-        self, shown: Sequence[Path], covered: Sequence[Path], table: Path, memory_mib: int
+        self, shown: Mapping[Path, str], covered: Sequence[Path], table: Path, memory_mib: int
     ) -> None:
         """Let the shell, in which nothing runs, see no folder that is covered but those shown.
 
@@ -113,7 +116,8 @@ class ConfinedNode(ShellWatcher):
     def popen(self, *arguments: Any, **options: Any) -> "subprocess.Popen[Any]":
         """Start a program where the shell is, as Mininet does."""
         if self._confined:
-            options.setdefault("mncmd", self._enter(options.get("cwd") or os.curdir))
+            enter = self._enter(options.get("cwd") or os.curdir)
+            options.setdefault("mncmd", ["mnexec", "-d", *enter])
         started = super().popen(*arguments, **options)
         self._admit(started.pid)  # before it has become the command
         return started
@@ -124,12 +128,21 @@ class ConfinedNode(ShellWatcher):
         if self._user is None:
             limits = ["prlimit", f"--data={self._memory_bytes}"]
             given_up = ["setpriv", f"--bounding-set={GIVEN_UP}"]
-            return ["mnexec", "-da", pid, *limits, *given_up]
+            return ["mnexec", "-a", pid, *limits, *given_up]
         # At once: programs that the host sees may be others, and must not run with more powers.
         where = ["--user", "--net", "--mount", "--preserve-credentials"]
         enter = ["nsenter", "--target", pid, *where]
         limited = ["sh", "-c", LIMITED, os.path.abspath(folder), str(self._memory_bytes // KIB)]
-        return ["mnexec", "-d", *enter, *limited]
+        return [*enter, *limited]
+
+    def start_program(self, program: Program, command: Sequence[str]) -> None:
+        """Start a program that people have written, where the shell is."""
+        if not self._confined:
+            program.start(command, self.pid)
+            return
+        with children_beside(self._confined):
+            program.start_inside(self._enter(ROOT), command)
+        self._admit(program.pid)
 
     def _popen(self, command: Sequence[str], **options: Any) -> "subprocess.Popen[Any]":
         with children_beside(self._confined):
@@ -153,10 +166,12 @@ def ruled_here() -> list[Path]:
     return [*RULED, *(path for path in RULED_IN_SOME if path.exists())]
 
 
-def fstab(shown: Sequence[Path], covered: Sequence[Path], ruled: Sequence[Path]) -> str:
+def fstab(shown: Mapping[Path, str], covered: Sequence[Path], ruled: Sequence[Path]) -> str:
     """Return what is to be mounted so that folders are covered but those shown, as fstab(5) has it.
 
-    What is ruled can be read only. All by one mount(8): there may be a thousand hosts.
+    What is shown has access "ro" or "rw". What our programs of a host use, which nothing is hidden
+    from, is to be read only, as they would follow links. What is ruled is so, too. All by one
+    mount(8): there may be a thousand hosts.
     """
     # Sources, or else places, that nobody else writes so: what is there is not mounted again.
     covers = [f"qmn-cover {escaped(folder)} tmpfs mode=755" for folder in covered]
@@ -164,15 +179,18 @@ def fstab(shown: Sequence[Path], covered: Sequence[Path], ruled: Sequence[Path])
         f"/proc/self/fd/{number} {escaped(folder)} none bind,X-mount.mkdir"
         for number, folder in enumerate(shown, FIRST_SHOWN)
     ]
-    closes = [f"none {escaped(folder)} none remount,bind,ro" for folder in covered]
+    closes = [
+        f"none {escaped(folder)} none remount,bind,{access}"
+        for folder, access in (*shown.items(), *((folder, READ) for folder in covered))
+    ]
     kernel = [
         line
-        for paths, access in ((ruled, "ro"), (OWN_NETWORK, "rw"))
+        for paths, access in ((ruled, READ), (OWN_NETWORK, WRITTEN))
         for path in paths
         for place in [f"{path.parent}/./{path.name}"]
         for line in (f"{path} {place} none bind", f"none {place} none remount,bind,{access}")
     ]
-    return "".join(f"{line}\n" for line in (*covers, *binds, *closes, *kernel))
+    return "".join(f"{line}\n" for line in (*covers, *binds, *closes, *kernel, TERMINALS))
 
 
 def escaped(folder: Path) -> str:

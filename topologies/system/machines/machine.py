@@ -21,7 +21,7 @@ from topologies.system.machines.tunnel import TunnelEnd
 from topologies.system.processes.programs import NetworkError
 from topologies.timeouts import AGENT_ANSWER_TIMEOUT_S, BEAT_PERIOD_S, LOST_TIMEOUT_S
 from wire.machine_channel import MOST_BODY_BYTES, Header, encode, receive
-from wire.metadata import MalformedPacket
+from wire.malformed import MalformedPacket
 
 CLOCK_TRIES = 21
 NOWHERE = -1  # as a process id: of none on this machine

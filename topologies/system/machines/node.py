@@ -5,7 +5,7 @@ import shlex
 import signal
 import socket
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -65,11 +65,11 @@ class NodeElsewhere:
         self.machine.disconnect(self._terminal)
 
     def confine(
-        self, shown: Sequence[Path], covered: Sequence[Path], table: Path, memory_mib: int
+        self, shown: Mapping[Path, str], covered: Sequence[Path], table: Path, memory_mib: int
     ) -> None:
         """Confine the shell as on this machine; of what is covered here only /run has a part there.
 
-        It is the agent's own. Each process may take so much memory; for all together is no limit.
+        It is the agent's own. Each process may take so much memory, all together any.
         """
         there = [folder for folder in covered if folder.is_relative_to("/run")]
         for folder in (*shown, *there):

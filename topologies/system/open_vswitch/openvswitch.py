@@ -198,13 +198,39 @@ def start(owner: str) -> None:
         if missing & _watched_over():
             time.sleep(POLL_S)
             continue
+        _start_missing(owner)
+    _note_starter(owner)
+
+
+def _start_missing(owner: str) -> None:
+    """Start the daemons that do not run; raise NetworkError if one ends, or does not answer."""
+    seen: dict[str, Owner] = {}
+
+    def check() -> None:
+        _refuse_stopped()
+        seen.update(daemons())
+        _refuse_ended(seen)
+
+    try:
         run(
             *(CONTROL, "start", "--system-id=random"),
             timeout_s=OPENVSWITCH_TIMEOUT_S,
-            check=_refuse_stopped,
+            check=check,
+            look_s=POLL_S,  # a daemon may end soon after its start
             environment={**callers_environment(), **FAST_MEMORY, STARTER: owner},
         )
-    _note_starter(owner)
+    except NetworkError as error:
+        _refuse_ended(seen)
+        if DATABASE not in daemons() or UNREACHABLE in str(error):  # it has ended unseen
+            raise NetworkError(f"{DATABASE} does not answer: {error}") from error
+        raise
+
+
+def _refuse_ended(seen: Mapping[str, Owner]) -> None:
+    """Raise NetworkError if a daemon has ended and nobody starts it again."""
+    ended = {name: daemon for name, daemon in seen.items() if not daemon.alive}
+    if ended.keys() - daemons().keys() - (_watched_over() if ended else set()):
+        require_alive(ended)
 
 
 def _watched_over() -> set[str]:

@@ -1,5 +1,7 @@
 """Commands of other packages: each has a deadline, and what it says is told where it fails."""
 
+import os
+import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -20,12 +22,13 @@ def run(
     timeout_s: float,
     given: str = "",
     check: Callable[[], None] = lambda: None,
+    look_s: float = COMMAND_LOOK_S,
     environment: Mapping[str, str] | None = None,
 ) -> str:
     """Run a command and return what it says; raise NetworkError unless it ends well, in time.
 
-    It reads what is given. Meanwhile `check` is called, which raises if something else makes the
-    wait useless.
+    It reads what is given. Meanwhile `check` is called, every `look_s` seconds, which raises if
+    something else makes the wait useless. What it has started and waits for itself ends with it.
     """
     try:
         # In a session of its own: a Ctrl-C must not leave half of what it does undone.
@@ -42,11 +45,13 @@ def run(
         raise NetworkError(f"{command[0]} is not installed; run `make setup`") from error
     with process:
         try:
-            said, wrong = _end_of_command(process, given, time.monotonic() + timeout_s, check)
+            deadline = time.monotonic() + timeout_s
+            said, wrong = _end_of_command(process, given, deadline, check, look_s)
         except subprocess.TimeoutExpired as error:
             raise NetworkError(f"{command[0]} did not end in {timeout_s:g} s") from error
         finally:
-            process.kill()
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)
     if process.returncode:
         words = (wrong or said).strip()
         raise NetworkError(f"{' '.join(command[:3])} failed: {words}")
@@ -54,13 +59,17 @@ def run(
 
 
 def _end_of_command(
-    process: "subprocess.Popen[str]", given: str, deadline: float, check: Callable[[], None]
+    process: "subprocess.Popen[str]",
+    given: str,
+    deadline: float,
+    check: Callable[[], None],
+    look_s: float,
 ) -> tuple[str, str]:
     """Return what a command says, and what it says on standard error, when it has ended."""
     unread: str | None = given
     while True:
         try:
-            return process.communicate(unread, timeout=COMMAND_LOOK_S)
+            return process.communicate(unread, timeout=look_s)
         except subprocess.TimeoutExpired:
             unread = None  # it has that now
             check()

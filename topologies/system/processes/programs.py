@@ -27,6 +27,7 @@ CALLER = "QMN_CALLER"  # in the environment that bin/qmn has made of its caller'
 # The kernel ends it with the runner; if that has ended before it asked for this, it ends itself.
 UNLESS_ORPHANED = '[ "$PPID" = "$0" ] && exec "$@"'
 WITH_RUNNER = ("setpriv", "--pdeathsig", "TERM", "sh", "-c", UNLESS_ORPHANED)
+NOT_SEEN = "0"  # process id of a parent in another namespace of processes: pid_namespaces(7)
 TRACEBACK = "Traceback (most recent call last)"
 FRAME = re.compile(r"^[ |]*[|+][-+ |]*(\d+ -+)?(?=\S|$)")  # around errors of a group
 ERROR = re.compile(r"[A-Za-z_][\w.]*(:|$)")
@@ -107,6 +108,7 @@ class Program:
         self.name = name
         self.log = log
         self._process: Process | None = None
+        self._told_to_end = False
         self._begins = 0  # where in the log this start of it does
 
     def start(
@@ -125,15 +127,29 @@ class Program:
         signal when the runner dies, so that nothing is left behind. It keeps the open files
         with these descriptors.
         """
+        self._told_to_end = False
         self._begins = self.log.stat().st_size if self.log.exists() else 0
         with self.log.open("ab") as log:
             if forks is not None and forks.serves(command):
                 where = log.fileno(), namespace_pid, descriptors
                 self._process = forks.start(self.name, command, *where)
                 return
-            inside = ["mnexec", "-a", str(namespace_pid)] if namespace_pid else []
+        inside = ["mnexec", "-a", str(namespace_pid)] if namespace_pid else []
+        self._begin([*inside, *WITH_RUNNER, str(os.getpid()), *command], descriptors)
+
+    def start_inside(self, enter: Sequence[str], command: Sequence[str]) -> None:
+        """Start the command where `enter` brings it, among processes that the runner is not of.
+
+        The thread that asks has its children born there already.
+        """
+        self._told_to_end = False
+        self._begins = self.log.stat().st_size if self.log.exists() else 0
+        self._begin([*WITH_RUNNER, NOT_SEEN, *enter, *command])
+
+    def _begin(self, command: Sequence[str], descriptors: Sequence[int] = ()) -> None:
+        with self.log.open("ab") as log:
             self._process = subprocess.Popen(
-                [*inside, *WITH_RUNNER, str(os.getpid()), *command],
+                command,
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
@@ -234,14 +250,21 @@ class Program:
         process = None if self._process is None else owner(self._process.pid)
         return 0 if process is None else process.processor_ticks
 
+    @property
+    def struck_down(self) -> bool:
+        """Whether a signal has ended it that did not come from here."""
+        return not self._told_to_end and (self.status or 0) < 0
+
     def ask_to_stop(self) -> None:
         """Send the signal that ends it politely, and let it go on if it was stopped."""
+        self._told_to_end = True
         if self._process is not None and self._process.poll() is None:
             self._process.send_signal(signal.SIGTERM)
             self._process.send_signal(signal.SIGCONT)
 
     def kill(self) -> None:
         """End it at once, as a crash would; raise NetworkError if it does not end."""
+        self._told_to_end = True
         if self._process is None:
             return
         self._process.kill()
@@ -268,7 +291,7 @@ def cause(said: str) -> str:
     """Return why a program failed, from all it has said: its last words, "" if they tell nothing.
 
     Of a Python traceback, also of one of many errors at once, these are the line of the error; a
-    frame around it, or what it said when all was well, is no cause.
+    frame around it, or what it said when all was well, is not a cause.
     """
     lines = [FRAME.sub("", line) for line in said.splitlines()]
     lines = [line for line in lines if line and line not in WELL]

@@ -35,14 +35,14 @@ class ShellWatcher:
     """A node whose waits for its shell end: with the shell, or at a deadline.
 
     Commands of people may take as long as they like; those that set a network up, while the node
-    is `hurried`, may not. While it is `ending`, a shell that does not answer is killed.
+    is `time_limited`, may not. While it is `ending`, a shell that does not answer is killed.
     """
 
     name: str
     inNamespace: bool  # noqa: N815 (Mininet's name)
     privateDirs: list[Any]  # noqa: N815 (Mininet's name)
     unmountPrivateDirs: Callable[[], None]  # noqa: N815 (Mininet's name)
-    hurried = ending = False
+    time_limited = ending = False
 
     @classmethod
     def checkSetup(cls) -> None:  # noqa: N802 (Mininet's name)
@@ -174,7 +174,7 @@ class ShellWatcher:
     def cmd(self, *arguments: object, **options: object) -> str:
         """Run a command in the node's shell; one that has ended runs no more of them.
 
-        Raise NetworkError for a shell that ends, or does not answer, while the node is hurried.
+        Raise NetworkError for a shell that ends, or does not answer while it is `time_limited`.
         """
         if self.shell_ended:
             self._require_shell()
@@ -190,7 +190,7 @@ class ShellWatcher:
                 self.waiting = False
                 self._require_shell()
                 return ""
-            if (self.hurried or self.ending) and time.monotonic() > self._deadline:
+            if (self.time_limited or self.ending) and time.monotonic() > self._deadline:
                 late = f"{self.name} did not end {self.lastCmd!r} in {COMMAND_TIMEOUT_S:g} s"
                 if not self.ending:
                     raise NetworkError(late)
@@ -200,7 +200,7 @@ class ShellWatcher:
         return output
 
     def _require_shell(self) -> None:
-        if self.hurried:
+        if self.time_limited:
             raise NetworkError(f"{self.name} died at its start: its shell was ended")
 
     def _has_output(self) -> bool:

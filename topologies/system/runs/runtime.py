@@ -44,6 +44,7 @@ REST_TOKEN = "rest-token"  # noqa: S105 (the name of a file in the private folde
 RECORD = "dispatcher.record"  # what the dispatcher was asked
 EVENT_LOG = "quantum.log"  # what happened to the qubits, a line an event
 EVENT_CAPTURE = "quantum.pcapng"  # the same for Wireshark and qmn spy
+LIVE_PAGES = "QMN_LIVE_PAGES"  # in the environment: the folder of a command's live pages
 
 
 @dataclass
@@ -76,13 +77,14 @@ class Runtime:
     prefix_length: int = 24  # of the hosts' network
     device_keys: dict[str, str] = field(default_factory=dict)  # of the hosts' node agents
     user_namespaces: bool = True  # whether hosts can have them, for all that is known
-    hurried: bool = False  # whether commands in nodes' shells have a deadline
-    ending: bool = False  # whether a shell that misses it, or has ended, is no reason to stop
+    time_limited: bool = False  # whether commands in nodes' shells have a deadline
+    ending: bool = False  # whether a shell that misses it, or has ended, is not a reason to stop
     metrics_addresses: dict[str, str] = field(default_factory=dict)  # by program: where
     gnmi_addresses: dict[str, str] = field(default_factory=dict)  # by quantum switch: where
 
     def __post_init__(self) -> None:
         self._hosts_written, self._writing_hosts = 0, Lock()
+        self._begun: set[str] = set()  # private files
         self._authority: CertificateAuthority | GivenCertificates | None = None
         self.time = NetworkTime(self.time_scale, time.time_ns())
         self.name = str(this_process())
@@ -107,13 +109,13 @@ class Runtime:
         return self.tokens.setdefault(node, secrets.token_hex(16))
 
     @contextmanager
-    def in_a_hurry(self) -> Iterator[None]:
+    def time_limit(self) -> Iterator[None]:
         """Give commands in nodes' shells a deadline meanwhile."""
-        before, self.hurried = self.hurried, True
+        before, self.time_limited = self.time_limited, True
         try:
             yield
         finally:
-            self.hurried = before
+            self.time_limited = before
 
     def rest_token(self) -> str:
         """Return the secret that HTTP clients of the controller have read from its file."""
@@ -170,16 +172,39 @@ class Runtime:
         return str(folder / host)
 
     def private_file(self, name: str) -> Path:
-        """Return the path of a file beside the logs that only its owner can read."""
-        file = self.logs / name
+        """Return the path of a file beside the logs that only its owner can read.
+
+        It is empty when it is first asked for: an earlier network may have had the same folder.
+        """
+        file = self.begun_anew(name)
         file.touch(mode=0o600)
         file.chmod(0o600)
+        return file
+
+    def begun_anew(self, name: str) -> Path:
+        """Return the path of a file beside the logs that is not there when it is first asked for.
+
+        Its program makes it, and may want to write over none.
+        """
+        file = self.logs / name
+        if name not in self._begun:
+            self._begun.add(name)
+            file.unlink(missing_ok=True)
         return file
 
     def own_folder(self, name: str) -> Path:
         """Return the part of the private folder that people on a host are shown."""
         folder = self.folder / name
         folder.mkdir(mode=0o700, exist_ok=True)
+        return folder
+
+    def written_folder(self, host: str) -> Path:
+        """Return the part of the private folder that people on a host can write to.
+
+        Nothing of ours follows links there.
+        """
+        folder = self.folder / "written" / host
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         return folder
 
     def socket(self, name: str) -> str:
@@ -189,7 +214,7 @@ class Runtime:
 
     def program(self, name: str) -> Program:
         """Return a new program, watched from now on."""
-        program = Program(name, self.logs / f"{name}.log")
+        program = Program(name, self.private_file(f"{name}.log"))
         self.programs.append(program)
         return program
 

@@ -1,4 +1,4 @@
--- Quantum metadata over TCP (wire/metadata.py).
+-- Quantum metadata over TCP (wire/metadata/).
 
 local format = formats.metadata
 local qmeta = Proto("qmeta", "Quantum metadata")

@@ -40,14 +40,14 @@ qdev.experts = { malformed }
 local ledger = new_ledger()
 function qdev.init() ledger = new_ledger() end
 
--- Returns a padded name, or nil if it is none.
+-- Returns a padded name, or nil if it is not a name.
 local function padded_name(range)
     local name = range:raw():gsub("%z+$", "")
     if name == "" or name:find("[^\32-\126]") then return nil end
     return name
 end
 
--- Returns which of the fields that are names is none, or nil.
+-- Returns which of the fields for names is not a name, or nil.
 local function check_names(fields, range)
     for _, field in ipairs(fields) do
         if field.kind == "text" and not padded_name(range:range(field.offset, field.size)) then

@@ -19,7 +19,7 @@ from hosts.middleware.services.ghz import connections
 from hosts.middleware.session.ends import AcceptorEnd, OpenerEnd, ServiceKind
 from hosts.middleware.session.errors import SessionError
 from wire.conference import ConferenceProposal
-from wire.metadata import Reason, Service
+from wire.metadata.vocabulary import Reason, Service
 
 SESSIONS = 1 << 64
 

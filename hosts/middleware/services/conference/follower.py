@@ -32,7 +32,8 @@ from hosts.middleware.session.protocol import Say, Steps, Work, do, hear
 from hosts.middleware.session.values import MAX_WORD, Numbers, expect
 from hosts.timeouts import BITS_TIMEOUT_S, KEYS_TIMEOUT_S, REPORT_TIMEOUT_S
 from wire.conference import ConferenceProposal
-from wire.metadata import Reason, Topic, Values
+from wire.metadata.values import Topic, Values
+from wire.metadata.vocabulary import Reason
 
 
 @dataclass

@@ -31,7 +31,8 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import Now, Steps, Tell, Work, do
 from hosts.timeouts import BITS_TIMEOUT_S, KEYS_TIMEOUT_S
 from wire.conference import ConferenceProposal
-from wire.metadata import Reason, Topic
+from wire.metadata.values import Topic
+from wire.metadata.vocabulary import Reason
 
 EPS_COR = 1e-15
 

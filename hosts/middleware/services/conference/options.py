@@ -6,7 +6,7 @@ from hosts.middleware.services.ghz.options import GhzOptions
 from hosts.middleware.services.key_distribution.options import BOUNDS
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import check_choice, check_whole
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 
 MAX_STATES = 1_000_000  # of one key: the seed of its privacy amplification is one message
 

@@ -40,7 +40,9 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import Hear, Say, Steps
 from hosts.middleware.session.values import Numbers
 from wire.conference import ConferenceProposal
-from wire.metadata import Envelope, MalformedPacket, Reason, Topic
+from wire.malformed import MalformedPacket
+from wire.metadata.values import Envelope, Topic
+from wire.metadata.vocabulary import Reason
 from wire.outcomes import BASES
 
 IN_BASIS = np.array([BASES.index(name) for name in "ZXZ"], np.uint8)  # KEY, TEST_X, TEST_Z

@@ -22,7 +22,7 @@ from hosts.middleware.services.distribution.protocol import Make, Opening, Share
 from hosts.middleware.services.distribution.sharing import make, share
 from hosts.middleware.session.ends import AcceptorEnd, Answerer, End, OpenerEnd, ServiceKind
 from hosts.network_loop import now_s
-from wire.metadata import Service
+from wire.metadata.vocabulary import Service
 
 
 async def distribute(end: OpenerEnd, options: DistributeOptions) -> Answerer:

@@ -6,7 +6,7 @@ from hosts.middleware.services.distribution.purification import Protocol
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import check_choice, check_share, check_whole
 from hosts.middleware.session.service_options import ServiceOptions
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 
 PROTOCOLS = tuple(protocol.name.lower() for protocol in Protocol)  # what users call them
 MAX_COUNT = 1_000_000

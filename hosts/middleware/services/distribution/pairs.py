@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hosts.hardware.qnic import BlockName, Positions, Qnic, Symbols
+from hosts.hardware.operations import BlockName
+from hosts.hardware.qnic import Positions, Qnic, Symbols
 from hosts.middleware.services.distribution.fidelity import Estimate
 from hosts.middleware.services.distribution.purification import PHOTONS, Protocol, purify
 from hosts.middleware.session.blocks import (
@@ -28,7 +29,8 @@ from hosts.middleware.session.blocks import (
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import HostSide, Now, Steps, do, hear
 from hosts.middleware.session.values import Lifetimes
-from wire.metadata import Reason, Topic
+from wire.metadata.values import Topic
+from wire.metadata.vocabulary import Reason
 from wire.outcomes import BASES
 
 MAX_ASKED = 100_000  # pairs in one question

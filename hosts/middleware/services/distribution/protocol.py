@@ -29,7 +29,8 @@ from hosts.middleware.session.protocol import (
 from hosts.middleware.session.values import NUMBERS, Lifetimes, expect
 from hosts.timeouts import MAX_BLOCK_S
 from wire.features import GATE, MEASURE
-from wire.metadata import Reason, Topic, Values
+from wire.metadata.values import Topic, Values
+from wire.metadata.vocabulary import Reason
 
 MAX_NUMBER = (1 << 32) - 1
 LEAST_SAMPLE = 30  # pairs; of which a fidelity is told

@@ -16,7 +16,8 @@ import numpy as np
 from hosts.middleware.services.distribution.pairs import Pairs
 from hosts.middleware.session.blocks import correct_heralded, correct_rotation, keep_of_all
 from hosts.middleware.session.protocol import HostSide, OpenerSide, Steps, coming, hear
-from wire.metadata import MemoryState, Topic, Values
+from wire.metadata.values import Topic, Values
+from wire.metadata.vocabulary import MemoryState
 
 
 def make(side: OpenerSide, pairs: Pairs, number: int, size: int) -> Steps[None]:

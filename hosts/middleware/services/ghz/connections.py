@@ -23,7 +23,10 @@ from hosts.middleware.session import node_features
 from hosts.middleware.session.arrangement import Arrangement, Light
 from hosts.middleware.session.ends import AcceptorEnd, ConnectionEnd, OpenerEnd
 from hosts.middleware.session.errors import SessionError
-from wire.metadata import SEAL_BYTES, Pauli, Reason, Service, Setup, Topic, Verdict
+from wire.metadata.setup import SEAL_BYTES, Setup
+from wire.metadata.values import Topic
+from wire.metadata.vocabulary import Reason, Service, Verdict
+from wire.outcomes import Pauli
 
 
 async def lead(end: OpenerEnd, options: GhzOptions, kind: Callable[..., Leader]) -> None:

@@ -23,7 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hosts.hardware.qnic import BlockName, Qnic, Symbols
+from hosts.hardware.operations import BlockName
+from hosts.hardware.qnic import Qnic, Symbols
 from hosts.middleware.services.ghz.options import MOST_HOSTS, GhzOptions
 from hosts.middleware.session.blocks import LOST, Mask, correct_rotation, keep_of_all, store
 from hosts.middleware.session.errors import SessionError
@@ -47,7 +48,10 @@ from hosts.middleware.session.protocol import (
 )
 from hosts.middleware.session.values import Numbers
 from hosts.timeouts import BITS_TIMEOUT_S, REPORT_TIMEOUT_S
-from wire.metadata import MAX_LENGTH, Envelope, Finish, Reason, Topic, Values
+from wire.metadata.blocks import Finish
+from wire.metadata.header import MAX_LENGTH
+from wire.metadata.values import Envelope, Topic, Values
+from wire.metadata.vocabulary import Reason
 
 NO_DIGEST = bytes(32)
 MOST_DARK = 10  # blocks in a row of which nothing is left

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.service_options import ServiceOptions
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 
 LEAST_HOSTS, MOST_HOSTS = 2, 16  # of two it is a Bell pair
 

@@ -17,7 +17,7 @@ from hosts.middleware.services.ghz.line import Table
 from hosts.middleware.services.ghz.witness import Tally, chosen_bases
 from hosts.middleware.session.protocol import Steps, do, hear
 from hosts.timeouts import BITS_TIMEOUT_S
-from wire.metadata import Topic
+from wire.metadata.values import Topic
 from wire.outcomes import BASES
 
 

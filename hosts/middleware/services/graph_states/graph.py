@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hosts.middleware.services.ghz.options import LEAST_HOSTS, MOST_HOSTS
+from wire.parameters.checks import remedy
 
 Edge = tuple[int, int]  # places in the line, the lower first
 
@@ -43,7 +44,7 @@ class Swap(NamedTuple):
 
 @dataclass(frozen=True)
 class Graph:
-    """Which hosts of a line are joined; ValueError for what is no connected graph of all."""
+    """Which hosts of a line are joined; ValueError for what is not a connected graph of all."""
 
     hosts: int
     edges: tuple[Edge, ...]
@@ -177,9 +178,9 @@ NAMED: dict[str, Callable[[int], Iterable[Edge]]] = {
 
 
 def read_graph(text: str, names: list[str], hub: str = "") -> Graph:
-    """Return the graph of words such as `ring` or `alice-bob,bob-charlie`; ValueError for none."""
+    """Return the graph of words such as `ring` or `alice-bob,bob-charlie`; ValueError else."""
     if hub and hub not in names[1:]:
-        raise ValueError(f"hub {hub}: choose one of {', '.join(names[1:])}")
+        raise ValueError(f"hub {hub}: {remedy(hub, names[1:])}")
     place = names.index(hub) if hub else 0
     if text in NAMED:
         return Graph(len(names), tuple(NAMED[text](len(names))), place)
@@ -201,7 +202,7 @@ def numbers_of_graph(graph: Graph) -> list[int]:
 
 
 def graph_of_numbers(numbers: Iterable[int]) -> Graph:
-    """Return the graph that hosts tell; ValueError for none."""
+    """Return the graph that hosts tell; ValueError for anything else."""
     hosts, hub, *places = numbers
     if len(places) % 2:
         raise ValueError("an edge has two ends")

@@ -6,7 +6,7 @@ from hosts.middleware.services.ghz.options import GhzOptions
 from hosts.middleware.services.graph_states.graph import NAMED, Graph, read_graph
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import check_choice
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 
 SHAPES = tuple(NAMED)
 STABILISERS, COLOURS = WITNESSES = ("stabilisers", "colours")

@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from hosts.hardware.qnic import BlockName, Symbols
+from hosts.hardware.operations import BlockName
+from hosts.hardware.qnic import Symbols
 from hosts.middleware.services.ghz import protocol
 from hosts.middleware.services.ghz.line import Table
 from hosts.middleware.services.graph_states.fusion import Fusion, combined, lit
@@ -29,7 +30,8 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import Steps, coming, hear
 from hosts.middleware.session.values import numbers_of
 from hosts.timeouts import BITS_TIMEOUT_S
-from wire.metadata import Reason, Topic, Values
+from wire.metadata.values import Topic, Values
+from wire.metadata.vocabulary import Reason
 
 
 @dataclass

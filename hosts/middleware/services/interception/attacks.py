@@ -21,7 +21,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from hosts.hardware.qnic import LEFT_ALONE, BlockName, Qnic, Symbols
+from hosts.hardware.operations import BlockName
+from hosts.hardware.qnic import LEFT_ALONE, Qnic, Symbols
 from hosts.middleware.session.protocol import Steps, do
 from wire.outcomes import NO_COINCIDENCE
 

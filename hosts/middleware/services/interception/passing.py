@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 from typing import Any
 
-from hosts.hardware.qnic import BlockName, NoLight, Qnic, Received
+from hosts.hardware.operations import BlockName
+from hosts.hardware.qnic import NoLight, Qnic, Received
 from hosts.middleware.services.interception.attacks import (
     Attack,
     InterceptResend,
@@ -14,7 +15,8 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import Options, check_choice, check_share, check_whole
 from hosts.middleware.session.protocol import Steps, do
 from hosts.timeouts import RESENT_TIMEOUT_S
-from wire.metadata import Reason, Setup
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Reason
 from wire.optical import WAVELENGTHS_PM
 
 FIBERS = 2

@@ -44,7 +44,10 @@ from hosts.middleware.session.protocol import (
 )
 from hosts.middleware.session.values import expect
 from hosts.timeouts import KEYS_TIMEOUT_S
-from wire.metadata import Envelope, Finish, Message, Reason, Topic, Values
+from wire.metadata.blocks import Finish
+from wire.metadata.header import Message
+from wire.metadata.values import Envelope, Topic, Values
+from wire.metadata.vocabulary import Reason
 from wire.qkd import MAX_PHOTONS, Bound, Proposal, QkdMessage, Reconciliation, unframe
 
 MAX_NAME_BYTES = 64

@@ -4,7 +4,8 @@ from math import ceil
 
 import numpy as np
 
-from hosts.hardware.qnic import BlockName, Qnic, Symbols
+from hosts.hardware.operations import BlockName
+from hosts.hardware.qnic import Qnic, Symbols
 from hosts.middleware.qkd.bell_test import BellOutcomes
 from hosts.middleware.qkd.sifting import Record
 from hosts.middleware.session.protocol import (

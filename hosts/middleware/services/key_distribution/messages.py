@@ -9,7 +9,8 @@ from collections.abc import Iterator
 from hosts.middleware.qkd.alice import Alice
 from hosts.middleware.qkd.bob import Bob
 from hosts.middleware.session.errors import SessionError
-from wire.metadata import Envelope, Reason, Topic
+from wire.metadata.values import Envelope, Topic
+from wire.metadata.vocabulary import Reason
 from wire.qkd import AbortReason, message_length
 
 PIECE_BYTES = 60_000  # of an envelope

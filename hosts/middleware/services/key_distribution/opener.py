@@ -30,7 +30,10 @@ from hosts.middleware.session.protocol import (
     Wait,
 )
 from hosts.timeouts import KEYS_TIMEOUT_S
-from wire.metadata import Answer, Envelope, Message, Reason, Topic
+from wire.metadata.header import Message
+from wire.metadata.setup import Answer
+from wire.metadata.values import Envelope, Topic
+from wire.metadata.vocabulary import Reason
 
 DARK_BLOCKS = 3  # in a row without a sifted bit: the light does not arrive
 

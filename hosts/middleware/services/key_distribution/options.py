@@ -8,7 +8,7 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import check_choice, check_whole
 from hosts.middleware.session.service_options import ServiceOptions
 from hosts.timeouts import MAX_BLOCK_S
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 from wire.qkd import Bound, Reconciliation
 
 CORRECTIONS = {kind.name.lower(): kind for kind in Reconciliation}  # what users call them

@@ -27,7 +27,7 @@ from hosts.middleware.services.key_distribution.options import KeyOptions
 from hosts.middleware.services.key_distribution.session import accept_key, make_key
 from hosts.middleware.session.ends import AcceptorEnd, OpenerEnd, ServiceKind
 from hosts.middleware.session.protocol import Emit, OpenerSide, Steps, do
-from wire.metadata import Service
+from wire.metadata.vocabulary import Service
 
 
 def prepare_and_send(

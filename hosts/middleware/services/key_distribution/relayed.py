@@ -21,7 +21,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hosts.hardware.qnic import BlockName, Qnic, Symbols
+from hosts.hardware.operations import BlockName
+from hosts.hardware.qnic import Qnic, Symbols
 from hosts.middleware.qkd.decoy import LEVELS, SHARES, Decoys
 from hosts.middleware.qkd.sifting import Record
 from hosts.middleware.services.key_distribution.acceptor import (
@@ -45,7 +46,8 @@ from hosts.middleware.session.protocol import (
     do,
 )
 from hosts.middleware.session.values import announced, announcement, expect
-from wire.metadata import Reason, Service, Topic, Values
+from wire.metadata.values import Topic, Values
+from wire.metadata.vocabulary import Reason, Service
 from wire.outcomes import NO_CLICK, NO_COINCIDENCE
 
 MOST_LEVELS = 3

@@ -48,7 +48,7 @@ from hosts.middleware.session.ends import AcceptorEnd, End, OpenerEnd
 from hosts.middleware.session.errors import SessionError
 from hosts.network_loop import now_s
 from hosts.timeouts import ROOM_LOOK_S, ROOM_TIMEOUT_S
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 
 
 async def make_key(

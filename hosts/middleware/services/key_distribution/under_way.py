@@ -17,7 +17,9 @@ from hosts.middleware.services.key_distribution.messages import Cutter, failure_
 from hosts.middleware.services.key_distribution.summary import Progress
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import Beside, Now, Say, Side, Steps, Until, Work
-from wire.metadata import Envelope, MalformedPacket, Reason, Topic
+from wire.malformed import MalformedPacket
+from wire.metadata.values import Envelope, Topic
+from wire.metadata.vocabulary import Reason
 from wire.qkd import unframe
 
 MAX_UNDER_WAY = 4  # one is sifted, the errors of others are corrected

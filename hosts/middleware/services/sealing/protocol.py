@@ -19,6 +19,7 @@ from hosts.middleware.session.options import check_share
 from hosts.middleware.session.protocol import (
     Emit,
     HostSide,
+    Now,
     OpenerSide,
     Steps,
     Tell,
@@ -26,7 +27,8 @@ from hosts.middleware.session.protocol import (
     hear,
 )
 from hosts.middleware.session.service_options import ServiceOptions
-from wire.metadata import Reason, Topic
+from wire.metadata.values import Topic
+from wire.metadata.vocabulary import Reason
 from wire.outcomes import NO_COINCIDENCE
 
 MOST_DARK = 5  # blocks in a row of which no pair can be compared
@@ -74,6 +76,7 @@ class Watch:
         """Begin with nothing seen; `wanted_back` tells whether a session wants the light."""
         self._side, self._options, self._wanted_back = side, options, wanted_back
         self.given_back = False
+        self._elapsed_s = 0.0
         self._test = SequentialTest(options.question)
         self._blocks = self._emitted = self._dark = 0
         self._compared, self._errors = np.zeros(2, np.int64), np.zeros(2, np.int64)  # in Z, X
@@ -100,11 +103,13 @@ class Watch:
 
     def run(self) -> Steps[None]:
         """Watch until there is an alarm, or enough was seen, or a session wants the light."""
+        began_s = yield Now()
         while not self._test.alarm and self._test.compared < self._options.count:
             if self._wanted_back():
                 self.given_back = True
                 return
             yield from self._look()
+            self._elapsed_s = (yield Now()) - began_s
             yield Tell(self.summary(), at_the_end=False)
 
     def _look(self) -> Steps[None]:
@@ -165,6 +170,8 @@ class Watch:
             "false_alarm": question.false_alarm,
             "missed": question.missed,
             "light_s": self._emitted / self._side.setup.rate_hz,
+            "elapsed_s": self._elapsed_s,
+            "pairs_per_s": test.compared / self._elapsed_s if self._elapsed_s else 0.0,
         }
 
 

@@ -11,14 +11,14 @@ Who measures halves on the way and sends them on cannot know the bases that will
 breaks the correlation in the other one: visibility V = 1 - 2 error sinks from 1 to 1 - f/2.
 An opener that is the source keeps half 0; then only the way between the two is watched.
 It ends between two blocks when the controller says that a session wants its light.
-Where no light comes the session ends with an error: a fibre that is cut is no seal.
+Where no light comes the session ends with an error: a fibre that is cut is not a seal.
 protocol.py decides; here it is carried out.
 """
 
 from hosts.middleware.services.sealing.protocol import SealOptions, Watch, answer
 from hosts.middleware.session.ends import AcceptorEnd, OpenerEnd, ServiceKind, Watched
 from hosts.middleware.session.errors import SessionError
-from wire.metadata import Reason, Service
+from wire.metadata.vocabulary import Reason, Service
 
 
 async def watch(end: OpenerEnd, options: SealOptions) -> None:

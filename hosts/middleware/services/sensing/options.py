@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from hosts.middleware.services.ghz.options import GhzOptions
 from hosts.middleware.session.errors import SessionError
-from wire.metadata import Reason
+from wire.metadata.vocabulary import Reason
 
 GHZ, SEPARATE = PROBES = ("ghz", "separate")
 

@@ -19,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from hosts.hardware.qnic import BlockName, Qnic, Symbols
+from hosts.hardware.operations import BlockName
+from hosts.hardware.qnic import Qnic, Symbols
 from hosts.middleware.services.ghz import line
 from hosts.middleware.services.ghz.line import Table
 from hosts.middleware.services.sensing.fringe import Fringe, in_rad
@@ -29,7 +30,8 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import Steps, do, hear
 from hosts.middleware.session.values import MAX_WORD, numbers_of
 from hosts.timeouts import BITS_TIMEOUT_S
-from wire.metadata import Reason, Topic, Values
+from wire.metadata.values import Topic, Values
+from wire.metadata.vocabulary import Reason
 
 PLUS = 2  # as states are prepared
 FIRST_SHARE = 1 / 32  # of the probes, in X, and as many in Y

@@ -7,7 +7,7 @@ from hosts.middleware.services.ghz import connections
 from hosts.middleware.services.sensing.options import SensingOptions
 from hosts.middleware.services.sensing.protocol import Follower, Leader
 from hosts.middleware.session.ends import AcceptorEnd, OpenerEnd, ServiceKind
-from wire.metadata import Service
+from wire.metadata.vocabulary import Service
 
 
 async def lead(end: OpenerEnd, options: SensingOptions) -> None:

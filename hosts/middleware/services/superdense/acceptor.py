@@ -30,7 +30,9 @@ from hosts.timeouts import (
     OUTCOME_TIMEOUT_S,
     PAIR_TIMEOUT_S,
 )
-from wire.metadata import Answer, Block, Finish, Handshake, Reason, Setup
+from wire.metadata.blocks import Block, Finish
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.vocabulary import Handshake, Reason
 
 FIRST_BLOCK = 1
 Ahead = asyncio.Task[Coincidences | None]

@@ -15,7 +15,8 @@ from hosts.middleware.services.superdense.coding import CODES, NAMES, Code, dein
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES
 from wire import dibits
-from wire.metadata import Fec, Reason, Setup
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Fec, Reason
 
 
 @dataclass(frozen=True)

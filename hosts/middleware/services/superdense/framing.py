@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hosts.middleware.services.superdense.frame_format import FrameFormat
-from wire.metadata import Frame
+from wire.metadata.blocks import Frame
 
 Slots = NDArray[np.int64]
 BLOCKS_UNDER_WAY = 4  # at most: sent, and not reported of

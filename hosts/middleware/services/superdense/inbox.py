@@ -16,7 +16,7 @@ from hosts.middleware.services.superdense.framing import (
     Slots,
 )
 from wire import dibits
-from wire.metadata import Block, Frame, Report
+from wire.metadata.blocks import Block, Frame, Report
 from wire.outcomes import NO_COINCIDENCE
 
 SYMBOLS = 4

@@ -22,7 +22,8 @@ from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from typing import Any
 
-from hosts.hardware.qnic import BlockName, NoLight, Symbols
+from hosts.hardware.operations import BlockName
+from hosts.hardware.qnic import NoLight, Symbols
 from hosts.middleware.services.superdense.framing import BLOCKS_UNDER_WAY
 from hosts.middleware.services.superdense.options import SEQUENTIAL, SuperdenseOptions, sent_half
 from hosts.middleware.services.superdense.per_pair import Agreed, PerPair, cancelled
@@ -30,7 +31,7 @@ from hosts.middleware.services.superdense.sender import Light, Sender, Singles
 from hosts.middleware.session.ends import Carrier, OpenerEnd
 from hosts.network_loop import now_s
 from hosts.timeouts import DOUBT_S, GRACE_S, LIGHT_TIMEOUT_S, REPORT_TIMEOUT_S
-from wire.metadata import Report
+from wire.metadata.blocks import Report
 
 
 async def open_bytes(end: OpenerEnd, options: SuperdenseOptions) -> Carrier:
@@ -159,7 +160,7 @@ class Opener:
             if light.done():
                 return await light
             await over
-            # The source has answered: word of its light is no faster than that itself.
+            # The source has answered: word of its light is not faster than that itself.
             await asyncio.wait([light], timeout=GRACE_S + paulis.size / rate_hz)
             if not light.done():
                 self._qnic.give_up(half)

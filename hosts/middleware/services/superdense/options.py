@@ -14,7 +14,8 @@ from hosts.middleware.session.options import (
 )
 from hosts.middleware.session.service_options import SessionOptions
 from hosts.timeouts import MAX_BLOCK_S
-from wire.metadata import FEC_NAMES, Handshake, Reason, Service, Setup
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import FEC_NAMES, Handshake, Reason, Service
 
 DEFAULT_BLOCK_PAIRS = 131_072
 SEQUENTIAL = "sequential"

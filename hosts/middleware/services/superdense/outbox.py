@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hosts.hardware.qnic import Symbols
 from hosts.middleware.services.superdense.frame_format import FrameFormat
 from hosts.middleware.services.superdense.framing import NO_SLOTS, FramingError, SlotMap, Slots
-from wire.metadata import MAX_FRAMES, Frame, Report
+from wire.metadata.blocks import MAX_FRAMES, Frame, Report
 
 LEAST_ARRIVALS = (
     4  # of a block of refills alone, on average: few symbols shall not need many blocks

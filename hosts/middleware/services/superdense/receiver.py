@@ -26,7 +26,9 @@ from hosts.middleware.session.encoding import agreed_encoding, from_bell_states
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.offers import check_light, offer_nothing_but_0
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES
-from wire.metadata import Answer, Block, Finish, Handshake, Reason, Report, Setup
+from wire.metadata.blocks import Block, Finish, Report
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.vocabulary import Handshake, Reason
 from wire.outcomes import NO_COINCIDENCE
 
 

@@ -26,7 +26,9 @@ from hosts.middleware.session.encoding import to_paulis
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.timeouts import DARK_LIMIT_S
-from wire.metadata import SYMBOLS, Answer, Block, Handshake, Reason, Report, Setup
+from wire.metadata.blocks import Block, Report
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.vocabulary import SYMBOLS, Handshake, Reason
 
 ATTEMPTS_LIMIT = 64
 

@@ -15,7 +15,7 @@ from hosts.middleware.services.superdense.opener import open_bytes
 from hosts.middleware.services.superdense.options import SuperdenseOptions
 from hosts.middleware.services.superdense.sender import check_frames
 from hosts.middleware.session.ends import ServiceKind
-from wire.metadata import Handshake, Service
+from wire.metadata.vocabulary import Handshake, Service
 
 KIND = ServiceKind(
     Service.SDC,

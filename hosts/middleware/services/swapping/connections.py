@@ -19,7 +19,8 @@ from hosts.middleware.session.offers import check_wavelength
 from hosts.middleware.session.session import making, require_fibers
 from hosts.timeouts import LINK_TIMEOUT_S
 from wire.device import SwapOrder
-from wire.metadata import MemoryState, Setup
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import MemoryState
 from wire.services import Role
 
 

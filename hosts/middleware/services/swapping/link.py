@@ -19,7 +19,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from hosts.hardware.qnic import BlockName
+from hosts.hardware.operations import BlockName
 from hosts.middleware.services.swapping.bits import MAX_OPERATOR, Bits, Swapped
 from hosts.middleware.services.swapping.spans import (
     MAX_SEED,
@@ -50,17 +50,11 @@ from hosts.middleware.session.protocol import (
 )
 from hosts.timeouts import BITS_TIMEOUT_S, IDLE_TIMEOUT_S
 from wire.device import MAX_REPEATERS, NOBODY, SwapOrder
-from wire.metadata import (
-    SEAL_BYTES,
-    Finish,
-    MemoryState,
-    Pauli,
-    Reason,
-    Service,
-    Setup,
-    Topic,
-    Verdict,
-)
+from wire.metadata.blocks import Finish
+from wire.metadata.setup import SEAL_BYTES, Setup
+from wire.metadata.values import Topic
+from wire.metadata.vocabulary import MemoryState, Reason, Service, Verdict
+from wire.outcomes import Pauli
 
 A = TypeVar("A")
 

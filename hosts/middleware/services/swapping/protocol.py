@@ -10,7 +10,8 @@ from functools import reduce
 
 import numpy as np
 
-from hosts.hardware.qnic import BlockName, Qnic
+from hosts.hardware.operations import BlockName
+from hosts.hardware.qnic import Qnic
 from hosts.middleware.services.distribution.pairs import Mask, Pairs
 from hosts.middleware.services.swapping.bits import Bits, Swapped
 from hosts.middleware.services.swapping.link import (
@@ -37,7 +38,8 @@ from hosts.middleware.session.protocol import (
 )
 from hosts.timeouts import BITS_TIMEOUT_S
 from wire.device import MAX_UNDER_WAY, SwapOrder
-from wire.metadata import MemoryState, Reason, Topic, Values
+from wire.metadata.values import Topic, Values
+from wire.metadata.vocabulary import MemoryState, Reason
 
 # The last link of a chain, and the order of its right end; it comes when the chain is there.
 LastLink = Callable[[], Awaitable[tuple[Connection, IncomingLink, SwapOrder]]]

@@ -10,7 +10,8 @@ it on. So nothing needs an address: who tells whom follows from the order of swa
 
 import numpy as np
 
-from hosts.hardware.qnic import BlockName, Qnic, Symbols
+from hosts.hardware.operations import BlockName
+from hosts.hardware.qnic import Qnic, Symbols
 from hosts.middleware.services.distribution.purification import PHOTONS, Protocol, purify
 from hosts.middleware.services.swapping.bits import Bits
 from hosts.middleware.session.blocks import LOST, Mask, keep, keep_of_all, store, take
@@ -18,7 +19,8 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import Hear, Say, Side, Steps, do, hear
 from hosts.middleware.session.values import Numbers, expect
 from hosts.timeouts import BITS_TIMEOUT_S
-from wire.metadata import Reason, Topic, Values
+from wire.metadata.values import Topic, Values
+from wire.metadata.vocabulary import Reason
 
 MAX_SEED = (1 << 32) - 1
 

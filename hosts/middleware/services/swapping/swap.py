@@ -33,7 +33,7 @@ from hosts.middleware.session.protocol import Connection
 from hosts.middleware.session.swap_orders import Arrived
 from hosts.timeouts import LINK_TIMEOUT_S
 from wire.device import SwapOrder
-from wire.metadata import Reason, Service
+from wire.metadata.vocabulary import Reason, Service
 
 
 async def swap(end: OpenerEnd, options: DistributeOptions) -> Answerer:

@@ -22,7 +22,9 @@ from hosts.middleware.services.teleportation import qubit_states
 from hosts.middleware.services.teleportation.qubit_states import Heard, States
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.values import Numbers, expect, values
-from wire.metadata import Reason, Setup, Topic, Values
+from wire.metadata.setup import Setup
+from wire.metadata.values import Topic, Values
+from wire.metadata.vocabulary import Reason
 from wire.outcomes import NO_COINCIDENCE
 
 MAX_NUMBER = (1 << 32) - 1

@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from hosts.hardware.qnic import Directions, Symbols
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.values import Numbers, expect, values
-from wire.metadata import Reason, Topic, Values
+from wire.metadata.values import Topic, Values
+from wire.metadata.vocabulary import Reason
 
 NAMES = ("0", "1", "+", "-", "+i", "-i")  # of the cardinal states, by their numbers
 RANDOM, HAAR = "random", "haar"

@@ -17,7 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hosts.hardware.qnic import BlockName, Outcomes, Qnic, Symbols
+from hosts.hardware.operations import BlockName
+from hosts.hardware.qnic import Outcomes, Qnic, Symbols
 from hosts.middleware.services.teleportation import qubit_states
 from hosts.middleware.services.teleportation.protocol import (
     Correct,
@@ -31,7 +32,8 @@ from hosts.middleware.session.ends import AcceptorEnd, OpenerEnd, ServiceKind
 from hosts.middleware.session.service_options import ServiceOptions
 from hosts.network_loop import now_s
 from hosts.timeouts import ANSWER_TIMEOUT_S
-from wire.metadata import Service, Values
+from wire.metadata.values import Values
+from wire.metadata.vocabulary import Service
 from wire.outcomes import NO_COINCIDENCE
 
 STATE_BLOCKS = 1 << 31  # numbers of the blocks of states, beside those of pairs

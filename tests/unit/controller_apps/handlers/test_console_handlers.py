@@ -31,7 +31,7 @@ class Known:
     ("request_", "words"),
     [
         ([], "a request is an object"),
-        ({}, "no command None; choose one of devices"),
+        ({}, "no command None: choose one of devices"),
         ({"command": ["devices"]}, "no command"),
         ({"command": "devices", "more": 1}, "devices takes nothing, not more"),
         ({"command": "set", "device": "alice"}, "set takes device, settings, not device"),

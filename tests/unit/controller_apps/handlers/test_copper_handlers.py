@@ -33,9 +33,7 @@ from controller_apps.console.questions import EventQuestion
 from controller_apps.openflow.framework import ofproto
 from wire.config import Station
 from wire.device import DEVICE_PORT
-from wire.metadata import (
-    METADATA_PORT,
-)
+from wire.metadata.header import METADATA_PORT
 
 scene, ready = handlers_scene.scene, handlers_scene.ready  # fixtures
 
@@ -58,6 +56,9 @@ def test_a_classical_switch_gets_its_two_tables(scene: Scene) -> None:
         (1, 400, {**to_port, "tcp_flags": (4, 4)}, [up, on]),
         (1, 400, {**from_port, "tcp_flags": (4, 4)}, [up, on]),
         (1, 400, {**from_port, "tcp_flags": (18, 18)}, [up, on]),
+        (1, 500, {"eth_type": 0x8100}, []),
+        (1, 500, {"eth_type": 0x88A8}, []),
+        (1, 500, {**ends, "tcp_src": 0, "tcp_dst": 0}, []),
     ]
     assert wiped == [2, 0, 1]
     assert [

@@ -47,7 +47,9 @@ from wire.device import (
     host_of,
     open_sealed,
 )
-from wire.metadata import Answer, Message, Reason
+from wire.metadata.header import Message
+from wire.metadata.setup import Answer
+from wire.metadata.vocabulary import Reason
 from wire.optical import ALL_VALID, TUNABLE, PortLight, PortOptics
 from wire.seal_orders import GiveBack, SealOrder
 from wire.session_estimates import Quantity, SessionEstimate

@@ -29,13 +29,10 @@ from metadata_scene import (
 
 from controller_apps.apps.host_orders import EventEstimate
 from controller_apps.openflow.framework import ofproto, parser
-from wire.metadata import (
-    METADATA_PORT,
-    SETUP_LENGTH,
-    Reason,
-    Setup,
-    decode,
-)
+from wire.metadata.decoding import decode
+from wire.metadata.header import METADATA_PORT
+from wire.metadata.setup import SETUP_LENGTH, Setup
+from wire.metadata.vocabulary import Reason
 from wire.session_estimates import Quantity, SessionEstimate
 
 scene, ready = handlers_scene.scene, handlers_scene.ready  # fixtures

@@ -43,9 +43,7 @@ from controller_apps.openflow.framework import ofproto
 from wire.features import EVERYTHING, NodeFeatures
 from wire.lldp import OUI
 from wire.lldp import announcement as host_announcement
-from wire.metadata import (
-    MalformedPacket,
-)
+from wire.malformed import MalformedPacket
 
 KEY, OTHER_KEY = "0011", "2233"  # of bob and charlie
 

@@ -27,7 +27,9 @@ from wire.key_routes import (
     LinkState,
     route_tag,
 )
-from wire.metadata import Answer, Message, Reason
+from wire.metadata.header import Message
+from wire.metadata.setup import Answer
+from wire.metadata.vocabulary import Reason
 
 KEYS = {"alice": "aa" * 16, "bob": "bb" * 16, "r": "cc" * 16}
 ADDRESSES = {"alice": "10.0.0.1", "bob": "10.0.0.2", "r": "10.0.0.9"}

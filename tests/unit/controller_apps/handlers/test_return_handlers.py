@@ -22,12 +22,10 @@ from controller_apps.openflow import flow_entries, framework
 from controller_apps.openflow.framework import ofproto, parser
 from controller_apps.packets.segments import FiveTuple
 from controller_apps.sessions.state_folder import StateFolder
-from wire.metadata import (
-    METADATA_PORT,
-    Reason,
-    Setup,
-    decode,
-)
+from wire.metadata.decoding import decode
+from wire.metadata.header import METADATA_PORT
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Reason
 
 scene, ready = handlers_scene.scene, handlers_scene.ready  # fixtures
 

@@ -18,7 +18,10 @@ from controller_apps.openflow.framework import ofproto
 from controller_apps.packets.segments import FiveTuple
 from controller_apps.timeouts import DISCOVERY_S
 from wire.device import DeviceReport
-from wire.metadata import METADATA_PORT, Reason, Service, Setup, Verdict, decode
+from wire.metadata.decoding import decode
+from wire.metadata.header import METADATA_PORT
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Reason, Service, Verdict
 
 scene, ready = handlers_scene.scene, handlers_scene.ready  # fixtures
 

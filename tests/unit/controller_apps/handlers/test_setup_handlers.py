@@ -25,13 +25,9 @@ from controller_apps.apps.host_orders import EventNodeAnswered
 from controller_apps.console.questions import EventQuestion
 from controller_apps.light.paths import HostPort
 from controller_apps.openflow.framework import ofproto, parser
-from wire.metadata import (
-    Reason,
-    Service,
-    Setup,
-    Verdict,
-    decode,
-)
+from wire.metadata.decoding import decode
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Reason, Service, Verdict
 
 scene, ready = handlers_scene.scene, handlers_scene.ready  # fixtures
 
@@ -87,7 +83,15 @@ def test_the_packet_leaves_by_the_learned_port_after_the_barrier(ready: Scene) -
     assert not ready.quantum._transactions
     events = [(line["event"], line.get("session")) for line in ready.recorded()]
     assert events[-2:] == [("path_ready", f"{7:016x}"), ("granted", f"{7:016x}")]
-    ready_line = ready.recorded()[-2]
+    ready_line, granted = ready.recorded()[-2:]
+    asked = {name: granted[name] for name in ("service", "from", "to")}
+    assert asked == {"service": "sdc", "from": "alice", "to": "bob"}
+    ways = [(way["begin"], way["end"], way["by"], way["loss_db"]) for way in granted["light"]]
+    assert ways == [
+        ("charlie-q0", "alice-q0", ["q1"], 0.5),  # what the switch has told of itself
+        ("alice-q0", "bob-q1", ["q1"], 0.5),
+        ("charlie-q1", "bob-q0", ["q1"], 0.5),
+    ]
     assert ready_line["setup_ms"] > 0
     assert ready_line["packet_in_count"] == len(FIBERS) + 1
 
@@ -131,7 +135,8 @@ def test_what_the_policy_denies_is_refused_and_opens_nothing(ready: Scene, tmp_p
     answer = decode(payload_of(sent.frame))
     assert isinstance(answer, Setup)
     assert (answer.verdict, answer.reason) == (Verdict.REFUSED, Reason.NOT_ALLOWED)
-    assert "forbidden" in [fact["event"] for fact in ready.recorded()]
+    fact = next(fact for fact in ready.recorded() if fact["event"] == "forbidden")
+    assert (fact["service"], fact["from"], fact["to"]) == ("sdc", "alice", "bob")
 
 
 @pytest.mark.parametrize(
@@ -180,7 +185,9 @@ def test_an_unknown_receiver_is_flooded(ready: Scene) -> None:
     answer = decode(payload_of(sent.frame))
     assert isinstance(answer, Setup)
     assert answer.reason == Reason.UNKNOWN_HOST
-    assert ready.recorded()[-1]["event"] == "refused"
+    fact = ready.recorded()[-1]
+    assert fact["event"] == "refused"
+    assert (fact["service"], fact["from"]) == ("sdc", "alice")
 
 
 @pytest.mark.parametrize("which", range(6))

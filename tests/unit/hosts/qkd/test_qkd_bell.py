@@ -74,6 +74,18 @@ def test_at_or_below_two_and_the_margin_there_is_no_key_though_few_bits_are_wron
     assert after(0.85, margin=0.2).alice.state is State.DONE
 
 
+def test_s_far_below_two_the_other_way_round_is_no_proof() -> None:
+    """Bob's tests have all the wrong sign: S = -2 sqrt 2, and no bit of the key is wrong."""
+    ends = make_ends(np.random.default_rng(1), TESTED)
+    alice, bob = werner(np.random.default_rng(2), 1.0)
+    assert bob.tests is not None
+    flipped = replace(bob.tests, bits=bob.tests.bits ^ np.uint8(1))
+    ends.run((alice, replace(bob, tests=flipped)))
+    assert abs(ends.alice.bell.s + 2 * sqrt(2)) < 5 * ends.alice.bell.error
+    assert ends.alice.failure is not None
+    assert ends.alice.failure.reason is AbortReason.LOCAL
+
+
 def test_who_tells_both_ends_the_same_bits_beforehand_reaches_two() -> None:
     """Local hidden variables: all outcomes 0, no error in any basis, S = 1 + 1 + 1 - 1."""
     rng = np.random.default_rng(4)

@@ -14,7 +14,7 @@ from hosts.middleware.services.superdense.coding.code import (
 )
 from hosts.middleware.services.superdense.coding.perfect import GOLAY, HAMMING, REPETITION
 from hosts.middleware.services.superdense.coding.reed_solomon import ReedSolomon
-from wire.metadata import FEC_NAMES, Fec
+from wire.metadata.vocabulary import FEC_NAMES, Fec
 
 CODES: dict[Fec, Code] = {
     code.fec: code for code in (Uncoded(), REPETITION, HAMMING, GOLAY, ReedSolomon())

@@ -17,7 +17,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from wire.metadata import Fec
+from wire.metadata.vocabulary import Fec
 
 Bits = NDArray[np.uint8]  # 0 or 1 each, one dimension
 Mask = NDArray[np.bool_]

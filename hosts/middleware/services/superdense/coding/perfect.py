@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hosts.middleware.services.superdense.coding.code import Bits, Mask
-from wire.metadata import Fec
+from wire.metadata.vocabulary import Fec
 
 WORDS_AT_A_TIME = 512  # compared with all codewords
 

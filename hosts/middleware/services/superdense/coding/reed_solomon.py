@@ -8,7 +8,7 @@ import numpy as np
 import reedsolo
 
 from hosts.middleware.services.superdense.coding.code import Bits, Mask
-from wire.metadata import Fec
+from wire.metadata.vocabulary import Fec
 
 CHECK_BYTES = 32
 DATA_BYTES = 255 - CHECK_BYTES

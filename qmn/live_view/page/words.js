@@ -1,0 +1,81 @@
+// What values and the controller's facts say in words, with units.
+
+const UNITS = [
+  ["per_s", "/s"], ["mhz", "MHz"], ["hz", "Hz"], ["dbm", "dBm"], ["db", "dB"], ["ms", "ms"], ["s", "s"], ["km", "km"],
+  ["mw", "mW"], ["ma", "mA"], ["c", "°C"], ["pm", "pm"], ["nm", "nm"], ["ppm", "ppm"],
+];
+const SCALES = [[1e12, "THz"], [1e9, "GHz"], [1e6, "MHz"], [1e3, "kHz"], [1, "Hz"]];
+
+export const reasons = {}; // why the controller has refused, by name
+
+export const plain = (text) => String(text).replaceAll("_", " ");
+
+// What a field is called, and its value with the unit that is at the end of its name.
+export function quantity(name, value) {
+  const [end, unit] = UNITS.find(([each]) => name.endsWith(`_${each}`)) ?? ["", ""];
+  if (typeof value === "boolean") return [plain(name), value ? "yes" : "no"];
+  if (typeof value !== "number" || !unit) return [plain(name), typeof value === "number" ? digits(value) : plain(value)];
+  const called = plain(name.slice(0, -end.length - 1));
+  return [called, unit.endsWith("Hz") ? frequency(value * (unit === "MHz" ? 1e6 : 1)) : `${digits(value)}${unit[0] === "/" ? "" : " "}${unit}`];
+}
+
+function frequency(hz) {
+  const [scale, unit] = SCALES.find(([each]) => hz >= each) ?? [1, "Hz"];
+  return `${digits(hz / scale)} ${unit}`;
+}
+
+function digits(number) {
+  return number.toLocaleString("en", { maximumSignificantDigits: 6 });
+}
+
+// The state of a session, as a fact about it tells.
+export function outcome(m) {
+  return m.event === "refused" || m.event === "forbidden" ? `${m.event}: ${m.detail}` : plain(m.event);
+}
+
+const who = (m) => (m.from ? `${m.from} → ${m.to}, ${plain(m.service)}` : m.session ? "" : plain(m.detail ?? ""));
+const about = (m) => (m.session ? `session ${m.session.slice(-6)}` : "");
+
+function light(paths) {
+  return "light of least loss: " + paths.map(({ begin, end, by, loss_db }) => `${begin} → ${end} by ${by.join(", ")} (${digits(loss_db)} dB)`).join(" and ");
+}
+
+// A reason with its explanation: its name comes first, and perhaps what is in the way.
+function why(detail) {
+  const name = /^[A-Z_]+/.exec(detail ?? "")?.[0];
+  const explained = reasons[name];
+  return explained && !detail.includes(":") ? `${detail}: ${explained}` : detail ?? "";
+}
+
+const TOLD = {
+  switch: (m, names) => `${names[m.dpid] ?? `switch ${m.dpid}`} is here: a ${m.kind} switch`,
+  device: (m) => (m.state ? `${m.name} is ${m.state}` : ""), // of a port "port" tells, too
+  port: (m, names) => `fibre at ${names[m.dpid] ?? m.dpid} port ${m.at}: ${m.up ? "whole" : "cut"}`,
+  path_ready: (m) => `light path of ${about(m)} stands after ${digits(m.setup_ms)} ms`,
+  chain_ready: (m) => `chain of ${about(m)} is ready after ${digits(m.setup_ms)} ms`,
+  moved: (m) => `light of ${about(m)} has moved within ${digits(m.setup_ms)} ms${m.light ? `: ${light(m.light)}` : ""}`,
+  granted: (m) => `granted: ${[about(m), who(m), m.light?.length ? light(m.light) : ""].filter(Boolean).join("; ")}`,
+  refused: (m) => `refused: ${[about(m), who(m), why(m.detail)].filter(Boolean).join("; ")}`,
+  forbidden: (m) => `forbidden by the policy: ${[about(m), who(m), m.detail].filter(Boolean).join("; ")}`,
+  light_after: (m) => `has light now: ${about(m)}, which waited for session ${m.after.session.slice(-6)} to give it back`,
+  queued: (m) => `waits for light: ${[about(m), who(m)].filter(Boolean).join("; ")}`,
+  chain: (m) => `orders ${m.schedule} swaps: ${about(m)}; ${m.nodes.join(" – ")}`,
+  torn_down: (m) => `over: ${about(m)}; ${{ FIN: "its connection was closed", RST: "its connection was broken off" }[m.detail] ?? m.detail}`,
+  override: ({ name, t, what, event, ...settings }) =>
+    `${name} shall use ${Object.entries(settings).map(([key, value]) => quantity(key, value ?? "default").join(" ")).join(", ")}`,
+  policy: (m) => `the policy is in force${m.path ? `: ${m.path}` : ""}`,
+};
+const NOT_TOLD = new Set(["tuned", "fiber", "link"]); // what it has found of the network, and port by port
+
+// What the controller has decided or heard, and why; nothing for what is no decision.
+export function decision(m, names) {
+  if (NOT_TOLD.has(m.event)) return "";
+  return TOLD[m.event]?.(m, names) ?? other(m);
+}
+
+function other(m) {
+  const { t, what, event, session, packet_in_count, ...rest } = m;
+  const more = Object.entries(rest).map(([name, value]) =>
+    typeof value === "object" ? `${plain(name)} ${JSON.stringify(value)}` : quantity(name, value).join(" "));
+  return [plain(event), about(m), ...more].filter(Boolean).join(", ");
+}

@@ -1,0 +1,1 @@
+"""Quantum metadata: the classical messages that say how light will be used."""

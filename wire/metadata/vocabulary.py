@@ -1,0 +1,118 @@
+"""Words of a set-up message: services, memories, handshakes, codes, verdicts, reasons."""
+
+from enum import IntEnum
+
+from wire.malformed import MalformedPacket
+
+
+class UnknownService(MalformedPacket):
+    """A set-up message asks for a service that this version does not know."""
+
+
+class Service(IntEnum):
+    """What the light is wanted for; wire.services says which paths each needs."""
+
+    SDC = 1  # superdense coding
+    PAIR_SOURCE = 2  # of an open session: its pairs
+    DISTRIBUTE = 3  # entanglement distribution
+    TELEPORT = 4
+    BBM92 = 5  # quantum key distribution by entangled pairs
+    BB84 = 6  # by single photons that the opener prepares
+    SWAP = 7  # entanglement swapping, by way of repeaters
+    LINK = 8  # between neighbours of such a chain: the opener makes pairs and keeps half of each
+    SDC_RETURN = 9  # superdense coding back to the opener of a session of it, with its light
+    SEAL = 10  # pairs that watch a fibre
+    GHZ = 11  # states of several hosts: this is between two neighbours of their line
+    E91 = 12  # quantum key distribution by entangled pairs, with a CHSH test
+    MDI = 13  # by photons that both ends prepare and a relay measures in pairs
+    SENSE = 14  # phases at hosts, by GHZ states: this is between two neighbours of their line
+    CONFERENCE = 15  # a key of several hosts, by GHZ states: between two neighbours likewise
+    GRAPH = 16  # graph states of several hosts: this is between two neighbours of their line
+
+
+def service_of(number: int) -> Service:
+    """Return the service of a number; raise UnknownService for one that is not known."""
+    try:
+        return Service(number)
+    except ValueError as error:
+        known = ", ".join(f"{service.value} ({service.name})" for service in Service)
+        raise UnknownService(f"unknown service {number}: choose one of {known}") from error
+
+
+class MemoryState(IntEnum):
+    """What the memories of both ends do, as a set-up wants it."""
+
+    ANY = 0  # keep what comes
+    HERALDED = 1  # their qubits emit, and the source is a station that heralds pairs of them
+    # Said to the source alone: it makes no pairs, but measures the light that both ends send.
+    RELAYED = 2
+
+
+class Handshake(IntEnum):
+    """How often light paths are arranged."""
+
+    FRAMED = 1  # once for a session
+    PER_PAIR = 2  # a session whose every Bell state has a handshake of its own
+    ONE_PAIR = 3  # that handshake (paper, figure "handshaking")
+
+
+class Fec(IntEnum):
+    """Error-correction codes of a session (hosts/middleware/services/superdense/coding)."""
+
+    NONE = 0
+    REPETITION = 1  # (3,1)
+    HAMMING = 2  # (7,4)
+    GOLAY = 3  # (23,12)
+    REED_SOLOMON = 4  # (255,223) over bytes, shortened
+
+
+FEC_NAMES = {fec.name.lower().replace("_", "-"): fec for fec in Fec}  # what users call them
+SYMBOLS = (3, 4)  # how many Bell states an analyser can tell apart
+PAPER_ENCODING = 0b11_10_01_00  # symbol s is sent as Pauli (encoding >> 2s) & 3: table 1
+
+
+class Verdict(IntEnum):
+    """What the controller has written into a set-up message."""
+
+    PENDING = 0
+    GRANTED = 1
+    REFUSED = 2
+
+
+class Reason(IntEnum):
+    """Why a request was refused; OK if it was not."""
+
+    OK = 0
+    NOT_ARBITRATED = 1
+    NO_LISTENER = 2
+    UNKNOWN_HOST = 3
+    NO_PATH = 4
+    BUSY = 5
+    UNKNOWN_SESSION = 6
+    UNSUPPORTED = 7
+    SWITCH_FAILED = 8
+    SWITCH_TIMEOUT = 9
+    NO_LIGHT = 10
+    TOO_NOISY = 11
+    WRONG_DIGEST = 12
+    HARDWARE = 13
+    PROTOCOL = 14
+    NOT_ALLOWED = 15
+    LOSS_TOO_HIGH = 16
+    NO_WAVELENGTH = 17
+    NODE_SILENT = 18  # written by the controller, with the address of that node as source
+    # Written by the controller, with the address of the node that lacks the feature as source.
+    CANNOT_EMIT = 19
+    CANNOT_STORE = 20
+    CANNOT_GATE = 21
+    CANNOT_MEASURE = 22
+    NO_CHAIN = 23
+    FIBER_CUT = 24  # written by the controller, with the address of the host whose fibre it is
+    # Written by the controller, with the address of the node that lacks the feature as source.
+    CANNOT_HERALD = 26
+    CANNOT_INTERFERE = 27
+    PATH_BROKEN = 25  # within the optical network
+    TOO_LATE = 28  # no light by the deadline that the set-up message names
+    NO_ANSWER = 29  # the other end was silent for too long
+    PEER_GONE = 30  # it has closed the connection, or lost it
+    CANNOT_ABSORB = 31  # written by the controller, with the address of the node as source
