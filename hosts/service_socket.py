@@ -15,11 +15,15 @@ What a service leaves at a host can be used until the one that asked for it ends
 The host that is asked listens: listen(9, "teleport"), then accept, then results.
 """
 
+import socket
+import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from hosts.stack_socket import QuantumSocketError, StackSocket, not_refused
+from hosts.timeouts import CLOSING_TIMEOUT_S
 from wire.socket_calls import Call, decode_fields, encode, encode_fields
 
 
@@ -29,6 +33,7 @@ class ServiceSocket(StackSocket):
     def __init__(self, stack: Path | str | None = None) -> None:
         super().__init__(stack)
         self.over = False
+        self._asked = False
 
     def request(
         self, service: str, address: tuple[str, int], **options: Any
@@ -40,6 +45,7 @@ class ServiceSocket(StackSocket):
         host, port = address
         words = {"service": service, "host": host, "port": port}
         self._send(encode_fields(Call.REQUEST, **words, **options))
+        self._asked = True
         return self.results()
 
     def results(self) -> Iterator[dict[str, Any]]:
@@ -93,3 +99,22 @@ class ServiceSocket(StackSocket):
         if not self.over:
             self._send(encode(Call.CLOSE))
             list(self.results())
+
+    def close(self) -> None:
+        """Close; a session that this end has asked for and not ended is broken off.
+
+        The stack has done so when this returns, unless that takes too long: whoever asks for the
+        same light next is not refused for the sake of this session.
+        """
+        if self._asked and not self.over:
+            self._wait_until_broken_off()
+        super().close()
+
+    def _wait_until_broken_off(self) -> None:
+        self._closed, deadline = True, time.monotonic() + CLOSING_TIMEOUT_S
+        with suppress(OSError):  # TimeoutError is one
+            self._socket.shutdown(socket.SHUT_WR)
+            while (left_s := deadline - time.monotonic()) > 0:
+                self._socket.settimeout(left_s)
+                if not self._socket.recv(1 << 16):
+                    return

@@ -60,6 +60,7 @@ LIGHT_RETRY_S = 0.05  # by the wall: between two requests for light of packets t
 YIELD_S = 0.1  # by the wall, without a packet: then others have the light, if this host wants some
 
 # Applications, by the wall
+CLOSING_TIMEOUT_S = 2.0  # until the stack has broken off a session whose socket is closed
 COMMAND_TIMEOUT_S = 10.0  # until a command that sets an interface or a tunnel up has ended
 TUNNEL_TIMEOUT_S = 10.0  # until a tunnel's daemon is ready, or the other end's application answers
 TUNNEL_POLL_S = 0.02  # between two looks whether it is

@@ -360,25 +360,38 @@ class Arbiter:
         at = position(request, segment, from_opener)
         if request.bypassed and request.doubted is None and at is not None and at >= 0:
             request.doubted = at, now
+            return self._count(request)
         return []  # an earlier connection between the same ports, or a guess of somebody else
 
     def bypass_counted(self, five_tuple: FiveTuple, count: int, now: float) -> list[Action]:
-        """Believe a close after all if so many bytes, headers included, have gone that far."""
+        """Believe a close after all if so many bytes, headers included, have gone that far.
+
+        What the switch has counted lags behind; who may be wrong is asked again COUNTING_S later.
+        """
         request = self.sessions.requests.get(five_tuple)
         if request is None or request.doubted is None:
             return []
-        (at, _since), request.doubted = request.doubted, None
-        far = at <= request.progress + count
-        return [*self.verdicts.over(request, "close", now), *self._serve_queue(now)] if far else []
+        at, since = request.doubted
+        if at <= request.progress + count + WINDOW:
+            request.doubted = None
+            return [*self.verdicts.over(request, "close", now), *self._serve_queue(now)]
+        if now - since >= COUNTING_S:
+            request.doubted = None  # a guess
+        return []
 
     def _count_doubted(self, now: float) -> list[Action]:
         return [
-            CountBypass(dpid, request.five_tuple, request.setup.session)
+            action
             for session in self.sessions.by_number.values()
             for request in session.requests.values()
             if request.doubted is not None and now - request.doubted[1] >= COUNTING_S
-            for dpid in sorted(request.bypassed)[:1]
+            for action in self._count(request)
         ]
+
+    def _count(self, request: Request) -> list[Action]:
+        """Ask the first switch that lets a connection pass what it has counted of it."""
+        dpids = sorted(request.bypassed)[:1]
+        return [CountBypass(dpid, request.five_tuple, request.setup.session) for dpid in dpids]
 
     def barrier_passed(self, dpid: int, transaction: int, now: float) -> list[Action]:
         """Note that a switch has set up its part; release the message after the last one."""
