@@ -30,18 +30,32 @@ def add_options(
     kind: "type[DataclassInstance]",
     leave_out: Collection[str] = (),
     words: Mapping[str, Words] = NO_WORDS,
+    group: str = "",
 ) -> None:
-    """Describe the options of a dataclass; `words` say some by name that it does not, or anew."""
-    hints, groups = get_type_hints(kind), dict[str, Any]()
+    """Describe the options of a dataclass; `words` say some by name that it does not, or anew.
+
+    Each is in the GROUP of the class that declares it, or else in this one, or in none.
+    """
+    hints, alternatives = get_type_hints(kind), dict[str, Any]()
     for each in _fields(kind):
         said = {**each.metadata, **words.get(each.name, {})}
         if "help" not in said or each.name in leave_out:
             continue
-        group = said.get("instead_of")
-        if group and group not in groups:
-            groups[group] = parser.add_mutually_exclusive_group()
-        target: Any = groups.get(group or "", parser)
+        target: Any = titled(parser, said.get("group") or _group(kind, each.name) or group)
+        if only_one := said.get("instead_of"):
+            if only_one not in alternatives:
+                alternatives[only_one] = target.add_mutually_exclusive_group()
+            target = alternatives[only_one]
         target.add_argument(_flag(each, said), dest=each.name, **_how(each, hints, said))
+
+
+def titled(parser: argparse.ArgumentParser, title: str) -> Any:
+    """Return the group of a parser's options with this title, a new one at first; of no title, all.
+
+    What it returns has argparse's `add_argument`.
+    """
+    there = [each for each in parser._action_groups if each.title == title]
+    return (there or [parser.add_argument_group(title)])[0] if title else parser
 
 
 def read(kind: type[Kind], arguments: argparse.Namespace, **more: Any) -> Kind:
@@ -83,6 +97,12 @@ def _fields(kind: "type[DataclassInstance]") -> list["Field[Any]"]:
     """Return the fields of a dataclass, its own before those of its bases."""
     names = [name for each in kind.__mro__ for name in vars(each).get("__annotations__", ())]
     return sorted(fields(kind), key=lambda each: names.index(each.name))
+
+
+def _group(kind: "type[DataclassInstance]", name: str) -> str:
+    """Return the title under which a class shows the options that it declares, this one among."""
+    declares = next(each for each in kind.__mro__ if name in vars(each).get("__annotations__", ()))
+    return str(vars(declares).get("GROUP", ""))
 
 
 def _flag(option: "Field[Any]", said: Words) -> str:

@@ -1,14 +1,26 @@
 """The parser of the command line and of each verb on it."""
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from difflib import get_close_matches
+from textwrap import fill
 from typing import Any, NoReturn
 
-from wire.parameters.checks import check_choice
+from wire.parameters.checks import check_choice, share
 
 REQUIRED = "the following arguments are required:"  # argparse's words
 NUMBERS: dict[object, str] = {int: "a whole number", float: "a number"}
+
+
+def listed(title: str, what: Mapping[str, str]) -> str:
+    """Return names and what each is, a line or more for each, as argparse lists options."""
+    width = argparse.HelpFormatter("")._width
+    lead = " " * (4 + max(map(len, what)))
+    lines = (
+        fill(text, width, initial_indent=f"  {name}".ljust(len(lead)), subsequent_indent=lead)
+        for name, text in what.items()
+    )
+    return "\n".join([f"{title}:", *lines, ""])
 
 
 class Parser(argparse.ArgumentParser):
@@ -31,6 +43,7 @@ class Parser(argparse.ArgumentParser):
         """Describe what was put off."""
         describe, self._put_off = self._put_off, None
         if describe is not None:
+            self.usage = "%(prog)s [options]"  # which are some sixty
             describe()
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
@@ -63,7 +76,9 @@ class Parser(argparse.ArgumentParser):
                 raise
             if action.type is int and (whole := whole_number(text)) is not None:
                 return whole
-            raise self._refused(f"{name_of(action)} {text!r}: choose {meaning}") from error
+            remedy = share(text) if action.type is float else ""
+            words = f"{name_of(action)} {text!r}: choose {meaning}{remedy}"
+            raise self._refused(words) from error
 
     def _refused(self, text: str) -> argparse.ArgumentError:
         return argparse.ArgumentError(None, text)

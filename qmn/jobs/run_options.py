@@ -7,7 +7,7 @@ from qmn.live_view.beside import LiveOptions
 from qmn.machines.options import MachineOptions
 from topologies.networks.captures import HEADERS_BYTES, MAX_PACKET_BYTES
 from wire.parameters.network import LEAST_MBPS, MOST_MBPS
-from wire.parameters.option import option
+from wire.parameters.option import CONTROL, option
 
 # Bytes of each packet at most.
 CAPTURES = {"full": MAX_PACKET_BYTES, "headers": HEADERS_BYTES, "none": 0}
@@ -17,12 +17,13 @@ CAPTURES = {"full": MAX_PACKET_BYTES, "headers": HEADERS_BYTES, "none": 0}
 class RunOptions(LiveOptions, MachineOptions):
     """What every run can be told beside its network and its job."""
 
-    runs: Path = option(Path("runs"), "what runs leave (runs)", metavar="DIR")
+    runs: Path = option(Path("runs"), "folder for what runs leave (runs)", metavar="DIR")
     classical_mbps: float | None = option(
         None,
         "slow classical channel: Mbit/s of quantum metadata that a host can send (no limit)",
         metavar="MBPS",
         range=(LEAST_MBPS, MOST_MBPS),
+        group=CONTROL,
     )
     qasm: bool = option(False, "write what is done to qubits to quantum.qasm")
     captures: str = option(

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import ClassVar
 
 from topologies.system.machines.machine import Machine
 from topologies.system.runs.runtime import Runtime
@@ -15,6 +16,7 @@ from wire.results.run_result import MachineFacts
 class MachineOptions:
     """What every verb that starts a network over several machines can be told."""
 
+    GROUP: ClassVar[str] = "several machines"
     machines: int = option(
         1, "over this one, m1, and workers on others (1)", metavar="N", range=(1, 64)
     )

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 from hosts.middleware.session.service_options import MAX_COUNT
 from qmn.options import BadInput, check_range, check_ranges
@@ -17,6 +18,7 @@ MOST_MARK = 16_384
 class KeyServiceOptions:
     """What key managers are told; without a pair there are none."""
 
+    GROUP: ClassVar[str] = "key managers"
     key_pair: tuple[str, ...] = option(
         (), "hosts that keep keys, who opens sessions first (repeatable)", metavar="A:B"
     )

@@ -5,7 +5,7 @@ The command line has them as options, Python as keywords: --length-km 2 and leng
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from qmn.network.custom_topology import is_custom
 from qmn.network.time_scale import AUTO, REAL, scale
@@ -14,42 +14,71 @@ from topologies.catalogue.presets import PRESETS
 from topologies.system.runs.runtime import Runtime
 from wire.parameters.fiber import KINDS
 from wire.parameters.network import NetworkSettings
-from wire.parameters.option import option
+from wire.parameters.option import SIMULATION, option
 
 EVERY = "of every fibre"
 PLACES = "PLACES"
 MAP = "map"  # the topology
+NETWORK = "the network"  # the group of options
 
 
 @dataclass(frozen=True, kw_only=True)
-class NetworkOptions(NetworkSettings):
-    """What can be said of a network: its settings, and which nodes and fibres it has."""
+class ShapeOptions:
+    """Which nodes and fibres a network has."""
 
-    topology: str = ""  # its name, or FILE.py:CLASS; empty: a script's own
-    time_scale: float | str = option(
-        REAL,
-        f"one second of the network takes K seconds here ({REAL}; {AUTO}: as slowly as it needs)",
-        metavar="K",
-        parse=scale,
+    GROUP: ClassVar[str] = NETWORK
+    map: str | None = option(
+        None,
+        "over a known map: abilene, nobel-germany, garr, …, or a file (docs/networks.md)",
+        metavar="NAME|FILE",
     )
-    preset: str = option("ideal", "fibres and devices (ideal)", choices=tuple(PRESETS))
-    length_km: float | None = option(None, f"{EVERY} (0.01)", metavar="KM")
-    loss_db_per_km: float | None = option(None, f"{EVERY} (0)", metavar="DB")
+    hosts_at: str | None = option(
+        None, "of the map, with commas, that have hosts (all)", metavar=PLACES
+    )
+    sources_at: str | None = option(
+        None, "of the map that have pair sources (the centre)", metavar=PLACES
+    )
+    repeaters_at: str | None = option(
+        None, "of the map whose hosts can be repeaters (all)", metavar=PLACES
+    )
+    fibers: int | None = option(
+        None, "fibres between neighbouring quantum switches (2)", metavar="N"
+    )
+    repeaters: int | None = option(None, "repeaters of a chain of them, 1 to 64", metavar="N")
+    stations: bool = option(
+        False, "stations between repeaters, which herald pairs of memories that emit"
+    )
+    hosts: int | None = option(None, "hosts of a tree of switches, 2 to 1024 (16)", metavar="N")
+    switches: int | None = option(None, "quantum switches of a chain, ring or tree", metavar="N")
+    leaves: int | None = option(None, "switches of leaf-spine with hosts (3)", metavar="N")
+    spines: int | None = option(None, "switches of leaf-spine between leaves (2)", metavar="N")
+    both_ways: bool = option(False, "alice has two fibres, so that she can receive, too")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LightOptions:
+    """What fibres, switches and devices are like."""
+
+    GROUP: ClassVar[str] = "light and noise"
+    preset: str = option("ideal", "of fibres and devices (ideal)", choices=tuple(PRESETS))
+    length_km: float | None = option(None, f"length {EVERY} (0.01)", metavar="KM")
+    loss_db_per_km: float | None = option(None, f"loss {EVERY} (0)", metavar="DB")
     depolarizing: float | None = option(
-        None, f"{EVERY}: X, Y and Z each with probability P/4 (0)", metavar="P"
+        None, f"noise {EVERY}: X, Y and Z each with probability P/4 (0)", metavar="P"
     )
     kind: str | None = option(
-        None, f"{EVERY}: standard or polarisation-maintaining", choices=tuple(KINDS)
+        None, f"kind {EVERY}: standard or polarisation-maintaining, …", choices=tuple(KINDS)
     )
     fiber: tuple[str, ...] = option(
         (),
-        f"{EVERY}, as burst_end_hz=10, or of those between two nodes, as q1-q2.length_km=40 "
-        "(repeatable; docs/physical-layer.md)",
+        f"parameter {EVERY}, as burst_end_hz=10, or of those between two nodes, as "
+        "q1-q2.length_km=40 (repeatable; docs/physical-layer.md)",
         metavar="[A-B.]NAME=VALUE",
     )
     switch: tuple[str, ...] = option(
         (),
-        "of every quantum switch, as insertion_loss_db=1.2, or of one, as q1.insertion_loss_db=1",
+        "parameter of every quantum switch, as insertion_loss_db=1.2, or of one, as "
+        "q1.insertion_loss_db=1",
         metavar="[NAME.]NAME=VALUE",
     )
     node: tuple[str, ...] = option(
@@ -59,28 +88,31 @@ class NetworkOptions(NetworkSettings):
     )
     device: tuple[str, ...] = option(
         (),
-        "of a host, as bob.detectors.efficiency=0.8 (repeatable; docs/physical-layer.md)",
+        "parameter of a device of a host, as bob.detectors.efficiency=0.8 (repeatable; "
+        "docs/physical-layer.md)",
         metavar="HOST.PART.NAME=VALUE",
     )
-    map: str | None = option(
-        None,
-        "over a known map: abilene, nobel-germany, garr, …, or a file (docs/networks.md)",
-        metavar="NAME|FILE",
+    channels: int | None = option(None, f"channels {EVERY}, by wavelength (1)", metavar="N")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimeOptions:
+    """How fast time passes in a network."""
+
+    GROUP: ClassVar[str] = SIMULATION
+    time_scale: float | str = option(
+        REAL,
+        f"one second of the network takes K seconds here ({REAL}; {AUTO}: as slowly as it needs)",
+        metavar="K",
+        parse=scale,
     )
-    channels: int | None = option(None, f"{EVERY}, by wavelength (1)", metavar="N")
-    hosts_at: str | None = option(None, "of the map, with commas: have hosts (all)", metavar=PLACES)
-    sources_at: str | None = option(None, "have pair sources (the centre)", metavar=PLACES)
-    repeaters_at: str | None = option(
-        None, "have hosts that can be repeaters (all)", metavar=PLACES
-    )
-    fibers: int | None = option(None, "between neighbouring quantum switches (2)", metavar="N")
-    repeaters: int | None = option(None, "of a chain of them, 1 to 64", metavar="N")
-    stations: bool = option(False, "between repeaters, which herald pairs of memories that emit")
-    hosts: int | None = option(None, "of a tree of switches, 2 to 1024 (16)", metavar="N")
-    switches: int | None = option(None, "quantum switches of a chain, ring or tree", metavar="N")
-    leaves: int | None = option(None, "switches of leaf-spine with hosts (3)", metavar="N")
-    spines: int | None = option(None, "switches of leaf-spine between leaves (2)", metavar="N")
-    both_ways: bool = option(False, "alice has two fibres, so that she can receive, too")
+
+
+@dataclass(frozen=True, kw_only=True)
+class NetworkOptions(ShapeOptions, LightOptions, TimeOptions, NetworkSettings):
+    """What can be said of a network: its settings, and which nodes and fibres it has."""
+
+    topology: str = ""  # its name, or FILE.py:CLASS; empty: a script's own
 
     def __post_init__(self) -> None:
         """Take a map, if one is named, in place of the topology that a job has by default."""

@@ -1,6 +1,7 @@
 """Options of q0, the interface of hosts whose packets travel by light."""
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 from qmn.network.options import NetworkOptions
 from qmn.network.topologies import SIZES
@@ -15,6 +16,7 @@ from wire.parameters.option import option
 class Q0Options:
     """What every q0 is like, if there is one."""
 
+    GROUP: ClassVar[str] = "IP over light"
     q0: bool = option(
         False, "hosts have an interface q0 whose IP packets travel by light (docs/ip-over-light.md)"
     )

@@ -5,16 +5,20 @@ A value is typed as 0.1, several as 0.1,0.2,0.5, evenly spaced ones as from:to:c
 """
 
 import json
+import re
 from dataclasses import dataclass, fields
 from hashlib import blake2b
 from typing import Any
 
 import numpy as np
 
+from wire.parameters.checks import share
+
 Value = float | int | str
 Values = dict[str, Value]
 
 MAX_VALUES = 10_000
+RANGE = re.compile(r"([\d.]+)-([\d.]+)")  # as people write one
 UNITS = (  # longer endings first
     ("_ps_per_sqrt_km", "ps/sqrt km"),
     ("_ps_per_nm_km", "ps/(nm km)"),
@@ -143,7 +147,11 @@ class Parameter:
         return [float(f"{number:.12g}") for number in spaced]
 
     def _bad(self, given: object) -> BadGrid:
-        return BadGrid(f"{self.name} {given!r}: {self.range}")
+        text = given if isinstance(given, str) else ""
+        between = RANGE.fullmatch(text)
+        remedy = f": write {between[1]}:{between[2]}:11" if between else share(text)
+        numbers = not self.choices and not self.text and not self.whole
+        return BadGrid(f"{self.name} {given!r}: {self.range}{remedy if numbers else ''}")
 
 
 def of_dataclass(prefix: str, device: Any) -> list[Parameter]:

@@ -20,6 +20,7 @@ from qmn.network.options import NetworkOptions
 from qmn.network.q0_options import Q0Options, ip_over_light, with_both_ways
 from qmn.network.topologies import TOPOLOGIES, topology_name
 from qmn.options import BadInput, add_options, read
+from qmn.parser import listed
 from qmn.results import software_share
 from qmn.results.run_folder import begin_folder, give_to_invoker
 from qmn.scripting.network import QuantumNetwork, running
@@ -27,7 +28,7 @@ from topologies.daemons.ip_over_light import IpOverLight, start_ip_over_light
 from topologies.daemons.key_managers import KeyService, start_key_managers
 from topologies.networks.network import Interrupted, require_root
 from topologies.system.processes.programs import NetworkError
-from wire.parameters.option import option
+from wire.parameters.option import WRITTEN, option
 from wire.results import schema
 
 INTERRUPTED = 130  # status of a script that Ctrl-C has ended, as of a shell
@@ -35,16 +36,22 @@ INTERRUPTED = 130  # status of a script that Ctrl-C has ended, as of a shell
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
-    parser = verbs.add_parser("cli", help="a network with a command line", description=__doc__)
-    names = "; ".join(f"{name}: {what}" for name, (_topo, what) in TOPOLOGIES.items())
-    text = f"{names}; or your own, as FILE.py:CLASS"
+    parser = verbs.add_parser(
+        "cli",
+        help="a network with a command line",
+        usage="qmn cli TOPOLOGY [options]",
+        description=__doc__,
+        epilog=listed("topologies", {name: what for name, (_topo, what) in TOPOLOGIES.items()}),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    text = "one of those below, or your own, as FILE.py:CLASS; or --map"
     words = {"nargs": "?", "metavar": "TOPOLOGY"}  # a map is one, too
     parser.add_argument("topology", type=topology_name, help=text, **words)
     add_options(parser, NetworkOptions)  # keys, too: a program on a host may distribute some
     add_options(parser, KeyServiceOptions)
     add_options(parser, Q0Options)
     add_options(parser, MachineOptions)
-    add_options(parser, CliOptions)
+    add_options(parser, CliOptions, group=WRITTEN)
     parser.set_defaults(call=call, needs_root=True)
 
 

@@ -10,23 +10,28 @@ from qmn.jobs.netqasm import NetqasmRequest
 from qmn.jobs.run_context import guarded
 from qmn.jobs.run_options import RunOptions
 from qmn.machines.options import MACHINES
-from qmn.network.options import KEYS, NetworkOptions
+from qmn.network.options import KEYS, NETWORK, NetworkOptions
 from qmn.network.topologies import TOPOLOGIES, topology_name
-from qmn.options import add_options, read
+from qmn.options import add_options, read, titled
+from wire.parameters.option import WRITTEN
 
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     text = "run a NetQASM application on hosts"
-    parser = verbs.add_parser("netqasm", help=text, description=__doc__)
+    parser = verbs.add_parser(
+        "netqasm", help=text, usage="qmn netqasm APP_DIR [options]", description=__doc__
+    )
     text = "folder of the application, with app_ROLE.py for each of its roles; or a NetQMPI program"
     parser.add_argument("path", type=Path, metavar="APP_DIR", help=text)
+    add_options(parser, NetqasmRequest, group="the application")
     names = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
     text = f"over this network ({names}; default: sdc)"
-    parser.add_argument("--topology", type=topology_name, default="sdc", metavar="NAME", help=text)
-    add_options(parser, NetqasmRequest)
+    titled(parser, NETWORK).add_argument(
+        "--topology", type=topology_name, default="sdc", metavar="NAME", help=text
+    )
     add_options(parser, NetworkOptions, leave_out=KEYS)
-    add_options(parser, RunOptions, leave_out=MACHINES)
+    add_options(parser, RunOptions, leave_out=MACHINES, group=WRITTEN)
     parser.set_defaults(call=_call, needs_root=True)
 
 

@@ -20,10 +20,13 @@ from qmn.jobs.transfer import APPLICATION_PORT
 from qmn.jobs.vpn import VpnRequest
 from qmn.machines.options import MACHINES
 from qmn.network.key_options import KeyServiceOptions
-from qmn.network.options import KEYS, NetworkOptions
+from qmn.network.options import KEYS, NETWORK, NetworkOptions
 from qmn.network.topologies import TOPOLOGIES, topology_name
-from qmn.options import add_options, read
+from qmn.options import add_options, read, titled
 from qmn.parser import Parser
+from wire.parameters.option import WRITTEN
+
+JOB = "the job"  # the group of its own options
 
 
 def add_parser(verbs: Any) -> None:
@@ -49,12 +52,10 @@ def _add_load(jobs: Any) -> None:
 
 
 def _describe_load(parser: Parser) -> None:
-    add_options(parser, LoadRequest)
-    names = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
-    text = f"over this network ({names}; default: ring)"
-    parser.add_argument("--topology", type=topology_name, default="ring", metavar="NAME", help=text)
+    add_options(parser, LoadRequest, group=JOB)
+    _add_topology(parser, "ring")
     add_options(parser, NetworkOptions, leave_out=KEYS)
-    add_options(parser, RunOptions, leave_out=MACHINES)
+    add_options(parser, RunOptions, leave_out=MACHINES, group=WRITTEN)
     parser.set_defaults(call=_call_load)
 
 
@@ -76,14 +77,16 @@ def _add_superdense(jobs: Any, name: str, what: str) -> None:
 
 
 def _describe_superdense(parser: Parser, name: str) -> None:
-    add_options(parser, SuperdenseRequest)
-    add_options(parser, SuperdenseOptions, words=superdense.SESSION)
+    add_options(parser, SuperdenseRequest, group=JOB)
+    add_options(parser, SuperdenseOptions, words=superdense.SESSION, group=JOB)
     add_options(parser, NetworkOptions, leave_out=KEYS)
-    add_options(parser, RunOptions)
+    add_options(parser, RunOptions, group=WRITTEN)
     parser.set_defaults(topology=name, call=_call_superdense)
     if name == "sdc":
         text = "over a network of your own in place of this one"
-        parser.add_argument("--topology", type=topology_name, metavar="FILE.py:CLASS", help=text)
+        titled(parser, NETWORK).add_argument(
+            "--topology", type=topology_name, metavar="FILE.py:CLASS", help=text
+        )
 
 
 def _call_superdense(arguments: argparse.Namespace) -> int:
@@ -112,17 +115,12 @@ def _describe_service(parser: Parser, name: str, verb: Verb) -> None:
     if verb.protocols:
         name, *_ = verb.protocols
         text = f"by which photons, or pairs ({name})"
-        parser.add_argument(
+        titled(parser, JOB).add_argument(
             "--protocol", dest="service", choices=verb.protocols, default=name, help=text
         )
-    names = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
-    text = f"over this network ({names}; default: {verb.topology})"
-    parser.add_argument(
-        "--topology", type=topology_name, default=verb.topology, metavar="NAME", help=text
-    )
     kind = NAMES[name].options
     session = kind(host="", port=SERVICE_PORT)
-    add_options(parser, kind, words=_session_words(session, verb))
+    add_options(parser, kind, words=_session_words(session, verb), group=JOB)
     rate = f"of the source ({session.rate_hz}, or as fast as the slowest source can)"
     block = f"pairs in a block ({session.block_pairs}, or what is made in {MAX_BLOCK_S:g} s)"
     absent = dict.fromkeys(("eve", "eve_attack", "eve_hides_db"), not verb.eavesdropper)
@@ -133,9 +131,11 @@ def _describe_service(parser: Parser, name: str, verb: Verb) -> None:
         ServiceRequest,
         leave_out=[option for option, there_is_none in absent.items() if there_is_none],
         words={"rate_hz": {"help": rate}, "block_pairs": {"help": block}},
+        group=JOB,
     )
+    _add_topology(parser, verb.topology)
     add_options(parser, NetworkOptions, leave_out=() if verb.keys else KEYS)
-    add_options(parser, RunOptions)
+    add_options(parser, RunOptions, group=WRITTEN)
 
 
 def _session_words(session: Any, verb: Verb) -> dict[str, Any]:
@@ -189,10 +189,11 @@ def _add_keys(jobs: Any) -> None:
 
 def _describe_keys(parser: Parser) -> None:
     parser.set_defaults(call=_call_keys)
-    _add_topology(parser)
-    for kind in (KeysRequest, KeyServiceOptions, PassingEve, NetworkOptions):
-        add_options(parser, kind)
-    add_options(parser, RunOptions, leave_out=MACHINES)
+    for kind in (KeysRequest, KeyServiceOptions, PassingEve):
+        add_options(parser, kind, group=JOB)
+    _add_topology(parser, "sdc")
+    add_options(parser, NetworkOptions)
+    add_options(parser, RunOptions, leave_out=MACHINES, group=WRITTEN)
 
 
 def _call_keys(arguments: argparse.Namespace) -> int:
@@ -220,16 +221,19 @@ def _add_vpn(jobs: Any) -> None:
 
 def _describe_vpn(parser: Parser) -> None:
     parser.set_defaults(call=_call_vpn)
-    _add_topology(parser)
-    for kind in (VpnRequest, PassingEve, NetworkOptions):
-        add_options(parser, kind)
-    add_options(parser, RunOptions, leave_out=MACHINES)
+    for kind in (VpnRequest, PassingEve):
+        add_options(parser, kind, group=JOB)
+    _add_topology(parser, "sdc")
+    add_options(parser, NetworkOptions)
+    add_options(parser, RunOptions, leave_out=MACHINES, group=WRITTEN)
 
 
-def _add_topology(parser: argparse.ArgumentParser) -> None:
-    """Describe the choice of a network; that of superdense coding is the default."""
-    text = f"over this network ({', '.join(TOPOLOGIES)}, or FILE.py:CLASS; default: sdc)"
-    parser.add_argument("--topology", type=topology_name, default="sdc", metavar="NAME", help=text)
+def _add_topology(parser: Parser, default: str) -> None:
+    """Describe the choice of a network."""
+    text = f"over this network ({', '.join(TOPOLOGIES)}, or FILE.py:CLASS; default: {default})"
+    titled(parser, NETWORK).add_argument(
+        "--topology", type=topology_name, default=default, metavar="NAME", help=text
+    )
 
 
 def _call_vpn(arguments: argparse.Namespace) -> int:

@@ -25,7 +25,8 @@ from rich.progress import (
 
 from qmn.emulated.catalogue import EMULATED
 from qmn.live_view.beside import LiveOptions, page_of_command
-from qmn.options import add_options, read
+from qmn.options import add_options, read, titled
+from qmn.parser import listed
 from qmn.results.run_folder import give_tree
 from qmn.sweeps import grid as grids
 from qmn.sweeps.catalogue import EXPERIMENTS
@@ -40,6 +41,7 @@ from wire.parameters.checks import remedy
 from wire.parameters.option import option
 
 MAX_WORKERS = 256
+PARTS = ("source", "detectors", "analyser", "memory", "gates")  # whose parameters are so named
 EXAMPLES = """
 `qmn sweep WHAT --help` tells of the parameters of WHAT.
 
@@ -77,18 +79,18 @@ def add_parser(verbs: Any) -> None:
         help="measure a grid of parameters",
         usage="qmn sweep WHAT|FILE.toml [--PARAMETER VALUES …] [options]",
         description=__doc__,
-        epilog=EXAMPLES,
+        epilog=listed("WHAT", {each.name: each.what for each in EXPERIMENTS.values()}) + EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
         add_help=False,
     )
-    names = "; ".join(f"{each.name}: {each.what}" for each in EXPERIMENTS.values())
-    parser.add_argument("what", metavar="WHAT|FILE.toml", help=names)
+    text = "one of those below, or a file that names one"
+    parser.add_argument("what", metavar="WHAT|FILE.toml", help=text)
     parser.add_argument("-h", "--help", action=Help, help="show this; of WHAT, its parameters")
     add_options(parser, SweepOptions)
-    axes = parser.add_argument_group("the grid")
     for name, helps in _axes().items():
-        axes.add_argument(
+        part = next((f", {each}" for each in PARTS if name.startswith(f"{each}_")), "")
+        titled(parser, f"the grid{part}").add_argument(
             f"--{name.replace('_', '-')}", dest=f"axis_{name}", metavar="VALUES", help=helps
         )
     parser.set_defaults(call=call, needs_root=starts_networks)
@@ -110,6 +112,7 @@ class Help(argparse.Action):
             if action.dest == "what" and (light or emulated):
                 told = {each.what for each in (light, emulated) if each}
                 action.help = f"{named}: {', or '.join(sorted(told))}"
+                parser.epilog = EXAMPLES
             elif name == action.dest or (light and name in light.names):
                 continue
             elif emulated and name in emulated.names:

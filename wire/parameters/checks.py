@@ -10,6 +10,7 @@ from difflib import get_close_matches
 from math import inf
 from typing import Any
 
+NEAR = "did you mean"
 Refusal = Callable[[str], Exception]  # makes the error of a text
 
 
@@ -17,7 +18,7 @@ def remedy(name: str, known: Collection[str], listed: Collection[str] = ()) -> s
     """Return what may be meant by a name that is not known: the nearest one, or else any listed."""
     for each in get_close_matches(name, known):
         if each[0] == name[0]:  # pens rarely slip at once: alice is not one for charlie
-            return f"did you mean {each}?"
+            return f"{NEAR} {each}?"
     choices = listed or known
     return f"choose one of {', '.join(choices)}" if choices else "there are none"
 
@@ -66,8 +67,16 @@ def number(
     try:
         return kind(text)
     except ValueError as error:
-        words = "a whole number" if kind is int else "a number"
+        words = "a whole number" if kind is int else f"a number{share(text)}"
         raise refusal(f"{where}: {text!r} is not {words}") from error
+
+
+def share(text: str) -> str:
+    """Return what to write for a percentage, `2%`, as the end of an error; of other text, none."""
+    try:
+        return f": write {float(text[:-1]) / 100:g}" if text.endswith("%") else ""
+    except ValueError:
+        return ""
 
 
 def range_words(least: float, most: float) -> str:

@@ -6,9 +6,9 @@ of them as options, with these words, kinds, defaults and ranges.
 
 from dataclasses import dataclass, fields
 from math import inf
-from typing import Any
+from typing import Any, ClassVar
 
-from wire.parameters.option import option
+from wire.parameters.option import CONTROL, SIMULATION, WRITTEN, option
 
 BACKENDS = ("chp", "stim", "dense")
 OPENFLOW_PORT = 6653
@@ -17,12 +17,10 @@ LEAST_MBPS, MOST_MBPS = 0.001, 10_000.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class DispatcherSettings:
-    """What a user can set of the dispatcher."""
+class EventSettings:
+    """What a user can set of what is kept of events and packets."""
 
-    backend: str = option("chp", "simulates quantum states (chp)", choices=BACKENDS)
-    # Path of a Sabot server's socket; empty: the dispatcher simulates by itself.
-    sabot: str = option("", "simulate in a Sabot server (in ed itself)", metavar="SOCKET")
+    GROUP: ClassVar[str] = WRITTEN
     history_depth: int = option(10_000, "events kept (10000)", metavar="N", range=(0, 10_000_000))
     # These have events of their own in log and capture.
     per_qubit: int = option(
@@ -39,7 +37,6 @@ class DispatcherSettings:
         metavar="GIB",
         range=(1e-6, 1e6),
     )
-    looking: bool = False  # whether hosts may look at states, which no hardware lets them do
 
     @property
     def file_bytes(self) -> int:
@@ -48,16 +45,31 @@ class DispatcherSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class DispatcherSettings(EventSettings):
+    """What a user can set of the dispatcher."""
+
+    GROUP: ClassVar[str] = SIMULATION
+    backend: str = option("chp", "what simulates quantum states (chp)", choices=BACKENDS)
+    # Path of a Sabot server's socket; empty: the dispatcher simulates by itself.
+    sabot: str = option("", "simulate in a Sabot server (in ed itself)", metavar="SOCKET")
+    looking: bool = False  # whether hosts may look at states, which no hardware lets them do
+
+
+@dataclass(frozen=True, kw_only=True)
 class ControllerSettings:
     """What a user can set of the controller."""
 
-    loss_budget_db: float = option(30.0, "of a light path (30)", metavar="DB", range=(0.0, 1_000.0))
-    # What becomes of a request for light that is taken.
-    contention: str = option("refuse", "if light is taken", choices=("refuse", "queue"))
+    GROUP: ClassVar[str] = CONTROL
+    loss_budget_db: float = option(
+        30.0, "most loss of a light path (30)", metavar="DB", range=(0.0, 1_000.0)
+    )
+    contention: str = option(
+        "refuse", "what a request meets whose light is taken (refuse)", choices=("refuse", "queue")
+    )
     # Path of its file; empty: the shipped one.
     policy: str = option("", "who may do what, in TOML (allow everything)", metavar="FILE")
     # Empty: nowhere.
-    rest: str = option("", "serve what c0 knows there, over HTTP", metavar="ADDRESS")
+    rest: str = option("", "serve what c0 knows at this address, over HTTP", metavar="ADDRESS")
     apps: tuple[str, ...] = option(
         (),
         "load a controller app beside ours, such as ryu.app.ofctl_rest (more than once)",
@@ -67,11 +79,11 @@ class ControllerSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class NetworkSettings(DispatcherSettings, ControllerSettings):
-    """What a user can set of a network whose nodes and fibres are described already."""
+class CopperSettings:
+    """What a user can set of copper, and of the way between controller and switches."""
 
-    seed: int = option(1, "of all quantum randomness (1)", range=(0, inf))
-    controller: str = option("ryu", "default: ryu", choices=("ryu", "os-ken"))
+    GROUP: ClassVar[str] = CONTROL
+    controller: str = option("ryu", "what c0 runs on (ryu)", choices=("ryu", "os-ken"))
     openflow_port: int = option(OPENFLOW_PORT, "of c0 (6653)", metavar="PORT", range=(1, 65_535))
     copper_km: float | None = option(
         None,
@@ -97,6 +109,18 @@ class NetworkSettings(DispatcherSettings, ControllerSettings):
         metavar="P",
         range=(0.0, 0.9),
     )
+    tls: bool = option(False, "for gRPC of hosts and OpenFlow, with both ends certified")
+    # Path of a folder of PEM files; empty: the run makes them.
+    tls_from: str = option(
+        "", "the same by certificates of your own (docs/openflow.md)", metavar="FOLDER"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServedSettings:
+    """What a user can set of what a network serves, and of what it keeps of keys."""
+
+    GROUP: ClassVar[str] = WRITTEN
     # Path of a folder for keys that hosts distribute; empty: they go with the network.
     keys: str = option(
         "",
@@ -105,11 +129,14 @@ class NetworkSettings(DispatcherSettings, ControllerSettings):
     )
     metrics: bool = option(False, "metrics for Prometheus (docs/metrics.md)")
     gnmi: bool = option(False, "telemetry of quantum switches by gNMI (docs/telemetry.md)")
-    tls: bool = option(False, "for gRPC of hosts and OpenFlow, with both ends certified")
-    # Path of a folder of PEM files; empty: the run makes them.
-    tls_from: str = option(
-        "", "the same by certificates of your own (docs/openflow.md)", metavar="FOLDER"
-    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class NetworkSettings(ControllerSettings, CopperSettings, DispatcherSettings, ServedSettings):
+    """What a user can set of a network whose nodes and fibres are described already."""
+
+    GROUP: ClassVar[str] = SIMULATION
+    seed: int = option(1, "of all quantum randomness (1)", range=(0, inf))
 
 
 def part(kind: type[Any], settings: NetworkSettings) -> dict[str, Any]:

@@ -3,12 +3,19 @@
 @dataclass(frozen=True, kw_only=True)
 class Settings:
     loss_budget_db: float = option(30.0, "of a light path (30)", metavar="DB", range=(0.0, 1_000.0))
+
+A class whose options are shown together, under a title, has it as its GROUP.
 """
 
 from dataclasses import field, fields
 from typing import Any
 
 from wire.parameters.checks import check_choice, check_number
+
+# Titles of groups that several classes have.
+CONTROL = "copper and control"
+SIMULATION = "time and simulation"
+WRITTEN = "what is written and served"
 
 
 def option(default: Any, help: str, **words: Any) -> Any:  # noqa: A002 (argparse's word)
@@ -18,7 +25,8 @@ def option(default: Any, help: str, **words: Any) -> Any:  # noqa: A002 (argpars
     which it is said several times. Words are argparse's `metavar` and `choices`; `flag`, its name
     on the command line if that is another; `parse`, what reads its text; `const`, what it is if it
     is named without a value; `range`, the least and the most that a number may be; `instead_of`,
-    a name that options share of which only one may be given.
+    a name that options share of which only one may be given; `group`, its title's if that is not
+    its class's.
     """
     return field(default=default, metadata={"help": help, **words})
 

@@ -255,7 +255,7 @@ def test_unknown_curves_are_refused(tmp_path: Path, capsys: pytest.CaptureFixtur
 @pytest.mark.parametrize(
     ("words", "shown", "hidden"),
     [
-        (["sweep", "--help"], "hom: Hong-Ou-Mandel", "--depolarizing VALUES"),
+        (["sweep", "--help"], "\n  hom                  Hong-Ou-Mandel", "--depolarizing VALUES"),
         (["sweep", "sdc", "--help"], "--depolarizing VALUES", "--share VALUES"),
         (["sweep", "seal", "--help"], "seal: a tamper seal", "--fec VALUES"),
     ],

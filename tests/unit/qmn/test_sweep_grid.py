@@ -98,6 +98,16 @@ def test_a_preset_and_a_kind_of_fibre_bring_values_along_and_what_is_given_stays
     assert values["polarization_drift_rad_per_sqrt_km"] == 0.0
 
 
+@pytest.mark.parametrize(
+    ("text", "remedy"),
+    [("0-0.2", ": write 0:0.2:11"), ("2%", ": write 0.02"), ("-1", ""), ("1e-3-1", "")],
+)
+def test_what_people_write_is_answered_by_what_to_write(text: str, remedy: str) -> None:
+    with pytest.raises(BadGrid) as caught:
+        build(SDC, {"depolarizing": text})
+    assert str(caught.value) == f"depolarizing {text!r}: choose 0 to 1{remedy}"
+
+
 def test_a_file_says_what_to_sweep(tmp_path: Path) -> None:
     file = tmp_path / "sweep.toml"
     file.write_text(

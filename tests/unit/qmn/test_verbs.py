@@ -1,5 +1,6 @@
 """The command line as a whole: which verbs there are, and that each loads what it needs alone."""
 
+import re
 import subprocess
 import sys
 
@@ -92,6 +93,28 @@ def test_a_whole_number_may_have_a_point_or_an_exponent(text: str, whole: int) -
     parser.add_argument("--number", type=int)
     number = parser.parse_args([f"--number={text}"]).number
     assert (number, type(number)) == (whole, int)
+
+
+def test_a_percentage_is_answered_by_the_number_that_it_is(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    parser = Parser()
+    parser.add_argument("--share", type=float)
+    with pytest.raises(SystemExit):
+        parser.parse_args(["--share=2%"])
+    assert "--share '2%': choose a number: write 0.02 (" in capsys.readouterr().err
+
+
+def test_the_options_of_a_run_are_in_groups(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        described(["run"]).parse_args(["run", "sdc", "--help"])
+    told = capsys.readouterr().out
+    assert told.startswith("usage: qmn run sdc [options]\n")
+    titles = ["options", "the job", "the network", "light and noise", "time and simulation"]
+    titles += ["copper and control", "what is written and served", "several machines"]
+    assert re.findall(r"^(\S.*):$", told, re.MULTILINE) == titles
+    assert "--message" in told[told.index("the job:") : told.index("the network:")]
+    assert "--copper-km" in told[told.index("copper and control:") : told.index("what is written")]
 
 
 @pytest.mark.parametrize("text", ["1.5", "1e", "inf", "nan", "2%"])
