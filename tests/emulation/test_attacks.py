@@ -3,11 +3,13 @@
 from pathlib import Path
 
 import pytest
-from conftest import verb
+from conftest import verb, wait_until
 from fabric_scene import running
 
 from qmn.attacks.laboratory import ATTACKS, Attack
+from qmn.scripting import start
 from topologies.sdc import SdcTopo
+from topologies.system.processes.programs import python
 
 ATTEMPTS = {
     "arp-spoofing": 10,
@@ -52,6 +54,44 @@ def test_impostors_are_obeyed_without_tls_alone(tmp_path: Path, tls: bool) -> No
     with running(SdcTopo, tmp_path, tls=tls) as network:
         for name, attempts in TLS.items():
             assert conducted(name).conduct(network, attempts) == (0 if tls else attempts), name
+
+
+FLOOD = """
+from scapy.layers.inet import IP, TCP
+from scapy.layers.l2 import Ether
+from qmn.attacks.frames import opened, own_mac
+from wire.metadata.header import METADATA_PORT
+from wire.metadata.setup import Setup
+from wire.metadata.vocabulary import Service
+
+interface, to_mac, own, to = {words!r}
+channel = opened(interface)
+segment = TCP(sport=20_000, dport=METADATA_PORT, flags="PA", seq=1, ack=1, window=502)
+asked = Setup(1, Service.TELEPORT, 1, own, 100, 1, 1_000_000, port=9).encode()
+frame = bytes(Ether(src=own_mac(channel), dst=to_mac) / IP(src=own, dst=to) / segment / asked)
+while True:
+    channel.send(frame)
+"""
+
+
+def test_a_flood_leaves_others_their_light(tmp_path: Path) -> None:
+    """Queues for each port are served in turn (Open vSwitch's ofproto/pinsched.c).
+
+    Without them the first of these sessions is told that nobody answers.
+    """
+    with start("tree", tmp_path / "run", hosts=4, switches=1) as network:
+        flooder, victim = network.host("h4"), network.host("bob")
+        interface = str(flooder.defaultIntf())
+        flooder.cmd(f"ping -c 1 {victim.IP()}")
+        words = (interface, victim.MAC(), flooder.IP(), victim.IP())
+        with flooder.popen([python(), "-c", FLOOD.format(words=words)]) as flood:
+            try:
+                sent = f"cat /sys/class/net/{interface}/statistics/tx_packets"
+                wait_until(lambda: int(flooder.cmd(sent)) > 100_000, "a flood", 60.0)
+                for number in range(5):
+                    assert network.send("alice", "bob", bytes([number])).data == bytes([number])
+            finally:
+                flood.kill()
 
 
 def test_the_verb_prints_the_count() -> None:
