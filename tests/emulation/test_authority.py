@@ -17,6 +17,7 @@ from test_service_faults import ALICE, BOB, CHARLIE, facts, listening, require_n
 
 from hosts.stack_socket import QuantumSocketError
 from qmn.live_view.pages import Pages
+from qmn.scripting import start
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
 from topologies.system.runs.runtime import LIVE_PAGES
@@ -262,3 +263,15 @@ def test_a_host_does_not_act_by_the_page_of_the_command_that_runs_it(
         said = network.host("charlie").cmd(f"cat ${LIVE_PAGES}/secret; find ${LIVE_PAGES}")
     assert pages.secret not in said
     assert said.split()[-1] == str(pages.folder)  # it is empty
+
+
+def test_earlier_runs_are_hidden_where_there_is_nothing_else(tmp_path: Path) -> None:
+    """What people keep beside their runs, as a script, stays readable on a host."""
+    runs, mixed, earlier = tmp_path / "runs", tmp_path / "mixed", "20261122T015233-sdc"
+    for folder, seen in ((runs, []), (mixed, [earlier, "now", "script.py"])):
+        (folder / earlier).mkdir(parents=True)
+        (folder / earlier / "result.json").write_text("a message")
+        if seen:
+            (folder / "script.py").touch()
+        with start("sdc", folder / ("now" if seen else "20261123T015233-sdc")) as network:
+            assert network.host("bob").cmd(f"ls {folder}").split() == seen

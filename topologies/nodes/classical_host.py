@@ -1,6 +1,7 @@
 """A host with copper alone."""
 
 import os
+import re
 import subprocess
 from pathlib import Path
 
@@ -19,13 +20,25 @@ from topologies.system.runs import runtime
 from topologies.system.runs.runtime import Runtime
 
 DEFAULT_PREFIX_LENGTH = 8  # Mininet's
+OF_RUNS = re.compile(r"\d{8}T\d{6}-.+|\.?latest.*|\.index\.sqlite.*")  # what a folder of runs has
 
 
 def covered_folders(network: Runtime) -> list[Path]:
     """Return the folders with what hosts are not to see of a run, or of others on this machine."""
     further = network.settings.keys, os.environ.get(runtime.LIVE_PAGES)  # one acts by a page
     others = [Path(folder) for folder in further if folder]
-    return [runtime.RUNTIME_ROOT, openvswitch.RUN_FOLDER, network.logs.resolve(), *others]
+    logs = folder_of_runs(network.logs.resolve())
+    return [runtime.RUNTIME_ROOT, openvswitch.RUN_FOLDER, logs, *others]
+
+
+def folder_of_runs(logs: Path) -> Path:
+    """Return the folder that has this run and others, or the run's own if there is more in there.
+
+    What people keep beside their runs they may want to read on a host.
+    """
+    runs = logs.parent
+    alone = all(OF_RUNS.fullmatch(name) for name in os.listdir(runs))
+    return runs if alone and not Path.cwd().is_relative_to(runs) else logs
 
 
 class ClassicalHost(QuantumNode, ConfinedNode, Host):
