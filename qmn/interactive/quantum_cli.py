@@ -4,7 +4,7 @@ import logging
 import os
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import Any
 
 from mininet.cli import CLI
@@ -18,7 +18,7 @@ from qmn.network.custom_topology import BadTopology
 from qmn.options import BadInput
 from qmn.scripting.network import QuantumNetwork
 from topologies.system.processes.programs import ROOT, NetworkError, callers_environment
-from wire.parameters.checks import range_words
+from wire.parameters.checks import NEAR, range_words, remedy
 
 STATUS = "QMN_STATUS"  # variable in a host's shell: how the last command of a script ended
 FAULTS = (BadInput, BadTopology, NetworkError, NoAnswer, TransferError)
@@ -122,9 +122,10 @@ class QuantumCLI(CLI):
             super().default(f"{line} ; {STATUS}=$?")  # Mininet puts addresses for whole words
             status = self.mn[host].cmd(f'echo "${STATUS}"').strip()
             if status != "0":
-                self._fail(f"{line}: status {status}")
+                self._fail(f"{line}: status {status}{_meant(verb, QUANTUM_VERBS)}")
         else:
-            super().default(line)
+            known = {name[3:] for name in self.get_names() if name.startswith("do_")} | set(self.mn)
+            super().default(line + ("" if host in self.mn else _meant(host, known)))
 
     def do_sh(self, line: str) -> None:
         """Run a command of this machine's shell, which finds `qmn`.
@@ -223,6 +224,12 @@ QUANTUM_VERBS = sorted(name[3:] for name in vars(QuantumCLI) if name.startswith(
 
 def _below_error(record: logging.LogRecord) -> bool:
     return record.levelno < logging.ERROR
+
+
+def _meant(word: str, known: Collection[str]) -> str:
+    """Return what may be meant by a word, as the end of an error; nothing if it is known."""
+    near = remedy(word, known)
+    return f": {near}" if word not in known and near.startswith(NEAR) else ""
 
 
 def _words(line: str, usage: str, count: int, *default: str) -> list[str]:

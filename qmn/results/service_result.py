@@ -17,6 +17,8 @@ def rows(job: ServiceJob | KeysJob | LoadJob | NetqasmJob) -> dict[str, str]:
     if isinstance(job, NetqasmJob):
         return {}
     told = {name.replace("_", " "): number_text(value) for name, value in job.asking.items()}
+    if (job.asking.get("net_key_bits") or 0) < 0:
+        told["net key bits"] += " (its session has used more of older keys than it has made)"
     if not isinstance(job, ServiceJob) or job.eve is None:
         return told
     eve = job.eve.items()

@@ -34,6 +34,8 @@ from hosts.middleware.qkd.sifting import Record
 from wire.malformed import MalformedPacket
 from wire.qkd import MAX_KEY_BITS, Abort, AbortReason, QkdMessage, Sealed, unframe, unsealed
 
+DOUBLINGS = 18  # of sifted bits, from those of a session that were too few, at most
+
 RandomBytes = Callable[[int], bytes]
 
 
@@ -340,13 +342,25 @@ class End(ABC):
                 "lose less of the light, sift more in one session, or look for an eavesdropper"
             )
         if not self._parameters.multi_photon:
-            return f"{text}: sift more photons in one session"
+            return f"{text}: sift more photons in one session{self._bits_wanted()}"
         tagged = round((1 - self.single_share) * self.sifted_bits)
         return (
             f"{text}, of which {tagged} of {self.sifted_bits} sifted ones may be of pulses with "
             "several photons, which an eavesdropper can divide: use weaker pulses or a source "
             "of single photons, lose less of the light, or sift more in one session"
         )
+
+    def _bits_wanted(self) -> str:
+        """Return how many sifted bits would make a key at this error rate, as the end of a text."""
+        assert self._estimate
+        qber, size = self._estimate.qber, self._raw.size + self._estimate.sample
+        for bits in (size << doubled for doubled in range(1, DOUBLINGS)):
+            sample = round(bits * self._estimate.sample / size)
+            kept = bits - sample
+            leaked = int(kept * binary_entropy(qber))
+            if self._parameters.key_length(kept, sample, qber, leaked, 0):
+                return f", some {round(bits, -2):,} bits (--count)"
+        return ""
 
     def _open(self, data: bytes) -> QkdMessage:
         sealed: Sealed = unframe(data)

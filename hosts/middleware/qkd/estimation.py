@@ -34,7 +34,10 @@ class Estimate:
         centre = self.qber + z * z / (2 * self.sample)
         half = z * sqrt(self.qber * (1 - self.qber) / self.sample + (z / (2 * self.sample)) ** 2)
         scale = 1 + z * z / self.sample
-        return max(0.0, (centre - half) / scale), min(1.0, (centre + half) / scale)
+        # Without an error, or with nothing else, one end is 0, or 1, but for rounding.
+        low = (centre - half) / scale if self.errors else 0.0
+        high = (centre + half) / scale if self.errors < self.sample else 1.0
+        return low, high
 
 
 def sample_size(sifted: int, fraction: float) -> int:

@@ -1,6 +1,7 @@
 """Key distribution between whole stacks over loopback, with a real dispatcher."""
 
 import asyncio
+import re
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from math import exp, sqrt
@@ -234,6 +235,11 @@ def test_a_lower_threshold_is_kept(tmp_path: Path) -> None:
 def test_too_few_bits_make_no_key(tmp_path: Path) -> None:
     failed = failure(tmp_path, "bb84", count=1000)
     assert "sift more photons" in failed.alice
+    enough = re.search(r"some ([\d,]+) bits \(--count\)", failed.alice)
+    assert enough, failed.alice
+    (tmp_path / "enough").mkdir()
+    alice, _bob = distribute(tmp_path / "enough", "bb84", count=int(enough[1].replace(",", "")))
+    assert alice["key_bits"] > 0
     alice, _bob = distribute(tmp_path, "bb84", count=1000, bound="asymptotic")
     assert alice["key_bits"] > 256
 

@@ -85,6 +85,8 @@ def test_qping_ends_with_statistics_also_where_a_round_fails(
         ("qpaths now", "usage: qpaths"),
         ("qsend alice bob fail", "light is taken"),
         ("teleport alice bob", "*** Unknown command: teleport alice bob"),
+        ("qpings alice bob", "*** Unknown command: qpings alice bob: did you mean qping?"),
+        ("alise qping bob", "*** Unknown command: alise qping bob: did you mean alice?"),
         ("link alice", "invalid number of args: link"),
     ],
 )

@@ -228,13 +228,15 @@ class Sender:
             )
 
     def _give_up_if_too_noisy(self) -> None:
+        size = self._setup.frame_bytes
+        fewer = "fewer (--frame-bytes), " if size > 1 else ""
         for number, attempts in self._outbox.attempts.items():
             if attempts >= ATTEMPTS_LIMIT:
                 raise SessionError(
                     Reason.TOO_NOISY,
                     f"frame {number} failed its check {attempts} times: the channel is too noisy "
-                    f"for frames of {self._setup.frame_bytes} bytes; choose fewer "
-                    "(--frame-bytes), a stronger code (--fec) or less noise",
+                    f"for frames of {size} {'bytes' if size > 1 else 'byte'}; choose {fewer}a "
+                    "stronger code (--fec) or less noise",
                 )
 
 
