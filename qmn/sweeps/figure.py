@@ -104,8 +104,10 @@ def draw(picture: Picture, file: Path) -> None:
     _scale(axes, picture)
     handles, _labels = axes.get_legend_handles_labels()
     if any(lines):
-        colour = f"C{lines.index(True)}" if sum(lines) == 1 else "k"  # black stands for several
-        handles.append(Line2D([], [], color=colour, linewidth=LINE_WIDTH, label="theory"))
+        # Each line has its series' colour: one that stood for several would be of none.
+        alone = sum(lines) == 1
+        colour, label = (f"C{lines.index(True)}", "theory") if alone else ("none", "lines: theory")
+        handles.append(Line2D([], [], color=colour, linewidth=LINE_WIDTH, label=label))
     if len(handles) > LEGEND_INSIDE:
         figure.legend(handles=handles, loc="outside right upper", fontsize="small")
     else:
