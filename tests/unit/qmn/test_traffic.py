@@ -11,6 +11,7 @@ import pytest
 
 from qmn.__main__ import described
 from qmn.jobs.load import FIT, checked
+from qmn.network.custom_topology import BadTopology
 from qmn.network.description import describe_network
 from qmn.options import BadInput
 from qmn.reports.waits_diagram import waited
@@ -258,6 +259,15 @@ def asked(*words: str) -> tuple[Traffic, list[Planned], Wanted]:
     whole = ["run", "load", *words]
     request = load_request(described(whole).parse_args(whole))
     return checked(request, describe_network(request.network))
+
+
+def test_a_map_goes_in_place_of_the_ring_but_not_of_what_is_named() -> None:
+    """GARR has these places, the ring alice and bob."""
+    words = ["--map", "garr", "--hosts-at", "rm1,mi1,na", "--sessions", "1"]
+    assert asked(*words)[0].openers == ["mi1", "na", "rm1"]
+    assert asked("--topology", "map", *words)[0].openers == ["mi1", "na", "rm1"]
+    with pytest.raises(BadTopology, match="--map is of map, not of ring"):
+        asked("--topology", "ring", "--map", "garr")
 
 
 def test_sources_neither_ask_nor_are_asked_unless_they_are_named() -> None:
