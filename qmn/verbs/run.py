@@ -54,7 +54,7 @@ def _describe_load(parser: Parser) -> None:
     text = f"over this network ({names}; default: ring)"
     parser.add_argument("--topology", type=topology_name, metavar="NAME", help=text)
     add_options(parser, NetworkOptions, leave_out=KEYS)
-    add_options(parser, RunOptions, leave_out=MACHINES)
+    add_options(parser, RunOptions)
     parser.set_defaults(call=_call_load, usual_topology="ring")
 
 
