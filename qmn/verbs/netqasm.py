@@ -27,12 +27,11 @@ def add_parser(verbs: Any) -> None:
     add_options(parser, NetqasmRequest, group="the application")
     names = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
     text = f"over this network ({names}; default: sdc)"
-    titled(parser, NETWORK).add_argument(
-        "--topology", type=topology_name, default="sdc", metavar="NAME", help=text
-    )
+    named = titled(parser, NETWORK)
+    named.add_argument("--topology", type=topology_name, metavar="NAME", help=text)
     add_options(parser, NetworkOptions, leave_out=KEYS)
     add_options(parser, RunOptions, leave_out=MACHINES, group=WRITTEN)
-    parser.set_defaults(call=_call, needs_root=True)
+    parser.set_defaults(call=_call, needs_root=True, usual_topology="sdc")
 
 
 def _call(arguments: argparse.Namespace) -> int:

@@ -55,7 +55,7 @@ def _describe_load(parser: Parser) -> None:
     add_options(parser, LoadRequest, group=JOB)
     _add_topology(parser, "ring")
     add_options(parser, NetworkOptions, leave_out=KEYS)
-    add_options(parser, RunOptions, leave_out=MACHINES, group=WRITTEN)
+    add_options(parser, RunOptions, group=WRITTEN)
     parser.set_defaults(call=_call_load)
 
 
@@ -81,8 +81,11 @@ def _describe_superdense(parser: Parser, name: str) -> None:
     add_options(parser, SuperdenseOptions, words=superdense.SESSION, group=JOB)
     add_options(parser, NetworkOptions, leave_out=KEYS)
     add_options(parser, RunOptions, group=WRITTEN)
-    parser.set_defaults(topology=name, call=_call_superdense)
-    if name == "sdc":
+    parser.set_defaults(call=_call_superdense)
+    if name != "sdc":
+        parser.set_defaults(topology=name)
+    else:
+        parser.set_defaults(usual_topology=name)
         text = "over a network of your own in place of this one"
         titled(parser, NETWORK).add_argument(
             "--topology", type=topology_name, metavar="FILE.py:CLASS", help=text
@@ -231,9 +234,9 @@ def _describe_vpn(parser: Parser) -> None:
 def _add_topology(parser: Parser, default: str) -> None:
     """Describe the choice of a network."""
     text = f"over this network ({', '.join(TOPOLOGIES)}, or FILE.py:CLASS; default: {default})"
-    titled(parser, NETWORK).add_argument(
-        "--topology", type=topology_name, default=default, metavar="NAME", help=text
-    )
+    named = titled(parser, NETWORK)
+    named.add_argument("--topology", type=topology_name, metavar="NAME", help=text)
+    parser.set_defaults(usual_topology=default)
 
 
 def _call_vpn(arguments: argparse.Namespace) -> int:
