@@ -17,6 +17,9 @@ def completed() -> argparse.ArgumentParser:
     """Return the parser of all verbs, with file names completed where one is meant."""
     parser = described()
     for action in actions(parser):
+        if isinstance(action, argparse._SubParsersAction):
+            for below in action.choices.values():  # of which the man page leaves epilogs out
+                below.description = "\n\n".join(filter(None, (below.description, below.epilog)))
         if action.type is Path or action.metavar in ("FILE", "WHAT|FILE.toml"):
             action.complete = shtab.FILE  # type: ignore[attr-defined]
     return parser
