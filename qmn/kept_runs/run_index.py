@@ -15,6 +15,7 @@ from typing import Any
 
 from hosts.middleware.services import NAMES
 from qmn.jobs.run_options import RunOptions
+from qmn.network.key_options import KeyServiceOptions
 from qmn.network.options import NetworkOptions
 from qmn.results.run_folder import give
 from wire.results.run_result import RESULT
@@ -110,10 +111,21 @@ def differing(result: dict[str, Any]) -> dict[str, Any]:
 def _kinds(result: dict[str, Any]) -> Iterator[type[Any]]:
     """Yield the dataclasses of what a run could be told."""
     yield from (NetworkOptions, RunOptions)
+    # Jobs take a moment to load.
     if "load" in result.get("job", {}):
-        from qmn.jobs.load import LoadRequest  # which takes a moment to load
+        from qmn.jobs.load import LoadRequest
 
         yield LoadRequest
+    elif result.get("service") == "vpn":
+        from qmn.jobs.vpn import VpnRequest
+
+        yield VpnRequest
+    elif result.get("service") == "netqasm":
+        from qmn.jobs.netqasm import NetqasmRequest
+
+        yield NetqasmRequest
+    elif result.get("service") == "keys":
+        yield KeyServiceOptions
     elif kind := NAMES.get(result.get("service", "")):
         yield kind.options
 

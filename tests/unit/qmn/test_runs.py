@@ -59,6 +59,23 @@ def test_runs_are_listed_with_what_is_not_the_default(runs: Path) -> None:
     assert old.bytes == sum(file.stat().st_size for file in (runs / OLD).iterdir())
 
 
+@pytest.mark.parametrize(
+    ("service", "usual"),
+    [
+        ("keys", {"low_mark": 32, "key_protocol": "bb84", "keys_per_s": 0.0}),
+        ("vpn", {"program": "wireguard", "rotate": 2.0, "mbit_s": 4.0}),
+        ("netqasm", {"rounds": 1}),
+    ],
+)
+def test_what_is_usual_of_a_job_is_not_listed(
+    runs: Path, service: str, usual: dict[str, Any]
+) -> None:
+    """The values are those that `qmn run JOB --help` names as defaults."""
+    change(runs / NEW, service=service, fec="", handshake="", **usual)
+    (new,) = (run for run in runs_in(runs) if run.name == NEW)
+    assert new.parameters == {}
+
+
 def test_a_result_that_has_changed_is_read_again_and_others_are_not(
     runs: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
