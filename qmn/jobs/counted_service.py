@@ -103,7 +103,7 @@ class Length(NamedTuple):
 
 def run(request: ServiceRequest, signals: Signals, console: Console) -> int:
     """Do the whole run and return its exit status."""
-    return runner.run(*begun(request, signals, console))
+    return 0 if runner.run(*begun(request, signals, console)).delivered else 1
 
 
 def begun(

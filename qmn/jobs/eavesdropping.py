@@ -20,7 +20,8 @@ from topologies.description.description import Description
 from topologies.networks.network import Network
 from topologies.system.processes.programs import Program, python
 from wire.application_lines import fields_of
-from wire.results.run_result import Figures, RunResult, ServiceJob
+from wire.results.figures import EveFigures, Figures
+from wire.results.run_result import RunResult, ServiceJob
 
 EVE = "eve"
 TOPOLOGY = "tapped"  # that has her
@@ -135,10 +136,10 @@ def eavesdropping(network: Network, attack: Attack | None, facts: RunResult) -> 
             facts.job.eve = summary_of(eve)
 
 
-def summary_of(eve: Program) -> Figures:
+def summary_of(eve: Program) -> Figures | EveFigures:
     """Return what she said at her end; nothing if she was ended before."""
     for line in eve.log.read_text(errors="replace").splitlines():
         fields = fields_of(line)
         if fields.pop("event", None) == "done":
-            return fields
-    return {}
+            return EveFigures(**fields)
+    return Figures()

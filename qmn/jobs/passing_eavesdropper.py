@@ -87,7 +87,7 @@ class PassingEavesdropper:
             ask("reload-policy")
             self._eve.stop()
             self._gone = True
-            moments.add("eve_leaves", **eavesdropping.summary_of(self._eve))
+            moments.add("eve_leaves", **vars(eavesdropping.summary_of(self._eve)))
 
     def _prepare(self, network: Network) -> Program:
         """Start her program, which takes no light before the policy puts her on the fibre."""

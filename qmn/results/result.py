@@ -1,6 +1,7 @@
 """The result of a run: result.json for programs, a short table for people."""
 
 import statistics
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,6 @@ from wire.dispatcher_record import has_ended
 from wire.metadata.vocabulary import Reason
 from wire.results.run_result import (
     Approximated,
-    Figures,
     MessageJob,
     NetworkResult,
     RunResult,
@@ -33,13 +33,16 @@ def complete(facts: RunResult, folder: Path) -> None:
     if isinstance(facts.job, MessageJob):
         facts.job.message = message_result.message(facts.job.message.file, folder)
         facts.delivered = facts.job.message.arrived
-    facts.elapsed_s = facts.asking.get("elapsed_s", facts.elapsed_s)
-    facts.emulation = emulation(facts.asking, facts.elapsed_s, facts.time_scale)
+    told = vars(facts.asking)
+    facts.elapsed_s = told.get("elapsed_s", facts.elapsed_s)
+    facts.emulation = emulation(told, facts.elapsed_s, facts.time_scale)
     note_controller(facts, read_record(folder))
     facts.write(folder)
 
 
-def emulation(told: Figures, elapsed_s: float | None, time_scale: float | None) -> dict[str, float]:
+def emulation(
+    told: Mapping[str, Any], elapsed_s: float | None, time_scale: float | None
+) -> dict[str, float]:
     """Return the speed of the emulation: how long it took here, if told, and rates by the wall."""
     scale = time_scale or 1.0  # a run that did not start has none
     rates = {name: rate / scale for name, rate in told.items() if name.endswith("_per_s") and rate}

@@ -75,7 +75,7 @@ class OpeningSession:
     @property
     def summary(self) -> dict[str, Any]:
         """What the application is told at the end, as far as that is known."""
-        return self._end.summary if self._end else {}
+        return vars(self._end.summary) if self._end else {}
 
     @property
     def counts(self) -> Mapping[str, int]:
@@ -184,7 +184,7 @@ class AcceptingSession:
     @property
     def summary(self) -> dict[str, Any]:
         """What the application is told at the end, as far as that is known."""
-        return self._end.summary if self._end else {}
+        return vars(self._end.summary) if self._end else {}
 
     @property
     def counts(self) -> Mapping[str, int]:
