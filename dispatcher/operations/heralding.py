@@ -221,7 +221,7 @@ class Heralding:
         task.add_done_callback(self._told)
 
     async def _heard(self, block: Block, heard_ns: int) -> None:
-        """Record that a host hears of a block; let go of it if nobody wants it there any more."""
+        """Record that a host hears of a block; discard it if nobody wants it there any more."""
         layer = self._layer
         await layer.clock.wait_until(heard_ns)
         layer.record(block.node, "heralded", block)

@@ -326,7 +326,7 @@ class SimulatedQnic:
     async def gather(
         self, into: BlockName, picks: Mapping[BlockName, Positions], keep_rest: bool = False
     ) -> None:
-        """Make a block of photons at this host; keep or let go of the rest."""
+        """Make a block of photons at this host; keep or discard the rest."""
         picked = [
             Pick(block=_named(block), photons=positions.tolist())
             for block, positions in picks.items()

@@ -56,6 +56,14 @@ def topology_name(text: str) -> str:
     return text
 
 
+def add_topology(parser: argparse.ArgumentParser, default: str = "sdc") -> None:
+    """Describe --topology."""
+    names = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
+    text = f"over this network ({names}; default: {default})"
+    how: dict[str, Any] = {"type": topology_name, "default": default, "metavar": "NAME"}
+    parser.add_argument("--topology", help=text, **how)
+
+
 def builder(options: NetworkOptions, fiber: Mapping[str, Any]) -> Callable[[], Topo]:
     """Return what builds the topology that is named, with these parameters of every fibre.
 

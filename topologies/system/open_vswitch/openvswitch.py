@@ -460,7 +460,7 @@ def delete_finally(owner: str, *names: str) -> None:
 
 
 def _end_now(name: str, daemon: Owner) -> None:
-    """End a daemon; raise NetworkError if the kernel does not let go of it in time."""
+    """End a daemon; raise NetworkError if the kernel does not free it in time."""
     limit_s = OPENVSWITCH_TIMEOUT_S + INTERFACE_S * len(interfaces.all_here())
     deadline = time.monotonic() + limit_s
     owners.end([daemon])

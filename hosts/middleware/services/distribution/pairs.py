@@ -165,7 +165,7 @@ class Pairs:
         self._forget_empty(number)
 
     def deliver(self, count: int, theirs: Lifetimes) -> Steps[None]:
-        """Number so many pairs from 0, and let go of all others; SessionError if too few."""
+        """Number so many pairs from 0, and discard all others; SessionError if too few."""
         if not 0 < count <= self.available:
             raise SessionError(Reason.PROTOCOL, f"{count} of {self.available} pairs to deliver")
         left = count

@@ -1,6 +1,6 @@
 """The protocol of superdense coding at the end that receives bytes: no socket, no clock.
 
-    WAITING    block(message)    an order: what to measure, to collect or to let go -> MEASURING
+    WAITING    block(message)    an order: what to measure, to collect or to discard -> MEASURING
     MEASURING  arrived(symbols)  the bytes that are whole now, and a Report -> WAITING
     WAITING    finish(message)   all bytes are here and right
 
@@ -43,7 +43,7 @@ class Measure:
 
 @dataclass(frozen=True)
 class Discard:
-    """An order: let go of the halves of a block of which the others will not come."""
+    """An order: discard the halves of a block of which the others will not come."""
 
     block: int
 

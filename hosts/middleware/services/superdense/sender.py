@@ -154,7 +154,7 @@ class Sender:
         return Block(session, block.number, pairs, block.refills, emitted_ns, block.frames)
 
     def dark(self, why: str) -> Block:
-        """No light came here: return what tells the receiver to let go of its halves."""
+        """No light came here: return what tells the receiver to discard its halves."""
         first = self._first_unannounced()
         if first.why_dark is None:
             self._call_off(why)

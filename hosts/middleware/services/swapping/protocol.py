@@ -145,7 +145,7 @@ def joined(
     place: int,
     distinguishable_states: frozenset[int],
 ) -> Steps[Swapped]:
-    """Join the first pairs of the links to both sides, and let go of the rest of either."""
+    """Join the first pairs of the links to both sides, and discard the rest of either."""
     size = min(side.size for side in kept)
     for name, side in zip(names, kept, strict=True):
         if size < side.size:
