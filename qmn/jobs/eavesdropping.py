@@ -4,14 +4,11 @@ By photon-number splitting she stands in for a way that loses more than hers: by
 """
 
 import heapq
-import json
 import math
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
 
-from controller_apps.policy.reading import DEFAULT
 from qmn.network.description import NetworkDescription
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput
@@ -25,7 +22,6 @@ from wire.results.run_result import RunResult, ServiceJob
 
 EVE = "eve"
 TOPOLOGY = "tapped"  # that has her
-POLICY = "policy.toml"  # in the run's folder
 RESEND, SPLIT = ATTACKS = ("resend", "split")
 SPLITTABLE = ("bb84",)  # services whose light a sender prepares
 OWN_LIGHT = ("bb84", "conference")  # services whose light is that of who asks
@@ -92,14 +88,6 @@ def check(ends: Collection[str], network: NetworkDescription) -> None:
         raise BadInput("--eve: eve is sender or receiver; choose two others")
     if options.policy:
         raise BadInput("--eve makes a policy of its own: leave out --policy")
-
-
-def tapping_policy(begin: str, end: str, folder: Path) -> Path:
-    """Write the policy that puts eve on the fibre from the beginning of light to its end."""
-    policy = folder / POLICY
-    tap = f"\n[[tap]]\nbetween = {json.dumps((begin, end))}\nby = {json.dumps(EVE)}\n"
-    policy.write_text(DEFAULT.read_text() + tap)
-    return policy
 
 
 def sender_of_light(service: str, sender: str, network: NetworkDescription) -> str:
