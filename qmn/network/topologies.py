@@ -57,11 +57,11 @@ def topology_name(text: str) -> str:
 
 
 def add_topology(parser: argparse.ArgumentParser, default: str = "sdc") -> None:
-    """Describe --topology."""
+    """Describe --topology, and which one is meant without it."""
     names = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
     text = f"over this network ({names}; default: {default})"
-    how: dict[str, Any] = {"type": topology_name, "default": default, "metavar": "NAME"}
-    parser.add_argument("--topology", help=text, **how)
+    parser.add_argument("--topology", type=topology_name, metavar="NAME", help=text)
+    parser.set_defaults(usual_topology=default)
 
 
 def builder(options: NetworkOptions, fiber: Mapping[str, Any]) -> Callable[[], Topo]:

@@ -52,7 +52,7 @@ def _describe_load(parser: Parser) -> None:
     add_options(parser, LoadRequest)
     add_topology(parser, "ring")
     add_options(parser, NetworkOptions, leave_out=KEYS)
-    add_options(parser, RunOptions, leave_out=MACHINES)
+    add_options(parser, RunOptions)
     parser.set_defaults(call=_call_load)
 
 
@@ -78,8 +78,11 @@ def _describe_superdense(parser: Parser, name: str) -> None:
     add_options(parser, SuperdenseOptions, words=superdense.SESSION)
     add_options(parser, NetworkOptions, leave_out=KEYS)
     add_options(parser, RunOptions)
-    parser.set_defaults(topology=name, call=_call_superdense)
-    if name == "sdc":
+    parser.set_defaults(call=_call_superdense)
+    if name != "sdc":
+        parser.set_defaults(topology=name)
+    else:
+        parser.set_defaults(usual_topology=name)
         text = "over a network of your own in place of this one"
         parser.add_argument("--topology", type=topology_name, metavar="FILE.py:CLASS", help=text)
 
