@@ -311,7 +311,7 @@ class LoadFigures(Figures):
     carried_erlang: float | None
     setup_p50_s: float | None
     setup_p99_s: float | None
-    pairs_per_s: float
+    pairs_per_s: float | None
     fairness: float | None
     controller_ms_a_session: float
 

@@ -180,7 +180,7 @@ def test_one_packet_in_counted_time_waits_for_six_ways_of_messages() -> None:
 def test_packets_of_a_network_count_as_made_where_they_were_accepted() -> None:
     ways = [("accepted", 0.02, 0.01), ("late", None, 0.5), ("accepted", 0.04, 0.01)]
     share, took = of_emulated(
-        LoadSession(0, 0, "rm1", "mi1", outcome, "", "", setup_s, 1, 0, holding_s, None, None)
+        LoadSession(0, 0, "rm1", "mi1", [], outcome, "", "", setup_s, 1, 0, holding_s, None, None)
         for outcome, setup_s, holding_s in [*ways, ("broken", 0.1, 0.5)]
     )
     assert share.value == 0.5
