@@ -3,12 +3,12 @@
 By photon-number splitting she stands in for a way that loses more than hers: by --eve-hides-db.
 """
 
-import heapq
 import math
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
+from programs.ways import Ways, shortest
 from qmn.network.description import NetworkDescription
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput
@@ -52,22 +52,16 @@ def splitting(hides_db: float, receiver: str, parts: Description) -> Attack:
 
 def loss_to_click(begin: str, end: str, parts: Description) -> float:
     """Return what light loses at least by fibres, switches and detectors, from host to host."""
-    nearest, waiting = dict[str, float](), [(0.0, begin)]
-    while waiting:
-        loss_db, node = heapq.heappop(waiting)
-        if node in nearest:
-            continue
-        nearest[node] = loss_db
-        if node in parts.switches:
-            loss_db += parts.switches[node].insertion_loss_db
-        elif node != begin:  # hosts pass nothing on
-            continue
-        for fiber in parts.fibers:
-            if node in (fiber.a, fiber.b):
-                own_db = fiber.optics.length_km * fiber.optics.loss_db_per_km
-                own_db += fiber.optics.connectors_db
-                far = fiber.b if node == fiber.a else fiber.a
-                heapq.heappush(waiting, (loss_db + own_db, far))
+    ways: Ways = {}
+    for fiber in parts.fibers:
+        optics = fiber.optics
+        fiber_db = optics.length_km * optics.loss_db_per_km + optics.connectors_db
+        for node, far in ((fiber.a, fiber.b), (fiber.b, fiber.a)):
+            if node == begin or node in parts.switches:  # other hosts pass nothing on
+                passing = parts.switches[node].insertion_loss_db if node in parts.switches else 0.0
+                there = ways.setdefault(node, {})
+                there[far] = min(passing + fiber_db, there.get(far, math.inf))
+    nearest = shortest(ways, begin)
     efficiency = parts.hosts[end].detectors.efficiency
     if end not in nearest or not efficiency:
         raise BadInput(f"--eve-attack {SPLIT}: no light of {begin} makes a detector of {end} click")
