@@ -19,7 +19,7 @@ from qmn.network.checks import check_network
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, check_ranges, option_names
-from qmn.results.network_facts import network_facts
+from qmn.results.result import network_facts
 from qmn.results.run_folder import begin_folder
 from qmn.traffic import result
 from qmn.traffic.driver import Driver

@@ -9,11 +9,13 @@ from rich.console import Console
 
 from qmn.results import message_result, service_result, software_share
 from qmn.results.message_result import RECEIVED as RECEIVED
+from topologies.links.fiber import FiberLink
 from topologies.networks.network import Network
 from topologies.system.runs.runtime import EVENT_LOG, RECORD
 from wire.controller_lines import read_record
 from wire.dispatcher_record import has_ended
 from wire.metadata.vocabulary import Reason
+from wire.results.network_facts import NetworkFacts
 from wire.results.run_result import (
     Approximated,
     MessageJob,
@@ -99,6 +101,26 @@ def percentiles(times: list[float]) -> SetUpTimes:
         return SetUpTimes(times[0], times[0], 1)
     hundredths = statistics.quantiles(times, n=100, method="inclusive")
     return SetUpTimes(hundredths[49], hundredths[98], len(times))
+
+
+def network_facts(network: Network) -> NetworkFacts:
+    """Return what a running network is made of."""
+    runtime = network.runtime
+    copper = [
+        [link.intf1.node.name, link.intf1.name, link.intf2.node.name, link.intf2.name]
+        for link in network.net.links
+        if not isinstance(link, FiberLink)
+    ]
+    return NetworkFacts(
+        {host: address.partition("/")[0] for host, address in runtime.addresses.items()},
+        runtime.source,
+        list(runtime.fibers),
+        list(runtime.switches.values()),
+        copper,
+        {name: (x, y) for name, (x, y) in getattr(network.net.topo, "positions", {}).items()},
+        dict(runtime.datapath_ids),
+        network.copper_switches,
+    )
 
 
 def note_files(facts: NetworkResult, network: Network) -> None:
