@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from hosts.service_socket import ServiceSocket
-from qmn.benchmarks.many_hosts import processor_s
 from qmn.results.service_result import figures
 from qmn.timeouts import MEASURE_TIMEOUT_S
 from topologies.networks.network import Network, Signals
@@ -62,8 +61,8 @@ def final_key(told: KeyFigures) -> str:
 
 def processors_s(network: Network) -> float:
     """Return the processor time that the programs of a network and the switch have used."""
-    pids = [program.pid for program in network.runtime.programs]
-    return sum(map(processor_s, [*pids, daemons()[SWITCH_DAEMON].pid]))
+    own_s = sum(program.processor_s for program in network.runtime.programs)
+    return own_s + daemons()[SWITCH_DAEMON].processor_s
 
 
 def teleport_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]:
