@@ -93,7 +93,7 @@ class OwnNoise:
 
 def fits(size: object) -> bool:
     """Return whether a probability can be wrong by this."""
-    return isinstance(size, int | float | np.floating) and 0 <= size <= 1
+    return isinstance(size, int | float | np.floating) and bool(0 <= size <= 1)
 
 
 def load(reference: str, parameters: Mapping[str, Any]) -> OwnNoise:

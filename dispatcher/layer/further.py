@@ -51,7 +51,7 @@ def share(block: Block) -> float:
     if block.further is None:
         return 0.0
     there = block.further.pulses[block.further.register.present]
-    return float(np.unique(there).size / max(1, np.count_nonzero(held(block))))
+    return np.unique(there).size / max(1, int(np.count_nonzero(held(block))))
 
 
 def several(first: Block, second: Block) -> Mask | None:
