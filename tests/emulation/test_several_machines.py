@@ -214,6 +214,44 @@ def copper_of_bob(run: Path) -> str:
     return str(name)
 
 
+def test_heavy_traffic_of_a_host_on_a_second_machine_is_that_of_one_machine(
+    second: SecondMachine, tmp_path: Path
+) -> None:
+    """Sessions one after the other, in a line of all hosts and in either direction."""
+    before = second.things()
+    trace = tmp_path / "trace.csv"
+    lines = ["charlie,bob,alice", "bob,alice,charlie", "alice,bob,charlie"]
+    rows = [f"{place},{line}" for place, line in enumerate(lines)]
+    trace.write_text("\n".join(["at_s,opener,acceptor,others", *rows]) + "\n")
+    hosts = "alice,bob,charlie"
+    words = ["run", "load", "--service", "ghz", "--traffic", "trace", "--file", str(trace)]
+    words += ["--from", hosts, "--to", hosts, "--contention", "queue", "--no-report"]
+    words += ["--depolarizing", "0.05", "--loss-db-per-km", "50", "--seed", str(SEED)]
+    told = {}
+    for name, where in (("one", ()), ("two", ON_SECOND)):
+        done = subprocess.run(
+            [sys.executable, "-m", "qmn", *words, *where, "--runs", str(tmp_path / name)],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=100,
+        )
+        assert done.returncode == 0, done.stderr
+        told[name] = json.loads((tmp_path / name / "latest" / "result.json").read_text())
+        sessions = told[name]["job"]["load"]["sessions"]
+        assert [each["outcome"] for each in sessions] == ["accepted"] * 3, sessions
+    # Memories, which are ideal, also tell how long a qubit was in them.
+    one, two = (
+        [line.partition(" after ")[0] for line in events(tmp_path / name / "latest")]
+        for name in ("one", "two")
+    )
+    assert told["one"]["photons_lost"] > 0
+    assert two == one
+    assert told["two"]["machines"]["m2"]["hosts"] == ["bob"]
+    assert second.things() == before
+
+
 def test_a_worker_that_is_killed_ends_the_run_by_name_and_leaves_nothing(
     second: SecondMachine, tmp_path: Path
 ) -> None:
