@@ -1,4 +1,4 @@
-"""What nodes know of the light that they have made: of its end elsewhere, when news can be there.
+"""The light that nodes have made, as far as they can know of it: its end when news can be there.
 
 Under a name that a node has used it can make no more until then, and so long its light counts in
 its share. Otherwise who asks again and again would hear at once what happens far away.

@@ -1,4 +1,4 @@
-"""What a host is told of what it has made: nothing that happens far away before light can tell it.
+"""Hosts and the news of what they have made: none comes before light could tell it.
 
 News takes as long as its way: from bob 3 + 4 ms to alice, and from charlie, who is farthest,
 3 + 10 ms.
