@@ -92,8 +92,8 @@ class Gathering:
         return list(picked.values())
 
     def _require_free(self, node: str, into: BlockName, leaving: Sequence[Block]) -> None:
-        """Refuse a name that is taken by photons which do not leave, wherever they are."""
-        if any(part not in leaving for part in self._layer.ownership.taken(into, node)):
+        """Refuse a name that is taken by photons which do not leave."""
+        if self._layer.ownership.taken(into, node, leaving):
             message = f"{into} exists, here or elsewhere; discard it or take another number"
             raise Refusal(grpc.StatusCode.ALREADY_EXISTS, message)
 

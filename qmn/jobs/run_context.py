@@ -183,10 +183,7 @@ def _note_light(facts: RunResult, network: Network, scale: Scale) -> None:
     """Add what the dispatcher tells of the light of a run."""
     reached = status(network)
     facts.exact = reached.exact
-    facts.approximations = [
-        Approximated(each.name, each.most if each.HasField("most") else None)
-        for each in reached.approximations
-    ]
+    facts.approximations = [Approximated(each.name, each.most) for each in reached.approximations]
     facts.pairs_made, facts.photons_lost = reached.pairs_created, reached.photons_lost
     facts.photons_lost_waiting = reached.photons_lost_waiting
     early = worst(network.runtime)

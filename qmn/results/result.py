@@ -137,8 +137,6 @@ def approximations(facts: RunResult) -> dict[str, str]:
 
 def said_size(each: Approximated) -> str:
     """Return how large an approximation is, in words."""
-    if each.most is None:
-        return "size not known"
     return f"a probability is wrong by {each.most:.2g} at most"
 
 

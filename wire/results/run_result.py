@@ -56,7 +56,7 @@ class Approximated:
     """An approximation that was in what was reported."""
 
     name: str
-    most: float | None  # that the probability of an outcome can be wrong by it; None: not known
+    most: float  # that the probability of an outcome can be wrong by it
 
 
 @dataclass(frozen=True)

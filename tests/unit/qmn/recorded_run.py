@@ -146,7 +146,7 @@ def record_run(folder: Path, captured: bool = True, delivered: bool = True) -> P
     }
     facts.optics = {"length_km": 5.0}
     facts.exact = False
-    facts.approximations = [Approximated("one thing", 0.19471), Approximated("another", None)]
+    facts.approximations = [Approximated("one thing", 0.19471), Approximated("another", 0.5)]
     facts.network = NETWORK
     complete(facts, folder)
     return folder
