@@ -13,9 +13,8 @@ from pathlib import Path
 from topologies.system.kernel import interfaces, packet_sockets
 from topologies.system.processes import owners
 from topologies.system.processes.commands import run
-from topologies.system.processes.owners import Owner
+from topologies.system.processes.owners import RUNTIME_ROOT, Owner
 from topologies.system.processes.programs import NetworkError, callers_environment
-from topologies.system.runs.runtime import RUNTIME_ROOT
 from topologies.timeouts import (
     INTERFACE_S,
     LAST_WORDS_TIMEOUT_S,

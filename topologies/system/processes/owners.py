@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from topologies.timeouts import END_TIMEOUT_S, POLL_S
 
+RUNTIME_ROOT = Path("/run/qmn")  # in which each run has a folder of its own
 PROC = Path("/proc")
 BOOT_ID = PROC / "sys" / "kernel" / "random" / "boot_id"
 WORDS = re.compile(r"(\d+)-(\d+)-([0-9a-f]{8})")
