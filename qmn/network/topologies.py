@@ -10,7 +10,8 @@ from mininet.topo import Topo
 from qmn.network import custom_topology
 from qmn.network.custom_topology import BadTopology
 from qmn.network.device_options import kind_of_all
-from qmn.network.options import MAP, NetworkOptions
+from qmn.network.options import MAP, NETWORK, NetworkOptions
+from qmn.options import titled
 from topologies.chain import ChainTopo
 from topologies.leaf_spine import LeafSpineTopo
 from topologies.mapped import MapTopo
@@ -54,6 +55,15 @@ def topology_name(text: str) -> str:
     if not is_known(text):
         raise argparse.ArgumentTypeError(f"{text!r}: {remedy(text, KNOWN)}")
     return text
+
+
+def add_topology(parser: argparse.ArgumentParser, default: str = "sdc") -> None:
+    """Describe --topology, and which one is meant without it."""
+    names = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
+    text = f"over this network ({names}; default: {default})"
+    named = titled(parser, NETWORK)
+    named.add_argument("--topology", type=topology_name, metavar="NAME", help=text)
+    parser.set_defaults(usual_topology=default)
 
 
 def builder(options: NetworkOptions, fiber: Mapping[str, Any]) -> Callable[[], Topo]:

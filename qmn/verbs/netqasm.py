@@ -10,9 +10,9 @@ from qmn.jobs.netqasm import NetqasmRequest
 from qmn.jobs.run_context import guarded
 from qmn.jobs.run_options import RunOptions
 from qmn.machines.options import MACHINES
-from qmn.network.options import KEYS, NETWORK, NetworkOptions
-from qmn.network.topologies import TOPOLOGIES, topology_name
-from qmn.options import add_options, read, titled
+from qmn.network.options import KEYS, NetworkOptions
+from qmn.network.topologies import add_topology
+from qmn.options import add_options, read
 from wire.parameters.option import WRITTEN
 
 
@@ -25,13 +25,10 @@ def add_parser(verbs: Any) -> None:
     text = "folder of the application, with app_ROLE.py for each of its roles; or a NetQMPI program"
     parser.add_argument("path", type=Path, metavar="APP_DIR", help=text)
     add_options(parser, NetqasmRequest, group="the application")
-    names = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
-    text = f"over this network ({names}; default: sdc)"
-    named = titled(parser, NETWORK)
-    named.add_argument("--topology", type=topology_name, metavar="NAME", help=text)
+    add_topology(parser)
     add_options(parser, NetworkOptions, leave_out=KEYS)
     add_options(parser, RunOptions, leave_out=MACHINES, group=WRITTEN)
-    parser.set_defaults(call=_call, needs_root=True, usual_topology="sdc")
+    parser.set_defaults(call=_call, needs_root=True)
 
 
 def _call(arguments: argparse.Namespace) -> int:

@@ -21,7 +21,7 @@ from qmn.jobs.vpn import VpnRequest
 from qmn.machines.options import MACHINES
 from qmn.network.key_options import KeyServiceOptions
 from qmn.network.options import KEYS, NETWORK, NetworkOptions
-from qmn.network.topologies import TOPOLOGIES, topology_name
+from qmn.network.topologies import TOPOLOGIES, add_topology, topology_name
 from qmn.options import add_options, read, titled
 from qmn.parser import Parser
 from wire.parameters.option import WRITTEN
@@ -53,7 +53,7 @@ def _add_load(jobs: Any) -> None:
 
 def _describe_load(parser: Parser) -> None:
     add_options(parser, LoadRequest, group=JOB)
-    _add_topology(parser, "ring")
+    add_topology(parser, "ring")
     add_options(parser, NetworkOptions, leave_out=KEYS)
     add_options(parser, RunOptions, group=WRITTEN)
     parser.set_defaults(call=_call_load)
@@ -136,7 +136,7 @@ def _describe_service(parser: Parser, name: str, verb: Verb) -> None:
         words={"rate_hz": {"help": rate}, "block_pairs": {"help": block}},
         group=JOB,
     )
-    _add_topology(parser, verb.topology)
+    add_topology(parser, verb.topology)
     add_options(parser, NetworkOptions, leave_out=() if verb.keys else KEYS)
     add_options(parser, RunOptions, group=WRITTEN)
 
@@ -194,7 +194,7 @@ def _describe_keys(parser: Parser) -> None:
     parser.set_defaults(call=_call_keys)
     for kind in (KeysRequest, KeyServiceOptions, PassingEve):
         add_options(parser, kind, group=JOB)
-    _add_topology(parser, "sdc")
+    add_topology(parser)
     add_options(parser, NetworkOptions)
     add_options(parser, RunOptions, leave_out=MACHINES, group=WRITTEN)
 
@@ -226,17 +226,9 @@ def _describe_vpn(parser: Parser) -> None:
     parser.set_defaults(call=_call_vpn)
     for kind in (VpnRequest, PassingEve):
         add_options(parser, kind, group=JOB)
-    _add_topology(parser, "sdc")
+    add_topology(parser)
     add_options(parser, NetworkOptions)
     add_options(parser, RunOptions, leave_out=MACHINES, group=WRITTEN)
-
-
-def _add_topology(parser: Parser, default: str) -> None:
-    """Describe the choice of a network."""
-    text = f"over this network ({', '.join(TOPOLOGIES)}, or FILE.py:CLASS; default: {default})"
-    named = titled(parser, NETWORK)
-    named.add_argument("--topology", type=topology_name, metavar="NAME", help=text)
-    parser.set_defaults(usual_topology=default)
 
 
 def _call_vpn(arguments: argparse.Namespace) -> int:
