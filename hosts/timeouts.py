@@ -32,7 +32,7 @@ PAIR_TIMEOUT_S = 30.0  # until a pair with a handshake of its own is over
 
 # Processing units
 WANTED_TIMEOUT_S = 120.0  # until both applications want the pairs that one of them has asked for
-FREE_TIMEOUT_S = 60.0  # until others have let go of the light that these pairs need
+FREE_TIMEOUT_S = 60.0  # until others have given back the light that these pairs need
 
 # Light paths and chains of repeaters
 DISCOVERY_TIMEOUT_S = 3.0  # until the controller has seen all fibres

@@ -175,7 +175,7 @@ def gather(sabot: Simulation, picked: Sequence[tuple[Block, NDArray[np.uint32]]]
 
 
 def drop(sabot: Simulation, block: Block, draws: Draws) -> None:
-    """Let go of a block's further photons."""
+    """Discard a block's further photons."""
     if block.further is not None:
         sabot.drop(
             block.further.register, _draws(block, "discard", draws, block.further.pulses.size)

@@ -79,8 +79,8 @@ class Block:
     start_ns: int = 0  # when photon 0 is, or would have been, at the port; photon k comes later
     interval_ns: float = 0.0  # by k times this; 0: they were in no fibre yet
     came_ns: NDArray[np.int64] | None = None  # when each began to be, instead; shape (k,)
-    way_ns: int = 0  # how long its light was in fibres since its source, or a memory, let it go
-    retimed: bool = False  # a memory, or a host that has prepared it, lets it go when it is wanted
+    way_ns: int = 0  # how long its light was in fibres since its source, or a memory, sent it
+    retimed: bool = False  # a memory, or a host that has prepared it, sends it when it is wanted
     source_rate_hz: float = float("inf")  # at most, while they have not left their source
     stored_ns: int = 0  # when the block was put into memory last
     stores: int = 0  # how often that was
@@ -132,7 +132,7 @@ class Ownership:
             self._closed.append((node, session))
 
     def is_closed(self, node: str, session: int) -> bool:
-        """Return whether a node has let go of a session."""
+        """Return whether a node has discarded a session."""
         return (node, session) in self._closed
 
     def add_when_heard(self, block: Block) -> None:

@@ -237,7 +237,7 @@ class Heralding:
         task.add_done_callback(self._told)
 
     async def _heard(self, block: Block) -> None:
-        """Record that a host hears of a block; let go of it if nobody wants it there any more.
+        """Record that a host hears of a block; discard it if nobody wants it there any more.
 
         So does a host that has filled its memory meanwhile: qubits that attempted are in use again.
         """

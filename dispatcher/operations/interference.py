@@ -144,7 +144,7 @@ class Interference:
         return ordered
 
     def _release(self, register: Register) -> None:
-        """Let go of a register whose photons are all elsewhere."""
+        """Discard a register whose photons are all elsewhere."""
         draws = self._layer.draws.photons(self._blocks[0].name, "released", register.size)
         self._layer.sabot.drop(register, draws)
 

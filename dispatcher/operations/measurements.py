@@ -179,8 +179,8 @@ class Measurements:
         """Let light whose way was shorter wait in a delay line, if it comes too early otherwise.
 
         Return what the event log says, and how much later the first half comes all the same.
-        Sources emit pulse by pulse together; what a memory lets go, or was in no fibre, comes when
-        it is wanted.
+        Sources emit pulse by pulse together; what a memory gives out, or was in no fibre, comes
+        when it is wanted.
         """
         first, second = halves
         later_ns = first.way_ns - second.way_ns

@@ -41,12 +41,12 @@ def findings(runs: Runs) -> Sequence[Finding]:
     """Return the fidelity of pairs over the latency, beside the closed form."""
     found = []
     for node, copper_km in product(T2_S, COPPER_KM):
-        told = runs[f"{node}-{copper_km}-km"].result["job"]["asking"]
+        told = runs[f"{node}-{copper_km}-km"].job.asking
         latency_ms = 1e3 * latency_s(copper_km)
-        error = (told["fidelity_high"] - told["fidelity_low"]) / 2 / CONFIDENCE_95
+        error = (told.fidelity_high - told.fidelity_low) / 2 / CONFIDENCE_95
         theory = Published(fidelity(T2_S[node], latency_ms), 0.0, "(1 + exp(-7 L / T2)) / 2")
         words = f"F, T2 of {T2_S[node]:g} s, {latency_ms:.1f} ms from host to host"
-        ours = Estimate(told["fidelity"], error)
+        ours = Estimate(told.fidelity, error)
         found.append(Finding(CHART.format(node), words, ours, theory, latency_ms))
     return found
 

@@ -23,8 +23,7 @@ from qmn.network.options import settings
 from qmn.network.time_scale import Scale
 from qmn.options import BadInput, option_names
 from qmn.reports.beside import Draw, report_beside
-from qmn.results.network_facts import network_facts
-from qmn.results.result import note_files
+from qmn.results.result import network_facts, note_files
 from qmn.results.run_folder import give_to_invoker, given_at_the_end
 from qmn.results.software_share import note_software
 from qmn.results.timeline import timeline_of_run
