@@ -24,8 +24,8 @@ function frequency(hz) {
   return `${digits(hz / scale)} ${unit}`;
 }
 
-function digits(number) {
-  return number.toLocaleString("en", { maximumSignificantDigits: 6 });
+export function digits(number, significant = 6) {
+  return number.toLocaleString("en", { maximumSignificantDigits: significant });
 }
 
 // The state of a session, as a fact about it tells.

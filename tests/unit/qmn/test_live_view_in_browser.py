@@ -139,14 +139,14 @@ def test_the_fill_of_key_stores_is_shown(
     with served(view) as url:
         page = opened(chromium, url, said)
         expect(page.locator("#keys")).to_have_text("No host has told of keys.")
-        link = KeyLink("alice", "bob", 1200, 1199, 4096, 0.0123, "active")
+        link = KeyLink("alice", "bob", 1200, 1199, 9596, 4096, 0.0123, "active")
         told = {"devices": [], "sessions": [], "key_links": [asdict(link)]}
         view.timeline.add("devices", START_NS + 10**9, told)
-        row = ["alice → bob", "1,200", "1,199", "4,096", "1.23", "active"]
+        row = ["alice → bob", "1,200", "1,199", "25 % of 9,596 keys", "4,096", "1.23", "active"]
         expect(page.locator("#keys tbody td")).to_have_text(row)
         later = {"event": "key_link", **asdict(replace(link, keys_ready=2000))}  # in the record
         view.timeline.add("controller", START_NS + 2 * 10**9, later)
-        row[1] = "2,000"
+        row[1], row[3] = "2,000", "33 % of 9,596 keys"  # both counts, of what the store can hold
         expect(page.locator("#keys tbody td")).to_have_text(row)
         page.get_by_label("time in s").fill("1.5")
         expect(page.locator("#keys tbody td").nth(1)).to_have_text("1,200")
