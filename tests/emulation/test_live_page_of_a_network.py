@@ -81,6 +81,7 @@ def test_one_sees_and_acts(tmp_path: Path) -> None:
         with urllib.request.urlopen(f"{url}network.json", timeout=DEADLINE_S) as response:  # noqa: S310
             drawn = json.load(response)
         assert {node["name"] for node in drawn["nodes"]} >= {"alice", "bob", "charlie", "q1", "s1"}
+        assert drawn["dpids"]["1"] == "s1"  # as its topology says
         assert (len(drawn["fibers"]), drawn["live"], drawn["acts"]) == (5, True, True)
         reader = Reader(url)
 
