@@ -84,6 +84,9 @@ def main() -> int:
     try:
         status: int = arguments.call(arguments)
         sys.stdout.flush()
+        # All is done and said. Ending takes a moment, in which a signal would say otherwise.
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, signal.SIG_IGN)
     except BrokenPipeError:
         # Whoever read our output has gone, as `head` does; there is nobody to tell.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

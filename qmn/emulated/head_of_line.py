@@ -25,6 +25,7 @@ from qmn.traffic.session import ACCEPTED, Wanted
 from topologies.fabric import FabricTopo
 from topologies.networks.network import Signals
 from wire.controller_lines import read_record
+from wire.metadata.vocabulary import Service
 
 LONG = Parameter("long_s", 1.0, 0.01, 5.0, "s")
 SHORT = Parameter("short_s", 0.2, 0.01, 5.0, "s")
@@ -56,7 +57,7 @@ class OneFiber(FabricTopo):
 def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome:
     """Have sessions ask for the fibre, and wait for it."""
     sides = [[f"{side}{place}" for place in range(1, HOSTS + 1)] for side in "ab"]
-    wanted = Wanted("distribute", {"count": PAIRS, "sample": 0.0}, own_source=True)
+    wanted = Wanted(Service.DISTRIBUTE, {"count": PAIRS, "sample": 0.0}, own_source=True)
     scale = number(values, TIME_SCALE.name)
     options = {"seed": seed, "contention": "queue", "time_scale": scale}
     with network_for(HEAD_OF_LINE, values, runs, OneFiber, **options) as network:

@@ -19,7 +19,9 @@ def are_plain(values: Values) -> bool:
 
 def network(values: Values) -> dict[str, Any]:
     """Return the options of the network that name it."""
-    return {"topology": values[TOPOLOGY.name], "map": values[MAP.name] or None}
+    named, known_map = values[TOPOLOGY.name], values[MAP.name] or None
+    unnamed = known_map is not None and named == TOPOLOGY.default
+    return {"topology": "" if unnamed else named, "map": known_map}
 
 
 def said_of_fibers(values: Values, parameters: Sequence[Parameter]) -> tuple[str, ...]:

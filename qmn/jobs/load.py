@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from hosts.middleware.services import NAMES
+from hosts.middleware.services.ghz.options import LEAST_HOSTS, MOST_HOSTS
 from hosts.middleware.session.errors import SessionError
 from qmn.benchmarks.many_hosts import controller_s
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
@@ -17,33 +18,33 @@ from qmn.jobs.run_options import RunOptions
 from qmn.network.checks import check_network
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.options import NetworkOptions
-from qmn.options import BadInput, check_ranges
+from qmn.options import BadInput, check_ranges, option_names
 from qmn.results.network_facts import network_facts
 from qmn.results.run_folder import begin_folder
 from qmn.traffic import result
 from qmn.traffic.driver import Driver
 from qmn.traffic.plan import MODELS, MOST_SESSIONS, BadTraffic, Planned, Traffic, plan
-from qmn.traffic.session import ACCEPTED, Wanted
+from qmn.traffic.session import ACCEPTED, PAIR, Wanted
 from qmn.traffic.summary import summary
 from topologies.networks.network import Network, Signals, require_root
 from wire.controller_lines import read_record
+from wire.metadata.vocabulary import Service
 from wire.parameters.checks import remedy
 from wire.parameters.option import option
 from wire.results.run_result import LoadJob, RunResult
+from wire.services import LINES, RETURNS
 
-BYTES = "sdc"  # the service that carries some
+BYTES = ("sdc", "sdc_return")  # services that carry some
 OWN = "own"
 MEASURED = ("distribute", "swap")  # services that leave pairs at both ends
-# More than two hosts take part in them, or go back on the light of another session.
-UNFIT = ("conference", "ghz", "graph", "sdc_return", "sense")
-FIT = sorted(NAMES.keys() - set(UNFIT))
+LINE = 3  # hosts of a session of a line
 
 
 @dataclass(frozen=True, kw_only=True)
 class LoadRequest:
     """What traffic there is, and in which network."""
 
-    service: str = option("distribute", "that sessions are of (distribute)", choices=FIT)
+    service: str = option("distribute", "that sessions are of (distribute)", choices=sorted(NAMES))
     count: int = option(
         30,
         "of pairs, states or bits of a session; bytes of sdc (30)",
@@ -52,6 +53,13 @@ class LoadRequest:
     )
     source: str = option(
         "", f"host that makes the pairs; {OWN}: the one that asks (the network's)", metavar="HOST"
+    )
+    line: int | None = option(
+        None,
+        f"hosts of each session of {', '.join(sorted(service.name.lower() for service in LINES))}, "
+        f"drawn in the order of their links ({LINE})",
+        metavar="N",
+        range=(LEAST_HOSTS, MOST_HOSTS),
     )
     traffic: str = option("poisson", "model of who asks when (poisson)", choices=tuple(MODELS))
     sessions: int = option(
@@ -83,7 +91,7 @@ class LoadRequest:
         "", "hosts that ask, with commas (all but sources)", flag="--from", metavar="HOSTS"
     )
     receivers: str = option("", "hosts that are asked (the same)", flag="--to", metavar="HOSTS")
-    idle: bool = option(False, "choose two hosts that are idle for each session")
+    idle: bool = option(False, "choose hosts that are idle for each session")
     on_s: float = option(
         1.0, "mean time that a host asks, of on-off (1)", metavar="S", range=(1e-3, 1e6)
     )
@@ -93,12 +101,6 @@ class LoadRequest:
     run: RunOptions
 
 
-OWN_OPTIONS = (
-    *("service", "count", "source", "traffic", "sessions", "rate_per_s", "holding_s", "constant"),
-    *("deadline_s", "urgent", "senders", "receivers", "idle", "on_s", "off_s"),
-)
-
-
 def run(request: LoadRequest, signals: Signals, console: Console) -> int:
     """Do the whole run and return its exit status: 0 if every session has been answered."""
     network = describe_network(request.network)
@@ -106,7 +108,7 @@ def run(request: LoadRequest, signals: Signals, console: Console) -> int:
     require_root()
     folder = begin_folder(request.run.runs, "load")
     context = RunContext(network, request.run, folder, signals, console)
-    own = {name: getattr(request, name) for name in OWN_OPTIONS}
+    own = {name: getattr(request, name) for name in option_names(request)}
     own["file"] = str(request.file) if request.file else None
     hosts = [*traffic.openers, *(each for each in traffic.acceptors if each not in traffic.openers)]
     facts = known_facts(context, request.service, hosts, LoadJob(), own)
@@ -137,8 +139,12 @@ def traffic_of(request: LoadRequest, network: NetworkDescription) -> Traffic:
     others = [host for host in hosts if host not in network.parts.sources]
     openers = chosen("--from", request.senders, hosts) or others
     acceptors = chosen("--to", request.receivers, hosts) or others
-    if len({*openers, *acceptors}) < 2 or any(acceptors == [host] for host in openers):
-        raise BadInput(f"--from {','.join(openers)} --to {','.join(acceptors)}: name more hosts")
+    each = hosts_of_session(request)
+    if not openers or any(len({*acceptors} - {host}) < each - 1 for host in openers):
+        raise BadInput(
+            f"--from {','.join(openers)} --to {','.join(acceptors)}: name more hosts, "
+            f"{each} take part in a session"
+        )
     if request.file is not None and request.traffic not in ("matrix", "trace"):
         raise BadInput(f"--file is of --traffic matrix or trace, not of {request.traffic}")
     if request.idle and request.traffic != "poisson":
@@ -155,7 +161,17 @@ def traffic_of(request: LoadRequest, network: NetworkDescription) -> Traffic:
         request.on_s,
         request.off_s,
         request.file,
+        each,
     )
+
+
+def hosts_of_session(request: LoadRequest) -> int:
+    """Return how many hosts take part in each; raise BadInput for a line of a service of two."""
+    if Service[request.service.upper()] in LINES:
+        return request.line or LINE
+    if request.line is not None:
+        raise BadInput(f"--line: in {request.service} {PAIR} hosts take part: leave it out")
+    return PAIR
 
 
 def chosen(option_name: str, named: str, hosts: Sequence[str]) -> list[str]:
@@ -173,17 +189,22 @@ def wanted_of(request: LoadRequest, hosts: Sequence[str]) -> Wanted:
     if request.source and not own and request.source not in hosts:
         raise BadInput(f"--source {request.source}: {remedy(request.source, [OWN, *hosts])}")
     options: dict[str, Any] = {} if own or not request.source else {"source": request.source}
-    data = bytes(n % 256 for n in range(request.count)) if request.service == BYTES else b""
+    data = bytes(n % 256 for n in range(request.count)) if request.service in BYTES else b""
     if not data:
         options |= {"count": request.count}
     measures = request.service in MEASURED
     if measures:
         options["sample"] = 0.0
+    asked, service = {"host": hosts[1], "port": 1, **options}, Service[request.service.upper()]
+    if service in LINES:
+        asked["line"] = ",".join(hosts[: hosts_of_session(request)])
     try:
-        NAMES[request.service].options.from_fields({"host": hosts[0], "port": 1, **options})
+        NAMES[request.service].options.from_fields(asked)
     except SessionError as error:
         raise BadInput(f"--service {request.service}: {error}") from error
-    return Wanted(request.service, options, data, own, measures)
+    return Wanted(
+        service, options, data, own, measures, hosts_of_session(request), RETURNS.get(service)
+    )
 
 
 def _drive(

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from qmn.network.custom_topology import is_custom
 from qmn.network.time_scale import AUTO, REAL, scale
 from topologies.catalogue.node_kinds import NODE_KINDS
 from topologies.catalogue.presets import PRESETS
@@ -26,6 +25,7 @@ class NetworkOptions(NetworkSettings):
     """What can be said of a network: its settings, and which nodes and fibres it has."""
 
     topology: str = ""  # its name, or FILE.py:CLASS; empty: a script's own
+    usual_topology: str = ""  # of a job, where neither a topology nor a map is named
     time_scale: float | str = option(
         REAL,
         f"one second of the network takes K seconds here ({REAL}; {AUTO}: as slowly as it needs)",
@@ -83,9 +83,9 @@ class NetworkOptions(NetworkSettings):
     both_ways: bool = option(False, "alice has two fibres, so that she can receive, too")
 
     def __post_init__(self) -> None:
-        """Take a map, if one is named, in place of the topology that a job has by default."""
-        if self.map is not None and not is_custom(self.topology):  # which says what it takes
-            object.__setattr__(self, "topology", MAP)
+        """Take a map, if one is named, or the job's own, where no topology is."""
+        usual = self.usual_topology if self.map is None else MAP
+        object.__setattr__(self, "topology", self.topology or usual)
 
 
 KEYS = ("keys",)  # the options of networks over which keys may be distributed

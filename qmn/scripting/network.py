@@ -191,20 +191,21 @@ class QuantumNetwork(Network):
 
 @contextmanager
 def start(
-    topo: str | Callable[[], Topo] = "sdc",
+    topo: str | Callable[[], Topo] = "",
     folder: Path | str | None = None,
     **options: Any,
 ) -> Iterator[QuantumNetwork]:
     """Start a network, and leave nothing behind at the end; root.
 
-    `topo` is a name that `qmn run` knows, FILE.py:CLASS, or a topology of your own. Logs and
-    quantum events go into the folder, if there is one. `options` are those of NetworkOptions and
-    MachineOptions; what each means, and what it is if absent, says `qmn cli --help`. Raise
-    BadInput or BadTopology for what cannot be, NetworkError if it does not start; Ctrl-C is a
-    KeyboardInterrupt, and cleans up, too.
+    `topo` is a name that `qmn run` knows, FILE.py:CLASS, or a topology of your own (sdc, unless a
+    map is named). Logs and quantum events go into the folder, if there is one. `options` are those
+    of NetworkOptions and MachineOptions; what each means, and what it is if absent, says `qmn cli
+    --help`. Raise BadInput or BadTopology for what cannot be, NetworkError if it does not start;
+    Ctrl-C is a KeyboardInterrupt, and cleans up, too.
     """
     of_machines = {name: options.pop(name) for name in MACHINES if name in options}
     asked = from_keywords(NetworkOptions, options)
+    topo = topo or asked.topology or "sdc"
     if isinstance(topo, str):
         if not is_known(topo):
             raise BadInput(f"unknown topology {topo!r}: {remedy(topo, KNOWN)}")

@@ -66,7 +66,8 @@ class Driver:
             return (loop.time() - began) / self._scale
 
         ends = self._ends(planned)
-        outcome = Outcome(planned, *(ends or ("", "")), asked_s=now_s())
+        opener, acceptor, *others = ends or ("", "")
+        outcome = Outcome(planned, opener, acceptor, now_s(), others=tuple(others))
         self.outcomes.append(outcome)
         if ends is None:
             outcome.outcome, outcome.reason = BLOCKED, NO_IDLE_HOST
@@ -77,16 +78,18 @@ class Driver:
             self._busy.difference_update(ends)
         outcome.ended_s = now_s()
 
-    def _ends(self, planned: Planned) -> tuple[str, str] | None:
-        """Return who takes part: as planned, or two that are idle now; None if there are none."""
+    def _ends(self, planned: Planned) -> Sequence[str] | None:
+        """Return who takes part: as planned, or hosts that are idle now; None if too few are."""
         if planned.opener:
-            return planned.opener, planned.acceptor
-        openers = [host for host in self._groups[0] if host not in self._busy]
-        if not openers:
-            return None
-        opener = self._random.choice(openers)
-        acceptors = [h for h in self._groups[1] if h not in self._busy and h != opener]
-        return (opener, self._random.choice(acceptors)) if acceptors else None
+            return planned.opener, planned.acceptor, *planned.others
+        found: list[str] = []
+        openers, acceptors = self._groups
+        for group in (openers, *(self._wanted.hosts - 1) * [acceptors]):
+            idle = [host for host in group if host not in self._busy and host not in found]
+            if not idle:
+                return None
+            found.append(self._random.choice(idle))
+        return found
 
 
 async def _checking(check: Callable[[], None]) -> None:

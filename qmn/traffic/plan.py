@@ -5,15 +5,17 @@ Times are seconds of the network. Every choice follows from the seed.
 
 import csv
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from heapq import merge
 from itertools import islice
 from math import inf
 from pathlib import Path
 from random import Random
 
-COLUMNS = {"at_s", "opener", "acceptor", "holding_s", "deadline_s", "priority"}  # of a trace file
-OF_MATRIX = {"opener", "acceptor", "rate_per_s"}
+ENDS, OTHERS = {"opener", "acceptor"}, "others"  # columns of either file
+OF_TRACE = {*ENDS, "at_s"}
+COLUMNS = {*OF_TRACE, OTHERS, "holding_s", "deadline_s", "priority"}
+OF_MATRIX = {*ENDS, "rate_per_s"}
 MOST_SESSIONS = 100_000
 MOST_PRIORITY = 255
 
@@ -24,7 +26,7 @@ class BadTraffic(ValueError):
 
 @dataclass(frozen=True)
 class Planned:
-    """A session that will be asked for; opener and acceptor "": two that are idle then."""
+    """A session that will be asked for; opener and acceptor "": hosts that are idle then."""
 
     at_s: float
     opener: str
@@ -32,6 +34,7 @@ class Planned:
     holding_s: float
     deadline_s: float | None = None  # until it must have light; None: it waits as it is told to
     priority: int = 0  # the higher the sooner, if the controller's policy orders by it
+    others: tuple[str, ...] = ()  # further hosts of it, of a line in its order
 
 
 @dataclass(frozen=True)
@@ -49,14 +52,15 @@ class Traffic:
     on_s: float = 1.0  # mean, of on-off
     off_s: float = 1.0
     file: Path | None = None
+    hosts: int = 2  # that take part in a session
 
 
 def poisson(traffic: Traffic, random: Random) -> Iterator[Planned]:
-    """Yield sessions of a Poisson process; the two hosts are any, all alike."""
+    """Yield sessions of a Poisson process; the hosts are any, all alike."""
     now = 0.0
     while True:
         now += random.expovariate(traffic.rate_per_s)
-        yield planned(traffic, random, now, *ends(traffic, random))
+        yield planned(traffic, random, now, ends(traffic, random))
 
 
 def on_off(traffic: Traffic, random: Random) -> Iterator[Planned]:
@@ -78,12 +82,12 @@ def on_off(traffic: Traffic, random: Random) -> Iterator[Planned]:
 
     asked = merge(*(bursts(opener, Random(random.random())) for opener in traffic.openers))  # noqa: S311
     for at_s, opener in asked:
-        yield planned(traffic, random, at_s, opener, other(traffic, random, opener))
+        yield planned(traffic, random, at_s, with_others(traffic, random, opener))
 
 
 def matrix(traffic: Traffic, random: Random) -> Iterator[Planned]:
     """Yield sessions of a Poisson process for each two hosts of a file, by its rates."""
-    rows = list(rows_of(traffic, OF_MATRIX, OF_MATRIX))
+    rows = list(rows_of(traffic, OF_MATRIX, {*OF_MATRIX, OTHERS}))
     rates = [number(traffic, row, "rate_per_s", 0.0) for row in rows]
     if not sum(rates):
         raise BadTraffic(f"{traffic.file} names no rate above 0")
@@ -91,26 +95,25 @@ def matrix(traffic: Traffic, random: Random) -> Iterator[Planned]:
     while True:
         now += random.expovariate(sum(rates))
         (row,) = random.choices(rows, rates)
-        yield planned(traffic, random, now, row["opener"], row["acceptor"])
+        yield planned(traffic, random, now, hosts_of(traffic, random, row))
 
 
 def trace(traffic: Traffic, random: Random) -> Iterator[Planned]:
     """Yield the sessions of a file, in its order of time."""
-    needed = {"at_s", "opener", "acceptor"}
     rows = sorted(
-        rows_of(traffic, needed, COLUMNS), key=lambda row: number(traffic, row, "at_s", 0.0)
+        rows_of(traffic, OF_TRACE, COLUMNS), key=lambda row: number(traffic, row, "at_s", 0.0)
     )
     for row in rows:
-        told = planned(
-            traffic, random, number(traffic, row, "at_s", 0.0), row["opener"], row["acceptor"]
-        )
+        at_s = number(traffic, row, "at_s", 0.0)
+        told = planned(traffic, random, at_s, hosts_of(traffic, random, row))
         holding_s = number(traffic, row, "holding_s", told.holding_s)
         deadline_s = number(traffic, row, "deadline_s", told.deadline_s or inf)
         deadline = None if deadline_s == inf else deadline_s
         priority = number(traffic, row, "priority", told.priority)
         if priority not in range(MOST_PRIORITY + 1):
             raise BadTraffic(f"{traffic.file}: priority {priority:g}: choose 0 to {MOST_PRIORITY}")
-        yield Planned(told.at_s, told.opener, told.acceptor, holding_s, deadline, int(priority))
+        given = replace(told, holding_s=holding_s, deadline_s=deadline)
+        yield replace(given, priority=int(priority))
 
 
 MODELS: dict[str, Callable[[Traffic, Random], Iterator[Planned]]] = {
@@ -132,25 +135,41 @@ def plan(model: str, traffic: Traffic, seed: int, sessions: int) -> list[Planned
     return found
 
 
-def planned(traffic: Traffic, random: Random, at_s: float, opener: str, acceptor: str) -> Planned:
-    """Return a session with a holding time."""
+def planned(traffic: Traffic, random: Random, at_s: float, hosts: Sequence[str]) -> Planned:
+    """Return a session of these hosts with a holding time."""
     mean_s = traffic.holding_s
     held = mean_s if traffic.constant or not mean_s else random.expovariate(1 / mean_s)
     urgent = int(random.random() < traffic.urgent) if traffic.urgent else 0
-    return Planned(at_s, opener, acceptor, held, traffic.deadline_s, urgent)
+    opener, acceptor, *others = hosts
+    return Planned(at_s, opener, acceptor, held, traffic.deadline_s, urgent, tuple(others))
 
 
-def ends(traffic: Traffic, random: Random) -> tuple[str, str]:
-    """Return an opener and an acceptor, or none of either if they are chosen later."""
+def ends(traffic: Traffic, random: Random) -> list[str]:
+    """Return the hosts of a session, none if they are chosen later."""
     if traffic.idle:
-        return "", ""
-    opener = random.choice(traffic.openers)
-    return opener, other(traffic, random, opener)
+        return ["", ""]
+    return with_others(traffic, random, random.choice(traffic.openers))
 
 
-def other(traffic: Traffic, random: Random, opener: str) -> str:
-    """Return an acceptor that is not the opener."""
-    return random.choice([host for host in traffic.acceptors if host != opener])
+def with_others(traffic: Traffic, random: Random, *first: str) -> list[str]:
+    """Return the hosts of a session that begins with these, the others drawn of the acceptors."""
+    hosts = list(first)
+    while len(hosts) < traffic.hosts:
+        hosts.append(random.choice([host for host in traffic.acceptors if host not in hosts]))
+    return hosts
+
+
+def hosts_of(traffic: Traffic, random: Random, row: dict[str, str]) -> list[str]:
+    """Return the hosts of a row's session; those that it does not name are drawn."""
+    others = (row.get(OTHERS) or "").split()
+    named = [row["opener"], row["acceptor"], *others]
+    if not others:
+        return with_others(traffic, random, *named)
+    if len(named) != traffic.hosts or len(set(named)) < len(named):
+        raise BadTraffic(
+            f"{traffic.file}: {', '.join(named)}: a session has {traffic.hosts} hosts, each once"
+        )
+    return named
 
 
 def rows_of(traffic: Traffic, needed: set[str], known: set[str]) -> list[dict[str, str]]:
@@ -170,11 +189,12 @@ def rows_of(traffic: Traffic, needed: set[str], known: set[str]) -> list[dict[st
             f"{', '.join(sorted(needed))}, and may have {more}"
         )
     for row in rows:
-        for end, hosts in (("opener", traffic.openers), ("acceptor", traffic.acceptors)):
-            if row[end] not in hosts:
-                raise BadTraffic(
-                    f"{traffic.file}: {end} {row[end]!r} is not one of {', '.join(hosts)}"
-                )
+        named = [("opener", row["opener"], traffic.openers)]
+        asked = row["acceptor"], *(row.get(OTHERS) or "").split()
+        named += [("acceptor", host, traffic.acceptors) for host in asked]
+        for end, host, hosts in named:
+            if host not in hosts:
+                raise BadTraffic(f"{traffic.file}: {end} {host!r} is not one of {', '.join(hosts)}")
     return rows
 
 

@@ -1,15 +1,16 @@
-"""One session of the traffic, from its request to its end, as its two hosts see it."""
+"""One session of the traffic, from its request to its end, as its hosts see it."""
 
 import asyncio
-from collections.abc import Mapping
-from contextlib import AsyncExitStack
+from collections.abc import AsyncIterator, Mapping, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
 from qmn.timeouts import LOAD_LIMIT_S
 from qmn.traffic.plan import Planned
 from qmn.traffic.stack_calls import Refused, StackCalls, calls
-from wire.metadata.vocabulary import Reason
+from wire.metadata.vocabulary import Reason, Service
+from wire.services import LINES
 from wire.socket_calls import Call
 
 ACCEPTED, BLOCKED, LATE, BROKEN = "accepted", "blocked", "late", "broken"
@@ -17,6 +18,7 @@ NO_IDLE_HOST, NO_END = (
     "NO_IDLE_HOST",
     "NO_END",
 )  # reasons of our own
+PAIR = 2  # hosts of most services
 BASES = ("X", "Y", "Z")
 AGREE = {"X": True, "Y": False, "Z": True}  # whether both halves of Phi+ tell the same
 
@@ -38,17 +40,23 @@ class Outcome:
     right: dict[str, int] = field(default_factory=dict)  # outcomes as Phi+ has them, by basis
     measured: dict[str, int] = field(default_factory=dict)
     summary: dict[str, Any] = field(default_factory=dict)
+    others: tuple[str, ...] = ()  # further hosts
 
 
 @dataclass(frozen=True)
 class Wanted:
     """What every session asks for."""
 
-    service: str
+    service: Service
     options: Mapping[str, Any]  # of the service's session
     data: bytes = b""  # to send, of a service that carries bytes
     own_source: bool = False  # whether the opener makes the pairs
     measures: bool = False  # whether pairs are measured at the end of the holding time
+    hosts: int = PAIR  # that take part
+    goes_back_on: Service | None = None  # of which the acceptor opens a session before
+
+
+Hearing = asyncio.Task[StackCalls]  # what a host that is asked hears
 
 
 class SessionRun:
@@ -81,57 +89,89 @@ class SessionRun:
             told.outcome, told.reason = BROKEN, NO_END
 
     async def _take_part(self) -> None:
-        wanted, told = self._wanted, self._outcome
+        standing, told = self._wanted.goes_back_on, self._outcome
+        if standing is None:
+            await self._itself()
+            return
+        async with self._asked(standing, (told.acceptor, told.opener)) as (asking, hearing):
+            await self._by_deadline(asking)
+            await self._itself()
+            asking.say(Call.CLOSE)
+            await _over(asking, hearing)
+
+    async def _itself(self) -> None:
+        told = self._outcome
+        hosts = told.opener, told.acceptor, *told.others
+        async with self._asked(self._wanted.service, hosts) as (asking, hearing):
+            await self._use(asking, hearing)
+
+    @asynccontextmanager
+    async def _asked(
+        self, service: Service, hosts: Sequence[str]
+    ) -> AsyncIterator[tuple[StackCalls, list[Hearing]]]:
+        """Let the first of the hosts ask; give what it hears, and what the others will hear."""
+        wanted, told, name = self._wanted, self._outcome, service.name.lower()
         async with AsyncExitStack() as stack:
-            listener = await stack.enter_async_context(calls(self._stacks[told.acceptor]))
-            listener.say(Call.LISTEN, port=self._port, service=wanted.service)
-            await listener.read()
-            asked = await stack.enter_async_context(calls(self._stacks[told.acceptor]))
-            asked.say(Call.ACCEPT, port=self._port)
-            asking = await stack.enter_async_context(calls(self._stacks[told.opener]))
+            waiting = []
+            for host in hosts[1:]:
+                listener = await stack.enter_async_context(calls(self._stacks[host]))
+                listener.say(Call.LISTEN, port=self._port, service=name)
+                await listener.read()
+                asked = await stack.enter_async_context(calls(self._stacks[host]))
+                asked.say(Call.ACCEPT, port=self._port)
+                waiting.append(asked)
+            asking = await stack.enter_async_context(calls(self._stacks[hosts[0]]))
             options = dict(wanted.options)
             options |= {"priority": told.planned.priority}
             if told.planned.deadline_s is not None:
                 options |= {"deadline_ms": max(round(told.planned.deadline_s * 1000), 1)}
             if wanted.own_source:
                 options["source"] = told.opener
-            where = {"service": wanted.service, "host": told.acceptor, "port": self._port}
+            if service in LINES:
+                options["line"] = ",".join(hosts)
+            where = {"service": name, "host": hosts[1], "port": self._port}
             asking.say(Call.REQUEST, **where, **options)
-            hearing = asyncio.create_task(_there(asked))
+            hearing = [asyncio.create_task(_there(each)) for each in waiting]
             try:
-                await self._use(asking, hearing)
+                yield asking, hearing
             finally:
-                hearing.cancel()
-                await asyncio.gather(hearing, return_exceptions=True)
+                for each in hearing:
+                    each.cancel()
+                await asyncio.gather(*hearing, return_exceptions=True)
 
-    async def _use(self, asking: StackCalls, hearing: "asyncio.Task[StackCalls]") -> None:
-        planned, told, wanted = self._outcome.planned, self._outcome, self._wanted
+    async def _by_deadline(self, asking: StackCalls) -> tuple[Call, dict[str, Any]]:
+        """Return what comes of the request; raise _TooLateError unless it does by the deadline."""
+        deadline_s = self._outcome.planned.deadline_s
+        left_s = None if deadline_s is None else (deadline_s - self._since()) * self._scale
         try:
-            async with asyncio.timeout(
-                None if planned.deadline_s is None else planned.deadline_s * self._scale
-            ) as deadline:
-                call, fields = await asking.read()
+            async with asyncio.timeout(left_s) as deadline:
+                return await asking.read()
         except TimeoutError:
             if deadline.expired():
                 raise _TooLateError from None
             raise
+
+    async def _use(self, asking: StackCalls, hearing: list[Hearing]) -> None:
+        planned, told, wanted = self._outcome.planned, self._outcome, self._wanted
+        call, fields = await self._by_deadline(asking)
         told.setup_s = self._since()
         while call == Call.RESULT:
             call, fields = await asking.read()
-        if call != Call.CLOSE:
-            if wanted.data:
-                asking.send(wanted.data)
-                call, fields = await asking.read()
-            there = self._loop.time()
-            await asyncio.sleep(planned.holding_s * self._scale)
-            if wanted.measures:
-                both = asking, await hearing
-                told.age_s = (self._loop.time() - there) / self._scale
-                await _measure(told, both, int(fields["pairs"]))
-            asking.say(Call.CLOSE)
-            while call != Call.CLOSE:
-                call, fields = await asking.read()
-        told.summary = fields
+        if call == Call.CLOSE:
+            told.summary = fields
+            await asyncio.gather(*hearing)
+            return
+        if wanted.data:
+            asking.send(wanted.data)
+            call, fields = await asking.read()
+        there = self._loop.time()
+        await asyncio.sleep(planned.holding_s * self._scale)
+        if wanted.measures:
+            both = asking, await hearing[0]
+            told.age_s = (self._loop.time() - there) / self._scale
+            await _measure(told, both, int(fields["pairs"]))
+        asking.say(Call.CLOSE)
+        told.summary = await _over(asking, hearing)
 
     def _since(self) -> float:
         return (self._loop.time() - self._began) / self._scale
@@ -142,12 +182,21 @@ class _TooLateError(Exception):
 
 
 async def _there(asked: StackCalls) -> StackCalls:
-    """Read what the accepting end is told; return when it may ask."""
+    """Read what a host that is asked is told; return when it may ask, or all is over."""
     await asked.read()
     call = Call.RESULT
-    while call != Call.DONE:
+    while call not in (Call.DONE, Call.CLOSE):
         call, _fields = await asked.read()
     return asked
+
+
+async def _over(asking: StackCalls, hearing: list[Hearing]) -> dict[str, Any]:
+    """Wait until a session is over at its hosts; return the opener's summary."""
+    call, fields = Call.RESULT, dict[str, Any]()
+    while call != Call.CLOSE:
+        call, fields = await asking.read()
+    await asyncio.gather(*hearing)
+    return fields
 
 
 async def _measure(told: Outcome, both: tuple[StackCalls, StackCalls], pairs: int) -> None:

@@ -28,7 +28,8 @@ def summary(
     """
     accepted = [each for each in outcomes if each.outcome == ACCEPTED]
     span_s = max((each.ended_s for each in outcomes), default=0.0)
-    pairs = sum(int(each.summary.get("pairs", 0)) for each in accepted)
+    left = [int(each.summary["pairs"]) for each in accepted if "pairs" in each.summary]
+    pairs = sum(left)
     return Load(
         offered=len(outcomes),
         accepted=len(accepted),
@@ -42,7 +43,7 @@ def summary(
         span_s=span_s,
         **load(outcomes, accepted, span_s),
         pairs=pairs,
-        pairs_per_s=pairs / span_s if span_s else 0.0,
+        pairs_per_s=pairs / span_s if left and span_s else None,
         fidelity_by_age=fidelity_by_age(accepted),
         fairness=fairness(outcomes),
         sessions=listed(outcomes),
@@ -185,6 +186,7 @@ def listed(outcomes: Iterable[Outcome]) -> list[LoadSession]:
             asked_s=each.asked_s,
             opener=each.opener,
             acceptor=each.acceptor,
+            others=list(each.others),
             outcome=each.outcome,
             reason=each.reason,
             text=each.text,

@@ -23,11 +23,11 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument("path", type=Path, metavar="APP_DIR", help=text)
     names = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
     text = f"over this network ({names}; default: sdc)"
-    parser.add_argument("--topology", type=topology_name, default="sdc", metavar="NAME", help=text)
+    parser.add_argument("--topology", type=topology_name, metavar="NAME", help=text)
     add_options(parser, NetqasmRequest)
     add_options(parser, NetworkOptions, leave_out=KEYS)
     add_options(parser, RunOptions, leave_out=MACHINES)
-    parser.set_defaults(call=_call, needs_root=True)
+    parser.set_defaults(call=_call, needs_root=True, usual_topology="sdc")
 
 
 def _call(arguments: argparse.Namespace) -> int:

@@ -52,10 +52,10 @@ def _describe_load(parser: Parser) -> None:
     add_options(parser, LoadRequest)
     names = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
     text = f"over this network ({names}; default: ring)"
-    parser.add_argument("--topology", type=topology_name, default="ring", metavar="NAME", help=text)
+    parser.add_argument("--topology", type=topology_name, metavar="NAME", help=text)
     add_options(parser, NetworkOptions, leave_out=KEYS)
     add_options(parser, RunOptions, leave_out=MACHINES)
-    parser.set_defaults(call=_call_load)
+    parser.set_defaults(call=_call_load, usual_topology="ring")
 
 
 def _call_load(arguments: argparse.Namespace) -> int:
@@ -80,8 +80,11 @@ def _describe_superdense(parser: Parser, name: str) -> None:
     add_options(parser, SuperdenseOptions, words=superdense.SESSION)
     add_options(parser, NetworkOptions, leave_out=KEYS)
     add_options(parser, RunOptions)
-    parser.set_defaults(topology=name, call=_call_superdense)
-    if name == "sdc":
+    parser.set_defaults(call=_call_superdense)
+    if name != "sdc":
+        parser.set_defaults(topology=name)
+    else:
+        parser.set_defaults(usual_topology=name)
         text = "over a network of your own in place of this one"
         parser.add_argument("--topology", type=topology_name, metavar="FILE.py:CLASS", help=text)
 
@@ -117,9 +120,8 @@ def _describe_service(parser: Parser, name: str, verb: Verb) -> None:
         )
     names = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
     text = f"over this network ({names}; default: {verb.topology})"
-    parser.add_argument(
-        "--topology", type=topology_name, default=verb.topology, metavar="NAME", help=text
-    )
+    parser.add_argument("--topology", type=topology_name, metavar="NAME", help=text)
+    parser.set_defaults(usual_topology=verb.topology)
     kind = NAMES[name].options
     session = kind(host="", port=SERVICE_PORT)
     add_options(parser, kind, words=_session_words(session, verb))
@@ -229,7 +231,8 @@ def _describe_vpn(parser: Parser) -> None:
 def _add_topology(parser: argparse.ArgumentParser) -> None:
     """Describe the choice of a network; that of superdense coding is the default."""
     text = f"over this network ({', '.join(TOPOLOGIES)}, or FILE.py:CLASS; default: sdc)"
-    parser.add_argument("--topology", type=topology_name, default="sdc", metavar="NAME", help=text)
+    parser.add_argument("--topology", type=topology_name, metavar="NAME", help=text)
+    parser.set_defaults(usual_topology="sdc")
 
 
 def _call_vpn(arguments: argparse.Namespace) -> int:

@@ -1,6 +1,7 @@
 """Open vSwitch's daemons end or stop in the middle of a run: it is said, and nothing stays."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -99,6 +100,26 @@ def test_a_daemon_that_a_signal_stops_while_it_is_to_end_ends_in_order(
     openvswitch.stop_if_ours("tests")
     assert not openvswitch.daemons()
     assert "SIGKILL" not in said.read_text()
+
+
+@pytest.mark.usefixtures("no_open_vswitch")
+def test_a_database_that_ends_while_it_is_asked_for_bridges_leaves_no_switch_daemon(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command, struck = tmp_path / "ovs-vsctl", tmp_path / "struck"
+    pid = openvswitch.RUN_FOLDER / f"{openvswitch.DATABASE}.pid"
+    command.write_text(
+        f"""#!/bin/sh
+        case "$*" in *list-br*) [ -e {struck} ] || {{ touch {struck}; kill $(cat {pid}); }};; esac
+        exec {shutil.which("ovs-vsctl")} "$@"
+        """
+    )
+    command.chmod(0o755)
+    openvswitch.start("tests")
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    openvswitch.stop_if_ours("tests")
+    assert struck.exists()
+    assert not openvswitch.daemons()
 
 
 @pytest.mark.usefixtures("no_open_vswitch")

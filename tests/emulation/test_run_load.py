@@ -1,9 +1,13 @@
-"""Heavy traffic over a trunk of two fibres: every session is answered, as often as theory says."""
+"""Heavy traffic: every session of any service is answered, as often as theory says."""
 
 import json
+from collections import Counter
+from itertools import pairwise
 from math import sqrt
 from pathlib import Path
 
+import networkx
+import pytest
 from conftest import ROOT
 from loaded import run_qmn
 
@@ -51,6 +55,57 @@ def test_light_is_handed_out_in_slots_and_none_is_given_too_late(tmp_path: Path)
         order = next(o for o in holders.values() if wait["opener"] in o)
         assert order[order.index(wait["opener"]) - 1] == wait["after_opener"]
     assert "Who waited for whom" in (tmp_path / "latest" / "report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("service", "count", "parts"),
+    [
+        # Light between neighbours, from each to the next.
+        ("ghz", 30, [("kscyng", "dnvrng"), ("dnvrng", "sttlng"), ("sttlng", "snvang")]),
+        ("sense", 30, [("kscyng", "dnvrng"), ("dnvrng", "sttlng")]),
+        ("graph", 30, [("kscyng", "dnvrng"), ("dnvrng", "snvang")]),
+        ("conference", 3000, [("kscyng", "dnvrng"), ("dnvrng", "sttlng")]),
+        # Halves from the source in Denver to both, then what one passes on, and what goes back.
+        ("sdc_return", 30, [("src", "kscyng"), ("src", "snvang"), ("snvang", "kscyng")]),
+    ],
+)
+def test_light_of_any_service_goes_by_the_shortest_ways_of_the_map(
+    service: str, count: int, parts: list[tuple[str, str]], tmp_path: Path
+) -> None:
+    """Fibres in use are those of shortest ways, as networkx finds them; each part is a path."""
+    back = service == "sdc_return"
+    hosts = ["kscyng", "snvang"] if back else [parts[0][0], *(end for _start, end in parts)]
+    trace = tmp_path / "trace.csv"
+    opener, acceptor, *others = hosts
+    trace.write_text(f"at_s,opener,acceptor,others\n0.1,{opener},{acceptor},{' '.join(others)}\n")
+    words = ["run", "load", "--map", "abilene", "--hosts-at", "kscyng,dnvrng,sttlng,snvang"]
+    words += ["--service", service, "--count", f"{count}", "--traffic", "trace", "--no-capture"]
+    words += ["--file", str(trace), *([] if back else ["--line", f"{len(hosts)}"])]
+    done = run_qmn(*words, "--runs", str(tmp_path), timeout_s=110)
+    assert done.returncode == 0, done.stdout + done.stderr
+    result = json.loads((tmp_path / "latest" / "result.json").read_text())
+    load = result["job"]["load"]
+    (session,) = load["sessions"]
+    assert (session["outcome"], session["others"]) == ("accepted", others), session["text"]
+    assert result["path_setup_ms"]["n"] == (2 if back else len(hosts) - 1)  # sessions with light
+    network = result["network"]
+    graph = networkx.Graph()
+    for fiber in network["fibers"]:
+        ends = [fiber[end]["node"] for end in ("a", "b")]
+        graph.add_edge(*ends, length_km=fiber["length_km"])
+    ways = [networkx.dijkstra_path(graph, *ends, weight="length_km") for ends in parts]
+    if back:
+        ways.append(ways[-1][::-1])
+    wanted = Counter(ends for way in ways for ends in pairwise(way))
+    used = [name.split(" → ") for name, share in load["fibers"].items() if share]
+    assert Counter(tuple(node_of(end) for end in ends) for ends in used) == wanted
+    report = (tmp_path / "latest" / "report.html").read_text()
+    assert "Sessions over time, and the use of every fibre" in report
+
+
+def node_of(end: str) -> str:
+    """Return whose port or interface this is: q1 of q1:8, rm1 of rm1-q0."""
+    return end.partition(":")[0].rpartition("-q")[0] or end.partition(":")[0]
 
 
 def test_two_fibres_are_busy_as_often_as_erlang_says(tmp_path: Path) -> None:

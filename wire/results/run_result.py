@@ -226,6 +226,7 @@ class LoadSession:
     asked_s: float
     opener: str
     acceptor: str
+    others: list[str]
     outcome: str
     reason: str
     text: str
@@ -270,7 +271,7 @@ class Load:
     at_a_time: int  # sessions, at most
     carried: float | None  # how many had light at a time on average, in erlang
     pairs: int
-    pairs_per_s: float
+    pairs_per_s: float | None  # None: sessions leave none
     fidelity_by_age: list[AgedFidelity]
     fairness: float | None  # Jain's index of the hosts' accepted shares
     sessions: list[LoadSession]

@@ -20,6 +20,11 @@ os.geteuid = lambda: 1000
 sys.argv[0] = "qmn"
 runpy.run_module("qmn", run_name="__main__", alter_sys=True)
 """
+STRUCK_WHILE_IT_ENDS = """
+import atexit, os, runpy, signal, sys
+atexit.register(os.kill, os.getpid(), signal.Signals[sys.argv.pop()])
+runpy.run_module("qmn", run_name="__main__", alter_sys=True)
+"""
 
 
 def said(*command: object, **options: object) -> subprocess.CompletedProcess[str]:
@@ -189,3 +194,10 @@ def test_the_citation_has_the_fields_that_the_format_knows() -> None:
         "Humble",
     ]
     assert paper["identifiers"] == [{"type": "other", "value": "arXiv:1604.01276"}]
+
+
+@pytest.mark.parametrize("signal", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_after_the_last_word_changes_nothing(signal: str, tmp_path: Path) -> None:
+    listed = "runs", "--runs", tmp_path, "--json"
+    done = said(sys.executable, "-c", STRUCK_WHILE_IT_ENDS, *listed, signal, cwd=ROOT)
+    assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "[]", "")

@@ -7,6 +7,7 @@ import pytest
 
 from hosts.middleware.session.errors import REMEDIES
 from qmn.network.checks import check_address, check_module, check_network
+from qmn.network.custom_topology import BadTopology
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, add_options, from_keywords, read
 from qmn.scripting.network import start
@@ -72,6 +73,10 @@ def test_a_network_that_cannot_be_is_refused_before_it_starts() -> None:
         start(SdcTopo, length_km=2).__enter__()
     with pytest.raises(BadInput, match="--history-depth -1: choose 0"):
         start("sdc", history_depth=-1).__enter__()
+    with pytest.raises(BadTopology, match="--map is of map, not of sdc"):
+        start("sdc", map="abilene").__enter__()
+    with pytest.raises(BadInput, match="--history-depth -1: choose 0"):
+        start(map="abilene", history_depth=-1).__enter__()
 
 
 @pytest.mark.parametrize("module", ["no.such.module", "ryu.app.no_such_app", ".relative", ""])

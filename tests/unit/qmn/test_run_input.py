@@ -108,7 +108,7 @@ def checked(*words: str) -> int:
         (["ring", "--spines", "2"], "--spines is of leaf-spine, not of ring: leave it out"),
         (["--switches", "2"], "--switches is of chain, ring, tree, not of sdc"),
         (
-            ["chain", "--map", "abilen"],
+            ["--map", "abilen"],
             "there is no map 'abilen': choose one of topohub's, such as abil",
         ),
         (
@@ -117,6 +117,8 @@ def checked(*words: str) -> int:
         ),
         (["--map", "abilene", "--length-km", "3"], "the map says how long fibres are"),
         (["--map", "abilene", "--switches", "3"], "--switches is of chain, ring, tree, not of map"),
+        (["chain", "--map", "abilene"], "--map is of map, not of chain: leave it out"),
+        (["--topology", "sdc", "--map", "abilene"], "--map is of map, not of sdc: leave it out"),
         (["--hosts-at", "rome"], "--hosts-at is of map, not of sdc: leave it out"),
         (["--loss-budget-db", "-1"], "--loss-budget-db -1.0: choose 0 to 1000"),
         (["--interleave"], "--interleave spreads the codewords of a code: choose one with --fec"),

@@ -1,7 +1,8 @@
 """Heavy traffic: its models, the closed forms of its theory, and what is counted of it."""
 
+from collections import Counter
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, permutations
 from math import factorial, sqrt
 from pathlib import Path
 from statistics import fmean
@@ -9,8 +10,10 @@ from statistics import fmean
 import numpy as np
 import pytest
 
+from hosts.middleware.services import NAMES
 from qmn.__main__ import described
-from qmn.jobs.load import FIT, checked
+from qmn.jobs.load import checked
+from qmn.network.custom_topology import BadTopology
 from qmn.network.description import describe_network
 from qmn.options import BadInput
 from qmn.reports.waits_diagram import waited
@@ -22,9 +25,11 @@ from qmn.traffic.summary import fairness, fidelity_by_age, light_times, summary,
 from qmn.verbs.run import load_request
 from wire.config import QuantumSwitch
 from wire.dispatcher_pb2 import Event
+from wire.metadata.vocabulary import Service
 from wire.parameters.fiber import Fiber, FiberEnd
 from wire.results.network_facts import NetworkFacts
 from wire.results.run_result import LoadWait, Shares
+from wire.services import LINES
 
 HOSTS = ["h1", "h2", "h3"]
 PLAIN = Traffic(HOSTS, HOSTS, rate_per_s=20.0, holding_s=0.5)
@@ -260,27 +265,57 @@ def asked(*words: str) -> tuple[Traffic, list[Planned], Wanted]:
     return checked(request, describe_network(request.network))
 
 
+def test_a_map_goes_in_place_of_the_ring_but_not_of_what_is_named() -> None:
+    """GARR has these places, the ring alice and bob."""
+    words = ["--map", "garr", "--hosts-at", "rm1,mi1,na", "--sessions", "1"]
+    assert asked(*words)[0].openers == ["mi1", "na", "rm1"]
+    assert asked("--topology", "map", *words)[0].openers == ["mi1", "na", "rm1"]
+    with pytest.raises(BadTopology, match="--map is of map, not of ring"):
+        asked("--topology", "ring", "--map", "garr")
+
+
 def test_sources_neither_ask_nor_are_asked_unless_they_are_named() -> None:
     traffic, planned, wanted = asked("--sessions", "7")
     assert (traffic.openers, traffic.acceptors) == (["alice", "bob"], ["alice", "bob"])
-    assert (len(planned), wanted.service, wanted.measures) == (7, "distribute", True)
+    assert (len(planned), wanted.service, wanted.measures) == (7, Service.DISTRIBUTE, True)
     named, _planned, _wanted = asked("--from", "charlie,bob")
     assert named.openers == ["charlie", "bob"]
 
 
 def test_every_service_that_is_offered_can_be_asked_for() -> None:
-    for service in FIT:
-        _traffic, _planned, wanted = asked("--service", service, "--sessions", "1")
-        assert wanted.service == service
+    """In services of lines hosts make pairs each with the next: as many as are asked for."""
+    for name in NAMES:
+        words = "--service", name, "--sessions", "1", "--to", "alice,bob,charlie"
+        traffic, (session,), wanted = asked(*words)
+        hosts = {session.opener, session.acceptor, *session.others}
+        assert len(hosts) == traffic.hosts == (3 if wanted.service in LINES else 2)
+        assert wanted.service.name.lower() == name
+        assert wanted.goes_back_on == (Service.SDC if name == "sdc_return" else None)
 
 
-@pytest.mark.parametrize("service", ["ghz", "graph", "conference", "sense", "sdc_return"])
-def test_a_service_of_other_than_two_hosts_is_not_offered(
-    service: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit):
-        asked("--service", service)
-    assert f"--service '{service}': choose one of bb84, " in capsys.readouterr().err
+def test_the_hosts_of_a_line_are_any_in_any_order_all_alike() -> None:
+    """Of four hosts 24 lines of three can be made; each is as likely as any other."""
+    hosts = [*HOSTS, "h4"]
+    found = plan("poisson", Traffic(hosts, hosts, 20.0, 0.5, hosts=3), seed=1, sessions=24_000)
+    lines = Counter((each.opener, each.acceptor, *each.others) for each in found)
+    assert lines.keys() == set(permutations(hosts, 3))
+    spread = sqrt(24_000 * (1 / 24) * (23 / 24))
+    assert all(abs(count - 1_000) < 5 * spread for count in lines.values())
+
+
+@pytest.mark.parametrize("model", ["trace", "matrix"])
+def test_a_file_may_say_who_else_takes_part(tmp_path: Path, model: str) -> None:
+    text = "at_s,opener,acceptor,others\n1,h1,h2,h4 h3\n"
+    if model == "matrix":
+        text = "rate_per_s,opener,acceptor,others\n1,h1,h2,h4 h3\n"
+    hosts = [*HOSTS, "h4"]
+    given = replace(in_file(tmp_path / "t.csv", text), openers=hosts, acceptors=hosts, hosts=4)
+    assert [each.others for each in plan(model, given, seed=1, sessions=1)] == [("h4", "h3")]
+    with pytest.raises(BadTraffic, match="h1, h2, h4, h3: a session has 3 hosts, each once"):
+        plan(model, replace(given, hosts=3), seed=1, sessions=1)
+    (tmp_path / "t.csv").write_text(text.replace("h4 h3", ""))
+    (drawn,) = plan(model, given, seed=1, sessions=1)
+    assert set(drawn.others) == {"h3", "h4"}
 
 
 @pytest.mark.parametrize(
@@ -289,6 +324,9 @@ def test_a_service_of_other_than_two_hosts_is_not_offered(
         (["--from", "dave"], "--from dave: choose one of alice, bob, charlie"),
         (["--from", "bob", "--to", "bob"], "--from bob --to bob: name more hosts"),
         (["--source", "dave"], "--source dave: choose one of own, alice, bob, charlie"),
+        (["--service", "ghz", "--line", "17"], "--line 17: choose 2 to 16"),
+        (["--service", "ghz", "--line", "3"], "--to alice,bob: name more hosts, 3 take part in"),
+        (["--line", "3"], "--line: in distribute 2 hosts take part: leave it out"),
         (["--rate-per-s", "0"], "--rate-per-s 0.0: choose 1e-06 to"),
         (["--sessions", "0"], "--sessions 0: choose 1 to 100000"),
         (["--traffic", "trace"], "name a file with the columns acceptor, at_s, opener"),

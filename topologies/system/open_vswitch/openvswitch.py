@@ -42,6 +42,7 @@ UNREACHABLE = "database connection failed"  # as ovs-vsctl says it
 NO_WAIT = "--no-wait"  # for the switch daemon: what is only asked for is in the database
 OWNER_KEY = "qmn"
 OWNER = f"external_ids:{OWNER_KEY}"  # which run has made a bridge
+STOP_TRIES = 3  # where its database ends while it is to be stopped
 RESTART = "restart Open vSwitch, as by `systemctl restart openvswitch-switch`"
 
 
@@ -292,23 +293,39 @@ def revive_if_ours(owner: str) -> None:
 
 
 def stop_if_ours(owner: str) -> None:
-    """Stop Open vSwitch if this run started it and no bridge is left in it."""
+    """Stop Open vSwitch if this run started it and no bridge is left in it.
+
+    Where its database ends meanwhile, it is started again, so that all can be stopped in order.
+    """
     global _ours_are_to_end
     if starter() != owner:
         return
     _let_go_on()
     try:
-        if not _database_answers() or bridges():
+        if not _database_answers():
             revive_if_ours(owner)
-        if bridges():  # of ours, if a daemon ended just as they were to be deleted
-            delete(*(name for name, run in runs_of_bridges().items() if run == owner))
-        if bridges():
-            return
-        run(CONTROL, "stop", timeout_s=OPENVSWITCH_TIMEOUT_S, check=_let_go_on)
-        interfaces.delete(DATAPATH_INTERFACE)
-        (RUNTIME_ROOT / STARTED).unlink(missing_ok=True)  # last: a second signal may come between
+        for tries_left in reversed(range(STOP_TRIES)):
+            try:
+                _stop(owner)
+                return
+            except NetworkError:
+                if not tries_left or DATABASE in daemons():
+                    raise
+                revive_if_ours(owner)
     finally:
         _ours_are_to_end = False
+
+
+def _stop(owner: str) -> None:
+    if bridges():
+        revive_if_ours(owner)
+    if bridges():  # of ours, if a daemon ended just as they were to be deleted
+        delete(*(name for name, run in runs_of_bridges().items() if run == owner))
+    if bridges():
+        return
+    run(CONTROL, "stop", timeout_s=OPENVSWITCH_TIMEOUT_S, check=_let_go_on)
+    interfaces.delete(DATAPATH_INTERFACE)
+    (RUNTIME_ROOT / STARTED).unlink(missing_ok=True)  # last: a second signal may come between
 
 
 def _let_go_on() -> None:
