@@ -1,7 +1,7 @@
 """The approximations that were met, each with the most by which it can make a probability wrong.
 
-The size is that of one qubit's outcome, or of a part of all outcomes where it says so; nothing is
-known of some. Sizes of one kind are not added up: the largest is kept.
+The size is that of one qubit's outcome, or of a part of all outcomes where it says so. Sizes of one
+kind are not added up: the largest is kept.
 """
 
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-NOTHING: Mapping[str, float | None] = MappingProxyType({})
+NOTHING: Mapping[str, float] = MappingProxyType({})
 # What is approximated, as a result names it.
 PHASE = "phase drift becomes phase flips"
 TURN = "polarisation drift becomes Pauli errors"
@@ -29,14 +29,13 @@ READY_STATION = "detectors of a station are never dead, and click once for a pho
 UNLIKE_DETECTORS = "heralds by dark counts of a station's unlike detectors are as of like ones"
 STRAYED = "light of heralded attempts does not stray in switches"
 FREE_WAIT = "light waits for its host, which cannot keep it, in a fibre without loss"
-OWN = "a noise model of one's own that says so"
 
 
 @dataclass(frozen=True)
 class Approximations:
-    """Names with sizes; None: not known."""
+    """Names with sizes."""
 
-    sizes: Mapping[str, float | None] = field(default_factory=lambda: NOTHING)
+    sizes: Mapping[str, float] = field(default_factory=lambda: NOTHING)
 
     def __bool__(self) -> bool:
         return bool(self.sizes)
@@ -48,17 +47,27 @@ class Approximations:
             return other
         both = dict(self.sizes)
         for name, size in other.sizes.items():
-            ours = both.get(name, size)
-            both[name] = None if ours is None or size is None else max(ours, size)
+            both[name] = max(both.get(name, size), size)
         return Approximations(both)
 
 
 EXACT = Approximations()
 
 
-def approximation(name: str, most: float | None = None) -> Approximations:
+def approximation(name: str, most: float) -> Approximations:
     """Return one approximation, with the most that a probability can be wrong by it."""
     return Approximations({name: most})
+
+
+def of_outcomes(name: str, wrong: NDArray[np.bool_], told: NDArray[np.bool_]) -> Approximations:
+    """Return by how much pulses that are wrong change a share of the outcomes that are told.
+
+    Shapes (k,). Of w that are wrong, in truth each may be told or not, as whatever it is. Beside c
+    others that are told they change a share of all outcomes by w/(w + c) at most.
+    """
+    count = int(np.count_nonzero(wrong))
+    right = int(np.count_nonzero(told & ~wrong))
+    return approximation(name, count / (count + right)) if count else EXACT
 
 
 def twirled_phase(angle_rad: float) -> Approximations:

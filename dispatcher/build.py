@@ -57,7 +57,7 @@ def build_layer(
         sabot=sabot,
         draws=draws,
         network=Network(config.fibers, config.switches),
-        ownership=Ownership(clock.now_ns),
+        ownership=Ownership(clock.now_ns, software.longest_news_ns),
         history=History(
             config.history_depth,
             event_log,

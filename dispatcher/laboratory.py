@@ -257,7 +257,7 @@ class LaboratoryHost:
         picks: Mapping[BlockKey, NDArray[np.integer]],
         keep_rest: bool = False,
     ) -> Feedback:
-        """Make a block of photons of others, by their positions; keep or let go of the rest."""
+        """Make a block of photons of others, by their positions; keep or discard the rest."""
         every = [Pick(block=block_id(block), photons=at.tolist()) for block, at in picks.items()]
         request = GatherRequest(into=block_id(into), picks=every, keep_rest=keep_rest)
         return await self._act("gather", request)

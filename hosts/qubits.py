@@ -145,7 +145,7 @@ class Processor:
         self._instructions.append(Instruction(name, operands))
 
     def close(self) -> None:
-        """Let go of everything."""
+        """Close the connection; its qubits are discarded."""
         self._socket.close()
 
     def _new(self, count: int) -> list[Qubit]:

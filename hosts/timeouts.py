@@ -32,7 +32,7 @@ PAIR_TIMEOUT_S = 30.0  # until a pair with a handshake of its own is over
 
 # Processing units
 WANTED_TIMEOUT_S = 120.0  # until both applications want the pairs that one of them has asked for
-FREE_TIMEOUT_S = 60.0  # until others have let go of the light that these pairs need
+FREE_TIMEOUT_S = 60.0  # until others have given back the light that these pairs need
 
 # Light paths and chains of repeaters
 DISCOVERY_TIMEOUT_S = 3.0  # until the controller has seen all fibres
@@ -44,8 +44,11 @@ LINK_TIMEOUT_S = 60.0  # until all links of a chain are open, each of which wait
 BITS_TIMEOUT_S = 30.0  # until swaps are told: they may pass many nodes over a slow network
 UNUSED_S = LINK_TIMEOUT_S + 30.0  # an order that nobody has asked for so long is of one that broke
 
+# Until the dispatcher answers an order, which may wait for light as long as said above; by the wall
+# what waits for none: a challenge, and a look.
+DISPATCHER_TIMEOUT_S = 20.0
+
 # Beside the sessions, by the wall
-DISPATCHER_TIMEOUT_S = 20.0  # until the dispatcher answers an order
 FASTEST_ANNOUNCEMENTS_S = 0.2  # between two at first
 ANNOUNCEMENTS_HELD = 6  # until who has heard one may forget it, in the pauses between two
 CHECK_PERIOD_S = 0.2  # between two looks at a device at work, whose changes are reported then

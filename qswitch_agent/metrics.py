@@ -78,5 +78,5 @@ class MeasuredHardware:
         await self._hardware.watch(on_condition)
 
     async def close(self) -> None:
-        """Let go of the hardware."""
+        """Close the hardware."""
         await self._hardware.close()

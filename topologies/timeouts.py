@@ -18,6 +18,7 @@ PARENT_POLL_S = 0.0005  # between two looks who the parent is
 
 # Nodes
 SHELL_TIMEOUT_S = 20.0  # until a node's shell has a prompt
+NEIGHBOUR_TIMEOUT_S = 3.0  # until another machine, or the gateway to it, has answered ARP
 COMMAND_TIMEOUT_S = 20.0  # until a command that sets a node or an interface up has ended
 COMMAND_LOOK_S = 0.5  # between two looks whether a command's wait is of use
 SHELL_POLL_MS = 50  # between two looks whether a shell is still there

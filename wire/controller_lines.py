@@ -76,7 +76,7 @@ class NewFacts:
         self._rest = b""  # of a line still being written
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         if self._file is not None:
             self._file.close()
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dispatcher.approximations import Approximations
 from dispatcher.fiber.noise import Effect, NoiseModel, Passage
 from dispatcher.sabot.kraus import Operators, wrong_with
 from programs.custom_class import fault_in, load_class
@@ -49,9 +50,22 @@ class OwnNoise:
             raise BadConfig(f"{self._reference}: Pauli {effect.paulis.max()} is not 0 to 3")
         if not 0 <= effect.transmission <= 1:
             raise BadConfig(f"{self._reference}: transmission {effect.transmission} is not 0 to 1")
+        if not effect.exact:
+            self._check_sizes(effect)
         if effect.kraus is not None:
             return effect._replace(kraus=self._channel(effect.kraus, passage.photons))
         return effect
+
+    def _check_sizes(self, effect: Effect) -> None:
+        """Refuse what says that it is not exact, and not by how much."""
+        named = effect.named
+        sizes = dict(named.sizes) if isinstance(named, Approximations) else None
+        if not sizes or not all(fits(size) for size in sizes.values()):
+            raise BadConfig(
+                f"{self._reference}: exact is False, and of what is named is {sizes or named!r}; "
+                'give named=approximation("what it is", 0.01) of dispatcher.approximations: the '
+                "most by which the probability of an outcome can be wrong, 0 to 1"
+            )
 
     def _channel(self, given: ArrayLike, photons: int) -> Operators:
         try:
@@ -75,6 +89,11 @@ class OwnNoise:
             )
         if kind is np.float64 and not np.isfinite(array).all():
             raise BadConfig(f"{self._reference}: {name} holds what is not a number")
+
+
+def fits(size: object) -> bool:
+    """Return whether a probability can be wrong by this."""
+    return isinstance(size, int | float | np.floating) and bool(0 <= size <= 1)
 
 
 def load(reference: str, parameters: Mapping[str, Any]) -> OwnNoise:

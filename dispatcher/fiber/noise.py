@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.approximations import EXACT, OWN, Approximations, approximation
+from dispatcher.approximations import EXACT, Approximations
 from dispatcher.fiber.noise_history import NoiseHistory
 from dispatcher.fiber.turn import Turn
 from dispatcher.photon_random import PhotonRandom, Source
@@ -139,7 +139,7 @@ class Effect(NamedTuple):
     @property
     def approximations(self) -> Approximations:
         """What of this is not what the physics does."""
-        return EXACT if self.exact else self.named or approximation(OWN)
+        return EXACT if self.exact else self.named
 
 
 class NoiseModel(Protocol):

@@ -47,11 +47,26 @@ def lit(block: Block) -> Mask:
 
 
 def share(block: Block) -> float:
-    """Return in which share of the pulses of a block there are photons beside the own ones."""
+    """Return in which share of the pulses with light there are photons beside the own ones."""
     if block.further is None:
         return 0.0
     there = block.further.pulses[block.further.register.present]
-    return float(np.unique(there).size / block.register.size)
+    return np.unique(there).size / max(1, int(np.count_nonzero(held(block))))
+
+
+def several(first: Block, second: Block) -> Mask | None:
+    """Return which pulses of two blocks have two photons or more, of which not all are own ones.
+
+    None if no pulse has a further photon.
+    """
+    lights = [block.further for block in (first, second) if block.further is not None]
+    if not lights:
+        return None
+    size = first.register.size
+    there = np.concatenate([light.pulses[light.register.present] for light in lights])
+    more = np.bincount(there, minlength=size)
+    own = first.register.present.astype(np.int64) + second.register.present
+    return np.asarray((more > 0) & (more + own > 1))
 
 
 def held(block: Block) -> Mask:
@@ -160,7 +175,7 @@ def gather(sabot: Simulation, picked: Sequence[tuple[Block, NDArray[np.uint32]]]
 
 
 def drop(sabot: Simulation, block: Block, draws: Draws) -> None:
-    """Let go of a block's further photons."""
+    """Discard a block's further photons."""
     if block.further is not None:
         sabot.drop(
             block.further.register, _draws(block, "discard", draws, block.further.pulses.size)

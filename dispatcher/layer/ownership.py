@@ -1,7 +1,7 @@
 """The place of every block: at a node, waiting at one of its ports, or on its way."""
 
-from collections import Counter, deque
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dispatcher.approximations import EXACT, Approximations
 from dispatcher.fiber.turn import Turn
+from dispatcher.layer.made import Makers
 from dispatcher.layer.used_names import UsedNames
 from dispatcher.refusal import denied
 from dispatcher.sabot.registers import Register
@@ -78,8 +79,8 @@ class Block:
     start_ns: int = 0  # when photon 0 is, or would have been, at the port; photon k comes later
     interval_ns: float = 0.0  # by k times this; 0: they were in no fibre yet
     came_ns: NDArray[np.int64] | None = None  # when each began to be, instead; shape (k,)
-    way_ns: int = 0  # how long its light was in fibres since its source, or a memory, let it go
-    retimed: bool = False  # a memory, or a host that has prepared it, lets it go when it is wanted
+    way_ns: int = 0  # how long its light was in fibres since its source, or a memory, sent it
+    retimed: bool = False  # a memory, or a host that has prepared it, sends it when it is wanted
     source_rate_hz: float = float("inf")  # at most, while they have not left their source
     stored_ns: int = 0  # when the block was put into memory last
     stores: int = 0  # how often that was
@@ -112,8 +113,8 @@ class Ownership:
     can have heard of it.
     """
 
-    def __init__(self, now_ns: Callable[[], int]) -> None:
-        """Begin with none, and this clock."""
+    def __init__(self, now_ns: Callable[[], int], news_ns: Callable[[str, str], int]) -> None:
+        """Begin with none, this clock, and how long news takes from a place to a node."""
         self._now_ns = now_ns
         self._unheard_of: list[tuple[int, Block]] = []
         self._by_name: dict[BlockName, list[Block]] = {}
@@ -122,8 +123,7 @@ class Ownership:
         self.used_names = UsedNames()
         self.count = 0
         self.places = 0  # for photons in all blocks, those that are lost included
-        self._made: Counter[str] = Counter()  # places, by maker
-        self._blocks_made: Counter[str] = Counter()
+        self.makers = Makers(now_ns, news_ns)
 
     def close(self, node: str, session: int) -> None:
         """Note that a node wants no more light of a session."""
@@ -131,7 +131,7 @@ class Ownership:
             self._closed.append((node, session))
 
     def is_closed(self, node: str, session: int) -> bool:
-        """Return whether a node has let go of a session."""
+        """Return whether a node has discarded a session."""
         return (node, session) in self._closed
 
     def add_when_heard(self, block: Block, heard_ns: int) -> None:
@@ -155,17 +155,11 @@ class Ownership:
         self.count += 1
         self.places += block.register.size
         block.maker = block.maker or block.node
-        self._made[block.maker] += block.register.size
-        self._blocks_made[block.maker] += 1
+        self.makers.add(block.maker, block.name, block.register.size)
 
     def remove(self, block: Block) -> None:
         """Forget a block."""
-        self._made[block.maker] -= block.register.size
-        if not self._made[block.maker]:
-            del self._made[block.maker]
-        self._blocks_made[block.maker] -= 1
-        if not self._blocks_made[block.maker]:
-            del self._blocks_made[block.maker]
+        self.makers.end(block.maker, block.name, block.node)
         parts = self._by_name[block.name]
         parts.remove(block)
         if not parts:
@@ -174,27 +168,22 @@ class Ownership:
         self.count -= 1
         self.places -= block.register.size
 
-    def made_by(self, node: str) -> int:
-        """Return how many places for photons there are in the blocks that a node has made."""
-        return self._made[node]
-
-    def blocks_made_by(self, node: str) -> int:
-        """Return how many blocks there are that a node has made, parts each by itself."""
-        return self._blocks_made[node]
-
     def move(self, block: Block, node: str, port: str = "") -> None:
         """Bring a block to a port of a node, or to the node itself."""
         self._leave(block)
         block.node, block.port = node, port
         self._by_session.setdefault((node, block.name.session), {})[block] = None
 
-    def taken(self, name: BlockName, node: str) -> list[Block]:
-        """Return why a node cannot make photons of this name: those it has made, or has.
+    def taken(self, name: BlockName, node: str, leaving: Collection[Block] = ()) -> bool:
+        """Return whether a node cannot make photons of this name: it has some, or has made some.
 
-        Those of others elsewhere are not among them: nobody keeps a name from its owner.
+        Those that leave it just now do not count, nor do those of others elsewhere: nobody keeps a
+        name from its owner.
         """
         self._hear()
-        return [part for part in self._by_name.get(name, ()) if node in (part.maker, part.node)]
+        here = [part for part in self._by_name.get(name, ()) if part.node == node]
+        own = sum(part in leaving and part.maker == node for part in here)
+        return any(part not in leaving for part in here) or self.makers.parts(node, name) > own
 
     def parts(self, name: BlockName) -> list[Block]:
         """Return all live parts of a block, wherever they are."""

@@ -124,6 +124,11 @@ class SoftwareTime:
         """Return how long news takes to a node from where it takes longest."""
         return max(self._delays_ns(node).values())
 
+    def longest_news_ns(self, place: str, node: str) -> int:
+        """Return the same from a place; from where light or nobody tells, as from the farthest."""
+        from_there = self.news_from_ns(place, node)
+        return self.farthest_news_ns(node) if from_there is None else from_there
+
     def waited(self, node: str, begin_ns: int, end_ns: int, decays: bool) -> None:
         """Take in that qubits waited at a node, in a memory that decays or does not."""
         if end_ns <= begin_ns:

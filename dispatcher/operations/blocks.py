@@ -253,7 +253,7 @@ class Operations:
                 f"{more} more qubits with {live} live exceed the limit of "
                 f"{layer.max_live_qubits}; measure or discard some first"
             )
-        made = layer.ownership.made_by(node)
+        made = layer.ownership.makers.places_of(node)
         if made + more > layer.share:
             raise exhausted(
                 f"{more} more qubits with {made} that {node} has made and that are live exceed its "

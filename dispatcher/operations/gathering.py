@@ -3,8 +3,8 @@
     block 0/0   0 1 2 3 4 5          into block 1/0   4 0 3
                                      and block 2/0    5 2 1
 
-Nothing happens to the photons: a host only counts them anew. What is left of the blocks is let go
-if it is not to be kept.
+Nothing happens to the photons: a host only counts them anew. What is left of the blocks is
+discarded if it is not to be kept.
 """
 
 from collections.abc import Sequence
@@ -48,7 +48,7 @@ class Gathering:
     def gather(
         self, node: str, into: BlockName, picks: Sequence[Pick], keep_rest: bool
     ) -> Feedback:
-        """Make a block of the photons that are picked; keep or let go of the rest."""
+        """Make a block of the photons that are picked; keep or discard the rest."""
         layer = self._layer
         picked = self._look_up(node, picks)
         blocks = [block for block, _positions in picked]
@@ -92,8 +92,8 @@ class Gathering:
         return list(picked.values())
 
     def _require_free(self, node: str, into: BlockName, leaving: Sequence[Block]) -> None:
-        """Refuse a name that is taken by photons which do not leave, wherever they are."""
-        if any(part not in leaving for part in self._layer.ownership.taken(into, node)):
+        """Refuse a name that is taken by photons which do not leave."""
+        if self._layer.ownership.taken(into, node, leaving):
             message = f"{into} exists, here or elsewhere; discard it or take another number"
             raise Refusal(grpc.StatusCode.ALREADY_EXISTS, message)
 

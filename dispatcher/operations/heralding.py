@@ -37,6 +37,9 @@ MAX_OFFERS = 10_000
 # What each half is in where there is no entanglement, by kind; shape (kinds, 2).
 BITS = np.array([[0, 0] if kind == ENTANGLED else [*map(int, kind)] for kind in KINDS], np.uint8)
 
+Offers = tuple[Offer, Offer]  # of halves 0 and 1
+Ways = tuple[StationWay, StationWay]
+
 
 class Heralding:
     """Attempt and Herald."""
@@ -44,7 +47,7 @@ class Heralding:
     def __init__(self, layer: PhysicalLayer, failed: Callable[[BaseException], None]) -> None:
         """Act on this layer; call `failed` with what ends the telling of hosts unexpectedly."""
         self._layer, self._failed = layer, failed
-        self._offers: dict[BlockName, Offer] = {}
+        self._offers: dict[tuple[BlockName, str], Offer] = {}  # by the node, too, that attempts
         self._news: set[asyncio.Task[None]] = set()  # on its way to hosts
 
     async def told(self) -> None:
@@ -68,22 +71,20 @@ class Heralding:
         end = layer.network.require_port(node, port)
         if name.half not in HALVES:
             raise invalid(f"half {name.half} of a pair; name 0 or 1")
-        own = self._offers.get(name)
-        others = own is not None and own.end.node != node
-        if others or any(layer.ownership.taken(name._replace(half=half), node) for half in HALVES):
-            message = f"{name} exists, or another node attempts for it; take another number"
+        if any(layer.ownership.taken(name._replace(half=half), node) for half in HALVES):
+            message = f"{name} exists; take another number"
             raise Refusal(grpc.StatusCode.ALREADY_EXISTS, message)
         if len(self._offers) >= MAX_OFFERS:
             raise exhausted(f"{MAX_OFFERS} blocks are attempted at once; discard some sessions")
-        self._offers[name] = Offer(end, frequency_mhz, cutoff_s)
+        self._offers[name, node] = Offer(end, frequency_mhz, cutoff_s)
         layer.record(node, "attempt", port=port, detail=str(name))
         return Feedback(time_ns=layer.clock.now_ns())
 
     def forget(self, node: str, session: int) -> None:
         """Attempt no more for a session at a node."""
-        for name, offer in list(self._offers.items()):
-            if name.session == session and offer.end.node == node:
-                del self._offers[name]
+        for name, host in list(self._offers):
+            if name.session == session and host == node:
+                del self._offers[name, host]
 
     async def herald(self, node: str, request: HeraldRequest) -> Feedback:
         """Herald pairs of two nodes that attempt; return when all, or the time, have come.
@@ -96,15 +97,15 @@ class Heralding:
         limit_s = limits.timeout(request.timeout_s)
         names = [BlockName(request.session, request.number, half) for half in HALVES]
         try:
-            offers = self._offered(names)
-            link = self._link(node, request.ports, offers)
+            offers, ways = self._offered(node, names, request.ports)
+            link = self._link(node, offers, ways)
             self._require_capacity(offers, request.count)
         except Refusal:
             news_ns = layer.clock.now_ns() + layer.software.farthest_news_ns(node)
             await layer.clock.wait_until(news_ns)
             raise
-        for name in names:
-            del self._offers[name]
+        for name, offer in zip(names, offers, strict=True):
+            del self._offers[name, offer.end.node]
         rounds = max(round(limit_s * 1e9) // link.period_ns, 1)
         drawing = Drawing(layer, node, link, names)
         found, used = await drawing.draw(request.count, rounds)
@@ -131,24 +132,37 @@ class Heralding:
             attempts=rounds * link.modes,
         )
 
-    def _offered(self, names: Sequence[BlockName]) -> tuple[Offer, Offer]:
-        missing = [str(name) for name in names if name not in self._offers]
-        if missing:
-            raise precondition(f"no node attempts for {missing[0]}: let it begin before Herald")
-        return self._offers[names[0]], self._offers[names[1]]
-
-    def _link(self, node: str, ports: Sequence[str], offers: tuple[Offer, Offer]) -> Link:
-        """Return the link between two nodes that attempt; refuse what cannot be heralded."""
-        layer = self._layer
+    def _offered(
+        self, node: str, names: Sequence[BlockName], ports: Sequence[str]
+    ) -> tuple[Offers, Ways]:
+        """Return who attempts for two halves, and the ways of their light to a node's ports."""
         if len(ports) != len(HALVES) or ports[0] == ports[1]:
             raise invalid(f"ports {list(ports)}; name two, for the light of halves 0 and 1")
-        ways = [find_way(layer, offer.end, offer.frequency_mhz) for offer in offers]
-        for port, offer, way in zip(ports, offers, ways, strict=True):
-            if way.end != layer.network.require_port(node, port):
-                raise precondition(
-                    f"light of {offer.end.node} comes to {way.end.port} of {way.end.node}, not to "
-                    f"{port} of {node}: open its path to there first"
-                )
+        one, other = (self._offer(node, *each) for each in zip(names, ports, strict=True))
+        return (one[0], other[0]), (one[1], other[1])
+
+    def _offer(self, node: str, name: BlockName, port: str) -> tuple[Offer, StationWay]:
+        """Return an offer whose light comes to a port; others may have taken its name, too."""
+        layer, refused = self._layer, list[Refusal]()
+        for (attempted, host), offer in self._offers.items():
+            if attempted != name:
+                continue
+            try:
+                way = find_way(layer, offer.end, offer.frequency_mhz)
+            except Refusal as error:
+                refused.append(error)
+                continue
+            if way.end == layer.network.require_port(node, port):
+                return offer, way
+            text = f"light of {host} comes to {way.end.port} of {way.end.node}, not to {port} of "
+            refused.append(precondition(f"{text}{node}: open its path to there first"))
+        if refused:
+            raise refused[0]
+        raise precondition(f"no node attempts for {name}: let it begin before Herald")
+
+    def _link(self, node: str, offers: Offers, ways: Ways) -> Link:
+        """Return the link between two nodes that attempt; refuse what cannot be heralded."""
+        layer = self._layer
         one, other = (layer.devices.of(offer.end.node) for offer in offers)
         if one.emitter.scheme != other.emitter.scheme:
             raise precondition(
@@ -161,7 +175,7 @@ class Heralding:
         start_ns = layer.clock.now_ns()
         cutoff_ns = min(offer.cutoff_s for offer in offers) * 1e9
         station = layer.devices.of(node)
-        link = Link((one, other), (ways[0], ways[1]), station, start_ns, cutoff_ns)
+        link = Link((one, other), ways, station, start_ns, cutoff_ns)
         if link.youngest_ns > cutoff_ns:
             raise precondition(
                 f"pairs are {link.youngest_ns / 1e9:g} s old when they are heralded, and dropped "
@@ -169,7 +183,7 @@ class Heralding:
             )
         return link
 
-    def _require_capacity(self, offers: tuple[Offer, Offer], count: int) -> None:
+    def _require_capacity(self, offers: Offers, count: int) -> None:
         """Refuse, before any attempt, what the memories or the dispatcher cannot hold."""
         layer = self._layer
         for offer in offers:
@@ -187,7 +201,7 @@ class Heralding:
         node: str,
         link: Link,
         names: Sequence[BlockName],
-        offers: tuple[Offer, Offer],
+        offers: Offers,
         found: Heralded,
     ) -> Block:
         """Let pairs that a node has heralded be in the memories of both; return half 0."""
@@ -221,7 +235,7 @@ class Heralding:
         task.add_done_callback(self._told)
 
     async def _heard(self, block: Block, heard_ns: int) -> None:
-        """Record that a host hears of a block; let go of it if nobody wants it there any more."""
+        """Record that a host hears of a block; discard it if nobody wants it there any more."""
         layer = self._layer
         await layer.clock.wait_until(heard_ns)
         layer.record(block.node, "heralded", block)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.approximations import CROWD, approximation
+from dispatcher.approximations import CROWD, of_outcomes
 from dispatcher.devices.analyser import PHASE, Analyser, Analysis, Half, Mismatch
 from dispatcher.devices.beam_splitter import (
     MODES,
@@ -62,6 +62,8 @@ class Interference:
         """Let these blocks meet, with random numbers of their own."""
         self._layer, self._blocks, self._random = layer, blocks, random
         self._incidents: dict[str, int] = {}
+        # Pulses of which photons go otherwise than they are taken to.
+        self._wrong = np.zeros(blocks[0].register.size, dtype=bool)
 
     def analyse(
         self, analyser: Analyser, halves: tuple[Half, Half], overlap: Overlap, apart_ps: float
@@ -85,6 +87,8 @@ class Interference:
             outcomes != NO_CLICK, (found[0], found[1]), halves, mismatch, self._random
         )
         outcomes[late] = NO_CLICK
+        wrong_pulses = of_outcomes(CROWD, self._wrong, outcomes != NO_CLICK)
+        self._blocks[0].pulses.approximations |= wrong_pulses
         for detection in found:
             for name, count in detection.incidents().items():
                 self._incidents[name] = self._incidents.get(name, 0) + count
@@ -107,7 +111,7 @@ class Interference:
         few = counts[0] + counts[1] <= MOST_PHOTONS
         both = (counts[0] > 0) & (counts[1] > 0) & few
         pair = (counts[0] == 1) & (counts[1] == 1)
-        self._note_crowds(int(np.count_nonzero((counts[0] > 0) & (counts[1] > 0) & ~few)))
+        self._note_crowds((counts[0] > 0) & (counts[1] > 0) & ~few)
         kinds = [np.where(pair, 1, 2) * both] * 2
         own = [kinds[0][arms[0].pulses], kinds[1][arms[1].pulses] * meets]
         parts = [
@@ -140,7 +144,7 @@ class Interference:
         return ordered
 
     def _release(self, register: Register) -> None:
-        """Let go of a register whose photons are all elsewhere."""
+        """Discard a register whose photons are all elsewhere."""
         draws = self._layer.draws.photons(self._blocks[0].name, "released", register.size)
         self._layer.sabot.drop(register, draws)
 
@@ -167,15 +171,10 @@ class Interference:
             self._incidents["distinguishable"] = count
         return ~told
 
-    def _note_crowds(self, count: int) -> None:
-        if count:
+    def _note_crowds(self, crowded: Mask) -> None:
+        if count := int(np.count_nonzero(crowded)):
             self._incidents["crowded"] = count
-            self._inexact(count)
-
-    def _inexact(self, pulses: int) -> None:
-        """Note in how many pulses photons go otherwise than they are taken to."""
-        block = self._blocks[0]
-        block.pulses.approximations |= approximation(CROWD, pulses / block.register.size)
+            self._wrong |= crowded
 
     def _alone(self, photons: Photons, which: str) -> Left:
         """Let photons go each for itself."""
@@ -220,18 +219,16 @@ class Interference:
             key = tuple(tuple(sorted(arm.tolist())) for arm in met)
             kinds.setdefault(key, []).append(place)
         drawn = self._random.generator("crowds").random(pulses.size)
-        left, unlike = [], 0
+        left = []
         for (one, other), places in kinds.items():
             if len(set(one)) > 1 or len(set(other)) > 1:
-                unlike += len(places)  # noise has met one photon, which is then told apart
+                self._wrong[pulses[places]] = True  # noise has met one, which is then told apart
             photons, chances = outputs(one, other)
             chosen = photons[np.searchsorted(chances.cumsum()[:-1], drawn[places], side="right")]
             modes = np.tile(np.arange(MODES, dtype=np.uint8), len(places))
             counts = chosen.reshape(-1)
             at = np.repeat(pulses[places], MODES)
             left.append(Left(np.repeat(at, counts), np.repeat(modes, counts)))
-        if unlike:
-            self._inexact(unlike)
         return Left(*(np.concatenate(each) for each in zip(*left, strict=True)))
 
     def _states(self, photons: Photons, which: str) -> Bytes:
@@ -242,7 +239,7 @@ class Interference:
         states = cardinal_states(register)
         bits = self._bits(register, which)
         if (unknown := states == NO_CLICK).any():
-            self._inexact(np.unique(photons.pulses[unknown]).size)
+            self._wrong[photons.pulses[unknown]] = True
             states = np.where(unknown, bits, states)
         return states
 

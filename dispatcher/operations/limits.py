@@ -162,7 +162,7 @@ def require_blocks(layer: PhysicalLayer, more: int, *makers: str) -> None:
     if layer.ownership.count + more > MAX_BLOCKS:
         raise exhausted(f"{MAX_BLOCKS} blocks are live; use larger blocks or discard some")
     for maker in makers:
-        if layer.ownership.blocks_made_by(maker) + more > layer.share_of_blocks:
+        if layer.ownership.makers.blocks_of(maker) + more > layer.share_of_blocks:
             raise exhausted(
                 f"{layer.share_of_blocks} blocks that {maker} has made are live, its share; use "
                 "larger blocks or discard some"

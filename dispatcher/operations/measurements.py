@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from dispatcher.approximations import SEVERAL_PAIRS, approximation
+from dispatcher.approximations import SEVERAL_PAIRS, of_outcomes
 from dispatcher.devices import hardware
 from dispatcher.devices.analyser import Analyser, Analysis, Half
 from dispatcher.devices.detector import Train
@@ -146,12 +146,16 @@ class Measurements:
         states = layer.sabot.bell_measure(
             first.register, second.register, (self._draws(first), self._draws(second))
         )
-        random = self._random(node, first)
+        random, several = self._random(node, first), further.several(first, second)
         halves = self._halves(first, second, present, random)
         drift.twirl_pairs(first, second, states, layer.draws)
         for block in blocks:
             layer.ownership.remove(block)
-        return self._analyser(node).analyse(states, halves, random, matched, apart_ps)
+        found = self._analyser(node).analyse(states, halves, random, matched, apart_ps)
+        if several is not None:  # they would interfere
+            told = found.outcomes != NO_CLICK
+            first.pulses.approximations |= of_outcomes(SEVERAL_PAIRS, several, told)
+        return found
 
     def _interfere(
         self, node: str, blocks: tuple[Block, Block], matched: Overlap, apart_ps: float
@@ -175,8 +179,8 @@ class Measurements:
         """Let light whose way was shorter wait in a delay line, if it comes too early otherwise.
 
         Return what the event log says, and how much later the first half comes all the same.
-        Sources emit pulse by pulse together; what a memory lets go, or was in no fibre, comes when
-        it is wanted.
+        Sources emit pulse by pulse together; what a memory gives out, or was in no fibre, comes
+        when it is wanted.
         """
         first, second = halves
         later_ns = first.way_ns - second.way_ns
@@ -229,9 +233,6 @@ class Measurements:
         matched = further.bell_measure(layer.sabot, first, second, layer.draws)
         if matched is None:
             return None, None
-        # Photons of pairs interfere: what of all pulses has several, at most.
-        several = np.unique(np.concatenate((matched.pulses, *matched.alone))).size
-        first.pulses.approximations |= approximation(SEVERAL_PAIRS, several / first.register.size)
         drift.twirl_further(first, second, matched.pulses, matched.outcomes, layer.draws)
         there = matched.outcomes != NO_CLICK
         pulses, outcomes = matched.pulses[there], matched.outcomes[there]

@@ -124,7 +124,7 @@ class Resending:
         return part
 
     def _replace(self, block: Block, fresh: Register, again: Mask, states: Bytes) -> None:
-        """Put photons in these states into the places; let go of the rest of the fresh ones."""
+        """Put photons in these states into the places; discard the rest of the fresh ones."""
         layer = self._layer
         photons = layer.sabot.part(fresh, again)
         purpose = block.draws_for("not resent")

@@ -16,7 +16,7 @@ class ClosableQnic(Qnic, Protocol):
     """A QNIC as the program of a host needs it."""
 
     async def close(self) -> None:
-        """Let go of the hardware."""
+        """Close the hardware."""
 
 
 def chosen_qnic(config: HostConfig) -> ClosableQnic:

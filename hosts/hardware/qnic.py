@@ -176,7 +176,7 @@ class Qnic(Protocol):
     ) -> Coincidences:
         """Make Bell measurements on two blocks that arrive at two ports, made by two hosts.
 
-        Raise NoLight if no photon of one of them arrives; what came of the other is let go.
+        Raise NoLight if no photon of one of them arrives; what came of the other is discarded.
         """
 
     async def prepare(
@@ -257,7 +257,7 @@ class Qnic(Protocol):
     ) -> None:
         """Make a block of photons at this host, by their positions in blocks, in this order.
 
-        The rest is let go or, to be kept, stays where it is; at least one photon is picked.
+        The rest is discarded or, to be kept, stays where it is; at least one photon is picked.
         What is picked from stored blocks alone is stored, too.
         """
 
@@ -322,7 +322,7 @@ class Qnic(Protocol):
         """
 
     async def discard_block(self, session: int, number: int) -> None:
-        """Let go of what has come of both halves of a block."""
+        """Discard what has come of both halves of a block."""
 
     def watch(self, session: int, history: bool, follow: bool) -> AsyncIterator[bytes]:
         """Yield what happens at this host (wire.events), of one session or, with 0, of all.
@@ -332,11 +332,11 @@ class Qnic(Protocol):
         """
 
     async def discard(self, session: int) -> None:
-        """Let go of all photons of a session, also of those still on their way."""
+        """Discard all photons of a session, also of those still on their way."""
 
 
 async def release(qnic: Qnic, session: int) -> None:
-    """Let go of a session at its end; a fault here must not hide why it has ended."""
+    """Discard a session at its end; a fault here must not hide why it has ended."""
     try:
         await qnic.discard(session)
     except HardwareError as error:

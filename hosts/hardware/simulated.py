@@ -26,6 +26,19 @@ from hosts.hardware.qnic import (
     Stored,
     Symbols,
 )
+from hosts.hardware.requests import (
+    apply_request,
+    block_id,
+    coincidences_of,
+    detection,
+    emission,
+    half_id,
+    measure_request,
+    outcomes_of,
+    send_request,
+    states_field,
+    stored_of,
+)
 from hosts.hardware.steps import steps_of
 from hosts.timeouts import DISPATCHER_TIMEOUT_S
 from wire import dibits
@@ -37,7 +50,6 @@ from wire.dispatcher_pb2 import (
     BlockId,
     CreateRequest,
     DiscardRequest,
-    Feedback,
     Gate,
     GatherRequest,
     HeraldRequest,
@@ -47,7 +59,6 @@ from wire.dispatcher_pb2 import (
     Pick,
     ReceiveRequest,
     ResendRequest,
-    SendRequest,
     SenseRequest,
     SplitRequest,
     Step,
@@ -59,7 +70,6 @@ from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.dispatcher_service import CHANNEL_OPTIONS
 from wire.events import decode_record, encode_record
 from wire.optical import frequency_mhz
-from wire.outcomes import NO_COINCIDENCE
 
 MAX_STEPS = 64  # in one order
 TIMES = 16  # that blocks are measured by one order: so many outcomes wait for who asks at most
@@ -108,7 +118,7 @@ class SimulatedQnic:
         wavelength_pm: int,
     ) -> None:
         """Make Bell pairs and send their halves into two ports."""
-        steps = _emission(session, number, count, ports, rate_hz, wavelength_pm)
+        steps = emission(session, number, count, ports, rate_hz, wavelength_pm)
         await self._orders.perform(*steps)
 
     async def begin_pairs(
@@ -123,7 +133,7 @@ class SimulatedQnic:
         """Begin to make Bell pairs, behind those begun before."""
         if session not in self._begun:
             self._begun[session] = self._orders.chain()
-        steps = _emission(session, number, count, ports, rate_hz, wavelength_pm)
+        steps = emission(session, number, count, ports, rate_hz, wavelength_pm)
         self._begun[session].begin(*steps)
 
     async def pairs_over(self, session: int) -> None:
@@ -136,18 +146,18 @@ class SimulatedQnic:
     ) -> Stored:
         """Make Bell pairs, store their halves 0, and send halves 1 into a port."""
         create = CreateRequest(session=session, number=number, count=count)
-        near, far = (_half(session, number, half) for half in (0, 1))
-        send = _send([Launch(block=far, port=port)], rate_hz, wavelength_pm)
+        near, far = (half_id(session, number, half) for half in (0, 1))
+        send = send_request([Launch(block=far, port=port)], rate_hz, wavelength_pm)
         _made, stored, sent = await self._orders.perform(
             Step(create=create), self._storing(near), Step(send=send)
         )
-        return _stored(stored.arrived, sent)
+        return stored_of(stored.arrived, sent)
 
     async def attempt(self, block: BlockName, port: str, wavelength_pm: int) -> None:
         """Let qubits of the memory attempt to emit into a port."""
         frequency = frequency_mhz(wavelength_pm)
         attempt = AttemptRequest(
-            block=_named(block), port=port, frequency_mhz=frequency, cutoff_s=self._cutoff_s
+            block=block_id(block), port=port, frequency_mhz=frequency, cutoff_s=self._cutoff_s
         )
         await self._orders.perform(Step(attempt=attempt))
 
@@ -171,11 +181,11 @@ class SimulatedQnic:
         timeout_s: float,
     ) -> int:
         """Apply Pauli operators to the photons that arrive and send them back."""
-        name = _named(block)
+        name = block_id(block)
         feedbacks = await self._orders.perform(
             Step(receive=ReceiveRequest(block=name, port=port, timeout_s=timeout_s)),
             Step(apply=ApplyRequest(block=name, dibits=dibits.pack(paulis, "little"))),
-            Step(send=_send([Launch(block=name, port=port)], rate_hz, wavelength_pm)),
+            Step(send=send_request([Launch(block=name, port=port)], rate_hz, wavelength_pm)),
         )
         return int(feedbacks[-1].first_ns)
 
@@ -188,15 +198,15 @@ class SimulatedQnic:
         following: bool = False,
     ) -> Coincidences:
         """Make Bell measurements on what arrives at two ports."""
-        names = [_half(session, number, half) for half in (0, 1)]
+        names = [half_id(session, number, half) for half in (0, 1)]
         if not following:
-            return _coincidences(await self._orders.perform(*_detection(names, ports, timeout_s)))
+            return coincidences_of(await self._orders.perform(*detection(names, ports, timeout_s)))
         standing = self._standing.pop(session, None)
         if standing is not None and standing.next_number != number:
             standing.end()
             standing = None
         if standing is None:
-            steps = _detection(names, ports, timeout_s)
+            steps = detection(names, ports, timeout_s)
             standing = self._orders.repeat(TIMES, number, *steps)
         try:
             found = await standing.next()
@@ -205,15 +215,15 @@ class SimulatedQnic:
             raise
         if standing.left:
             self._standing[session] = standing
-        return _coincidences(found)
+        return coincidences_of(found)
 
     async def detect_arrivals(
         self, blocks: tuple[BlockName, BlockName], ports: tuple[str, str], timeout_s: float
     ) -> Coincidences:
         """Make Bell measurements on two blocks that arrive at two ports."""
-        names = [_named(block) for block in blocks]
+        names = [block_id(block) for block in blocks]
         try:
-            return _coincidences(await self._orders.perform(*_detection(names, ports, timeout_s)))
+            return coincidences_of(await self._orders.perform(*detection(names, ports, timeout_s)))
         except NoLight:
             await self._discard_blocks(names)
             raise
@@ -227,7 +237,7 @@ class SimulatedQnic:
             number=number,
             count=states.size,
             state=CreateRequest.PREPARED,
-            **_states(states),
+            **states_field(states),
             levels=b"" if levels is None else levels.tobytes(),
         )
         await self._orders.perform(Step(create=create))
@@ -241,14 +251,16 @@ class SimulatedQnic:
             session=session, number=number, count=theta.size, state=CreateRequest.ZEROS
         )
         turns = [Gate(name=Gate.RY, angles_rad=theta), Gate(name=Gate.RZ, angles_rad=phi)]
-        apply = ApplyRequest(block=_named(name), gates=turns)
+        apply = ApplyRequest(block=block_id(name), gates=turns)
         await self._orders.perform(Step(create=zeros), Step(apply=apply))
         return name
 
     async def send(self, block: BlockName, port: str, rate_hz: int, wavelength_pm: int) -> int:
         """Send photons of this host into a port."""
-        launches = [Launch(block=_named(block), port=port)]
-        (feedback,) = await self._orders.perform(Step(send=_send(launches, rate_hz, wavelength_pm)))
+        launches = [Launch(block=block_id(block), port=port)]
+        (feedback,) = await self._orders.perform(
+            Step(send=send_request(launches, rate_hz, wavelength_pm))
+        )
         return int(feedback.first_ns)
 
     def arrivals(self, port: str) -> AsyncIterator[BlockName]:
@@ -265,50 +277,50 @@ class SimulatedQnic:
 
     async def receive(self, block: BlockName, port: str, timeout_s: float) -> Received:
         """Take the photons that arrive at a port."""
-        receive = ReceiveRequest(block=_named(block), port=port, timeout_s=timeout_s)
+        receive = ReceiveRequest(block=block_id(block), port=port, timeout_s=timeout_s)
         (feedback,) = await self._orders.perform(Step(receive=receive))
         return Received(feedback.photons, feedback.first_ns, feedback.last_ns)
 
     async def resend(self, block: BlockName, bases: Symbols) -> Symbols:
         """Measure photons at this host and put new ones in their places."""
-        resend = ResendRequest(block=_named(block), bases=bases.tobytes())
+        resend = ResendRequest(block=block_id(block), bases=bases.tobytes())
         (feedback,) = await self._orders.perform(Step(resend=resend))
         return np.frombuffer(feedback.outcomes, dtype=np.uint8)
 
     async def split(self, block: BlockName, into: BlockName) -> Symbols:
         """Count photons of pulses at this host, and take one of several."""
-        split = SplitRequest(block=_named(block), into=_named(into))
+        split = SplitRequest(block=block_id(block), into=block_id(into))
         (feedback,) = await self._orders.perform(Step(split=split))
         return np.frombuffer(feedback.outcomes, dtype=np.uint8)
 
     async def receive_into_memory(self, block: BlockName, port: str, timeout_s: float) -> Stored:
         """Store the photons that arrive at a port."""
-        name = _named(block)
+        name = block_id(block)
         _received, feedback = await self._orders.perform(
             Step(receive=ReceiveRequest(block=name, port=port, timeout_s=timeout_s)),
             self._storing(name),
         )
-        return _stored(feedback.arrived, feedback)
+        return stored_of(feedback.arrived, feedback)
 
     def give_up(self, *blocks: BlockName) -> None:
         """Let nobody wait any longer for light of these blocks."""
-        self._orders.give_up([_named(block) for block in blocks])
+        self._orders.give_up([block_id(block) for block in blocks])
 
     async def apply(self, block: BlockName, paulis: Symbols) -> int:
         """Apply one Pauli operator to each photon at this host."""
-        apply = Step(apply=_applied(_named(block), paulis))
+        apply = Step(apply=apply_request(block_id(block), paulis))
         (feedback,) = await self._orders.perform(apply)
         return int(feedback.time_ns)
 
     async def rotate(self, block: BlockName, gates: Sequence[LocalGate]) -> None:
         """Apply gates to every photon of a block at this host."""
         named = [Gate(name=gate) for gate in gates]
-        await self._orders.perform(Step(apply=ApplyRequest(block=_named(block), gates=named)))
+        await self._orders.perform(Step(apply=ApplyRequest(block=block_id(block), gates=named)))
 
     async def controlled_x(self, control: BlockName, target: BlockName) -> None:
         """Apply CX to pairs of photons of two blocks at this host."""
-        gates = [Gate(name=Gate.CX, target=_named(target))]
-        await self._orders.perform(Step(apply=ApplyRequest(block=_named(control), gates=gates)))
+        gates = [Gate(name=Gate.CX, target=block_id(target))]
+        await self._orders.perform(Step(apply=ApplyRequest(block=block_id(control), gates=gates)))
 
     def set_cutoff(self, cutoff_s: float) -> None:
         """Let the memory drop what it has kept for longer."""
@@ -316,8 +328,8 @@ class SimulatedQnic:
 
     async def store(self, block: BlockName, for_good: bool = False) -> Stored:
         """Put photons at this host into memory."""
-        (feedback,) = await self._orders.perform(self._storing(_named(block), for_good))
-        return _stored(feedback.arrived, feedback)
+        (feedback,) = await self._orders.perform(self._storing(block_id(block), for_good))
+        return stored_of(feedback.arrived, feedback)
 
     def _storing(self, block: BlockId, for_good: bool = False) -> Step:
         cutoff_s = math.inf if for_good else self._cutoff_s
@@ -326,12 +338,12 @@ class SimulatedQnic:
     async def gather(
         self, into: BlockName, picks: Mapping[BlockName, Positions], keep_rest: bool = False
     ) -> None:
-        """Make a block of photons at this host; keep or let go of the rest."""
+        """Make a block of photons at this host; keep or discard the rest."""
         picked = [
-            Pick(block=_named(block), photons=positions.tolist())
+            Pick(block=block_id(block), photons=positions.tolist())
             for block, positions in picks.items()
         ]
-        gather = GatherRequest(into=_named(into), picks=picked, keep_rest=keep_rest)
+        gather = GatherRequest(into=block_id(into), picks=picked, keep_rest=keep_rest)
         await self._orders.perform(Step(gather=gather))
 
     async def measure(self, block: BlockName, bases: Symbols) -> Symbols:
@@ -342,11 +354,11 @@ class SimulatedQnic:
         self, block: BlockName, bases: Symbols, paulis: Symbols | None = None
     ) -> Outcomes:
         """Measure photons at this host, each in a basis; also say when."""
-        steps = [Step(measure=_measure(_named(block), bases))]
+        steps = [Step(measure=measure_request(block_id(block), bases))]
         if paulis is not None:
-            steps.insert(0, Step(apply=_applied(_named(block), paulis)))
+            steps.insert(0, Step(apply=apply_request(block_id(block), paulis)))
         feedbacks = await self._orders.perform(*steps)
-        return Outcomes(_outcomes(feedbacks[-1]), feedbacks[0].time_ns)
+        return Outcomes(outcomes_of(feedbacks[-1]), feedbacks[0].time_ns)
 
     async def measure_along(
         self, block: BlockName, directions: Directions, paulis: Symbols
@@ -354,23 +366,23 @@ class SimulatedQnic:
         """Measure photons at this host, each along a direction; also say when."""
         theta, phi = -directions.theta_rad, -directions.phi_rad
         turns = [Gate(name=Gate.RZ, angles_rad=phi), Gate(name=Gate.RY, angles_rad=theta)]
-        apply = _applied(_named(block), paulis)
+        apply = apply_request(block_id(block), paulis)
         apply.gates.extend(turns)
-        measure = MeasureRequest(block=_named(block), basis=MeasureRequest.Z)
+        measure = MeasureRequest(block=block_id(block), basis=MeasureRequest.Z)
         feedbacks = await self._orders.perform(Step(apply=apply), Step(measure=measure))
         found = np.frombuffer(feedbacks[-1].outcomes, dtype=np.uint8)
         return Outcomes(found, feedbacks[0].time_ns)
 
     async def sense(self, block: BlockName) -> None:
         """Let photons at this host take the phase of its sensor."""
-        await self._orders.perform(Step(sense=SenseRequest(block=_named(block))))
+        await self._orders.perform(Step(sense=SenseRequest(block=block_id(block))))
 
     async def measure_at(self, block: BlockName, angle_rad: float) -> Symbols:
         """Measure photons at this host between X and Y."""
-        steps = [Step(measure=MeasureRequest(block=_named(block), basis=MeasureRequest.X))]
+        steps = [Step(measure=MeasureRequest(block=block_id(block), basis=MeasureRequest.X))]
         if angle_rad:
             gates = [Gate(name=Gate.RZ, angle_rad=-angle_rad)]
-            steps.insert(0, Step(apply=ApplyRequest(block=_named(block), gates=gates)))
+            steps.insert(0, Step(apply=ApplyRequest(block=block_id(block), gates=gates)))
         feedbacks = await self._orders.perform(*steps)
         return np.frombuffer(feedbacks[-1].outcomes, dtype=np.uint8)
 
@@ -378,12 +390,12 @@ class SimulatedQnic:
         self, block: BlockName, port: str, bases: Symbols, timeout_s: float
     ) -> Symbols:
         """Measure the photons that arrive at a port."""
-        name = _named(block)
+        name = block_id(block)
         feedbacks = await self._orders.perform(
             Step(receive=ReceiveRequest(block=name, port=port, timeout_s=timeout_s)),
-            Step(measure=_measure(name, bases)),
+            Step(measure=measure_request(name, bases)),
         )
-        return _outcomes(feedbacks[-1])
+        return outcomes_of(feedbacks[-1])
 
     async def bell_measure(self, first: BlockName, second: BlockName) -> Symbols:
         """Make Bell measurements on pairs of photons at this host."""
@@ -391,8 +403,8 @@ class SimulatedQnic:
 
     async def coincidences(self, first: BlockName, second: BlockName) -> Coincidences:
         """Make Bell measurements on pairs of photons at this host; also say when."""
-        bell = BellMeasureRequest(first=_named(first), second=_named(second), packed=True)
-        return _coincidences(await self._orders.perform(Step(bell_measure=bell)))
+        bell = BellMeasureRequest(first=block_id(first), second=block_id(second), packed=True)
+        return coincidences_of(await self._orders.perform(Step(bell_measure=bell)))
 
     async def process(self, operations: Sequence[Operation]) -> list[int]:
         """Do operations on single qubits at this host, one after the other."""
@@ -411,7 +423,7 @@ class SimulatedQnic:
         """Return the density matrix of a qubit at this host."""
         try:
             proof = await proved(self._stub, self._token, "Look")
-            request = LookRequest(block=_named(block), entangled=entangled)
+            request = LookRequest(block=block_id(block), entangled=entangled)
             reply = await self._stub.Look(request, metadata=proof, timeout=DISPATCHER_TIMEOUT_S)
         except grpc.aio.AioRpcError as error:
             raise HardwareError(f"dispatcher: {error.details()}") from error
@@ -445,7 +457,7 @@ class SimulatedQnic:
 
     async def discard_block(self, session: int, number: int) -> None:
         """Discard what has come of both halves of a block."""
-        await self._discard_blocks([_half(session, number, half) for half in (0, 1)])
+        await self._discard_blocks([half_id(session, number, half) for half in (0, 1)])
 
     async def _discard_blocks(self, names: Sequence[BlockId]) -> None:
         for name in names:
@@ -464,92 +476,3 @@ def _orders(steps: Iterable[Step]) -> Iterator[tuple[Step, ...]]:
     coming = iter(steps)
     while order := tuple(islice(coming, MAX_STEPS)):
         yield order
-
-
-def _detection(
-    names: Sequence[BlockId], ports: tuple[str, str], timeout_s: float
-) -> tuple[Step, ...]:
-    """Return the steps that receive two blocks and make Bell measurements on their pairs."""
-    receive = [
-        Step(receive=ReceiveRequest(block=name, port=port, timeout_s=timeout_s))
-        for name, port in zip(names, ports, strict=True)
-    ]
-    measure = BellMeasureRequest(first=names[0], second=names[1], packed=True)
-    return *receive, Step(bell_measure=measure)
-
-
-def _emission(
-    session: int,
-    number: int,
-    count: int,
-    ports: tuple[str, str],
-    rate_hz: int,
-    wavelength_pm: int,
-) -> tuple[Step, Step]:
-    """Return the steps that make pairs and send their halves into two ports."""
-    create = CreateRequest(session=session, number=number, count=count)
-    halves = enumerate(ports)
-    launches = [Launch(block=_half(session, number, half), port=port) for half, port in halves]
-    return Step(create=create), Step(send=_send(launches, rate_hz, wavelength_pm))
-
-
-def _send(launches: list[Launch], rate_hz: int, wavelength_pm: int) -> SendRequest:
-    frequency = frequency_mhz(wavelength_pm)
-    return SendRequest(launches=launches, rate_hz=rate_hz, frequency_mhz=frequency)
-
-
-def _named(block: BlockName) -> BlockId:
-    return _half(block.session, block.number, block.half)
-
-
-def _stored(arrived: bytes, light: Feedback) -> Stored:
-    """Return what has been stored of light that has come, or left its source, evenly in time."""
-    return Stored(np.frombuffer(arrived, dtype=bool), (light.first_ns + light.last_ns) // 2)
-
-
-def _states(states: Symbols) -> dict[str, bytes]:
-    """Return the field of a CreateRequest that tells states in the fewest bytes."""
-    if states.max(initial=0) > dibits.LARGEST:
-        return {"states": states.tobytes()}
-    return {"state_dibits": dibits.pack(states, "little")}
-
-
-def _applied(name: BlockId, paulis: Symbols) -> ApplyRequest:
-    """Return the request to apply one Pauli operator to each photon."""
-    return ApplyRequest(block=name, dibits=dibits.pack(paulis, "little"))
-
-
-def _measure(name: BlockId, bases: Symbols) -> MeasureRequest:
-    """Return the request to measure in these bases, which are told in the fewest bytes."""
-    if bases.max(initial=0) > MeasureRequest.X:
-        return MeasureRequest(block=name, bases=bases.tobytes(), packed=True)
-    return MeasureRequest(block=name, basis_bits=np.packbits(bases).tobytes(), packed=True)
-
-
-def _outcomes(feedback: Feedback) -> Symbols:
-    """Return what was measured: 0 or 1, 255 where no detector clicked."""
-    return _with_missed(_unpacked(feedback.bits, feedback.photons), feedback)
-
-
-def _with_missed(outcomes: Symbols, feedback: Feedback) -> Symbols:
-    """Return outcomes, and 255 where there was none."""
-    if feedback.missed:
-        outcomes |= _unpacked(feedback.missed, feedback.photons) * np.uint8(NO_COINCIDENCE)
-    return outcomes
-
-
-def _unpacked(packed: bytes, count: int) -> Symbols:
-    """Return the first count bits; HardwareError if there are not just as many bytes."""
-    if len(packed) != (count + 7) // 8:
-        raise HardwareError(f"the dispatcher tells {len(packed)} bytes of {count} bits")
-    return np.unpackbits(np.frombuffer(packed, np.uint8), count=count)
-
-
-def _coincidences(feedbacks: Sequence[Feedback]) -> Coincidences:
-    feedback = feedbacks[-1]
-    outcomes = dibits.unpack(feedback.dibits, feedback.photons, "little")
-    return Coincidences(_with_missed(outcomes, feedback), feedback.clicks, feedback.time_ns)
-
-
-def _half(session: int, number: int, half: int) -> BlockId:
-    return BlockId(session=session, number=number, half=half)

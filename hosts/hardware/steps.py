@@ -3,10 +3,10 @@
 import math
 from collections.abc import Iterable, Iterator
 
-from hosts.hardware.operations import BlockName, Kind, Operation
+from hosts.hardware.operations import Kind, Operation
+from hosts.hardware.requests import block_id
 from wire.dispatcher_pb2 import (
     ApplyRequest,
-    BlockId,
     CreateRequest,
     DiscardRequest,
     Gate,
@@ -42,18 +42,18 @@ def steps_of(operations: Iterable[Operation]) -> Iterator[Step]:
 
 
 def _applied(gates: list[Operation]) -> Step:
-    return Step(apply=ApplyRequest(block=_id(gates[0].block), gates=map(_gate, gates)))
+    return Step(apply=ApplyRequest(block=block_id(gates[0].block), gates=map(_gate, gates)))
 
 
 def _gate(operation: Operation) -> Gate:
     gate = Gate(name=operation.kind.value, angle_rad=operation.angle_rad)
     if operation.target is not None:
-        gate.target.CopyFrom(_id(operation.target))
+        gate.target.CopyFrom(block_id(operation.target))
     return gate
 
 
 def _step(operation: Operation) -> Step:
-    name, block = operation.block, _id(operation.block)
+    name, block = operation.block, block_id(operation.block)
     match operation.kind:
         case Kind.ZERO:
             state = CreateRequest.ZEROS
@@ -69,13 +69,9 @@ def _step(operation: Operation) -> Step:
         case Kind.TAKE:
             assert operation.target is not None
             pick = Pick(block=block, photons=[operation.position])
-            into = _id(operation.target)
+            into = block_id(operation.target)
             return Step(gather=GatherRequest(into=into, picks=[pick], keep_rest=True))
         case Kind.DISCARD:
             return Step(discard=DiscardRequest(block=block))
         case pauli:
             return Step(apply=ApplyRequest(block=block, paulis=bytes([PAULIS[pauli]])))
-
-
-def _id(block: BlockName) -> BlockId:
-    return BlockId(session=block.session, number=block.number, half=block.half)

@@ -89,7 +89,7 @@ class OtherManagers:
             raise unavailable(f"{name} does not answer: {error}") from error
 
     def close(self) -> None:
-        """Let go of connections."""
+        """Close connections."""
         self._client.close()
 
 

@@ -41,7 +41,7 @@ class Connection(BaseNetQASMConnection):
         return self._memory
 
     def close(self, *arguments: Any, **words: Any) -> None:
-        """Send what is left to send, and let go of all qubits."""
+        """Send what is left to send, and discard all qubits."""
         try:
             super().close(*arguments, **words)
         finally:

@@ -93,7 +93,7 @@ class Application:
         return await self._qubits.look(qubit, entangled)
 
     async def close(self) -> None:
-        """Let go of requests and photons."""
+        """Discard requests and photons."""
         for request in self._requests:
             request.cancel()
         await asyncio.gather(*self._requests, return_exceptions=True)

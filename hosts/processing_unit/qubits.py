@@ -78,7 +78,7 @@ class Qubits:
             self._do(Kind.ZERO, block)
 
     def free(self, qubit: int) -> None:
-        """Let go of a qubit."""
+        """Discard a qubit."""
         block = self._block(qubit)
         del self._blocks[qubit]
         self._discard(block)
@@ -102,7 +102,7 @@ class Qubits:
         self._do(PAIR_GATES[name], one, target=other)
 
     def move(self, source: int, target: int) -> None:
-        """Give a qubit another number; what had that one is let go."""
+        """Give a qubit another number; what had that one is discarded."""
         block = self._block(source)
         if source != target:
             if target in self._blocks:

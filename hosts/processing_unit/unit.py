@@ -94,7 +94,7 @@ class Connection:
         return {"real": matrix.real.tolist(), "imaginary": matrix.imag.tolist()}
 
     async def close(self) -> None:
-        """Let go of everything of the application."""
+        """Discard everything of the application."""
         application, self._application = self._application, None
         if application is not None:
             await asyncio.shield(application.close())

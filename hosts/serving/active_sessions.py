@@ -1,7 +1,7 @@
 """The sessions that a host takes part in: each once in a role, and never again; shares of peers.
 
 Photons are named by their session. A set-up message that is sent again, or forged with the
-number of another session, must not open a second one: when that ended, the host would let go of
+number of another session, must not open a second one: when that ended, the host would discard
 the photons of the first.
 """
 

@@ -64,7 +64,7 @@ async def serve_interception(
         for task in (working, coming):
             task.cancel()
         await asyncio.gather(working, coming, return_exceptions=True)
-    writer.write(encode_fields(Call.CLOSE, **interception.summary))
+    writer.write(encode_fields(Call.CLOSE, **vars(interception.summary)))
 
 
 async def serve_processing(

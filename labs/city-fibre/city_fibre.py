@@ -70,8 +70,8 @@ def beside(km: float) -> float:
 
 def wrong(run: Run) -> Estimate:
     """Return how often outcomes in equal bases differ."""
-    told = run.result["job"]["asking"]
-    return proportion(round(told["qber"] * told["disclosed_bits"]), told["disclosed_bits"])
+    told = run.job.asking
+    return proportion(round(told.qber * told.disclosed_bits), told.disclosed_bits)
 
 
 def less(error: Estimate, times: float) -> Estimate:
@@ -103,8 +103,8 @@ def findings(runs: Runs) -> Sequence[Finding]:
             found.append(Finding(chart, words, less(q, times), theirs, rate, inputs=inputs))
     found.append(Finding("", f"F, {rate:g} pairs/s", less(q, 1.5), BEST, inputs=0.75 * error))
     for name, km in BERLIN.items():
-        told, f = runs[name].result["job"]["asking"], less(wrong(runs[name]), 1.5)
-        s = Estimate(told["chsh"], told["chsh_error"])
+        told, f = runs[name].job.asking, less(wrong(runs[name]), 1.5)
+        s = Estimate(told.chsh, told.chsh_error)
         found.append(Finding("km", f"F, {name}", f, Published(beside(km), 0, "closed form"), km))
         found.append(in_range(f"F, {name}", f, 0.85, 0.99, "Berlin, abstract"))
         found.append(in_range(f"S, {name}", s, 2.36, 2.74, "Berlin, abstract"))

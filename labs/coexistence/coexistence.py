@@ -68,7 +68,7 @@ def findings(runs: Runs) -> Sequence[Finding]:
     found = []
     for name, run in runs.items():
         band, power = name.split("_")
-        told, dbm = run.result.get("found") or run.result["job"]["asking"], float(power)
+        told, dbm = run.result.get("found") or vars(run.job.asking), float(power)
         ours = proportion(round(told["fidelity"] * told["arrived"]), told["arrived"])
         closed = Published(fidelity(band, dbm), 0.0, "supplement, S5 to S15")
         found.append(Finding(band, f"F, {band}, {power} dBm", ours, closed, dbm))

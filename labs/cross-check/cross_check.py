@@ -50,12 +50,12 @@ def findings(runs: Runs) -> Sequence[Finding]:
     """Return fidelity and success of one round; readings of the estimate are corrected for."""
     found = []
     for figure in FIGURES["figures"]:
-        told = runs[figure["name"]].result["job"]["asking"]
+        told = runs[figure["name"]].job.asking
         kept = (2 * figure["readout"] - 1) ** 2  # of each correlation, by two readings
-        width = told["fidelity_high"] - told["fidelity_low"]
-        estimate = 1 / 4 + (told["fidelity"] - 1 / 4) / kept
+        width = told.fidelity_high - told.fidelity_low
+        estimate = 1 / 4 + (told.fidelity - 1 / 4) / kept
         fidelity = Estimate(estimate, width / 2 / CONFIDENCE_95 / kept)
-        success = proportion(told["survived"], told["compared"])
+        success = proportion(told.survived, told.compared)
         for chart, ours in (("fidelity", fidelity), ("success", success)):
             theirs = published(figure, chart)
             found.append(Finding(chart, words(figure, chart), ours, theirs, theirs.value))

@@ -67,14 +67,14 @@ def findings(runs: Runs) -> Sequence[Finding]:
     """Return gain, errors and key of each distance beside the paper's closed forms."""
     found = []
     for km, run in zip(SIFTED, runs.values(), strict=True):
-        told = run.result["job"]["asking"]
-        pulses, sample = told["photons"], told["disclosed_bits"]
+        told = run.job.asking
+        pulses, sample = told.photons, told.disclosed_bits
         # What error correction told here is replaced by what it tells in the paper.
-        spent = paper.CORRECTION * (told["sifted_bits"] - sample) * binary_entropy(told["qber"])
-        bits = (told["key_bits"] + told["leaked_bits"] - spent) / pulses
+        spent = paper.CORRECTION * (told.sifted_bits - sample) * binary_entropy(told.qber)
+        bits = (told.key_bits + told.leaked_bits - spent) / pulses
         for chart, what, ours, theirs in (
-            ("gain", "pulses seen", proportion(told["raw_bits"], pulses), gain(km)),
-            ("qber", "errors", proportion(round(told["qber"] * sample), sample), qber(km)),
+            ("gain", "pulses seen", proportion(told.raw_bits, pulses), gain(km)),
+            ("qber", "errors", proportion(round(told.qber * sample), sample), qber(km)),
             ("key", "secret bits a pulse", Estimate(bits, secret_error(km, pulses)), secret(km)),
         ):
             where = "equations A4 to A6" if chart == "key" else "section IV"

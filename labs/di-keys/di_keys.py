@@ -57,10 +57,10 @@ def unsure(chart: str) -> float:
 
 def told(run: Run) -> tuple[Estimate, Estimate]:
     """Return S and the error rate that alice has computed."""
-    asking = run.result["job"]["asking"]
-    sample = asking["disclosed_bits"]
-    qber = proportion(round(asking["qber"] * sample), sample)
-    return Estimate(asking["chsh"], asking["chsh_error"]), qber
+    asking = run.job.asking
+    sample = asking.disclosed_bits
+    qber = proportion(round(asking.qber * sample), sample)
+    return Estimate(asking.chsh, asking.chsh_error), qber
 
 
 def findings(runs: Runs) -> Sequence[Finding]:
@@ -73,10 +73,10 @@ def findings(runs: Runs) -> Sequence[Finding]:
             there = THERE[chart] if name == "paper" else None
             errors = (FIDELITY_ERROR, unsure(chart)) if there else (0.0, 0.0)
             found.append(Finding(chart, CHARTS[chart][2], each, there, fidelity, *errors))
-    pairs, s = runs["ions-z"].result["job"]["asking"], told(runs["ions"])[0]
-    in_z = pairs["states"] // 2
-    qber = proportion(round((1 - pairs["equal_in_z"]) * in_z), in_z)
-    f = Estimate(pairs["fidelity"], pairs["fidelity_error"])
+    pairs, s = runs["ions-z"].job.asking, told(runs["ions"])[0]
+    in_z = pairs.states // 2
+    qber = proportion(round((1 - pairs.equal_in_z) * in_z), in_z)
+    f = Estimate(pairs.fidelity, pairs.fidelity_error)
     bits = Estimate(PROTOCOL.key_of(s.value, qber.value), 0.0)
     endless = of_two(one_basis_rate, s, qber)
     found.append(Finding("", "ions: F", f, ION_F))

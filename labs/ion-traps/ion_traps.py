@@ -23,7 +23,7 @@ def findings(runs: Runs) -> list[Finding]:
     found = []
     for name, at in FIDELITIES.items():
         blocks: list[list[int]] = [[] for _ in range(7)]  # four of the search, then CZ |++>
-        for each in runs[name].result["job"]["outputs"]:
+        for each in runs[name].job.outputs:
             for block, *bits in zip(blocks, each["alice"], each["bob"], strict=True):
                 block += [2 * a + b for a, b in zip(*bits, strict=True)]
         grover = proportion(sum(blocks[n].count(n) for n in range(4)), 4 * len(blocks[0]))

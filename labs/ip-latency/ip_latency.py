@@ -47,14 +47,14 @@ def findings(runs: Runs) -> Sequence[Finding]:
     found, as_slow_as_light = [], 0
     for node, copper_km in product(T2_S, COPPER_KM):
         run = runs[f"{node}-{copper_km}-km"]
-        told, took_ms = run.result["job"]["asking"], trip_ms(run)
+        told, took_ms = run.job.asking, trip_ms(run)
         latency_ms = 1e3 * latency_s(copper_km)
-        error = (told["fidelity_high"] - told["fidelity_low"]) / 2 / CONFIDENCE_95
+        error = (told.fidelity_high - told.fidelity_low) / 2 / CONFIDENCE_95
         theory = Published(fidelity(T2_S[node], took_ms), 0.0, "(1 + exp(-7 L / T2)) / 2")
         words = (
             f"F, T2 of {T2_S[node]:g} s, L of {latency_ms:.1f} ms, with software {took_ms:.1f} ms"
         )
-        ours = Estimate(told["fidelity"], error)
+        ours = Estimate(told.fidelity, error)
         found.append(Finding(CHART.format(node), words, ours, theory, took_ms))
         as_slow_as_light += took_ms >= latency_ms
     words = "runs whose packets were as slow as light, or slower"

@@ -50,8 +50,8 @@ def findings(runs: Runs) -> list[Finding]:
     for (km, program), (modes, _scale) in LINKS.items():
         run = runs[f"{km}-km-{program}"]
         took_s = run.times_s("herald")[-1] - run.times_s("attempt")[-1]
-        asking, told = run.result["job"]["asking"], TOLD[program]
-        counted = asking["emitted"], asking["attempts"], took_s * modes
+        asking, told = run.job.asking, TOLD[program]
+        counted = asking.emitted, asking.attempts, took_s * modes
         ours = [Estimate(*each) for each in measured(*counted)]
         theirs = [Published(*each, told["program"]) for each in measured(*told["links"][str(km)])]
         found.append(Finding("", f"attempts that succeed, {km} km", ours[0], theirs[0]))

@@ -44,11 +44,11 @@ def findings(runs: Runs) -> Sequence[Finding]:
     found = []
     for kind, copper_km in product(OURS, COPPER_KM):
         run = runs[f"{kind}-{copper_km}-km"]
-        told, waits = run.result["job"]["asking"], waited_s(run) / T_S
-        error = (told["fidelity_high"] - told["fidelity_low"]) / 2 / CONFIDENCE_95
+        told, waits = run.job.asking, waited_s(run) / T_S
+        error = (told.fidelity_high - told.fidelity_low) / 2 / CONFIDENCE_95
         theirs = Published(fidelity(kind, waits), 0.0, TOLD["program"])
         words = f"F, {kind}, copper of {copper_km} km"
-        found.append(Finding(kind, words, Estimate(told["fidelity"], error), theirs, waits))
+        found.append(Finding(kind, words, Estimate(told.fidelity, error), theirs, waits))
     return found
 
 

@@ -45,13 +45,13 @@ def findings(runs: Runs) -> Sequence[Finding]:
     """Return fidelities, and success of one round; readings of the estimate are corrected for."""
     found = []
     for figure in TOLD["figures"]:
-        what, told = task(figure), runs[figure["name"]].result["job"]["asking"]
+        what, told = task(figure), runs[figure["name"]].job.asking
         kept = (2 * figure["readout"] - 1) ** 2 if what == "purified" else 1.0  # by two readings
-        width = told["fidelity_high"] - told["fidelity_low"]
-        estimate = 1 / 4 + (told["fidelity"] - 1 / 4) / kept
+        width = told.fidelity_high - told.fidelity_low
+        estimate = 1 / 4 + (told.fidelity - 1 / 4) / kept
         ours = {what: Estimate(estimate, width / 2 / CONFIDENCE_95 / kept)}
         if what == "purified":
-            ours["success"] = proportion(told["survived"], told["compared"])
+            ours["success"] = proportion(told.survived, told.compared)
         words = "F {fidelity:g}, gates {gate:g}, readings {readout:g}".format(**figure)
         for chart, our in ours.items():
             value, error = figure[chart]

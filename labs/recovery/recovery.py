@@ -14,7 +14,7 @@ WIDE = (HERE / "wide.txt").read_text().format(here=HERE)
 
 def findings(runs: Runs) -> Sequence[Finding]:
     """Return what the detour does to light and F, how long it is dark, and F of all channels."""
-    found, wide = runs["cut"].result["found"], runs["wide"].result["job"]["asking"]
+    found, wide = runs["cut"].result["found"], runs["wide"].job.asking
     both, dark = (found["before"], found["after"]), Estimate(found["outage_s"], 0.0)
     light = [proportion(each["came"], each["emitted"]) for each in both]
     like = [proportion(each["like_phi"], each["sampled"]) for each in both]  # (2F + 1)/3 of them
@@ -22,7 +22,7 @@ def findings(runs: Runs) -> Sequence[Finding]:
     less = Estimate(times, times * hypot(*(each.error / each.value for each in light)))
     ours = [Estimate(1.5 * each.value - 0.5, 1.5 * each.error) for each in like]
     change = Estimate(ours[1].value - ours[0].value, hypot(*(each.error for each in ours)))
-    wrong = proportion(round(wide["error_rate"] * wide["compared"]), wide["compared"])
+    wrong = proportion(round(wide.error_rate * wide.compared), wide.compared)
     f = Estimate(1 - 1.5 * wrong.value, 1.5 * wrong.error)
     return [
         Finding("", "light, times less", less, Published(10.9, 0.05, "C1"), inputs=0.0094 * times),

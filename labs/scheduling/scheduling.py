@@ -29,7 +29,7 @@ def ours(runs: Runs, what: str, *case: object) -> list[float]:
 
 def taken(runs: Runs, order: str, times: int) -> tuple[Estimate, Estimate]:
     """Return the share of the packets that a network made, and how long that took."""
-    return of_emulated(runs[f"{order}-{times}"].result["job"]["load"]["sessions"])
+    return of_emulated(runs[f"{order}-{times}"].job.load.sessions)
 
 
 def findings(runs: Runs) -> Sequence[Finding]:

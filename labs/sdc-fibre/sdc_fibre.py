@@ -23,7 +23,7 @@ def findings(runs: Runs) -> Sequence[Finding]:
     """Return bits a pair: 2 - H of how often a dibit has come in each of the four ways."""
     found = []
     for name, fidelity in FIDELITIES.items():
-        symbols = np.array(runs[name].result["job"]["asked"]["confusion"])
+        symbols = np.array(runs[name].job.asked.confusion)
         sent, received = np.indices(symbols.shape)
         ways = np.zeros(4, np.int64)
         np.add.at(ways, sent ^ received, symbols)

@@ -14,7 +14,6 @@ from itertools import count, cycle, islice
 from pathlib import Path
 from typing import Any
 
-from qmn.benchmarks.many_hosts import processor_s
 from qmn.benchmarks.played_switches import Q1, Host, PlayedNetwork
 from qmn.timeouts import BASELINE_READY_TIMEOUT_S, MEASURE_TIMEOUT_S
 from topologies.networks.discovery import found
@@ -152,9 +151,9 @@ async def measured(
     controller: Program, requests: int, askers: list[Coroutine[Any, Any, None]]
 ) -> Load:
     """Return what they have taken, all at a time."""
-    before, began = processor_s(controller.pid), time.monotonic()
+    before, began = controller.processor_s, time.monotonic()
     await asyncio.wait_for(asyncio.gather(*askers), MEASURE_TIMEOUT_S)
-    return Load(requests, processor_s(controller.pid) - before, time.monotonic() - began)
+    return Load(requests, controller.processor_s - before, time.monotonic() - began)
 
 
 async def all_known(network: PlayedNetwork, folder: Path, signals: Signals) -> None:

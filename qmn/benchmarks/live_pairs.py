@@ -66,7 +66,7 @@ class _Load:
         return float(self._stub.Status(StatusRequest(), **self._runner).live_bytes) / self._live
 
     def clear(self) -> None:
-        """Let go of everything."""
+        """Close everything."""
         self._stub.Discard(DiscardRequest(session=SESSION), **self._host)
 
     def _create(self, pairs: int) -> tuple[int, int]:

@@ -1,6 +1,5 @@
 """Benchmarks of networks of many hosts, of which two use light and all others are idle."""
 
-import os
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -8,6 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from qmn.benchmarks.path_setups import path_setups
+from qmn.jobs.load import CONTROLLER, controller_s
 from qmn.timeouts import IDLE_S
 from topologies.networks.network import Network, Signals
 from topologies.system.processes.owners import marked
@@ -17,8 +17,6 @@ from topologies.tree import TreeTopo
 
 HOSTS_AT_A_SWITCH = 4
 SETUPS = 50
-CONTROLLER = "c0"
-USER_TICKS, SYSTEM_TICKS = 11, 12  # fields of /proc/PID/stat after the name
 
 
 @dataclass(frozen=True)
@@ -73,19 +71,6 @@ def controller_share(network: Network) -> float:
         network.check()
         time.sleep(POLL_S)
     return (controller_s(network) - before) / (time.monotonic() - began)
-
-
-def controller_s(network: Network) -> float:
-    """Return the processor time that the controller of a network has used."""
-    (program,) = (each for each in network.runtime.programs if each.name == CONTROLLER)
-    return processor_s(program.pid)
-
-
-def processor_s(pid: int) -> float:
-    """Return the processor time that a process has used."""
-    fields = Path("/proc", str(pid), "stat").read_text().rpartition(")")[2].split()
-    ticks = int(fields[USER_TICKS]) + int(fields[SYSTEM_TICKS])
-    return ticks / os.sysconf("SC_CLK_TCK")
 
 
 def shared_memory_mb(run: str) -> float:

@@ -7,15 +7,22 @@ bring to the disk what the run before has written, slows all of them alike. Thei
 that they wait for software, and not for light.
 """
 
-import json
 import os
 import shutil
 import statistics
 import subprocess
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from rich.console import Console
+
+from hosts.middleware.services.superdense.options import SuperdenseOptions
+from qmn.jobs import runner, superdense
+from qmn.jobs.run_options import RunOptions
+from qmn.jobs.superdense import SuperdenseRequest
+from qmn.jobs.transfer import APPLICATION_PORT, TransferError
+from qmn.network.options import NetworkOptions
 from qmn.timeouts import RUN_TIMEOUT_S
 from topologies.networks.network import Signals
 from topologies.system.processes.programs import (
@@ -24,18 +31,18 @@ from topologies.system.processes.programs import (
     callers_environment,
     python,
 )
+from wire.results.run_result import Sent
 
 MESSAGE_BYTES = 4 << 20
 ROUNDS = 5
-FAST_SOURCE = "--rate-hz", "1000000000"
-NO_CAPTURES, NO_EVENTS, NO_RECORD = "--no-capture", "--no-events", "--no-record"
+RATE_HZ = 1_000_000_000
 NOTHING, EVERYTHING = "nothing written", "everything written"
-KINDS: dict[str, tuple[str, ...]] = {
-    NOTHING: (NO_CAPTURES, NO_EVENTS, NO_RECORD),
-    "events alone": (NO_CAPTURES, NO_RECORD),
-    "captures alone": (NO_EVENTS, NO_RECORD),
-    "replay record alone": (NO_CAPTURES, NO_EVENTS),
-    EVERYTHING: (),
+KINDS = {
+    NOTHING: RunOptions(capture=False, events=False, record=False),
+    "events alone": RunOptions(capture=False, record=False),
+    "captures alone": RunOptions(events=False, record=False),
+    "replay record alone": RunOptions(capture=False, events=False),
+    EVERYTHING: RunOptions(),
 }
 # As it comes, and with what qmn tells the C library of memory, which it is faster with, too.
 SAMPLERS: dict[str, Callable[[], Mapping[str, str]]] = {
@@ -65,7 +72,7 @@ def overhead_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, s
         measured: Round = {}
         for kind in order(number):
             signals.check()
-            measured[kind] = measure(file, folder / "overhead", KINDS[kind])
+            measured[kind] = measure(file, replace(KINDS[kind], runs=folder / "overhead"), signals)
         rounds.append(measured)
         for name, environment in SAMPLERS.items():
             sampled[name].append(sampled_pairs_per_s(environment()))
@@ -121,23 +128,16 @@ def sampled_pairs_per_s(environment: Mapping[str, str]) -> float:
     return float(done.stdout)
 
 
-def measure(file: Path, runs: Path, options: Sequence[str]) -> Measured:
+def measure(file: Path, run: RunOptions, signals: Signals) -> Measured:
     """Send the file in one run, timed from the first byte to the verified last."""
-    words = ["run", "sdc", "--file", str(file), "--runs", str(runs), *FAST_SOURCE, *options]
-    try:
-        done = subprocess.run(
-            [python(), "-m", "qmn", *words],
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=RUN_TIMEOUT_S,
-        )
-    except subprocess.TimeoutExpired as error:
-        raise NetworkError(f"qmn run sdc {' '.join(options)} took {RUN_TIMEOUT_S:g} s") from error
-    if done.returncode:
-        raise NetworkError(f"qmn run sdc failed: {done.stderr.strip()}")
-    result = json.loads((runs / "latest" / "result.json").read_text())
-    shutil.rmtree(runs)
-    return Measured(
-        float(result["job"]["asking"]["pairs_per_s"]), int(result["packets_not_captured"])
+    options = SuperdenseOptions("bob", APPLICATION_PORT, rate_hz=RATE_HZ)
+    request = SuperdenseRequest(
+        file=file, options=options, network=NetworkOptions(topology="sdc"), run=run
     )
+    try:
+        result = runner.run(*superdense.begun(request, signals, Console(quiet=True)))
+    except TransferError as error:
+        raise NetworkError(f"superdense coding failed: {error}") from error
+    shutil.rmtree(run.runs)
+    assert isinstance(result.asking, Sent)
+    return Measured(result.asking.pairs_per_s, result.packets_not_captured)

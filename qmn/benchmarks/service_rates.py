@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hosts.service_socket import ServiceSocket
-from qmn.benchmarks.many_hosts import processor_s
+from qmn.results.service_result import figures
 from qmn.timeouts import MEASURE_TIMEOUT_S
 from topologies.networks.network import Network, Signals
 from topologies.repeaters import RepeatersTopo
@@ -15,6 +15,7 @@ from topologies.sdc import SdcTopo
 from topologies.system.open_vswitch.openvswitch import SWITCH_DAEMON, daemons
 from topologies.system.runs.runtime import Runtime
 from wire.parameters.network import NetworkSettings
+from wire.results.figures import KeyFigures
 
 PORT = 9
 DEPOLARIZING = 0.01  # of each fibre
@@ -36,9 +37,9 @@ def key_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]:
         for protocol in PROTOCOLS:
             told = one_session(network, protocol, count=SIFTED_BITS)
             yield (
-                f"{protocol}, QBER {told['qber']:.4f}",
-                f"raw {told['raw_bits_per_s'] / 1e6:.2f} Mbit/s, "
-                f"sifted {told['sifted_bits_per_s'] / 1e6:.2f} Mbit/s, while light is sent",
+                f"{protocol}, QBER {told.qber:.4f}",
+                f"raw {told.raw_bits_per_s / 1e6:.2f} Mbit/s, "
+                f"sifted {told.sifted_bits_per_s / 1e6:.2f} Mbit/s, while light is sent",
             )
             yield "  with error correction and all", f"final key {final_key(told)}"
 
@@ -47,21 +48,21 @@ def keys_one_after_another(network: Network) -> tuple[str, str]:
     """Return name and text of a session that makes several, each beside the light of the next."""
     before_s = processors_s(network)
     told = one_session(network, PROTOCOLS[0], count=STREAM_BITS)
-    bit_us = (processors_s(network) - before_s) / told["key_bits"] * 1e6
+    bit_us = (processors_s(network) - before_s) / told.key_bits * 1e6
     text = f"{final_key(told)}, {bit_us:.2f} us of processors for each"
     return f"{PROTOCOLS[0]}, keys one after another", text
 
 
-def final_key(told: dict[str, Any]) -> str:
+def final_key(told: KeyFigures) -> str:
     """Return how fast a session has made how much."""
-    rate = f"{told['key_bits_per_s'] / 1e3:.0f} kbit/s"
-    return f"{rate}: {told['key_bits']:,} bits in {told['elapsed_s']:.1f} s"
+    rate = f"{told.key_bits_per_s / 1e3:.0f} kbit/s"
+    return f"{rate}: {told.key_bits:,} bits in {told.elapsed_s:.1f} s"
 
 
 def processors_s(network: Network) -> float:
     """Return the processor time that the programs of a network and the switch have used."""
-    pids = [program.pid for program in network.runtime.programs]
-    return sum(map(processor_s, [*pids, daemons()[SWITCH_DAEMON].pid]))
+    own_s = sum(program.processor_s for program in network.runtime.programs)
+    return own_s + daemons()[SWITCH_DAEMON].processor_s
 
 
 def teleport_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]:
@@ -74,9 +75,9 @@ def teleport_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, s
             told = one_session(network, "teleport", count=STATES, state=state)
         yield (
             f"teleport, {backend}",
-            f"{told['states_per_s']:,.0f} qubits/s: {told['states']:,} of {what} in "
-            f"{told['elapsed_s']:.1f} s, fidelity {told['fidelity']:.4f}, "
-            f"{told['waited_ms']:.1f} ms for their bits",
+            f"{told.states_per_s:,.0f} qubits/s: {told.states:,} of {what} in "
+            f"{told.elapsed_s:.1f} s, fidelity {told.fidelity:.4f}, "
+            f"{told.waited_ms:.1f} ms for their bits",
         )
 
 
@@ -90,12 +91,12 @@ def swap_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]
         plural = "s" if repeaters > 1 else ""
         yield (
             f"swapped by {repeaters} repeater{plural}",
-            f"{told['pairs_per_s']:,.0f} pairs/s: {told['pairs']:,} in {told['elapsed_s']:.2f} s",
+            f"{told.pairs_per_s:,.0f} pairs/s: {told.pairs:,} in {told.elapsed_s:.2f} s",
         )
 
 
-def one_session(network: Network, service: str, **options: Any) -> dict[str, Any]:
-    """Have alice ask bob for a service; return what she is told at the end."""
+def one_session(network: Network, service: str, **options: Any) -> Any:
+    """Have alice ask bob for a service; return the figures of it that she is told at the end."""
     with (
         ServiceSocket(network.runtime.socket("bob")) as listener,
         ServiceSocket(network.runtime.socket("alice")) as asking,
@@ -109,7 +110,7 @@ def one_session(network: Network, service: str, **options: Any) -> dict[str, Any
             continue
         asking.shutdown()  # of what it leaves, if it leaves anything
         accepting.join(MEASURE_TIMEOUT_S)
-        return asking.summary
+        return figures(asking.summary)
 
 
 def _take_part(listener: ServiceSocket) -> None:

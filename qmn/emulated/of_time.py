@@ -1,6 +1,5 @@
 """Time in the table of an emulated sweep: its scale, and how much of it was software."""
 
-import json
 from math import nan
 from pathlib import Path
 
@@ -8,7 +7,7 @@ from qmn.sweeps.estimates import Estimate
 from qmn.sweeps.experiment import Outcome
 from qmn.sweeps.parameters import Parameter
 from wire.network_time import LEAST_SCALE, MOST_SCALE
-from wire.results.run_result import RESULT
+from wire.results import schema
 
 TIME_SCALE = Parameter("time_scale", LEAST_SCALE, LEAST_SCALE, MOST_SCALE)
 SOFTWARE = ("software_share", "software_s", "dominated_by_software")  # 1: it was, as in result.json
@@ -16,7 +15,8 @@ SOFTWARE = ("software_share", "software_s", "dominated_by_software")  # 1: it wa
 
 def of_software(folder: Path) -> Outcome:
     """Return what the result of a run that has ended says; NaN where no qubit waited."""
-    told = json.loads((folder / RESULT).read_text())
+    result = schema.read_left(folder)
+    told = {name: getattr(result, name) for name in SOFTWARE}
     return {
-        name: Estimate(nan if told[name] is None else float(told[name]), 0.0) for name in SOFTWARE
+        name: Estimate(nan if value is None else float(value), 0.0) for name, value in told.items()
     }

@@ -1,6 +1,5 @@
 """Superdense coding in whole networks, each started and ended for a point, as `qmn run` does."""
 
-import json
 import random
 from functools import partial
 from pathlib import Path
@@ -29,6 +28,7 @@ from qmn.sweeps.superdense import FEC, INTERLEAVE, LOSSES, RATE, loss_db
 from topologies.networks.network import Signals
 from topologies.system.processes.programs import NetworkError
 from wire.parameters.network import MOST_KM
+from wire.results.run_result import RunResult, Sent
 
 # charlie's photon for alice passes two fibres to her and two more to bob, the other one two.
 FIBERS_PASSED = 6
@@ -51,10 +51,9 @@ def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
         asked = request(values, seed, Path(message.name), runs)
         try:
             job, context = superdense.begun(asked, signals, Console(quiet=True))
-            runner.run(job, context)
+            told = runner.run(job, context)
         except (NetworkError, TransferError, BadInput, BadTopology) as error:
             raise SweepError(f"{SUPERDENSE.place(values)} failed: {error}") from error
-    told = json.loads((context.folder / "result.json").read_text())
     return {**outcome(told), **of_software(context.folder)}
 
 
@@ -81,16 +80,16 @@ def request(values: Values, seed: int, message: Path, runs: Path) -> SuperdenseR
     )
 
 
-def outcome(result: dict[str, Any]) -> Outcome:
+def outcome(result: RunResult) -> Outcome:
     """Return what the result of a run says."""
-    pairs, lost, errors = (
-        result["job"]["asking"][n] for n in ("bell_pairs", "lost_pairs", "symbol_errors")
-    )
-    came = int(pairs - lost)
+    told, setup_ms = result.asking, result.path_setup_ms.p50
+    assert isinstance(told, Sent)
+    assert setup_ms is not None  # it has gone well
+    came = told.bell_pairs - told.lost_pairs
     return {
-        "dibit_error": proportion(int(errors), came),
-        "arrived": proportion(came, int(pairs)),
-        "path_setup_s": Estimate(result["path_setup_ms"]["p50"] / 1e3, 0.0),
+        "dibit_error": proportion(told.symbol_errors, came),
+        "arrived": proportion(came, told.bell_pairs),
+        "path_setup_s": Estimate(setup_ms / 1e3, 0.0),
     }
 
 

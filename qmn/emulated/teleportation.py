@@ -4,11 +4,9 @@ The receiver's halves wait in its memory until the two bits of each are there, a
 for a slow channel. How long that was is measured, and theory is asked about that time.
 """
 
-import json
 import math
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
@@ -33,6 +31,7 @@ from topologies.networks.network import Signals
 from topologies.system.processes.programs import NetworkError
 from wire.parameters.network import LEAST_MBPS, MOST_MBPS
 from wire.parameters.physics import Memory
+from wire.results.figures import TeleportFigures
 
 FIBERS_PASSED = 4  # two by either half of a pair
 RATE = Parameter("classical_mbps", MOST_MBPS, LEAST_MBPS, MOST_MBPS, "Mbit/s")
@@ -50,11 +49,11 @@ def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
         job, context = counted_service.begun(
             request(values, seed, runs), signals, Console(quiet=True)
         )
-        runner.run(job, context)
+        told = runner.run(job, context).asking
     except (NetworkError, TransferError, BadInput, BadTopology) as error:
         raise SweepError(f"{TELEPORT.place(values)} failed: {error}") from error
-    told = json.loads((context.folder / "result.json").read_text())
-    return {**outcome(told["job"]["asking"]), **of_software(context.folder)}
+    assert isinstance(told, TeleportFigures)  # it has gone well
+    return {**outcome(told), **of_software(context.folder)}
 
 
 def request(values: Values, seed: int, runs: Path) -> ServiceRequest:
@@ -81,15 +80,13 @@ def request(values: Values, seed: int, runs: Path) -> ServiceRequest:
     )
 
 
-def outcome(told: dict[str, Any]) -> Outcome:
+def outcome(told: TeleportFigures) -> Outcome:
     """Return what the summary of a run says."""
-    arrived = int(told["arrived"])
-    if not arrived:
+    if told.fidelity is None or told.waited_ms is None:
         return {WAITED.name: NOTHING, "teleported": NOTHING}
-    agreed = round(told["fidelity"] * arrived)
     return {
-        WAITED.name: Estimate(told["waited_ms"] / 1000, 0.0),
-        "teleported": proportion(agreed, arrived),
+        WAITED.name: Estimate(told.waited_ms / 1000, 0.0),
+        "teleported": proportion(round(told.fidelity * told.arrived), told.arrived),
     }
 
 

@@ -18,10 +18,10 @@ from hosts.middleware.session.service_options import ServiceOptions
 from hosts.timeouts import MAX_BLOCK_S
 from qmn.jobs import eavesdropping, runner
 from qmn.jobs.eavesdropping import ATTACKS, RELAYED, RESEND, SPLIT, SPLITTABLE, Attack
+from qmn.jobs.policies import scheduling_policy, tapping_policy
 from qmn.jobs.run_context import RunContext
 from qmn.jobs.run_options import RunOptions
 from qmn.jobs.service_verbs import Verb, verb_of
-from qmn.jobs.swap_schedule import scheduling_policy
 from qmn.network.checks import check_network, check_two_hosts
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.options import NetworkOptions
@@ -103,7 +103,7 @@ class Length(NamedTuple):
 
 def run(request: ServiceRequest, signals: Signals, console: Console) -> int:
     """Do the whole run and return its exit status."""
-    return runner.run(*begun(request, signals, console))
+    return 0 if runner.run(*begun(request, signals, console)).delivered else 1
 
 
 def begun(
@@ -125,7 +125,7 @@ def with_policy(
     if request.eve is not None:
         ends = request.sender, request.receiver
         way = eavesdropping.tapped_way(request.service, ends, request.options.source, network)
-        return network.with_policy(eavesdropping.tapping_policy(*way, folder))
+        return network.with_policy(tapping_policy(*way, eavesdropping.EVE, folder))
     if request.schedule is not None or request.purify is not None:
         plan = request.schedule or PARALLEL, request.purify or 0
         return network.with_policy(scheduling_policy(*plan, folder))

@@ -3,15 +3,12 @@
 By photon-number splitting she stands in for a way that loses more than hers: by --eve-hides-db.
 """
 
-import heapq
-import json
 import math
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
 
-from controller_apps.policy.reading import DEFAULT
+from programs.ways import Ways, shortest
 from qmn.network.description import NetworkDescription
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput
@@ -20,11 +17,11 @@ from topologies.description.description import Description
 from topologies.networks.network import Network
 from topologies.system.processes.programs import Program, python
 from wire.application_lines import fields_of
-from wire.results.run_result import Figures, RunResult, ServiceJob
+from wire.results.figures import EveFigures, Figures
+from wire.results.run_result import RunResult, ServiceJob
 
 EVE = "eve"
 TOPOLOGY = "tapped"  # that has her
-POLICY = "policy.toml"  # in the run's folder
 RESEND, SPLIT = ATTACKS = ("resend", "split")
 SPLITTABLE = ("bb84",)  # services whose light a sender prepares
 OWN_LIGHT = ("bb84", "conference")  # services whose light is that of who asks
@@ -55,22 +52,16 @@ def splitting(hides_db: float, receiver: str, parts: Description) -> Attack:
 
 def loss_to_click(begin: str, end: str, parts: Description) -> float:
     """Return what light loses at least by fibres, switches and detectors, from host to host."""
-    nearest, waiting = dict[str, float](), [(0.0, begin)]
-    while waiting:
-        loss_db, node = heapq.heappop(waiting)
-        if node in nearest:
-            continue
-        nearest[node] = loss_db
-        if node in parts.switches:
-            loss_db += parts.switches[node].insertion_loss_db
-        elif node != begin:  # hosts pass nothing on
-            continue
-        for fiber in parts.fibers:
-            if node in (fiber.a, fiber.b):
-                own_db = fiber.optics.length_km * fiber.optics.loss_db_per_km
-                own_db += fiber.optics.connectors_db
-                far = fiber.b if node == fiber.a else fiber.a
-                heapq.heappush(waiting, (loss_db + own_db, far))
+    ways: Ways = {}
+    for fiber in parts.fibers:
+        optics = fiber.optics
+        fiber_db = optics.length_km * optics.loss_db_per_km + optics.connectors_db
+        for node, far in ((fiber.a, fiber.b), (fiber.b, fiber.a)):
+            if node == begin or node in parts.switches:  # other hosts pass nothing on
+                passing = parts.switches[node].insertion_loss_db if node in parts.switches else 0.0
+                there = ways.setdefault(node, {})
+                there[far] = min(passing + fiber_db, there.get(far, math.inf))
+    nearest = shortest(ways, begin)
     efficiency = parts.hosts[end].detectors.efficiency
     if end not in nearest or not efficiency:
         raise BadInput(f"--eve-attack {SPLIT}: no light of {begin} makes a detector of {end} click")
@@ -91,14 +82,6 @@ def check(ends: Collection[str], network: NetworkDescription) -> None:
         raise BadInput("--eve: eve is sender or receiver; choose two others")
     if options.policy:
         raise BadInput("--eve makes a policy of its own: leave out --policy")
-
-
-def tapping_policy(begin: str, end: str, folder: Path) -> Path:
-    """Write the policy that puts eve on the fibre from the beginning of light to its end."""
-    policy = folder / POLICY
-    tap = f"\n[[tap]]\nbetween = {json.dumps((begin, end))}\nby = {json.dumps(EVE)}\n"
-    policy.write_text(DEFAULT.read_text() + tap)
-    return policy
 
 
 def sender_of_light(service: str, sender: str, network: NetworkDescription) -> str:
@@ -135,10 +118,10 @@ def eavesdropping(network: Network, attack: Attack | None, facts: RunResult) -> 
             facts.job.eve = summary_of(eve)
 
 
-def summary_of(eve: Program) -> Figures:
+def summary_of(eve: Program) -> Figures | EveFigures:
     """Return what she said at her end; nothing if she was ended before."""
     for line in eve.log.read_text(errors="replace").splitlines():
         fields = fields_of(line)
         if fields.pop("event", None) == "done":
-            return fields
-    return {}
+            return EveFigures(**fields)
+    return Figures()

@@ -64,7 +64,7 @@ class LostLight:
                 self._console.print("light is back")
 
     def close(self) -> None:
-        """Let go of the record."""
+        """Close the record."""
         self._facts.close()
 
 

@@ -92,8 +92,8 @@ def run(request: KeysRequest, signals: Signals, console: Console) -> int:
             noted = Moments(managers.programs, network.runtime.time, partial(show, console))
             kept.moments = noted.all
             watch(network, noted, eve, request.seconds)
-            kept.asking = moments.summary(noted.all, noted.now_s)
-        facts.delivered = kept.asking["keys"] > 0
+            kept.asking = told = moments.summary(noted.all, noted.now_s)
+        facts.delivered = told.keys > 0
     result.show(console, facts, folder, ended.report)
     return 0 if facts.delivered else 1
 

@@ -12,14 +12,13 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from hosts.middleware.services import NAMES
 from hosts.middleware.services.ghz.options import LEAST_HOSTS, MOST_HOSTS
 from hosts.middleware.session.errors import SessionError
-from qmn.benchmarks.many_hosts import controller_s
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.jobs.run_options import RunOptions
 from qmn.network.checks import check_network
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, check_ranges, option_names
-from qmn.results.network_facts import network_facts
+from qmn.results.result import network_facts
 from qmn.results.run_folder import begin_folder
 from qmn.traffic import result
 from qmn.traffic.driver import Driver
@@ -34,6 +33,7 @@ from wire.parameters.option import option
 from wire.results.run_result import LoadJob, RunResult
 from wire.services import LINES, RETURNS
 
+CONTROLLER = "c0"
 BYTES = ("sdc", "sdc_return")  # services that carry some
 OWN = "own"
 MEASURED = ("distribute", "swap")  # services that leave pairs at both ends
@@ -261,3 +261,9 @@ def _follow(driver: Driver, total: int, network: Network, console: Console) -> N
 
         asyncio.run(driver.run(check))
         check()
+
+
+def controller_s(network: Network) -> float:
+    """Return the processor time that the controller of a network has used."""
+    (program,) = (each for each in network.runtime.programs if each.name == CONTROLLER)
+    return program.processor_s

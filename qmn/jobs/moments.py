@@ -7,6 +7,7 @@ from typing import Any
 from qmn.jobs.transfer import Lines
 from topologies.system.processes.programs import Program
 from wire.network_time import NetworkTime
+from wire.results.figures import StoredKeyFigures
 from wire.results.run_result import Moment as Moment
 
 
@@ -63,20 +64,20 @@ def sessions(moments: Iterable[Moment]) -> list[Moment]:
     return [each for each in moments if each.get("opened")]
 
 
-def summary(moments: Iterable[Moment], elapsed_s: float) -> dict[str, Any]:
+def summary(moments: Iterable[Moment], elapsed_s: float) -> StoredKeyFigures:
     """Return the numbers of a run that has made keys."""
     held = sessions(moments)
     rates = [each["qber"] for each in held if each["qber"] is not None]
     keys = sum(each["keys"] for each in held)
-    return {
-        "sessions": len(held),
-        "sessions_without_key": sum(1 for each in held if each["keys"] == 0),
-        "keys": keys,
-        "qber_lowest": min(rates, default=None),
-        "qber_highest": max(rates, default=None),
-        "elapsed_s": elapsed_s,
-        "keys_per_s": keys / elapsed_s if elapsed_s else 0.0,
-    }
+    return StoredKeyFigures(
+        sessions=len(held),
+        sessions_without_key=sum(1 for each in held if each["keys"] == 0),
+        keys=keys,
+        qber_lowest=min(rates, default=None),
+        qber_highest=max(rates, default=None),
+        elapsed_s=elapsed_s,
+        keys_per_s=keys / elapsed_s if elapsed_s else 0.0,
+    )
 
 
 def words(moment: Moment) -> str:

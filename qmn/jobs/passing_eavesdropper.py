@@ -9,9 +9,9 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
-from controller_apps.policy.reading import DEFAULT
 from qmn.jobs import eavesdropping
 from qmn.jobs.moments import Moments
+from qmn.jobs.policies import tapping_policy, write_policy
 from qmn.live.controller_console import ask
 from qmn.network.description import NetworkDescription
 from qmn.options import BadInput, check_ranges
@@ -63,12 +63,7 @@ class PassingEavesdropper:
         """Return the network with a policy that can change; she is not in it yet."""
         if self._gone:
             return network
-        return network.with_policy(self._write())
-
-    def _write(self) -> Path:
-        policy = self._folder / eavesdropping.POLICY
-        policy.write_text(DEFAULT.read_text())
-        return policy
+        return network.with_policy(write_policy(self._folder))
 
     def look(self, network: Network, moments: Moments) -> None:
         """Do what it is time for."""
@@ -78,16 +73,16 @@ class PassingEavesdropper:
             self._eve = self._prepare(network)
         elif not self._is_there and moments.now_s >= self._options.at:
             self._eve.wait_for("intercepting", START_TIMEOUT_S)
-            eavesdropping.tapping_policy(self._begin, self._end, self._folder)
+            tapping_policy(self._begin, self._end, eavesdropping.EVE, self._folder)
             ask("reload-policy")
             self._is_there, self._since_s = True, moments.now_s
             moments.add("eve_comes", fraction=self._options.eve)
         elif self._is_there and moments.now_s >= self._since_s + self._stays_s:
-            self._write()
+            write_policy(self._folder)
             ask("reload-policy")
             self._eve.stop()
             self._gone = True
-            moments.add("eve_leaves", **eavesdropping.summary_of(self._eve))
+            moments.add("eve_leaves", **vars(eavesdropping.summary_of(self._eve)))
 
     def _prepare(self, network: Network) -> Program:
         """Start her program, which takes no light before the policy puts her on the fibre."""

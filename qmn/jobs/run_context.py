@@ -23,8 +23,7 @@ from qmn.network.options import settings
 from qmn.network.time_scale import Scale
 from qmn.options import BadInput, option_names
 from qmn.reports.beside import Draw, report_beside
-from qmn.results.network_facts import network_facts
-from qmn.results.result import note_files
+from qmn.results.result import network_facts, note_files
 from qmn.results.run_folder import give_to_invoker, given_at_the_end
 from qmn.results.software_share import note_software
 from qmn.results.timeline import timeline_of_run
@@ -183,10 +182,7 @@ def _note_light(facts: RunResult, network: Network, scale: Scale) -> None:
     """Add what the dispatcher tells of the light of a run."""
     reached = status(network)
     facts.exact = reached.exact
-    facts.approximations = [
-        Approximated(each.name, each.most if each.HasField("most") else None)
-        for each in reached.approximations
-    ]
+    facts.approximations = [Approximated(each.name, each.most) for each in reached.approximations]
     facts.pairs_made, facts.photons_lost = reached.pairs_created, reached.photons_lost
     facts.photons_lost_waiting = reached.photons_lost_waiting
     early = worst(network.runtime)

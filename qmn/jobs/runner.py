@@ -20,6 +20,7 @@ from qmn.results import message_result, result, service_result
 from qmn.timeouts import START_TIMEOUT_S
 from topologies.networks.network import Network
 from topologies.system.processes.programs import NetworkError, Program, python
+from wire.results.figures import KeyProgress
 from wire.results.run_result import Message, MessageJob, RunResult, ServiceJob
 
 Line = dict[str, Any]  # that an application has said
@@ -52,15 +53,15 @@ class Job:
         return MessageJob(message=Message(str(self.file), self.file.stat().st_size))
 
 
-def run(job: Job, context: RunContext) -> int:
-    """Do the whole run and return its exit status."""
+def run(job: Job, context: RunContext) -> RunResult:
+    """Do the whole run and return its result."""
     folder, console = context.folder, context.console
     hosts = job.opener, job.acceptor, *job.others
     facts = known_facts(context, job.service, hosts, job.result, job.parameters)
     with ending(folder, facts, result.complete, context.options.report) as ended:
         use_network(job, context, facts)
     result.show(console, facts, folder, ended.report)
-    return 0 if facts.delivered else 1
+    return facts
 
 
 def use_network(job: Job, context: RunContext, facts: RunResult) -> None:
@@ -118,7 +119,7 @@ def _note_asking(facts: RunResult, line: Line) -> None:
     if isinstance(facts.job, MessageJob):
         facts.job.asking = message_result.sent(line, facts.time_scale or 1.0)
     elif isinstance(facts.job, ServiceJob):
-        facts.job.asking = service_result.numbers(line)
+        facts.job.asking = service_result.figures(line)
 
 
 def _note_asked(facts: RunResult, line: Line) -> None:
@@ -126,7 +127,7 @@ def _note_asked(facts: RunResult, line: Line) -> None:
     if isinstance(facts.job, MessageJob):
         facts.job.asked = message_result.received(line)
     elif isinstance(facts.job, ServiceJob):
-        facts.job.asked = service_result.numbers(line)
+        facts.job.asked = service_result.figures(line)
 
 
 @contextmanager
@@ -139,8 +140,8 @@ def _handing_out(network: Network, job: Job, facts: RunResult) -> Iterator[Calla
     stores = [network.runtime.key_folder(host) for host in ends]
     with handing_out(job.hand_out, ends, stores) as handed_out:
         yield handed_out.take
-    if isinstance(facts.job, ServiceJob):
-        facts.job.asking["handed_out"] = handed_out.count
+    if isinstance(facts.job, ServiceJob) and isinstance(facts.job.asking, KeyProgress):
+        facts.job.asking.handed_out = handed_out.count
 
 
 @contextmanager

@@ -84,7 +84,7 @@ SESSION: Mapping[str, Words] = MappingProxyType(
 
 def run(request: SuperdenseRequest, signals: Signals, console: Console) -> int:
     """Do the whole run and return its exit status."""
-    return runner.run(*begun(request, signals, console))
+    return 0 if runner.run(*begun(request, signals, console)).delivered else 1
 
 
 def begun(

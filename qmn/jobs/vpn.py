@@ -39,6 +39,7 @@ from topologies.system.processes.programs import NetworkError, Program
 from topologies.timeouts import POLL_S
 from wire.key_manager import KeyLink
 from wire.parameters.option import option
+from wire.results.figures import TunnelFigures
 from wire.results.run_result import KeysJob
 from wire.vpn import PROGRAMS, STRONGSWAN, TLS, WIREGUARD
 
@@ -135,7 +136,7 @@ def run(request: VpnRequest, signals: Signals, console: Console) -> int:
     with ending(folder, facts, result.complete, context.options.report) as ended:
         with running_network(context, facts) as network:
             use_network(request, network, eve, context, kept)
-        facts.delivered = kept.asking["file_intact"]
+        facts.delivered = isinstance(kept.asking, TunnelFigures) and kept.asking.file_intact
     result.show(console, facts, folder, ended.report)
     return 0 if facts.delivered else 1
 
@@ -228,20 +229,20 @@ def watch(
         time.sleep(POLL_S)
 
 
-def counted(noted: Moments, moved: MovedFile, file: Path) -> dict[str, Any]:
+def counted(noted: Moments, moved: MovedFile, file: Path) -> TunnelFigures:
     """Return what the run came to."""
     elapsed_s = noted.now_s
     handshakes = [each["seconds"] for each in noted.all if each["event"] == "handshake"]
     arrived = moved.output.exists() and not moved.download.running
-    return {
-        **moments.summary(noted.all, elapsed_s),
-        "keys_used": len(handshakes),
-        "longest_handshake_s": max(handshakes, default=None),
-        "tunnel_closed_s": closed_s(noted.all, elapsed_s),
-        "file_bytes": file.stat().st_size,
-        "received_bytes": moved.output.stat().st_size if moved.output.exists() else 0,
-        "file_intact": arrived and digest(moved.output) == digest(file),
-    }
+    return TunnelFigures(
+        **vars(moments.summary(noted.all, elapsed_s)),
+        keys_used=len(handshakes),
+        longest_handshake_s=max(handshakes, default=None),
+        tunnel_closed_s=closed_s(noted.all, elapsed_s),
+        file_bytes=file.stat().st_size,
+        received_bytes=moved.output.stat().st_size if moved.output.exists() else 0,
+        file_intact=arrived and digest(moved.output) == digest(file),
+    )
 
 
 def closed_s(all_moments: list[moments.Moment], until_s: float) -> float:

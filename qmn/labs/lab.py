@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike
 
 from qmn.sweeps.estimates import SIGMAS, Estimate, mean_of_draws
 from qmn.sweeps.experiment import Outcome
+from wire.results import schema
+from wire.results.run_result import RunResult
 
 
 @dataclass(frozen=True)
@@ -140,6 +142,11 @@ class Run:
 
     folder: Path
     result: dict[str, Any]
+
+    @property
+    def job(self) -> Any:
+        """What a `qmn run` says of its job, by attributes (wire.results.run_result, figures)."""
+        return schema.read(RunResult, self.result).job
 
     def times_s(self, kind: str) -> list[float]:
         """Return when events of a kind were, by the event log, in seconds of the network.

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 from topologies.system.machines.machine import Machine
+from topologies.system.machines.tunnel import TUNNELS
 from topologies.system.runs.runtime import Runtime
 from wire.parameters.option import option
 from wire.results.run_result import MachineFacts
@@ -25,6 +26,12 @@ class MachineOptions:
     )
     scheduler: str = option(
         "", "Dask's, of the workers (that of DASK_SCHEDULER_ADDRESS)", metavar="tcp://…"
+    )
+    tunnels: str = option(
+        "",
+        "between machines: VXLAN by the kernel, or by Open vSwitch in user space (the kernel's, "
+        "where it has that)",
+        choices=TUNNELS,
     )
 
 
@@ -47,6 +54,8 @@ def machines_of(
 
     where = asked.machines, asked.place, asked.scheduler, hosts
     with on_machines(*where, folder, check) as places:
+        for machine in places.values():
+            machine.tunnels = asked.tunnels
         yield places
 
 

@@ -56,6 +56,14 @@ def topology_name(text: str) -> str:
     return text
 
 
+def add_topology(parser: argparse.ArgumentParser, default: str = "sdc") -> None:
+    """Describe --topology, and which one is meant without it."""
+    names = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
+    text = f"over this network ({names}; default: {default})"
+    parser.add_argument("--topology", type=topology_name, metavar="NAME", help=text)
+    parser.set_defaults(usual_topology=default)
+
+
 def builder(options: NetworkOptions, fiber: Mapping[str, Any]) -> Callable[[], Topo]:
     """Return what builds the topology that is named, with these parameters of every fibre.
 

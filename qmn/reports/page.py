@@ -1,7 +1,7 @@
 """The report as one page: HTML, CSS and SVG, no script, nothing from elsewhere."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, is_dataclass
 from html import escape
 from pathlib import Path
@@ -13,7 +13,7 @@ from qmn.reports.markup import table
 from qmn.reports.run_facts import RunFacts, read_run
 from qmn.results.result import said_size
 from qmn.results.service_result import number_text
-from wire.results.run_result import Figures, KeysJob, LoadJob, MessageJob, RunResult
+from wire.results.run_result import KeysJob, LoadJob, MessageJob, RunResult
 
 REPORT = "report.html"
 MOST_FIBERS = 24  # whose table is seen at once
@@ -55,7 +55,7 @@ def _outcome(run: RunFacts) -> str:
         numbers = _transfer_numbers(result.job)
     else:
         words = {True: f"{result.service}: done", False: f"{result.service}: NOT DONE"}
-        numbers = _numbers(result.asking)
+        numbers = _numbers(vars(result.asking))
     kind = "good" if done else "failed"
     numbers["seed"] = f"{result.seed}"
     tiles = "".join(
@@ -66,7 +66,7 @@ def _outcome(run: RunFacts) -> str:
     return f'<p class="{kind}">{words[done]}</p>{error}<div class="tiles">{tiles}</div>{heard}'
 
 
-def _numbers(told: Figures) -> dict[str, str]:
+def _numbers(told: Mapping[str, Any]) -> dict[str, str]:
     numbers = {name: value for name, value in told.items() if not isinstance(value, str)}
     return {name.replace("_", " "): number_text(value) for name, value in numbers.items()}
 

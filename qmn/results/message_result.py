@@ -1,10 +1,12 @@
 """The part of a result that a run with bytes adds: the message, and what it took."""
 
+from collections.abc import Mapping
 from hashlib import file_digest
 from pathlib import Path
+from typing import Any
 
 from wire.device import RANGES, setting_name
-from wire.results.run_result import Figures, Message, MessageJob, Received, Sent
+from wire.results.run_result import Message, MessageJob, Received, Sent
 
 RECEIVED = "received"  # in the folder of the run
 COUNTS = (
@@ -19,7 +21,7 @@ def message(file: str, folder: Path) -> Message:
     return Message(file, sent.stat().st_size, sha256(sent), sha256(folder / RECEIVED))
 
 
-def sent(told: Figures, time_scale: float) -> Sent:
+def sent(told: Mapping[str, Any], time_scale: float) -> Sent:
     """Return what the sending application has said, whose seconds are those of the wall."""
     counts = {name: int(told.get(name, 0)) for name in COUNTS}
     errors, symbols = counts["symbol_errors"], counts["received_symbols"]
@@ -36,7 +38,7 @@ def sent(told: Figures, time_scale: float) -> Sent:
     )
 
 
-def received(told: Figures) -> Received:
+def received(told: Mapping[str, Any]) -> Received:
     """Return what the receiving application has said."""
     return Received(told.get("confusion"))
 

@@ -1,6 +1,7 @@
 """The result of a run: result.json for programs, a short table for people."""
 
 import statistics
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -8,14 +9,15 @@ from rich.console import Console
 
 from qmn.results import message_result, service_result, software_share
 from qmn.results.message_result import RECEIVED as RECEIVED
+from topologies.links.fiber import FiberLink
 from topologies.networks.network import Network
 from topologies.system.runs.runtime import EVENT_LOG, RECORD
 from wire.controller_lines import read_record
 from wire.dispatcher_record import has_ended
 from wire.metadata.vocabulary import Reason
+from wire.results.network_facts import NetworkFacts
 from wire.results.run_result import (
     Approximated,
-    Figures,
     MessageJob,
     NetworkResult,
     RunResult,
@@ -33,13 +35,16 @@ def complete(facts: RunResult, folder: Path) -> None:
     if isinstance(facts.job, MessageJob):
         facts.job.message = message_result.message(facts.job.message.file, folder)
         facts.delivered = facts.job.message.arrived
-    facts.elapsed_s = facts.asking.get("elapsed_s", facts.elapsed_s)
-    facts.emulation = emulation(facts.asking, facts.elapsed_s, facts.time_scale)
+    told = vars(facts.asking)
+    facts.elapsed_s = told.get("elapsed_s", facts.elapsed_s)
+    facts.emulation = emulation(told, facts.elapsed_s, facts.time_scale)
     note_controller(facts, read_record(folder))
     facts.write(folder)
 
 
-def emulation(told: Figures, elapsed_s: float | None, time_scale: float | None) -> dict[str, float]:
+def emulation(
+    told: Mapping[str, Any], elapsed_s: float | None, time_scale: float | None
+) -> dict[str, float]:
     """Return the speed of the emulation: how long it took here, if told, and rates by the wall."""
     scale = time_scale or 1.0  # a run that did not start has none
     rates = {name: rate / scale for name, rate in told.items() if name.endswith("_per_s") and rate}
@@ -98,6 +103,27 @@ def percentiles(times: list[float]) -> SetUpTimes:
     return SetUpTimes(hundredths[49], hundredths[98], len(times))
 
 
+def network_facts(network: Network) -> NetworkFacts:
+    """Return what a running network is made of."""
+    runtime = network.runtime
+    copper = [
+        [link.intf1.node.name, link.intf1.name, link.intf2.node.name, link.intf2.name]
+        for link in network.net.links
+        if not isinstance(link, FiberLink)
+    ]
+    copper_ids = {name: int(network.net[name].dpid, 16) for name in network.copper_switches}
+    return NetworkFacts(
+        {host: address.partition("/")[0] for host, address in runtime.addresses.items()},
+        runtime.source,
+        list(runtime.fibers),
+        list(runtime.switches.values()),
+        copper,
+        {name: (x, y) for name, (x, y) in getattr(network.net.topo, "positions", {}).items()},
+        runtime.datapath_ids | copper_ids,
+        network.copper_switches,
+    )
+
+
 def note_files(facts: NetworkResult, network: Network) -> None:
     """Add what captures lack, and which files have ended before the network did."""
     facts.packets_not_captured = network.captures.packets_missed
@@ -137,8 +163,6 @@ def approximations(facts: RunResult) -> dict[str, str]:
 
 def said_size(each: Approximated) -> str:
     """Return how large an approximation is, in words."""
-    if each.most is None:
-        return "size not known"
     return f"a probability is wrong by {each.most:.2g} at most"
 
 

@@ -1,25 +1,29 @@
 """The part of a result that a run of a service adds: what both ends said at the end."""
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, cast
 
-from wire.results.run_result import Figures, KeysJob, LoadJob, NetqasmJob, ServiceJob
+from wire.results import schema
+from wire.results.figures import ServiceFigures
+from wire.results.run_result import KeysJob, LoadJob, NetqasmJob, ServiceJob
 
-NOT_NUMBERS = ("event", "peer")
+NOT_FIGURES = ("event", "peer")
 
 
-def numbers(told: Figures) -> Figures:
-    """Return what an end has said, without how it said it."""
-    return {name: value for name, value in told.items() if name not in NOT_NUMBERS}
+def figures(line: Mapping[str, Any]) -> ServiceFigures:
+    """Return what an end has said, without how; raise TypeError for what no service says."""
+    told = {name: value for name, value in line.items() if name not in NOT_FIGURES}
+    return cast("ServiceFigures", schema.read(cast("Any", ServiceFigures), told))
 
 
 def rows(job: ServiceJob | KeysJob | LoadJob | NetqasmJob) -> dict[str, str]:
     """Return what a person is told of the service, and of who listened in."""
     if isinstance(job, NetqasmJob):
         return {}
-    told = {name.replace("_", " "): number_text(value) for name, value in job.asking.items()}
+    told = {name.replace("_", " "): number_text(value) for name, value in vars(job.asking).items()}
     if not isinstance(job, ServiceJob) or job.eve is None:
         return told
-    eve = job.eve.items()
+    eve = vars(job.eve).items()
     return told | {f"eve: {name.replace('_', ' ')}": number_text(value) for name, value in eve}
 
 

@@ -31,8 +31,7 @@ from qmn.network.options import NetworkOptions, settings
 from qmn.network.topologies import KNOWN, SIZES, is_known
 from qmn.options import BadInput, from_keywords
 from qmn.results.artifacts import artifacts_of
-from qmn.results.network_facts import network_facts
-from qmn.results.result import note_files
+from qmn.results.result import network_facts, note_files
 from qmn.results.run_folder import given_at_the_end
 from qmn.results.software_share import note_software
 from qmn.scripting.exchange import Exchange, connection, exchange

@@ -23,6 +23,7 @@ from qmn.sweeps.memory_heralds import MEMORY_HERALDS
 from qmn.sweeps.multi_pair import MULTI_PAIR
 from qmn.sweeps.nested import NESTED
 from qmn.sweeps.pair_keys import PAIR_KEYS
+from qmn.sweeps.pairs_made import PAIRS_MADE
 from qmn.sweeps.parameters import Values, point_seed
 from qmn.sweeps.photon_splitting import PHOTON_SPLITTING
 from qmn.sweeps.polarization import MODES, POLARIZATION
@@ -55,6 +56,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         NESTED,
         WAITING,
         HANDED_OVER,
+        PAIRS_MADE,
         MEMORY_HERALDS,
         FRESH_OUTCOMES,
         MULTI_PAIR,

@@ -4,9 +4,8 @@ The applications are those of qmn.sweeps.packets, of which each is a client of t
 waits is not asked for again, and a packet holds its light as long as all its attempts take.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from math import inf
-from typing import Any
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from qmn.traffic.counted import Asked, CountedTime, Told
 from qmn.traffic.plan import Planned
 from qmn.traffic.session import ACCEPTED
 from topologies.catalogue.maps import Map
+from wire.results.run_result import LoadSession
 
 
 def as_sessions(
@@ -77,10 +77,10 @@ def of_counted(told: Iterable[Told]) -> tuple[Estimate, Estimate]:
     return _outcome(waits)
 
 
-def of_emulated(sessions: Iterable[Mapping[str, Any]]) -> tuple[Estimate, Estimate]:
+def of_emulated(sessions: Iterable[LoadSession]) -> tuple[Estimate, Estimate]:
     """Return the same of the sessions of a result of `qmn run load`."""
-    lit = [(each["setup_s"] if each["outcome"] == ACCEPTED else None, each) for each in sessions]
-    return _outcome([(setup_s, each["holding_s"]) for setup_s, each in lit])
+    lit = [(each.setup_s if each.outcome == ACCEPTED else None, each) for each in sessions]
+    return _outcome([(setup_s, each.holding_s) for setup_s, each in lit])
 
 
 def _outcome(waits: Sequence[tuple[float | None, float]]) -> tuple[Estimate, Estimate]:

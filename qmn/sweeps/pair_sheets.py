@@ -166,4 +166,19 @@ PAIR_SHEETS = (
             )
         ],
     ),
+    Sheet(
+        "pairs-made",
+        "pairs-made",
+        {"wanted": [3, 12, 50, 200], "loss_db": [0.0, 3.0, 6.0]},
+        [
+            Curve(
+                "pairs-made",
+                "Pairs made for each that is wanted: a sample of 30, or a tenth, and losses",
+                "wanted",
+                "pairs wanted",
+                "made",
+                by=["loss_db"],
+            )
+        ],
+    ),
 )

@@ -10,7 +10,8 @@ from qmn.results.result import print_rows, rows_of_every_run
 from qmn.results.service_result import number_text, rows
 from qmn.traffic.fiber_use import fiber_use, shares, span_of
 from topologies.system.runs.runtime import EVENT_CAPTURE
-from wire.results.run_result import Figures, Load, LoadJob, RunResult
+from wire.results.figures import LoadFigures
+from wire.results.run_result import Load, LoadJob, RunResult
 
 BUSIEST = 3  # fibres that the table names
 
@@ -28,25 +29,25 @@ def complete(facts: RunResult, folder: Path) -> None:
     result.complete(facts, folder)
 
 
-def summary(load: Load) -> Figures:
+def summary(load: Load) -> LoadFigures:
     """Return the numbers that a person is told first."""
     blocked, broken = sum(load.blocked.values()), sum(load.broken.values())
-    return {
-        "sessions": load.offered,
-        "accepted": load.accepted,
-        "queued": load.queued,
-        "blocked": blocked,
-        "late": load.late,
-        "broken": broken,
-        "offered_per_s": load.offered_per_s,
-        "most_at_a_time": load.at_a_time,
-        "carried_erlang": load.carried,
-        "setup_p50_s": load.setup_s.p50,
-        "setup_p99_s": load.setup_s.p99,
-        "pairs_per_s": load.pairs_per_s,
-        "fairness": load.fairness,
-        "controller_ms_a_session": load.controller_ms,
-    }
+    return LoadFigures(
+        sessions=load.offered,
+        accepted=load.accepted,
+        queued=load.queued,
+        blocked=blocked,
+        late=load.late,
+        broken=broken,
+        offered_per_s=load.offered_per_s,
+        most_at_a_time=load.at_a_time,
+        carried_erlang=load.carried,
+        setup_p50_s=load.setup_s.p50,
+        setup_p99_s=load.setup_s.p99,
+        pairs_per_s=load.pairs_per_s,
+        fairness=load.fairness,
+        controller_ms_a_session=load.controller_ms,
+    )
 
 
 def show(console: Console, facts: RunResult, folder: Path, report: str) -> None:

@@ -123,7 +123,10 @@ def show(name: str, text: str) -> None:
 
 
 def whole_run(folder: Path) -> float:
-    """Return the time of `qmn run sdc` with 1 KiB, from start to clean machine."""
+    """Return the time of `qmn run sdc` with 1 KiB, from start to clean machine.
+
+    It is the command that is measured, its imports included: so it is a process of its own.
+    """
     file = folder / "kibibyte"
     file.write_bytes(os.urandom(1024))
     command = ["-m", "qmn", "run", "sdc", "--file", str(file), "--runs", str(folder / "runs")]

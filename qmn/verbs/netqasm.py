@@ -11,7 +11,7 @@ from qmn.jobs.run_context import guarded
 from qmn.jobs.run_options import RunOptions
 from qmn.machines.options import MACHINES
 from qmn.network.options import KEYS, NetworkOptions
-from qmn.network.topologies import TOPOLOGIES, topology_name
+from qmn.network.topologies import add_topology
 from qmn.options import add_options, read
 
 
@@ -21,13 +21,11 @@ def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("netqasm", help=text, description=__doc__)
     text = "folder of the application, with app_ROLE.py for each of its roles; or a NetQMPI program"
     parser.add_argument("path", type=Path, metavar="APP_DIR", help=text)
-    names = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
-    text = f"over this network ({names}; default: sdc)"
-    parser.add_argument("--topology", type=topology_name, metavar="NAME", help=text)
+    add_topology(parser)
     add_options(parser, NetqasmRequest)
     add_options(parser, NetworkOptions, leave_out=KEYS)
     add_options(parser, RunOptions, leave_out=MACHINES)
-    parser.set_defaults(call=_call, needs_root=True, usual_topology="sdc")
+    parser.set_defaults(call=_call, needs_root=True)
 
 
 def _call(arguments: argparse.Namespace) -> int:

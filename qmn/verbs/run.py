@@ -21,7 +21,7 @@ from qmn.jobs.vpn import VpnRequest
 from qmn.machines.options import MACHINES
 from qmn.network.key_options import KeyServiceOptions
 from qmn.network.options import KEYS, NetworkOptions
-from qmn.network.topologies import TOPOLOGIES, topology_name
+from qmn.network.topologies import TOPOLOGIES, add_topology, topology_name
 from qmn.options import add_options, read
 from qmn.parser import Parser
 
@@ -50,12 +50,10 @@ def _add_load(jobs: Any) -> None:
 
 def _describe_load(parser: Parser) -> None:
     add_options(parser, LoadRequest)
-    names = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
-    text = f"over this network ({names}; default: ring)"
-    parser.add_argument("--topology", type=topology_name, metavar="NAME", help=text)
+    add_topology(parser, "ring")
     add_options(parser, NetworkOptions, leave_out=KEYS)
-    add_options(parser, RunOptions, leave_out=MACHINES)
-    parser.set_defaults(call=_call_load, usual_topology="ring")
+    add_options(parser, RunOptions)
+    parser.set_defaults(call=_call_load)
 
 
 def _call_load(arguments: argparse.Namespace) -> int:
@@ -118,10 +116,7 @@ def _describe_service(parser: Parser, name: str, verb: Verb) -> None:
         parser.add_argument(
             "--protocol", dest="service", choices=verb.protocols, default=name, help=text
         )
-    names = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
-    text = f"over this network ({names}; default: {verb.topology})"
-    parser.add_argument("--topology", type=topology_name, metavar="NAME", help=text)
-    parser.set_defaults(usual_topology=verb.topology)
+    add_topology(parser, verb.topology)
     kind = NAMES[name].options
     session = kind(host="", port=SERVICE_PORT)
     add_options(parser, kind, words=_session_words(session, verb))
@@ -191,7 +186,7 @@ def _add_keys(jobs: Any) -> None:
 
 def _describe_keys(parser: Parser) -> None:
     parser.set_defaults(call=_call_keys)
-    _add_topology(parser)
+    add_topology(parser)
     for kind in (KeysRequest, KeyServiceOptions, PassingEve, NetworkOptions):
         add_options(parser, kind)
     add_options(parser, RunOptions, leave_out=MACHINES)
@@ -222,17 +217,10 @@ def _add_vpn(jobs: Any) -> None:
 
 def _describe_vpn(parser: Parser) -> None:
     parser.set_defaults(call=_call_vpn)
-    _add_topology(parser)
+    add_topology(parser)
     for kind in (VpnRequest, PassingEve, NetworkOptions):
         add_options(parser, kind)
     add_options(parser, RunOptions, leave_out=MACHINES)
-
-
-def _add_topology(parser: argparse.ArgumentParser) -> None:
-    """Describe the choice of a network; that of superdense coding is the default."""
-    text = f"over this network ({', '.join(TOPOLOGIES)}, or FILE.py:CLASS; default: sdc)"
-    parser.add_argument("--topology", type=topology_name, metavar="NAME", help=text)
-    parser.set_defaults(usual_topology="sdc")
 
 
 def _call_vpn(arguments: argparse.Namespace) -> int:

@@ -146,4 +146,4 @@ class OpticalHardware(Protocol):
         """Report the condition at once and after each change; raise HardwareFault at the end."""
 
     async def close(self) -> None:
-        """Let go of the hardware; its cross-connects stay."""
+        """Close the hardware; its cross-connects stay."""

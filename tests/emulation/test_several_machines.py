@@ -24,6 +24,7 @@ from test_tls import firsts
 from qmn.sweeps.cluster import HTTP_ADDRESS
 from topologies.system.confinement.apart import OWN_NAMESPACES, inside
 from topologies.system.confinement.confinement import descendants
+from topologies.system.machines.tunnel import NO_SUCH_KIND, TUNNELS
 from wire.config import DISPATCHER_PORT
 from wire.pcapng import PcapReader
 
@@ -214,12 +215,60 @@ def copper_of_bob(run: Path) -> str:
     return str(name)
 
 
-def test_a_worker_that_is_killed_ends_the_run_by_name_and_leaves_nothing(
+def test_heavy_traffic_of_a_host_on_a_second_machine_is_that_of_one_machine(
     second: SecondMachine, tmp_path: Path
+) -> None:
+    """Sessions of a line of all hosts, the second when the first is over even on a busy machine."""
+    before = second.things()
+    trace = tmp_path / "trace.csv"
+    rows = ["0,charlie,bob,alice", "6,bob,alice,charlie"]
+    trace.write_text("\n".join(["at_s,opener,acceptor,others", *rows]) + "\n")
+    hosts = "alice,bob,charlie"
+    words = ["run", "load", "--service", "ghz", "--traffic", "trace", "--file", str(trace)]
+    words += ["--from", hosts, "--to", hosts, "--contention", "queue", "--no-report"]
+    words += ["--depolarizing", "0.05", "--loss-db-per-km", "50", "--seed", str(SEED)]
+    told = {}
+    by_open_vswitch = (*ON_SECOND, "--tunnels", "open-vswitch")
+    for name, where in (("one", ()), ("two", ON_SECOND), ("ovs", by_open_vswitch)):
+        done = subprocess.run(
+            [sys.executable, "-m", "qmn", *words, *where, "--runs", str(tmp_path / name)],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=100,
+        )
+        assert done.returncode == 0, done.stderr
+        told[name] = json.loads((tmp_path / name / "latest" / "result.json").read_text())
+        sessions = told[name]["job"]["load"]["sessions"]
+        assert [each["outcome"] for each in sessions] == ["accepted"] * 2, sessions
+    # Memories, which are ideal, also tell how long a qubit was in them.
+    one, two, ovs = (
+        [line.partition(" after ")[0] for line in events(tmp_path / name / "latest")]
+        for name in told
+    )
+    assert told["one"]["photons_lost"] > 0
+    assert two == ovs == one
+    assert all(told[name]["machines"]["m2"]["hosts"] == ["bob"] for name in ("two", "ovs"))
+    assert second.things() == before
+    links = subprocess.run(["ip", "-json", "link"], capture_output=True, text=True, check=True)
+    assert {each["ifname"] for each in json.loads(links.stdout)} == {"lo", "under1"}
+
+
+def test_a_kernel_says_so_that_it_has_no_interfaces_of_a_kind() -> None:
+    words = ["ip", "link", "add", "none", "type", "nosuchkind"]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=10)
+    assert NO_SUCH_KIND in done.stderr
+
+
+@pytest.mark.parametrize("tunnels", TUNNELS)
+def test_a_worker_that_is_killed_ends_the_run_by_name_and_leaves_nothing(
+    tunnels: str, second: SecondMachine, tmp_path: Path
 ) -> None:
     before = second.things()
     asking = tmp_path / "two" / "latest" / "asking.log"
-    words = command(tmp_path / "two", message(tmp_path, 1 << 20), *ON_SECOND)
+    where = (*ON_SECOND, "--tunnels", tunnels)
+    words = command(tmp_path / "two", message(tmp_path, 1 << 20), *where)
     pipe = subprocess.PIPE
     with subprocess.Popen(words, cwd=ROOT, stdout=pipe, stderr=pipe, text=True) as run:
         wait_until(lambda: asking.exists() and "delivered" in asking.read_text(), "bytes", 60)

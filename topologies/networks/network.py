@@ -28,6 +28,7 @@ from topologies.nodes.stations import is_copper_switch
 from topologies.nodes.tls import OPEN_VSWITCH, OPERATOR
 from topologies.system.kernel import interfaces
 from topologies.system.kernel.memory_share import groups_of_gone
+from topologies.system.machines import user_space
 from topologies.system.machines.errand import Errand
 from topologies.system.machines.node import NodeElsewhere
 from topologies.system.open_vswitch import openvswitch
@@ -144,6 +145,8 @@ class Network:
         Mininet.inited = True
         self.net = ParallelMininet(topo=topo, controller=QuantumController, build=False)
         self._cleanup.callback(delete_interfaces_of, topo.switches())
+        if self.runtime.places:
+            self._cleanup.callback(user_space.remove)
         if self.runtime.settings.tls:
             self._cleanup.callback(openvswitch.forget_certificate, self.runtime.name.__eq__)
         self._cleanup.callback(end_processes_of, self.runtime.name)

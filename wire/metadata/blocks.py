@@ -61,7 +61,7 @@ class Block(Message):
     Refills are the symbols that earlier reports asked for again, in ascending order;
     new frames follow, each in as many pairs as code and alphabet of the session make of its
     bytes. No pairs at all: the light of this block did not reach the sender; the receiver
-    lets go of its halves.
+    discards its halves.
     """
 
     KIND = 4

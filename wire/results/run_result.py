@@ -6,14 +6,21 @@ those of the network if nothing else is said.
 """
 
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from wire.results.figures import (
+    EveFigures,
+    Figures,
+    LoadFigures,
+    ServiceFigures,
+    StoredKeyFigures,
+    TunnelFigures,
+)
 from wire.results.network_facts import NetworkFacts
 
 RESULT = "result.json"  # file of a run's folder, written when it has ended
-Figures = dict[str, Any]  # what one end has said at the end: each service has words of its own
 Moment = dict[str, Any]  # at (s since the start), host, event, and what belongs to that
 
 
@@ -56,7 +63,7 @@ class Approximated:
     """An approximation that was in what was reported."""
 
     name: str
-    most: float | None  # that the probability of an outcome can be wrong by it; None: not known
+    most: float  # that the probability of an outcome can be wrong by it
 
 
 @dataclass(frozen=True)
@@ -117,16 +124,16 @@ class NetworkResult:
 
     def write(self, folder: Path) -> None:
         """Write result.json into the folder of the network."""
-        (folder / RESULT).write_text(json.dumps(asdict(self), indent=2) + "\n")
+        (folder / RESULT).write_text(json.dumps(vars(self), indent=2, default=vars) + "\n")
 
 
 @dataclass(kw_only=True)
 class ServiceJob:
     """A service of two hosts or more: what both ends have said at the end."""
 
-    asking: Figures = field(default_factory=dict)  # of the host that asks
-    asked: Figures = field(default_factory=dict)  # of the one that is asked
-    eve: Figures | None = None  # what she saw; None: she was not there
+    asking: ServiceFigures = field(default_factory=Figures)  # of the host that asks
+    asked: ServiceFigures = field(default_factory=Figures)  # of the one that is asked
+    eve: Figures | EveFigures | None = None  # None: she was not there
 
 
 @dataclass(frozen=True)
@@ -186,7 +193,7 @@ class MessageJob:
 class KeysJob:
     """Keys and tunnels that were kept: the numbers, and what happened when."""
 
-    asking: Figures = field(default_factory=dict)
+    asking: Figures | StoredKeyFigures | TunnelFigures = field(default_factory=Figures)
     moments: list[Moment] = field(default_factory=list)
 
 
@@ -285,7 +292,7 @@ class Load:
 class LoadJob:
     """Heavy traffic: the numbers that a person is told first, and all of it."""
 
-    asking: Figures = field(default_factory=dict)
+    asking: Figures | LoadFigures = field(default_factory=Figures)
     load: Load | None = None  # None: the network did not start
 
 
@@ -317,8 +324,6 @@ class RunResult(NetworkResult):
     job: Job
 
     @property
-    def asking(self) -> Figures:
-        """What the host that asks has said at the end, by name; of NetQASM programs nothing."""
-        if isinstance(self.job, MessageJob):
-            return asdict(self.job.asking)
-        return {} if isinstance(self.job, NetqasmJob) else self.job.asking
+    def asking(self) -> Figures | Sent:
+        """What the host that asks has said at the end; of NetQASM programs nothing."""
+        return Figures() if isinstance(self.job, NetqasmJob) else self.job.asking

@@ -13,6 +13,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
+from wire.results.figures import Figures
 from wire.results.network_facts import NetworkFacts
 from wire.results.run_result import RESULT, NetworkResult, RunResult
 
@@ -53,7 +54,7 @@ def _schema_of_dataclass(kind: Any, told: Schema) -> Schema:
         "type": "object",
         "description": " ".join((kind.__doc__ or "").split()),
         "properties": {each.name: _schema_of(hints[each.name], told) for each in fields(kind)},
-        "required": sorted(each.name for each in fields(kind)),
+        "required": sorted(each.name for each in fields(kind) if _is_there(kind, each)),
         "additionalProperties": False,
     }
 
@@ -86,13 +87,24 @@ def _read(kind: Any, given: Any) -> Any:
 
 
 def _fitting(kinds: tuple[Any, ...], given: Any) -> Any:
-    """Return the one of several types that a value is of; of dataclasses, that with its names."""
+    """Return the one of several types that a value is of; of dataclasses, that with its names.
+
+    Raise TypeError if it is of none.
+    """
     if isinstance(given, Mapping):
         for kind in filter(is_dataclass, kinds):
             needed = {each.name for each in fields(kind) if _is_needed(each)}
             if needed <= given.keys() <= {each.name for each in fields(kind)}:
                 return kind
-    return next((kind for kind in kinds if kind in PLAIN or get_origin(kind)), Any)
+    for kind in kinds:
+        if kind is not NoneType and (kind in PLAIN or get_origin(kind)):
+            return kind
+    raise TypeError(f"{given!r} is none of {', '.join(kind.__name__ for kind in kinds)}")
+
+
+def _is_there(kind: Any, field: Any) -> bool:
+    """Whether a field is always written: figures without a default alone, else every one."""
+    return not issubclass(kind, Figures) or _is_needed(field)
 
 
 def _is_needed(field: Any) -> bool:

@@ -31,7 +31,7 @@ def reserved(name: BlockName, number: int) -> BlockName:
 
 
 def keep(name: BlockName, chosen: Mask) -> Steps[int]:
-    """Let go of all photons of a block but these; return how many there are now."""
+    """Discard all photons of a block but these; return how many there are now."""
     yield from take(name, {name: np.flatnonzero(chosen)})
     return int(np.count_nonzero(chosen))
 
@@ -44,7 +44,7 @@ def keep_of_all(name: BlockName, chosen: Mask) -> Steps[int]:
 
 
 def take(into: BlockName, picks: dict[BlockName, Positions]) -> Steps[None]:
-    """Gather photons and let go of the rest, also where there are none to gather."""
+    """Gather photons and discard the rest, also where there are none to gather."""
     if any(positions.size for positions in picks.values()):
         yield from do(Qnic.gather, into, picks)
     else:

@@ -34,6 +34,7 @@ from wire.features import NodeFeatures
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.values import Values
 from wire.metadata.vocabulary import Handshake, Reason, Service
+from wire.results.figures import Figures
 
 Tell = Callable[..., Coroutine[Any, Any, None]]
 Answerer = Callable[[dict[str, Any]], Awaitable[dict[str, Any]]]
@@ -137,7 +138,7 @@ class End(ConnectionEnd):
     resources: HostResources
     tell: Tell  # called with fields for the application
     draws: np.random.Generator  # of this host's own choices; they follow from the seed
-    summary: dict[str, Any] = field(default_factory=dict)  # for the application, at the end
+    summary: Figures = field(default_factory=Figures)  # for the application, at the end
     # Of wire.device.DeviceReport: what the session has used of this host's device so far.
     counts: Callable[[], Mapping[str, int]] = dict
 
@@ -162,7 +163,7 @@ class End(ConnectionEnd):
             return await super().carry_out(order)
         if order.at_the_end:
             self.summary = order.summary
-        return await self.tell(**order.summary)
+        return await self.tell(**vars(order.summary))
 
 
 @dataclass

@@ -36,6 +36,7 @@ from wire.metadata.header import Message
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.values import Topic, Values
 from wire.metadata.vocabulary import Reason
+from wire.results.figures import Figures
 
 Light = NewType("Light", object)  # under way; only who carries orders out knows what it is
 
@@ -116,7 +117,7 @@ class Announce:
 class Tell:
     """Tell the application what there is."""
 
-    summary: dict[str, Any]
+    summary: Figures
     at_the_end: bool = True  # it is its summary, too, if nothing comes behind it
 
 

@@ -75,7 +75,7 @@ class OpeningSession:
     @property
     def summary(self) -> dict[str, Any]:
         """What the application is told at the end, as far as that is known."""
-        return self._end.summary if self._end else {}
+        return vars(self._end.summary) if self._end else {}
 
     @property
     def counts(self) -> Mapping[str, int]:
@@ -151,7 +151,7 @@ class OpeningSession:
         await self._arrangement.channel.request(finish, REPORT_TIMEOUT_S)
 
     async def close(self) -> None:
-        """Let go of connections, orders and photons."""
+        """Close connections, and discard orders and photons."""
         self._arrangement.close()
         self._resources.swaps.forget(self._setup.session)
         await release(self._resources.qnic, self._setup.session)
@@ -184,7 +184,7 @@ class AcceptingSession:
     @property
     def summary(self) -> dict[str, Any]:
         """What the application is told at the end, as far as that is known."""
-        return self._end.summary if self._end else {}
+        return vars(self._end.summary) if self._end else {}
 
     @property
     def counts(self) -> Mapping[str, int]:
@@ -231,7 +231,7 @@ class AcceptingSession:
         self._end.agree()
 
     async def close(self) -> None:
-        """Let go of photons."""
+        """Discard photons."""
         await release(self._resources.qnic, self._setup.session)
 
 

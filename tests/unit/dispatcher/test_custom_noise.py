@@ -92,6 +92,10 @@ BAD_ANSWERS = {
     "Effect(angles_rad=np.full(k, np.nan))": "angles_rad holds what is not a number",
     "Effect(delays_ps=0.5)": "delays_ps is 0.5",
     "Effect(transmission=1.5)": "transmission 1.5 is not 0 to 1",
+    "Effect(exact=False)": "exact is False, and of what is named is",
+    "Effect(exact=False, named='twirled')": "of what is named is 'twirled'; give named=approxim",
+    "Effect(exact=False, named=Approximations({'twirled': None}))": "'twirled': None",
+    "Effect(exact=False, named=Approximations({'twirled': 1.5}))": "'twirled': 1.5",
 }
 
 
@@ -111,6 +115,7 @@ def test_a_model_that_raises_is_named_with_its_line_and_its_traceback_is_logged(
 def test_what_a_model_returns_is_checked(tmp_path: Path, answer: str) -> None:
     (tmp_path / "bad.py").write_text(
         "import numpy as np\n"
+        "from dispatcher.approximations import Approximations\n"
         "from dispatcher.fiber.noise import Effect\n"
         "class Bad:\n"
         "    def effect(self, passage):\n"

@@ -84,7 +84,7 @@ def test_a_bell_measurement_is_as_exact_as_both_of_its_blocks(tmp_path: Path) ->
     async def action(bench: Bench) -> None:
         await bench.alice.create(4)
         (second,) = bench.layer.ownership.parts(BlockName(7, 0, 1))
-        second.pulses.approximations = approximation(PHASE)
+        second.pulses.approximations = approximation(PHASE, 0.25)
         assert not (await bench.alice.bell_measure(block(0, 0), block(0, 1))).exact
 
     attempt(tmp_path, action)

@@ -181,7 +181,7 @@ def test_what_the_light_is_like_comes_along() -> None:
         one = held(laboratory, (0, 0)).pulses
         one.extras, one.delays_ps = np.arange(4, dtype=np.uint8), np.arange(4.0)
         other = held(laboratory, (1, 0)).pulses
-        other.angles_rad, other.approximations = np.arange(4.0), approximation(PHASE)
+        other.angles_rad, other.approximations = np.arange(4.0), approximation(PHASE, 0.25)
         alice = laboratory.host("alice")
         picks = {(1, 0): np.array([3, 0]), (0, 0): np.array([2, 3, 0])}
         await alice.gather((2, 0), picks, keep_rest=True)

@@ -656,8 +656,6 @@ def test_what_cannot_be_heralded_is_refused() -> None:
         with pytest.raises(Refusal, match="no node attempts for block 0/0"):
             await charlie.herald(5, ports, 1.0)
         await attempts_of(alice)
-        with pytest.raises(Refusal, match="another node attempts for it"):
-            await bob.attempt((0, 0), "bob-q0")
         await attempts_of(bob)
         with pytest.raises(Refusal, match="comes to charlie-q0 of charlie, not to charlie-q1"):
             await charlie.herald(5, ports[::-1], 1.0)
@@ -667,6 +665,18 @@ def test_what_cannot_be_heralded_is_refused() -> None:
         with pytest.raises(Refusal, match="bob-q0 of bob comes out nowhere"):
             await charlie.herald(5, ports, 1.0)
         assert laboratory.layer.sabot.live_qubits == 0
+
+    scene(act, device)
+
+
+def test_light_of_who_attempts_under_the_name_of_another_is_not_taken_for_its_light() -> None:
+    device = Device(memory=Memory(capacity=10), emitter=Emitter("two-click"))
+
+    async def act(laboratory: Laboratory) -> None:
+        await laboratory.host("bob").attempt((0, 0), "bob-q0")
+        told, _attempts, _seconds = await heralded(laboratory, 3)
+        assert told.size == 3
+        assert (await laboratory.host("alice").measure((0, 0))).size == 3
 
     scene(act, device)
 

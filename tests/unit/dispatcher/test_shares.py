@@ -59,8 +59,8 @@ def test_who_makes_too_much_is_refused_and_others_are_not(tmp_path: Path) -> Non
         await bench.alice.create(1, number=2)
         await bench.alice.feedback("Discard", DiscardRequest(session=7))
         await bench.bob.feedback("Discard", DiscardRequest(session=7))
-        assert bench.service.layer.ownership.made_by("alice") == 0
-        assert not bench.service.layer.ownership._made
+        assert bench.service.layer.ownership.makers.places_of("alice") == 0
+        assert not bench.service.layer.ownership.makers._made
         await bench.alice.create(pairs, number=3)
 
     async def run() -> None:
@@ -87,8 +87,8 @@ def test_who_has_many_small_blocks_leaves_some_for_others(tmp_path: Path) -> Non
             await bench.alice.create(1, number=3)
             for host in (bench.alice, bench.bob):
                 await host.feedback("Discard", DiscardRequest(session=7))
-            assert layer.ownership.blocks_made_by("alice") == 0
-            assert not layer.ownership._blocks_made
+            assert layer.ownership.makers.blocks_of("alice") == 0
+            assert not layer.ownership.makers._blocks
 
     uvloop.run(run())
 
@@ -118,7 +118,7 @@ def test_a_name_that_another_has_taken_first_is_there_for_its_owner(tmp_path: Pa
             await bench.charlie.create(pairs)
             with pytest.raises(grpc.aio.AioRpcError, match=r"block 0/0 .* exists"):
                 await bench.charlie.create(pairs)
-            made = bench.service.layer.ownership.made_by
+            made = bench.service.layer.ownership.makers.places_of
             assert (made("bob"), made("charlie")) == (2 * pairs, 2 * pairs)
             theirs, own = (
                 await bench.bob.measure(block(0, 0)),
@@ -148,7 +148,7 @@ def test_light_of_another_does_not_mix_with_what_waits_under_its_name(tmp_path: 
             assert received.photons == pairs
             mine, theirs = await bench.bob.measure(name), await bench.charlie.measure(block(0, 1))
             assert mine.outcomes == theirs.outcomes  # halves of charlie's pairs, which came first
-            owned = bench.service.layer.ownership
-            assert (owned.made_by("charlie"), owned.made_by("alice")) == (0, pairs)
+            made = bench.service.layer.ownership.makers.places_of
+            assert (made("charlie"), made("alice")) == (0, pairs)
 
     uvloop.run(run())

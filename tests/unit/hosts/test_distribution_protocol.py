@@ -86,7 +86,7 @@ class Host:
             case protocol.Do(operation, arguments, named):
                 return getattr(self, operation)(*arguments, **named)
             case protocol.Tell(summary):
-                self.told.append(summary)
+                self.told.append(vars(summary))
                 return None
             case protocol.Now():
                 return float(len(self.told) + 1)

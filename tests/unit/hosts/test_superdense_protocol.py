@@ -164,7 +164,7 @@ def test_lost_pairs_are_sent_again_and_counted_at_both_ends(handshake: Handshake
     assert ends.received == DATA
     counted, lost = ends.sender.statistics, ends.pairs["lost"]
     assert lost > 0
-    assert counted.lost_pairs == ends.receiver.statistics["lost_pairs"] == lost
+    assert counted.lost_pairs == ends.receiver.statistics.lost_pairs == lost
     assert counted.received_symbols == ends.pairs["lit"] - lost
     assert counted.bell_pairs == ends.pairs["lit"]
 

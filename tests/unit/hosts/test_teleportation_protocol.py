@@ -114,7 +114,7 @@ def test_every_state_appears_behind_any_known_rotation(rotation: Pauli) -> None:
     assert ends.sizes == [50, 50, 50, 50, 40]
     for tally in (ends.sender.tally, ends.receiver.tally):
         assert (tally.states, tally.arrived, tally.agreed) == (COUNT, COUNT, COUNT)
-        assert tally.summary(2.0)["waited_ms"] == pytest.approx(0.7)
+        assert tally.summary(2.0).waited_ms == pytest.approx(0.7)
 
 
 def test_a_rotation_that_nobody_knows_leaves_its_own_eigenstates_alone() -> None:
@@ -155,7 +155,7 @@ def test_a_block_without_light_counts_and_tells_what_was_meant() -> None:
     ends.sender.heard(over_the_wire(ends.receiver.measured(None, 0)))
     for tally in (ends.sender.tally, ends.receiver.tally):
         assert (tally.states, tally.arrived) == (50, 0)
-        assert tally.summary(1.0)["fidelity"] is None
+        assert tally.summary(1.0).fidelity is None
 
 
 def test_bits_of_another_block_or_out_of_order_are_refused() -> None:

@@ -3,7 +3,7 @@
 import json
 import struct
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from scapy.layers.inet import IP, TCP
 from scapy.layers.l2 import Ether
@@ -18,10 +18,10 @@ from wire.dispatcher_pb2 import BlockId, Event
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.vocabulary import Handshake, Reason, Service, Verdict
 from wire.parameters.fiber import Fiber, FiberEnd
+from wire.results.figures import Figures, TeleportFigures
 from wire.results.network_facts import NetworkFacts
 from wire.results.run_result import (
     Approximated,
-    Figures,
     Message,
     MessageJob,
     Received,
@@ -146,7 +146,7 @@ def record_run(folder: Path, captured: bool = True, delivered: bool = True) -> P
     }
     facts.optics = {"length_km": 5.0}
     facts.exact = False
-    facts.approximations = [Approximated("one thing", 0.19471), Approximated("another", None)]
+    facts.approximations = [Approximated("one thing", 0.19471), Approximated("another", 0.5)]
     facts.network = NETWORK
     complete(facts, folder)
     return folder
@@ -155,7 +155,7 @@ def record_run(folder: Path, captured: bool = True, delivered: bool = True) -> P
 def message_run(
     folder: Path,
     received: bytes | None,
-    told: Figures | None = None,
+    told: dict[str, Any] | None = None,
     time_scale: float = 1.0,
     confusion: list[list[int]] | None = None,
 ) -> RunResult:
@@ -172,9 +172,18 @@ def message_run(
     return run_of("sdc", job, time_scale)
 
 
-def service_run(**told: Any) -> RunResult:
-    """Return what is known of a run of a service, whose opener has said this."""
-    return run_of("teleport", ServiceJob(asking=told, asked=told), 1.0)
+def service_run(told: Figures | None = None) -> RunResult:
+    """Return what is known of a run of a service, whose ends have said this."""
+    job = ServiceJob()
+    job.asking = job.asked = cast("Any", told or Figures())
+    return run_of("teleport", job, 1.0)
+
+
+def teleported(**told: Any) -> TeleportFigures:
+    """Return the figures of 80 states, but for those that are given."""
+    known = {"states": 80, "arrived": 80, "fidelity": 1.0, "fidelity_error": 0.0}
+    known |= {"waited_ms": 0.1, "elapsed_s": 2.0, "states_per_s": 40.0}
+    return TeleportFigures(**(known | told))
 
 
 def run_of(service: str, job: MessageJob | ServiceJob, time_scale: float) -> RunResult:

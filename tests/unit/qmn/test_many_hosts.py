@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from qmn.benchmarks.many_hosts import processor_s, shared_memory_mb
+from qmn.benchmarks.many_hosts import shared_memory_mb
 from qmn.verbs.bench import sizes
-from topologies.system.processes.owners import VARIABLE
+from topologies.system.processes.owners import VARIABLE, this_process
 
 RUN = "1-1-00000000"  # of no process that there is
 KEEP = "import sys; kept = b'x' * (50 << 20); print(len(kept), flush=True); sys.stdin.read()"
@@ -20,7 +20,7 @@ KEEP = "import sys; kept = b'x' * (50 << 20); print(len(kept), flush=True); sys.
 
 def test_processor_time_is_that_of_the_kernel() -> None:
     before = time.process_time()
-    told = processor_s(os.getpid())
+    told = this_process().processor_s
     tick_s = 1 / os.sysconf("SC_CLK_TCK")
     assert before - 2 * tick_s <= told <= time.process_time() + 2 * tick_s
 

@@ -53,8 +53,9 @@ def test_a_person_is_told_what_was_lost_and_what_was_missed(tmp_path: Path) -> N
 
 
 def test_a_person_is_told_what_is_approximated_and_by_how_much(tmp_path: Path) -> None:
-    met = [Approximated("one thing", 0.19471), Approximated("another", None)]
-    words = "one thing: a probability is wrong by 0.19 at most; another: size not known"
+    met = [Approximated("one thing", 0.19471), Approximated("another", 0.5)]
+    words = "one thing: a probability is wrong by 0.19 at most; another: a probability "
+    words += "is wrong by 0.5 at most"
     lines = shown(tmp_path, exact=False, approximations=met)
     assert {"quantum states chp, with approximations", f"approximated {words}"} <= set(lines)
     assert not [line for line in shown(tmp_path) if line.startswith("approximated")]

@@ -28,6 +28,7 @@ from qmn.sweeps.scheduling import away, network_of
 from qmn.traffic.counted import GIVEN_UP, Asked, CountedTime, Told
 from qmn.traffic.plan import Planned, Traffic, plan
 from topologies.catalogue.maps import read_map
+from wire.results.run_result import LoadSession
 
 GARR = read_map("garr")
 TOLD = json.loads((catalogue.LABS / "scheduling" / "reference.json").read_text())
@@ -177,10 +178,11 @@ def test_one_packet_in_counted_time_waits_for_six_ways_of_messages() -> None:
 
 
 def test_packets_of_a_network_count_as_made_where_they_were_accepted() -> None:
-    made = {"outcome": "accepted", "setup_s": 0.02, "holding_s": 0.01}
-    late = {"outcome": "late", "setup_s": None, "holding_s": 0.5}
-    cut = {"outcome": "broken", "setup_s": 0.1, "holding_s": 0.5}
-    share, took = of_emulated([made, late, {**made, "setup_s": 0.04}, cut])
+    ways = [("accepted", 0.02, 0.01), ("late", None, 0.5), ("accepted", 0.04, 0.01)]
+    share, took = of_emulated(
+        LoadSession(0, 0, "rm1", "mi1", [], outcome, "", "", setup_s, 1, 0, holding_s, None, None)
+        for outcome, setup_s, holding_s in [*ways, ("broken", 0.1, 0.5)]
+    )
     assert share.value == 0.5
     assert took.value == pytest.approx(0.04)  # of .03 and .05
     assert took.error == pytest.approx(0.01)

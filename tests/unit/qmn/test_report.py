@@ -55,7 +55,7 @@ def figures(page: str) -> dict[str, str]:
 def test_the_page_says_how_large_approximations_are(page: str) -> None:
     words = re.sub(r"<[^>]*>", " ", page)
     assert re.search(r"approximated: one thing\s+a probability is wrong by 0.19 at most", words)
-    assert re.search(r"approximated: another\s+size not known", words)
+    assert re.search(r"approximated: another\s+a probability is wrong by 0.5 at most", words)
 
 
 def test_every_figure_of_a_run_is_there(page: str) -> None:

@@ -3,9 +3,10 @@
 import json
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any, cast
 
 import pytest
-from recorded_run import message_run, service_run
+from recorded_run import message_run, service_run, teleported
 
 from qmn.results.message_result import coding, sent
 from qmn.results.result import (
@@ -17,6 +18,7 @@ from qmn.results.result import (
 )
 from wire.controller_lines import RECORD, read_record
 from wire.results import schema
+from wire.results.figures import LoadFigures
 from wire.results.run_result import (
     MessageJob,
     RunResult,
@@ -127,18 +129,18 @@ def test_rates_are_of_the_network_and_beside_them_of_the_emulation(tmp_path: Pat
 
 
 def test_hosts_tell_the_time_of_the_network_which_took_longer_here(tmp_path: Path) -> None:
-    facts = service_run(elapsed_s=0.5, key_bits_per_s=800.0, keys=3, qber=0.1)
+    facts = service_run(teleported(elapsed_s=0.5, states_per_s=800.0))
     facts.time_scale = 4.0
     complete(facts, tmp_path)
     assert facts.elapsed_s == 0.5
-    assert facts.emulation == {"elapsed_s": 2.0, "key_bits_per_s": 200.0}
+    assert facts.emulation == {"elapsed_s": 2.0, "states_per_s": 200.0}
 
 
 def test_a_job_that_tells_no_time_of_its_own_took_none_that_is_known(tmp_path: Path) -> None:
-    facts = service_run(states_per_s=80.0)
+    facts = service_run(cast("Any", LoadFigures)(pairs_per_s=80.0))
     facts.time_scale = 4.0
     complete(facts, tmp_path)
-    assert (facts.elapsed_s, facts.emulation) == (None, {"states_per_s": 20.0})
+    assert (facts.elapsed_s, facts.emulation) == (None, {"pairs_per_s": 20.0})
 
 
 def asking_of(facts: RunResult) -> Sent:

@@ -1,16 +1,19 @@
 """result.json has one schema, which docs/ has as a file."""
 
 import json
+from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, cast, get_args
 
 import pytest
 from json_schema import problems
-from recorded_run import record_run, service_run
+from recorded_run import record_run, service_run, teleported
 
 from qmn.results.result import complete
+from qmn.results.service_result import figures
 from topologies.system.processes.programs import ROOT
 from wire.results import schema
+from wire.results.figures import Figures, PairFigures, ServiceFigures
 
 FILE = ROOT / "docs" / "result.schema.json"
 
@@ -37,8 +40,7 @@ def test_the_result_of_a_message_fits(tmp_path: Path) -> None:
 
 
 def test_the_result_of_a_service_fits(tmp_path: Path) -> None:
-    told = {"event": "done", "states": 7, "arrived": 7, "fidelity": 1.0, "elapsed_s": 2.0}
-    complete(service_run(**told), tmp_path)
+    complete(service_run(teleported(fidelity=None)), tmp_path)
     assert wrong(json.loads((tmp_path / "result.json").read_text())) == []
 
 
@@ -62,3 +64,34 @@ def test_a_result_without_what_every_run_says_does_not_fit(tmp_path: Path) -> No
     result = of_message(tmp_path)
     for name in ("seed", "service", "backend", "emulation"):
         assert wrong({each: value for each, value in result.items() if each != name})
+
+
+def of_services() -> list[type[Figures]]:
+    return [kind for kind in get_args(ServiceFigures) if kind is not Figures]
+
+
+@pytest.mark.parametrize("kind", of_services())
+@pytest.mark.parametrize("whole", [False, True])
+def test_figures_are_read_back_as_those_of_their_service(kind: Any, whole: bool) -> None:
+    """By their names alone, also where a session has not come to all of them."""
+    names = [each.name for each in fields(kind) if whole or each.default is MISSING]
+    read = figures({"event": "done", **{name: [] for name in names}})
+    assert (type(read), list(vars(read))) == (kind, names)
+
+
+def test_figures_that_no_service_has_are_refused() -> None:
+    for told in ({"luck": 1}, {"states": 7}, {**vars(teleported()), "luck": 1}):
+        with pytest.raises(TypeError, match="none of Figures, TeleportFigures"):
+            figures(told)
+    with pytest.raises(TypeError, match="TeleportFigures has no luck"):
+        teleported(luck=1)
+
+
+def test_figures_that_are_not_told_are_not_in_the_result(tmp_path: Path) -> None:
+    """Of pairs that have waited for nothing there is no wait: it is not 0, and not unknown."""
+    names = [each.name for each in fields(cast("Any", PairFigures)) if each.default is MISSING]
+    told: PairFigures = cast("Any", PairFigures)(**dict.fromkeys(names, 1), dropped=3)
+    complete(service_run(told), tmp_path)
+    asking = json.loads((tmp_path / "result.json").read_text())["job"]["asking"]
+    assert asking == {**dict.fromkeys(names, 1), "dropped": 3}
+    assert (told.dropped, told.attempts, told.waited_ms) == (3, 0, None)

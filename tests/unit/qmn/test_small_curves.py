@@ -5,13 +5,13 @@ Gaussian spectra are 1/2 (1 - V exp(-(sigma tau)^2)). Bounds are five standard e
 """
 
 from itertools import product
-from math import cos, exp, log2, pi, prod, sqrt
+from math import cos, exp, log2, log10, pi, prod, sqrt
 from typing import Any
 
 import numpy as np
 import pytest
 
-from qmn.sweeps import relay_theory, theory
+from qmn.sweeps import pairs_made, relay_theory, theory
 from qmn.sweeps.catalogue import EXPERIMENTS, measure
 from qmn.sweeps.estimates import Estimate
 from qmn.sweeps.parameters import Value, Values
@@ -51,6 +51,21 @@ def test_pairs_are_handed_over_as_their_sample_lets_expect() -> None:
     assert abs(told["estimate"][0] - 0.95) < 5 * error
     assert abs(told["expected"][0] - 0.5754337) < 5 * error
     assert abs(told["delivered"][0] - 0.5754337) < 5 * error
+
+
+def test_pairs_are_made_for_those_that_are_wanted_and_the_sample() -> None:
+    """Twelve and a sample of 30, 1.05 x 42 + 1 = 45.1: so many are made where all of them come."""
+    told = measure("pairs-made", EXPERIMENTS["pairs-made"].complete({"requests": 3}), SEED)
+    assert told["made"] == (46 / 12, 0)
+
+
+def test_what_is_enumerated_of_pairs_made_is_a_series_where_one_is_wanted() -> None:
+    """3 + 12/2^3 + 48/2^15 + 192/2^63 + ...: four times as much each time that nothing comes."""
+    given: Values = {"wanted": 1, "sample": 0.0, "loss_db": 10 * log10(2), "requests": 300}
+    values, told = EXPERIMENTS["pairs-made"].complete(given), 3 + 12 / 8 + 48 / 2**15
+    assert abs(pairs_made.expected(values) - told) < 1e-6
+    found, error = measure("pairs-made", values, SEED)["made"]
+    assert abs(found - told) < 5 * error
 
 
 def test_a_memory_heralds_what_has_come_and_what_has_not() -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import matplotlib.image
 import pytest
+from recorded_run import teleported
 
 from qmn.emulated.catalogue import EMULATED
 from qmn.emulated.of_time import SOFTWARE
@@ -118,8 +119,8 @@ def test_a_point_is_what_qmn_run_can_be_told(tmp_path: Path, state: str, backend
 
 
 def test_what_a_run_says_is_counted() -> None:
-    told = {"arrived": 900, "states": 1000, "fidelity": 0.8, "waited_ms": 12.5}
+    told = teleported(arrived=900, states=1000, fidelity=0.8, waited_ms=12.5)
     assert outcome(told)["teleported"].value == 0.8
     assert outcome(told)[WAITED.name] == Estimate(0.0125, 0.0)
-    lost = outcome({"arrived": 0, "fidelity": None, "waited_ms": None})
+    lost = outcome(teleported(arrived=0, fidelity=None, waited_ms=None))
     assert all(math.isnan(estimate.value) for estimate in lost.values())

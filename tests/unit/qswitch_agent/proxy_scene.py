@@ -93,7 +93,7 @@ class Optics:
         await asyncio.Event().wait()
 
     async def close(self) -> None:
-        """Let go of nothing."""
+        """Close nothing."""
 
 
 class Reports:

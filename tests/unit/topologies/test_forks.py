@@ -222,7 +222,7 @@ def test_a_server_that_is_at_work_is_waited_for_longer(
     """It loads all programs, which takes longer than 30 ms. That it does is not left to chance."""
     monkeypatch.setattr(forks, "FORK_TIMEOUT_S", 0.03)
     monkeypatch.setattr(forks, "FORK_WAITS", waits)
-    monkeypatch.setattr(Program, "processor_ticks", property(lambda _program: time.perf_counter()))
+    monkeypatch.setattr(Program, "processor_s", property(lambda _program: time.perf_counter()))
     program, forked = (Program(name, tmp_path / f"{name}.log") for name in ("fork-server", "ed"))
     server = ForkServer(program)
     try:

@@ -53,7 +53,7 @@ class UserNamespace:
             self._network = os.open(f"/proc/{first.pid}/ns/net", os.O_RDONLY)
 
     def start(self, begin: Callable[[], Result]) -> Result:
-        """Let a shell be begun in its network, with mounts of its own, and let go of both.
+        """Let a shell be begun in its network, with mounts of its own, and close both.
 
         Who is given the descriptor then can still enter it.
         """

@@ -2,6 +2,7 @@
 
 import itertools
 import secrets
+from dataclasses import asdict
 from typing import Any
 
 from topologies.system.kernel.interfaces import make_pair
@@ -38,7 +39,8 @@ def machine_of(end: End) -> Machine | None:
 def lay_between(ends: list[End], one: Machine | None, other: Machine | None) -> None:
     """Make a link between two machines."""
     identifier = next(_identifiers)
-    mtu = min(machine.mtu for machine in (one, other) if machine is not None)
+    others = [machine for machine in (one, other) if machine is not None]
+    mtu, by = min(machine.mtu for machine in others), others[0].tunnels
     addresses = [
         machine.address if machine else beyond.here if beyond else ""
         for machine, beyond in ((one, other), (other, one))
@@ -48,8 +50,8 @@ def lay_between(ends: list[End], one: Machine | None, other: Machine | None) -> 
         (ends[1], other, addresses[::-1]),
     ):
         name, mac, node = end
-        tunnel = TunnelEnd(name, mac, identifier, local, remote, mtu)
+        tunnel = TunnelEnd(name, mac, identifier, local, remote, mtu, by)
         if machine is not None:
-            machine.tunnel(tunnel, node.pid_there)
+            machine.tunnel(asdict(tunnel), node.pid_there)
         else:
             tunnel.make(node.pid if node.inNamespace else None)

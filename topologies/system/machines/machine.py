@@ -8,7 +8,7 @@ import subprocess
 import time
 from collections.abc import Callable, Coroutine, Sequence
 from concurrent.futures import Future
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -17,7 +17,6 @@ from mininet.log import warn
 
 from topologies.system.kernel.user_namespace import without_user_namespaces
 from topologies.system.machines.relays import Relays, Stream
-from topologies.system.machines.tunnel import TunnelEnd
 from topologies.system.processes.programs import NetworkError
 from topologies.timeouts import AGENT_ANSWER_TIMEOUT_S, BEAT_PERIOD_S, LOST_TIMEOUT_S
 from wire.machine_channel import MOST_BODY_BYTES, Header, encode, receive
@@ -97,6 +96,7 @@ class Machine:
         self.name, self.root, self.python = about["name"], about["root"], about["python"]
         self.address, self.here, self.mtu = address, here, mtu
         self.lost = ""  # why, if it is
+        self.tunnels = ""  # by what links to it go (TunnelEnd.by)
         self.user_namespaces = True  # whether its hosts can have them, for all that is known
         self._reader, self._writer = reader, writer
         self._loop = asyncio.get_running_loop()
@@ -162,9 +162,9 @@ class Machine:
         """Set up an interface in the namespace of a process there."""
         return self.ask("within", pid=pid, function=function, arguments=list(arguments))
 
-    def tunnel(self, end: TunnelEnd, pid: int) -> None:
-        """Make the end of a link there."""
-        self.ask("tunnel", end=asdict(end), pid=pid)
+    def tunnel(self, end: dict[str, Any], pid: int) -> None:
+        """Make the end of a link there, of these fields of a TunnelEnd."""
+        self.ask("tunnel", end=end, pid=pid)
 
     def start(
         self,

@@ -60,7 +60,7 @@ class NodeElsewhere:
             shell.send_signal(signal.SIGHUP)
 
     def terminate(self) -> None:
-        """End the shell, and let go of its terminal."""
+        """End the shell, and close its terminal."""
         super().terminate()  # type: ignore[misc]
         self.machine.disconnect(self._terminal)
 

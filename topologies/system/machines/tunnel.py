@@ -1,4 +1,4 @@
-"""The ends of links between machines: kernel VXLAN from one machine to one other.
+"""The ends of links between machines: VXLAN from one to one other, the kernel's if it has that.
 
 Each link has an identifier (VNI) of its own. What an interface wraps travels between addresses
 of the machine that it was made on, whatever namespace it is moved to.
@@ -8,10 +8,13 @@ import subprocess
 from dataclasses import dataclass
 
 from topologies.system.kernel.interfaces import keep_segments
+from topologies.system.machines import user_space
+from topologies.system.machines.user_space import PORT
 from topologies.system.processes.programs import NetworkError
 from topologies.timeouts import COMMAND_TIMEOUT_S
 
-PORT = 4789  # of VXLAN (RFC 7348)
+KERNEL, OPEN_VSWITCH = TUNNELS = "kernel", "open-vswitch"
+NO_SUCH_KIND = "Unknown device type"  # as ip(8) says of a kernel that has none
 OVERHEAD_BYTES = 50  # of Ethernet, IPv4, UDP and VXLAN
 MOST_IDENTIFIER = 1 << 24
 
@@ -26,17 +29,30 @@ class TunnelEnd:
     local: str  # IPv4 of this machine, and of the other one
     remote: str
     mtu: int
+    by: str = ""  # one of TUNNELS; "": the kernel, or else Open vSwitch
 
     def make(self, pid: int | None) -> None:
         """Make it, in the network namespace of a process if one is given; or raise NetworkError."""
-        place = ["local", self.local, "remote", self.remote, "dstport", str(PORT), "nolearning"]
-        made = ["add", self.name, "mtu", str(self.mtu)]
+        if self.by == OPEN_VSWITCH or not self._made_by_kernel():
+            ends = self.local, self.remote
+            user_space.make(self.name, self.mtu, self.identifier, ends, pid is not None)
         if self.hardware_address is not None:
-            made += ["address", self.hardware_address]
-        _ip_link(*made, "type", "vxlan", "id", str(self.identifier), *place)
+            _ip_link("set", self.name, "address", self.hardware_address)
         keep_segments(self.name)
         if pid is not None:
             _ip_link("set", self.name, "netns", str(pid))
+
+    def _made_by_kernel(self) -> bool:
+        """Make it, or tell that this kernel has no VXLAN, unless it is to be the kernel's."""
+        place = ["local", self.local, "remote", self.remote, "dstport", str(PORT), "nolearning"]
+        made = ["add", self.name, "mtu", str(self.mtu), "type", "vxlan"]
+        try:
+            _ip_link(*made, "id", str(self.identifier), *place)
+        except NetworkError as error:
+            if self.by == KERNEL or NO_SUCH_KIND not in str(error):
+                raise
+            return False
+        return True
 
 
 def _ip_link(*words: str) -> None:

@@ -13,9 +13,8 @@ from pathlib import Path
 from topologies.system.kernel import interfaces, packet_sockets
 from topologies.system.processes import owners
 from topologies.system.processes.commands import run
-from topologies.system.processes.owners import Owner
+from topologies.system.processes.owners import RUNTIME_ROOT, Owner
 from topologies.system.processes.programs import NetworkError, callers_environment
-from topologies.system.runs.runtime import RUNTIME_ROOT
 from topologies.timeouts import (
     INTERFACE_S,
     LAST_WORDS_TIMEOUT_S,
@@ -477,7 +476,7 @@ def delete_finally(owner: str, *names: str) -> None:
 
 
 def _end_now(name: str, daemon: Owner) -> None:
-    """End a daemon; raise NetworkError if the kernel does not let go of it in time."""
+    """End a daemon; raise NetworkError if the kernel does not free it in time."""
     limit_s = OPENVSWITCH_TIMEOUT_S + INTERFACE_S * len(interfaces.all_here())
     deadline = time.monotonic() + limit_s
     owners.end([daemon])

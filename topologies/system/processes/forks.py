@@ -144,11 +144,11 @@ class ForkServer:
         takes many times as long as alone: one that has used a processor is waited for again.
         """
         for _again in range(FORK_WAITS - 1):
-            used = self._program.processor_ticks
+            used = self._program.processor_s
             try:
                 return self._channel.recv(ANSWER_BYTES)
             except TimeoutError:
-                if self._program.stopped or self._program.processor_ticks == used:
+                if self._program.stopped or self._program.processor_s == used:
                     raise
         return self._channel.recv(ANSWER_BYTES)
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from topologies.timeouts import END_TIMEOUT_S, POLL_S
 
+RUNTIME_ROOT = Path("/run/qmn")  # in which each run has a folder of its own
 PROC = Path("/proc")
 BOOT_ID = PROC / "sys" / "kernel" / "random" / "boot_id"
 WORDS = re.compile(r"(\d+)-(\d+)-([0-9a-f]{8})")
@@ -50,13 +51,13 @@ class Owner(NamedTuple):
         return state if (start, _boot()) == (self.start, self.boot) else None
 
     @property
-    def processor_ticks(self) -> int:
-        """How long it has had a processor so far, in ticks of the kernel; 0 if it is gone."""
+    def processor_s(self) -> float:
+        """How long it has had a processor so far; 0 if it is gone."""
         try:
             fields = (PROC / str(self.pid) / "stat").read_text().rpartition(")")[2].split()
         except OSError:
             return 0
-        return int(fields[11]) + int(fields[12])
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
     def signal(self, number: int) -> None:
         """Send it a signal, if it is still there."""

@@ -245,10 +245,10 @@ class Program:
         return process is not None and process.stopped
 
     @property
-    def processor_ticks(self) -> int:
-        """How long it has had a processor so far, in ticks of the kernel; 0 if it is gone."""
+    def processor_s(self) -> float:
+        """How long it has had a processor so far; 0 if it is gone."""
         process = None if self._process is None else owner(self._process.pid)
-        return 0 if process is None else process.processor_ticks
+        return 0.0 if process is None else process.processor_s
 
     @property
     def struck_down(self) -> bool:

@@ -154,7 +154,7 @@ class ShellWatcher:
                 os.killpg(self.shell.pid, number)
 
     def terminate(self) -> None:
-        """End the shell, by force if it must be, and let go of its terminal."""
+        """End the shell, by force if it must be, and close its terminal."""
         if getattr(self, "shell", None) is None:
             return
         if self.privateDirs and not self.shell_ended and not self.waiting:

@@ -21,6 +21,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 from topologies.system.machines.machine import Machine
 from topologies.system.processes.forks import ForkServer
+from topologies.system.processes.owners import RUNTIME_ROOT as RUNTIME_ROOT
 from topologies.system.processes.owners import from_words, gone, this_process
 from topologies.system.processes.programs import NetworkError, Program
 from topologies.timeouts import END_TIMEOUT_S
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
     from topologies.system.certificates.authority import CertificateAuthority
     from topologies.system.certificates.given import GivenCertificates
 
-RUNTIME_ROOT = Path("/run/qmn")
 DISPATCHER = "dispatcher"  # the program, and its socket
 FIRST_PORT = 10_000
 EPHEMERAL_PORTS = Path("/proc/sys/net/ipv4/ip_local_port_range")  # of connections

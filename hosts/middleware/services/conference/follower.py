@@ -1,7 +1,6 @@
 """Another host of a conference key: it measures, corrects, and passes on what it hears."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 from uuid import UUID
 
 import numpy as np
@@ -34,6 +33,7 @@ from hosts.timeouts import BITS_TIMEOUT_S, KEYS_TIMEOUT_S, REPORT_TIMEOUT_S
 from wire.conference import ConferenceProposal
 from wire.metadata.values import Topic, Values
 from wire.metadata.vocabulary import Reason
+from wire.results.figures import ConferenceFollowerFigures
 
 
 @dataclass
@@ -63,11 +63,14 @@ class Follower(line.Follower):
             if self.ids and not self.kept:
                 self.keys.withdraw(terms, self.ids)
 
-    def figures(self) -> dict[str, Any]:
+    def figures(self) -> ConferenceFollowerFigures:
         """Return what this host's application is told."""
-        first = str(self.ids[0]) if self.ids else None
-        key = {"key_bits": self.key_bits, "keys": len(self.ids), "first_key_id": first}
-        return super().figures() | key
+        return ConferenceFollowerFigures(
+            **vars(super().figures()),
+            key_bits=self.key_bits,
+            keys=len(self.ids),
+            first_key_id=str(self.ids[0]) if self.ids else None,
+        )
 
     def heard(self, message: Values) -> Steps[None]:
         """Take part in a block of states, or in making the key of them."""

@@ -129,10 +129,7 @@ class Leader(line.Leader):
             if not kept:
                 self.keys.withdraw(key.terms, ids)
         elapsed_s = (yield Now()) - self.began_s
-        yield Tell(summary(key, final.size, ids, elapsed_s) | self._light())
-
-    def _light(self) -> dict[str, int]:
-        return {"made": self.made, "emitted": self.emitted}
+        yield Tell(summary(key, final.size, ids, elapsed_s, self.made, self.emitted))
 
     def _judge(self) -> None:
         """Raise SessionError if no key can come of what was measured."""

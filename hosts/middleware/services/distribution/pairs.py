@@ -32,6 +32,7 @@ from hosts.middleware.session.values import Lifetimes
 from wire.metadata.values import Topic
 from wire.metadata.vocabulary import Reason
 from wire.outcomes import BASES
+from wire.results.figures import MemoryFigures, PairFigures
 
 MAX_ASKED = 100_000  # pairs in one question
 MAX_BLOCKS = 4000  # that one gathering takes from
@@ -70,7 +71,7 @@ class Pairs:
         self._used = np.zeros(0, dtype=bool)
         self._started_s = started_s
         self.blocks: dict[int, Portion] = {}
-        self.facts: dict[str, Any] = {}  # beside those that there are of all pairs
+        self.facts = MemoryFigures()  # beside those that there are of all pairs
         self.estimates: dict[int, Estimate] = {}  # by rounds of purification
         self._sampled: dict[int, Moments] = {}  # by rounds of purification
         self._waited = Moments()  # of those sampled, until then
@@ -128,7 +129,7 @@ class Pairs:
         """Keep those pairs of a block alone that both ends hold."""
         portion = self.portion(number)
         self.dropped += portion.size - int(np.count_nonzero(kept))
-        self.facts["dropped"] = self.dropped
+        self.facts.dropped = self.dropped
         portion.size = yield from keep_of_all(self._name(number), kept)
         self._forget_empty(number)
 
@@ -164,7 +165,7 @@ class Pairs:
         self._forget_empty(number)
 
     def deliver(self, count: int, theirs: Lifetimes) -> Steps[None]:
-        """Number so many pairs from 0, and let go of all others; SessionError if too few."""
+        """Number so many pairs from 0, and discard all others; SessionError if too few."""
         if not 0 < count <= self.available:
             raise SessionError(Reason.PROTOCOL, f"{count} of {self.available} pairs to deliver")
         left = count
@@ -174,11 +175,9 @@ class Pairs:
             left -= min(left, portion.size)
         yield from take(self._name(PAIRS), picks)
         self.blocks = {PAIRS: Portion(count, self.rounds)}
-        self.facts["fidelity_age_s"] = age_s = self._age_s((yield Now()))
+        self.facts.fidelity_age_s = age_s = self._age_s((yield Now()))
         both = self._side.lifetimes, theirs
-        self.facts["fidelity_expected"] = (
-            None if age_s is None else self.estimate.after(age_s, both)
-        )
+        self.facts.fidelity_expected = None if age_s is None else self.estimate.after(age_s, both)
         self._used = np.zeros(count, dtype=bool)
 
     def answer(self, question: dict[str, Any]) -> Steps[dict[str, Any]]:
@@ -197,26 +196,26 @@ class Pairs:
         outcomes = yield from measure_some(self._name(PAIRS), ASKED, numbers, bases)
         return {"outcomes": [None if told == LOST else int(told) for told in outcomes]}
 
-    def summary(self, now_s: float) -> dict[str, Any]:
+    def summary(self, now_s: float) -> PairFigures:
         """Return what the application is told; None where nothing is known."""
         elapsed_s = now_s - self._started_s
         low, high = self.estimate.interval or (None, None)
-        return {
-            "session": f"{self._side.setup.session:016x}",
-            "pairs": self.available,
-            "pairs_per_s": self.available / elapsed_s,
-            "fidelity": self.estimate.fidelity,
-            "fidelity_low": low,  # of the 95 % confidence interval
-            "fidelity_high": high,
-            "emitted": self.emitted,
-            "shared": self.shared,
-            "sampled": sum(estimate.total for estimate in self.estimates.values()),
-            "rounds": self.rounds,
-            "compared": self.compared,
-            "survived": self.survived,
-            "elapsed_s": elapsed_s,
-            **self.facts,
-        }
+        return PairFigures(
+            session=f"{self._side.setup.session:016x}",
+            pairs=self.available,
+            pairs_per_s=self.available / elapsed_s,
+            fidelity=self.estimate.fidelity,
+            fidelity_low=low,  # of the 95 % confidence interval
+            fidelity_high=high,
+            emitted=self.emitted,
+            shared=self.shared,
+            sampled=sum(estimate.total for estimate in self.estimates.values()),
+            rounds=self.rounds,
+            compared=self.compared,
+            survived=self.survived,
+            elapsed_s=elapsed_s,
+            **vars(self.facts),
+        )
 
     def _age_s(self, now_s: float) -> float | None:
         """Return how long ago the sample was measured on average; the pairs have waited since."""
@@ -240,7 +239,7 @@ class Pairs:
     def _note_wait(self, pairs: int, waited_ns: int) -> None:
         """Count how long halves have waited at this end until they were sacrificed."""
         self._waited.add(pairs, waited_ns / 1e9)
-        self.facts["sampled_waited_ms"] = self._waited.mean_s * 1e3
+        self.facts.sampled_waited_ms = self._waited.mean_s * 1e3
 
     def _exchange(self, number: int, outcomes: Symbols) -> Steps[Symbols]:
         """Tell the other end what has been measured here; return what has been there."""

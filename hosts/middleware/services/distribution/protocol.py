@@ -160,7 +160,9 @@ class Opening:
         return fidelity is not None and fidelity < self._options.fidelity
 
     def _tell(self, count: int) -> Steps[None]:
-        yield Tell(self._pairs.summary((yield Now())) | {"pairs": count})
+        told = self._pairs.summary((yield Now()))
+        told.pairs = count
+        yield Tell(told)
 
     def _acquire(self) -> Steps[None]:
         """Have more light made, and bring the pairs of the oldest block to where others are."""

@@ -40,7 +40,7 @@ def _by_station(side: OpenerSide, pairs: Pairs, number: int, size: int) -> Steps
     pairs.admit(number)
     if count:
         yield from keep_of_all(side.block(number), kept)
-    pairs.facts["attempts"] = pairs.facts.get("attempts", 0) + heralds.attempts
+    pairs.facts.attempts += heralds.attempts
     pairs.add(number, count, int(np.count_nonzero(kept)))
 
 

@@ -18,7 +18,7 @@ What the states are used for is the service's own.
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +52,7 @@ from wire.metadata.blocks import Finish
 from wire.metadata.header import MAX_LENGTH
 from wire.metadata.values import Envelope, Topic, Values
 from wire.metadata.vocabulary import Reason
+from wire.results.figures import FollowerFigures, LineFigures
 
 NO_DIGEST = bytes(32)
 MOST_DARK = 10  # blocks in a row of which nothing is left
@@ -165,6 +166,7 @@ class Leader(ABC):
     most: int  # states in a block
     emitted: int = 0  # pairs of its own
     made: int = 0  # states, as far as anybody can tell
+    kind: ClassVar[type[LineFigures]] = LineFigures  # of what it tells
 
     @property
     @abstractmethod
@@ -177,7 +179,7 @@ class Leader(ABC):
 
     @abstractmethod
     def figures(self) -> dict[str, Any]:
-        """Return what they have told."""
+        """Return what they have told, by the names that `kind` has for it."""
 
     def wanted(self) -> int:
         """Return how many states the next block should have told, of those still missing."""
@@ -222,16 +224,16 @@ class Leader(ABC):
         """Return the block of this host's qubits of states."""
         return self.right.block(number)
 
-    def _summary(self, elapsed_s: float) -> dict[str, Any]:
-        return {
-            "states": self.states,
-            "hosts": len(self.options.names),
+    def _summary(self, elapsed_s: float) -> LineFigures:
+        return self.kind(
+            states=self.states,
+            hosts=len(self.options.names),
             **self.figures(),
-            "made": self.made,
-            "emitted": self.emitted,
-            "states_per_s": self.states / elapsed_s,
-            "elapsed_s": elapsed_s,
-        }
+            made=self.made,
+            emitted=self.emitted,
+            states_per_s=self.states / elapsed_s,
+            elapsed_s=elapsed_s,
+        )
 
 
 @dataclass
@@ -248,9 +250,9 @@ class Follower(ABC):
     def use(self, number: int, states: int) -> Steps[None]:
         """Use so many states, of which this host has its `qubits`."""
 
-    def figures(self) -> dict[str, Any]:
+    def figures(self) -> FollowerFigures:
         """Return what this host's application is told."""
-        return {"states": self.measured, "fused": self.fused}
+        return FollowerFigures(states=self.measured, fused=self.fused)
 
     def run(self) -> Steps[None]:
         """Do what the line does until its leader ends it."""

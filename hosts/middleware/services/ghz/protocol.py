@@ -7,7 +7,7 @@ leader                      next                        last
 """
 
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from hosts.middleware.session.protocol import Steps, do, hear
 from hosts.timeouts import BITS_TIMEOUT_S
 from wire.metadata.values import Topic
 from wire.outcomes import BASES
+from wire.results.figures import GhzFigures, LineFigures
 
 
 class Witness(Protocol):
@@ -40,6 +41,7 @@ class Leader(line.Leader):
     """The host that asks: it draws the stabilisers that are measured."""
 
     tally: Witness = field(default_factory=Tally)
+    kind: ClassVar[type[LineFigures]] = GhzFigures
 
     @property
     def states(self) -> int:

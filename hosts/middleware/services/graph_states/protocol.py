@@ -32,6 +32,7 @@ from hosts.middleware.session.values import numbers_of
 from hosts.timeouts import BITS_TIMEOUT_S
 from wire.metadata.values import Topic, Values
 from wire.metadata.vocabulary import Reason
+from wire.results.figures import GraphFigures
 
 
 @dataclass
@@ -39,6 +40,7 @@ class Leader(protocol.Leader):
     """The host that asks: it draws what is measured."""
 
     options: GraphOptions
+    kind = GraphFigures
     tally: Stabilisers | Colours = field(init=False)
 
     def __post_init__(self) -> None:

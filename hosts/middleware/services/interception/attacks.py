@@ -43,7 +43,7 @@ class Attack(Protocol):
         """Do it to a block with so many places for photons; return what is told of it."""
 
     def end(self) -> Steps[None]:
-        """Let go of what was kept."""
+        """Discard what was kept."""
 
 
 def choices(seeds: tuple[int, ...], block: BlockName) -> np.random.Generator:
@@ -86,7 +86,7 @@ class InterceptResend:
         return {"zeros": zeros, "ones": ones}
 
     def end(self) -> Steps[None]:
-        """Let go of nothing: what was measured is gone."""
+        """Discard nothing: what was measured is gone."""
         yield from ()
 
     def _choose(self, block: BlockName, photons: int) -> Symbols:
@@ -162,7 +162,7 @@ class PhotonSplitting:
         return {"multi_photon": several, "single_photon": single, "held_back": back.size}
 
     def end(self) -> Steps[None]:
-        """Let go of the photons that are kept."""
+        """Discard the photons that are kept."""
         while self._kept:
             yield from self._discard()
 

@@ -6,11 +6,11 @@ Nothing is said to anybody: whoever is asked for this needs no session, only lig
 """
 
 from collections.abc import Awaitable, Callable
-from typing import Any
 
 from hosts.hardware.qnic import Qnic
 from hosts.middleware.services.interception.passing import InterceptionOptions, Passing
 from hosts.middleware.session.performing import Performer
+from wire.results.figures import EveFigures
 
 Tell = Callable[..., Awaitable[None]]
 
@@ -27,7 +27,7 @@ class Interception:
         self._arrivals = qnic.arrivals(self._passing.inward)  # from now on
 
     @property
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> EveFigures:
         """Return what the application is told in the end."""
         return self._passing.summary
 

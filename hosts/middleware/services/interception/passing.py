@@ -18,6 +18,7 @@ from hosts.timeouts import RESENT_TIMEOUT_S
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Reason
 from wire.optical import WAVELENGTHS_PM
+from wire.results.figures import EveFigures
 
 FIBERS = 2
 MAX_RATE_HZ = 4_000_000_000
@@ -83,16 +84,16 @@ class Passing:
         self._blocks = self._photons = self._lost_blocks = 0
 
     @property
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> EveFigures:
         """Return what the application is told in the end."""
-        return {
-            "attack": self._options.attack,
-            "fraction": self._options.fraction,
-            "blocks": self._blocks,  # that were sent on
-            "photons": self._photons,  # places for photons in them
+        return EveFigures(
+            attack=self._options.attack,
+            fraction=self._options.fraction,
+            blocks=self._blocks,  # that were sent on
+            photons=self._photons,  # places for photons in them
             **self.attack.summary,
-            "lost_blocks": self._lost_blocks,  # whose light was gone before it could be received
-        }
+            lost_blocks=self._lost_blocks,  # whose light was gone before it could be received
+        )
 
     def pass_on(self, block: BlockName) -> Steps[dict[str, Any] | None]:
         """Return what is told of a block; None: its light was gone."""

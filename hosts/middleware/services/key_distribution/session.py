@@ -182,6 +182,6 @@ async def give_up(end: End, keys: KeysUnderWay, progress: Progress, error: Sessi
     for words in keys.give_up(str(error)):
         end.channel.send(*words.messages)
     told = summary(progress, keys.ends, now_s())
-    if told["qber"] is not None or "chsh" in told:
+    if told.qber is not None or told.chsh_pairs:
         with suppress(SessionError, ConnectionError):  # it may be gone
-            await end.tell(**told)
+            await end.tell(**vars(told))

@@ -11,6 +11,7 @@ from hosts.middleware.qkd.end import End
 from hosts.middleware.qkd.estimation import Estimate
 from hosts.middleware.qkd.key_length import asymptotic_fraction
 from hosts.middleware.qkd.key_store import KEY_BITS
+from wire.results.figures import KeyFigures, KeyProgress
 
 CONFIDENCE = 0.95
 DECOYS = "pulses without a fixed phase, whose intensities nobody knows before they are measured"
@@ -93,20 +94,20 @@ class Progress:
         return counts
 
 
-def so_far(progress: Progress, ends: Iterable[End], now_s: float) -> dict[str, Any]:
+def so_far(progress: Progress, ends: Iterable[End], now_s: float) -> KeyProgress:
     """Return what is told while light is sent."""
     counts = progress.counts(ends)
-    return {
-        "photons": progress.photons,
-        "raw_bits": counts.raw,
-        "sifted_bits": counts.sifted,
-        "key_bits": counts.key,
-        "keys": progress.keys,
-        "elapsed_s": now_s - progress.started_s,
-    }
+    return KeyProgress(
+        photons=progress.photons,
+        raw_bits=counts.raw,
+        sifted_bits=counts.sifted,
+        key_bits=counts.key,
+        keys=progress.keys,
+        elapsed_s=now_s - progress.started_s,
+    )
 
 
-def summary(progress: Progress, ends: Iterable[End], now_s: float) -> dict[str, Any]:
+def summary(progress: Progress, ends: Iterable[End], now_s: float) -> KeyFigures:
     """Return what is told at the end, also of keys that will not be made; None: not known.
 
     Photons, raw and sifted bits are per second of light and sifting, key bits per second of
@@ -122,39 +123,42 @@ def summary(progress: Progress, ends: Iterable[End], now_s: float) -> dict[str, 
     if qber is not None and not counts.means:
         limit = asymptotic_fraction(qber, counts.single_share)
     first, last = progress.first_id, progress.last_id
-    return {
-        "photons": progress.photons,
-        "raw_bits": counts.raw,
-        "sifted_bits": counts.sifted,
-        "qber": qber,
-        "qber_low": low,
-        "qber_high": high,
-        "disclosed_bits": counts.estimate.sample,
-        "ones_fraction": estimate.ones / estimate.sample if estimate else None,
-        "leaked_bits": counts.leaked,
-        "key_bits": counts.key,
-        "key_fraction": counts.key / counts.sifted if counts.sifted else None,
-        "key_fraction_limit": limit,
-        "multi_photon": counts.multi_photon,
-        "single_photon_fraction": counts.single_share if counts.sifted else None,
-        "assumed": DECOYS if counts.means else SOURCES[counts.multi_photon > 0],
-        **({"intensities": list(counts.means)} if counts.means else {}),
-        **(bell_test(counts.bell) if counts.bell.pairs else {}),
-        "keys": progress.keys,
-        "bits_of_a_key": KEY_BITS,
-        "first_key_id": str(first) if first else None,
-        "last_key_id": str(last) if last else None,
-        "authentication_bits": counts.authentication,
-        "net_key_bits": counts.key - counts.authentication,
-        "light_s": light_s,
-        "elapsed_s": elapsed_s,
-        "photons_per_s": progress.photons / light_s,
-        "raw_bits_per_s": counts.raw / light_s,
-        "sifted_bits_per_s": counts.sifted / light_s,
-        "key_bits_per_s": counts.key / elapsed_s,
-    }
+    return KeyFigures(
+        photons=progress.photons,
+        raw_bits=counts.raw,
+        sifted_bits=counts.sifted,
+        qber=qber,
+        qber_low=low,
+        qber_high=high,
+        disclosed_bits=counts.estimate.sample,
+        ones_fraction=estimate.ones / estimate.sample if estimate else None,
+        leaked_bits=counts.leaked,
+        key_bits=counts.key,
+        key_fraction=counts.key / counts.sifted if counts.sifted else None,
+        key_fraction_limit=limit,
+        multi_photon=counts.multi_photon,
+        single_photon_fraction=counts.single_share if counts.sifted else None,
+        assumed=DECOYS if counts.means else SOURCES[counts.multi_photon > 0],
+        **some_only(counts),
+        keys=progress.keys,
+        bits_of_a_key=KEY_BITS,
+        first_key_id=str(first) if first else None,
+        last_key_id=str(last) if last else None,
+        authentication_bits=counts.authentication,
+        net_key_bits=counts.key - counts.authentication,
+        light_s=light_s,
+        elapsed_s=elapsed_s,
+        photons_per_s=progress.photons / light_s,
+        raw_bits_per_s=counts.raw / light_s,
+        sifted_bits_per_s=counts.sifted / light_s,
+        key_bits_per_s=counts.key / elapsed_s,
+    )
 
 
-def bell_test(bell: Correlations) -> dict[str, Any]:
-    """Return what the CHSH test has told."""
-    return {"chsh": bell.s, "chsh_error": bell.error, "chsh_pairs": bell.pairs}
+def some_only(counts: Counts) -> dict[str, Any]:
+    """Return what decoys and the CHSH test have told, by its names, of sessions that have them."""
+    decoys = {"intensities": list(counts.means)} if counts.means else {}
+    bell = counts.bell
+    if not bell.pairs:
+        return decoys
+    return {**decoys, "chsh": bell.s, "chsh_error": bell.error, "chsh_pairs": bell.pairs}

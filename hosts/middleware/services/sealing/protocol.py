@@ -30,6 +30,7 @@ from hosts.middleware.session.service_options import ServiceOptions
 from wire.metadata.values import Topic
 from wire.metadata.vocabulary import Reason
 from wire.outcomes import NO_COINCIDENCE
+from wire.results.figures import SealedFigures, SealFigures
 
 MOST_DARK = 5  # blocks in a row of which no pair can be compared
 RANGES = {
@@ -148,7 +149,7 @@ class Watch:
             text = f"of the last {MOST_DARK} blocks no pair was found in equal bases at both ends"
             raise SessionError(Reason.NO_LIGHT, f"{text}: see that fibres are whole, and the loss")
 
-    def summary(self) -> dict[str, object]:
+    def summary(self) -> SealFigures:
         """Return what the application is told."""
         question, test = self._options.question, self._test
         compared, errors = int(self._compared.sum()), self.errors
@@ -156,23 +157,23 @@ class Watch:
             1 - 2 * int(wrong) / int(all_) if all_ else None
             for wrong, all_ in zip(self._errors, self._compared, strict=True)
         ]
-        return {
-            "alarm": test.alarm,
-            "given_back": self.given_back,
-            "compared": test.compared,
-            "emitted": self._emitted,
-            "error_rate": errors / compared if compared else None,
-            "visibility_z": both[0],
-            "visibility_x": both[1],
-            "tests_whole": test.whole,
-            "score": test.score,
-            "score_of_alarm": question.bounds[1],
-            "false_alarm": question.false_alarm,
-            "missed": question.missed,
-            "light_s": self._emitted / self._side.setup.rate_hz,
-            "elapsed_s": self._elapsed_s,
-            "pairs_per_s": test.compared / self._elapsed_s if self._elapsed_s else 0.0,
-        }
+        return SealFigures(
+            alarm=test.alarm,
+            given_back=self.given_back,
+            compared=test.compared,
+            emitted=self._emitted,
+            error_rate=errors / compared if compared else None,
+            visibility_z=both[0],
+            visibility_x=both[1],
+            tests_whole=test.whole,
+            score=test.score,
+            score_of_alarm=question.bounds[1],
+            false_alarm=question.false_alarm,
+            missed=question.missed,
+            light_s=self._emitted / self._side.setup.rate_hz,
+            elapsed_s=self._elapsed_s,
+            pairs_per_s=test.compared / self._elapsed_s if self._elapsed_s else 0.0,
+        )
 
 
 def answer(side: HostSide) -> Steps[None]:
@@ -190,4 +191,4 @@ def answer(side: HostSide) -> Steps[None]:
         seen = told != NO_COINCIDENCE
         yield side.say(Topic.OUTCOMES, number, np.where(seen, told, LOST), 2)
         blocks, photons = blocks + 1, photons + int(np.count_nonzero(seen))
-        yield Tell({"blocks": blocks, "photons": photons})
+        yield Tell(SealedFigures(blocks=blocks, photons=photons))

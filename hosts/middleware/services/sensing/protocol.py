@@ -32,6 +32,7 @@ from hosts.middleware.session.values import MAX_WORD, numbers_of
 from hosts.timeouts import BITS_TIMEOUT_S
 from wire.metadata.values import Topic, Values
 from wire.metadata.vocabulary import Reason
+from wire.results.figures import SensingFigures
 
 PLUS = 2  # as states are prepared
 FIRST_SHARE = 1 / 32  # of the probes, in X, and as many in Y
@@ -57,6 +58,7 @@ class Leader(line.Leader):
     """The host that asks: it says at which angles all measure, and tells the sum."""
 
     options: SensingOptions
+    kind = SensingFigures
     fringes: list[Fringe] = field(init=False)  # of the parity; or one for each host
 
     def __post_init__(self) -> None:

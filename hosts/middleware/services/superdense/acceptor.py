@@ -85,7 +85,7 @@ class Acceptor:
                 raise unexpected(message, self._channel.peer)
 
     def close(self) -> None:
-        """Let go of handshakes under way."""
+        """Cancel handshakes under way."""
         for task in self._singles.values():
             task.cancel()
         if self._expected is not None:

@@ -20,7 +20,7 @@ import asyncio
 from collections import deque
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
-from typing import Any
+from copy import copy
 
 from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import NoLight, Symbols
@@ -32,6 +32,7 @@ from hosts.middleware.session.ends import Carrier, OpenerEnd
 from hosts.network_loop import now_s
 from hosts.timeouts import DOUBT_S, GRACE_S, LIGHT_TIMEOUT_S, REPORT_TIMEOUT_S
 from wire.metadata.blocks import Report
+from wire.results.figures import SenderFigures
 
 
 async def open_bytes(end: OpenerEnd, options: SuperdenseOptions) -> Carrier:
@@ -74,8 +75,8 @@ class Opener:
             self._end.summary = self._summary()
         self._end.sent = self._sender.sent
 
-    def _summary(self) -> dict[str, Any]:
-        return dict(vars(self._sender.statistics))
+    def _summary(self) -> SenderFigures:
+        return copy(self._sender.statistics)
 
     def _counts(self) -> Mapping[str, int]:
         """Return what was used so far, as the device reports it."""

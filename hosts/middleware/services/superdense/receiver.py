@@ -1,6 +1,6 @@
 """The protocol of superdense coding at the end that receives bytes: no socket, no clock.
 
-    WAITING    block(message)    an order: what to measure, to collect or to let go -> MEASURING
+    WAITING    block(message)    an order: what to measure, to collect or to discard -> MEASURING
     MEASURING  arrived(symbols)  the bytes that are whole now, and a Report -> WAITING
     WAITING    finish(message)   all bytes are here and right
 
@@ -13,7 +13,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum, auto
 from hashlib import sha256
-from typing import Any
 
 import numpy as np
 
@@ -30,6 +29,7 @@ from wire.metadata.blocks import Block, Finish, Report
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.vocabulary import Handshake, Reason
 from wire.outcomes import NO_COINCIDENCE
+from wire.results.figures import ReceiverFigures
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Measure:
 
 @dataclass(frozen=True)
 class Discard:
-    """An order: let go of the halves of a block of which the others will not come."""
+    """An order: discard the halves of a block of which the others will not come."""
 
     block: int
 
@@ -100,22 +100,22 @@ class Receiver:
         self._size = 0
 
     @property
-    def statistics(self) -> dict[str, Any]:
+    def statistics(self) -> ReceiverFigures:
         """Counts for the application and for diagnosis.
 
         `confusion` has a row for each symbol sent and a column for each received, of the frames
         that have arrived: before their check is right, nobody here knows what was sent.
         """
-        return {
-            "bytes": self._size,
-            "symbols": self._inbox.symbols_seen,
-            "lost_pairs": self._inbox.symbols_lost,
-            "symbol_errors": self._inbox.symbol_errors,
-            "corrected_symbols": self._inbox.corrected_symbols,
-            "filled_symbols": self._inbox.filled_symbols,
-            "repeated_frames": self._inbox.repeated_frames,
-            "confusion": self._inbox.confusion.tolist(),
-        }
+        return ReceiverFigures(
+            bytes=self._size,
+            symbols=self._inbox.symbols_seen,
+            lost_pairs=self._inbox.symbols_lost,
+            symbol_errors=self._inbox.symbol_errors,
+            corrected_symbols=self._inbox.corrected_symbols,
+            filled_symbols=self._inbox.filled_symbols,
+            repeated_frames=self._inbox.repeated_frames,
+            confusion=self._inbox.confusion.tolist(),
+        )
 
     def counts(self) -> Mapping[str, int]:
         """Return what was used so far, as the device reports it."""

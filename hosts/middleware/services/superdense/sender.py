@@ -29,29 +29,9 @@ from hosts.timeouts import DARK_LIMIT_S
 from wire.metadata.blocks import Block, Report
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.vocabulary import SYMBOLS, Handshake, Reason
+from wire.results.figures import SenderFigures
 
 ATTEMPTS_LIMIT = 64
-
-
-@dataclass
-class Statistics:
-    """What a session has used so far."""
-
-    bell_pairs: int = 0
-    lost_pairs: int = 0
-    received_symbols: int = 0
-    symbol_errors: int = 0
-    corrected_symbols: int = 0  # those of the wrong ones that the code has put right
-    filled_symbols: int = 0  # lost ones that the code has filled in
-    repeated_frames: int = 0
-    delivered_bytes: int = 0
-    rate_hz: int = 0  # what the session uses; the controller may have overridden it
-    frame_bytes: int = 0
-    fec: int = 0
-    interleave: int = 0
-    wavelength_pm: int = 0
-    code_rate: float = 1.0  # bits of data for each bit of code, in all frames so far
-    symbols: int = 0  # Bell states that the receiver's analyser tells apart; 0: not known yet
 
 
 @dataclass(frozen=True)
@@ -98,9 +78,22 @@ class Sender:
         self._lit_at_s = now_s  # when a pair last arrived
         self._digest = sha256()
         self._data = b""  # not held by the receiver yet
-        used_of = "rate_hz", "frame_bytes", "fec", "interleave", "wavelength_pm"
-        self.statistics = Statistics(
-            symbols=answer.symbols, **{name: getattr(setup, name) for name in used_of}
+        self.statistics = SenderFigures(
+            bell_pairs=0,
+            lost_pairs=0,
+            received_symbols=0,
+            symbol_errors=0,
+            corrected_symbols=0,
+            filled_symbols=0,
+            repeated_frames=0,
+            delivered_bytes=0,
+            rate_hz=setup.rate_hz,
+            frame_bytes=setup.frame_bytes,
+            fec=setup.fec,
+            interleave=setup.interleave,
+            wavelength_pm=setup.wavelength_pm,
+            code_rate=1.0,
+            symbols=answer.symbols,
         )
 
     @property
@@ -161,7 +154,7 @@ class Sender:
         return Block(session, block.number, pairs, block.refills, emitted_ns, block.frames)
 
     def dark(self, why: str) -> Block:
-        """No light came here: return what tells the receiver to let go of its halves."""
+        """No light came here: return what tells the receiver to discard its halves."""
         first = self._first_unannounced()
         if first.why_dark is None:
             self._call_off(why)

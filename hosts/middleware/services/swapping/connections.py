@@ -52,7 +52,7 @@ class OpenedLink(ConnectionEnd):
         await self.arrangement.give_up(error)
 
     async def close(self) -> None:
-        """Let go of the connection and of what is left of the halves."""
+        """Close the connection, and discard what is left of the halves."""
         self.arrangement.close()
         await release(self.qnic, self.setup.session)
 

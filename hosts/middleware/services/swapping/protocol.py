@@ -90,7 +90,7 @@ class Opening:
         there = sent.size
         if self._order.rounds:
             there = yield Through(self._connection, link.purify(number, there, self._order))
-            pairs.facts["span_rounds"] = self._order.rounds
+            pairs.facts.span_rounds = self._order.rounds
         theirs = yield from hear(Topic.ARRIVED, number, None, 1, BITS_TIMEOUT_S)
         if theirs.size > there:
             text = f"{theirs.size} pairs of block {number}, at most {there} were sent"
@@ -145,7 +145,7 @@ def joined(
     place: int,
     distinguishable_states: frozenset[int],
 ) -> Steps[Swapped]:
-    """Join the first pairs of the links to both sides, and let go of the rest of either."""
+    """Join the first pairs of the links to both sides, and discard the rest of either."""
     size = min(side.size for side in kept)
     for name, side in zip(names, kept, strict=True):
         if size < side.size:
@@ -195,8 +195,8 @@ class Accepting:
         self._under_way.end(number)
         pairs.add(number, size, int(np.count_nonzero(chosen)), there.since_ns)
         if self._corrected:
-            pairs.facts["waited_ms"] = self._waited_ms / self._corrected  # for the bits
-            pairs.facts["repeaters_waited_ms"] = [
+            pairs.facts.waited_ms = self._waited_ms / self._corrected  # for the bits
+            pairs.facts.repeaters_waited_ms = [
                 waited_ms / self._corrected
                 for _place, waited_ms in sorted(self._repeaters_ms.items())
             ]

@@ -13,7 +13,6 @@ teleport.py carries the messages and has photons made, corrected and measured.
 
 from dataclasses import dataclass
 from math import sqrt
-from typing import Any
 
 import numpy as np
 
@@ -26,6 +25,7 @@ from wire.metadata.setup import Setup
 from wire.metadata.values import Topic, Values
 from wire.metadata.vocabulary import Reason
 from wire.outcomes import NO_COINCIDENCE
+from wire.results.figures import TeleportFigures
 
 MAX_NUMBER = (1 << 32) - 1
 
@@ -46,19 +46,19 @@ class Tally:
         self.agreed += agreed
         self.waited_s += arrived * waited_us * 1e-6
 
-    def summary(self, elapsed_s: float) -> dict[str, Any]:
+    def summary(self, elapsed_s: float) -> TeleportFigures:
         """Return what the application is told; None where nothing has arrived."""
-        if not self.arrived:
-            told = dict.fromkeys(("fidelity", "fidelity_error", "waited_ms"))
-        else:
-            fidelity = self.agreed / self.arrived
-            told = {
-                "fidelity": fidelity,
-                "fidelity_error": sqrt(fidelity * (1 - fidelity) / self.arrived),  # standard error
-                "waited_ms": 1000 * self.waited_s / self.arrived,
-            }
-        counts = {"states": self.states, "arrived": self.arrived, **told}
-        return {**counts, "elapsed_s": elapsed_s, "states_per_s": self.states / elapsed_s}
+        arrived = self.arrived
+        fidelity = self.agreed / arrived if arrived else None
+        return TeleportFigures(
+            states=self.states,
+            arrived=arrived,
+            fidelity=fidelity,
+            fidelity_error=fidelity and sqrt(fidelity * (1 - fidelity) / arrived),
+            waited_ms=1000 * self.waited_s / arrived if arrived else None,
+            elapsed_s=elapsed_s,
+            states_per_s=self.states / elapsed_s,
+        )
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ async def teleport(end: OpenerEnd, options: TeleportOptions) -> None:
             end.channel.send(message)
         sender.heard(await end.channel.receive(Values, ANSWER_TIMEOUT_S))
         end.summary = sender.tally.summary(now_s() - started)
-        await end.tell(**end.summary)
+        await end.tell(**vars(end.summary))
 
 
 async def _send(end: OpenerEnd, order: Teleport) -> Symbols | None:
@@ -86,7 +86,7 @@ async def receive(end: AcceptorEnd) -> None:
         receiver.announced(*coming)
         end.channel.send(await _receive_block(end, receiver, *coming))
         end.summary = receiver.tally.summary(now_s() - started)
-        await end.tell(**end.summary)
+        await end.tell(**vars(end.summary))
 
 
 async def _receive_block(end: AcceptorEnd, receiver: Receiver, number: int, size: int) -> Values:

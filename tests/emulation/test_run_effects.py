@@ -1,0 +1,117 @@
+"""Physical effects over the real components, one by one, each beside its closed form.
+
+Those of services and nodes of their own are with these. Bounds are five standard errors.
+"""
+
+from math import erf, exp, factorial, sqrt
+from pathlib import Path
+
+import pytest
+from test_run_heralded import emitters
+from test_run_nodes import polarised, require_estimate, result_of
+from test_run_qkd import run_qkd
+
+BITS = 20_000
+POISSON = sum(
+    exp(-0.1) * 0.1**pairs / factorial(pairs) * (1 - 2.0 ** (1 - pairs)) / 2
+    for pairs in range(2, 20)
+)  # both see light of several pairs: where these do not agree, either tells a coin
+
+
+def devices(**told: object) -> list[str]:
+    """Return the options of devices; two underscores are for a dot."""
+    pairs = [f"{name.replace('__', '.')}={value}" for name, value in told.items()]
+    return [word for pair in pairs for word in ("--device", pair)]
+
+
+def fiber(**told: float) -> list[str]:
+    """Return the options of the fibre to bob, of 30 km."""
+    words = [f"q1-bob.{name}={value}" for name, value in {"length_km": 30, **told}.items()]
+    return [word for each in words for word in ("--fiber", each)]
+
+
+TIME_BINS = devices(alice__source__encoding="time-bin", bob__detectors__encoding="time-bin")
+EFFECTS: dict[str, tuple[list[str], float]] = {
+    # Each photon meets turns of its own; rms angles are .1 and .12 rad at the root of 30 km.
+    "polarisation drift": (
+        fiber(polarization_drift_rad_per_sqrt_km=0.1, polarization_drift_time_s=1e-8),
+        (1 - exp(-0.3 / 3)) / 2,
+    ),
+    "phase drift, which Z does not see": (
+        [*fiber(phase_drift_rad_per_sqrt_km=0.12, phase_drift_time_s=1e-8), *TIME_BINS],
+        (1 - exp(-0.432 / 2)) / 4,
+    ),
+    "a Pauli channel": (fiber(pauli_x=0.01, pauli_y=0.02, pauli_z=0.04), (0.03 + 0.06) / 2),
+    "states that are prepared wrongly": (devices(alice__source__preparation_error=0.04), 0.04),
+    "bits that are told wrongly": (devices(bob__detectors__readout_error=0.03), 0.03),
+    "further pairs of a pulse": (
+        [
+            *("--protocol", "bbm92"),
+            *devices(charlie__source__statistics="poisson", charlie__source__mean_pairs=0.1),
+        ],
+        POISSON / -(exp(-0.1) - 1),
+    ),
+}
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_keys_have_the_errors_of_each_effect(tmp_path: Path, effect: str) -> None:
+    words, qber = EFFECTS[effect]
+    given = [*words, "--count", str(BITS), "--test-fraction", "0.5", "--bound", "asymptotic"]
+    done, result = run_qkd(tmp_path, *given)
+    assert done.returncode == 0, done.stdout + done.stderr
+    told = result["job"]["asking"]
+    assert told["disclosed_bits"] > BITS / 3
+    assert abs(told["qber"] - qber) < 5 * sqrt(qber * (1 - qber) / told["disclosed_bits"])
+
+
+def test_light_is_counted_in_the_gate_that_it_comes_in(tmp_path: Path) -> None:
+    """Jitter of 300 and 400 ps is one of 500, and the gate ends as far from its middle."""
+    jitter = devices(alice__source__jitter_ps=300, bob__detectors__jitter_ps=400)
+    done, result = run_qkd(tmp_path, *jitter, "--count", str(BITS), "--bound", "asymptotic")
+    assert done.returncode == 0, done.stdout + done.stderr
+    told, seen = result["job"]["asking"], erf(500 / 500 / sqrt(2))
+    error = sqrt(seen * (1 - seen) / told["photons"])
+    assert abs(told["raw_bits"] / told["photons"] - seen) < 5 * error
+    assert told["qber"] == 0
+
+
+def test_the_h_of_a_bell_measurement_by_gates_errs_behind_the_cx(tmp_path: Path) -> None:
+    """Half of p1 = .2 takes Phi+ for Phi-: F = .90, where noise before the CX gave .8526."""
+    words = ["swap", "--count", "400", "--sample", "0.8"]
+    words += devices(r1__analyser__kind="gates", r1__gates__one_qubit_depolarizing=0.2)
+    require_estimate(result_of(tmp_path, *words)["job"]["asking"], polarised(0.9), 0.0)
+
+
+def test_single_clicks_herald_pairs_as_good_as_qubits_are_dark(tmp_path: Path) -> None:
+    """Of 2 a (1 - a) e + a^2 (2 e - e^2) heralds the first are pairs: F = 1 - a for small e."""
+    bright, efficiency = 0.1, 0.05
+    words = ["distribute", "--node", "charlie=station", *emitters("alice", "bob")]
+    for host in ("alice", "bob"):
+        told = {"scheme": "single-click", "bright_state": bright, "efficiency": efficiency}
+        told["fidelity"] = 1
+        words += devices(**{f"{host}__emitter__{name}": value for name, value in told.items()})
+    words += [*devices(charlie__detectors__dark_count_hz=0), "--loss-db-per-km", "0"]
+    words += ["--switch", "insertion_loss_db=0", "--count", "400", "--sample", "0.5"]
+    asking = result_of(tmp_path, *words, "--length-km", "1")["job"]["asking"]
+    fidelity = (1 - bright) / (1 - bright * efficiency / 2)
+    require_estimate(asking, polarised(fidelity), 0.0)
+
+
+def test_a_request_for_12_pairs_makes_those_and_a_sample(tmp_path: Path) -> None:
+    """A memory takes 32: 20 of them are sampled, and for 10 more 1.05 x 10 + 1 are made, 11.5."""
+    words = ["distribute", "--node", "ion-trap", "--node", "charlie=station", "--count", "12"]
+    words += ["--length-km", "0.01", "--loss-db-per-km", "0"]
+    asking = result_of(tmp_path, *words)["job"]["asking"]
+    assert (asking["pairs"], asking["emitted"], asking["sampled"]) == (12, 44, 30)
+
+
+def test_what_pairs_are_when_they_are_handed_over_is_told(tmp_path: Path) -> None:
+    """Of coherence c = 2 F - 1 at their sample exp(-2 t / T2) is left at both ends."""
+    t2_s = 0.5
+    words = ["distribute", "--count", "2000", "--sample", "0.5", "--time-scale", "5"]
+    words += devices(alice__memory__t2_s=t2_s, bob__memory__t2_s=t2_s)
+    asking = result_of(tmp_path, *words)["job"]["asking"]
+    coherence = (2 * asking["fidelity"] - 1) * exp(-2 * asking["fidelity_age_s"] / t2_s)
+    assert asking["fidelity_age_s"] > 0
+    assert abs(asking["fidelity_expected"] - (1 + coherence) / 2) < 1e-6

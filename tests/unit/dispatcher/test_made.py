@@ -1,0 +1,143 @@
+"""Hosts and the news of what they have made: none comes before light could tell it.
+
+News takes as long as its way: from bob 3 + 4 ms to alice, and from charlie, who is farthest,
+3 + 10 ms.
+"""
+
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import uvloop
+from dispatcher_network import configuration
+
+from dispatcher.laboratory import SESSION, START_NS, Laboratory
+from dispatcher.layer.ownership import BlockName
+from dispatcher.refusal import Refusal
+from wire.config import DispatcherConfig
+from wire.dispatcher_pb2 import CreateRequest
+from wire.parameters.physics import Device, Emitter, Memory
+
+COPPER_S = {"alice": 3e-3, "bob": 4e-3, "charlie": 10e-3}
+NEWS_S = {name: {"s1": delay_s} for name, delay_s in COPPER_S.items()} | {"s1": COPPER_S}
+BOBS_NS, FARTHEST_NS = 7_000_000, 13_000_000
+PAIRS = 8
+Far = Callable[[Laboratory], Awaitable[object]]
+
+
+@pytest.fixture
+def config(tmp_path_factory: pytest.TempPathFactory) -> DispatcherConfig:
+    folder = tmp_path_factory.mktemp("made")
+    return configuration(folder, news_s=NEWS_S)
+
+
+async def nothing(_laboratory: Laboratory) -> None:
+    """Let bob keep what he has."""
+
+
+async def measured(laboratory: Laboratory) -> None:
+    await laboratory.host("bob").measure((0, 0))
+
+
+async def taken_apart(laboratory: Laboratory) -> None:
+    """Let bob's photons be in a block that he has made."""
+    await laboratory.host("bob").gather((5, 0), {(0, 0): np.arange(PAIRS)})
+
+
+async def told(action: Awaitable[object]) -> str:
+    """Return what somebody is told who tries something."""
+    try:
+        await action
+    except Refusal as refused:
+        return str(refused)
+    return "done"
+
+
+def heard(config: DispatcherConfig, far: Far, port: str, later_ns: int) -> list[str]:
+    """Return what alice is told of a name and of her share, after what happens far away."""
+
+    async def ask() -> list[str]:
+        laboratory = await sent(config, far, port)
+        laboratory.clock.time_ns += later_ns
+        alice, zeros = laboratory.host("alice"), CreateRequest.ZEROS
+        answers = [await told(alice.create(2 * PAIRS, number=1, state=zeros))]
+        answers.append(await told(alice.create(1, state=zeros)))
+        into = alice.gather((0, 0), {(0, 1): np.arange(2)}, True)
+        return [*answers, await told(into)]
+
+    return uvloop.run(ask())
+
+
+async def sent(config: DispatcherConfig, far: Far, port: str) -> Laboratory:
+    """Let alice send light by a port, who keeps the other halves of its pairs, and that happen."""
+    laboratory = Laboratory(config)
+    laboratory.layer.share = 3 * PAIRS
+    await laboratory.host("alice").create(PAIRS)
+    await laboratory.host("alice").send({(0, 0): port})
+    await laboratory.host("bob").receive((0, 0), "bob-q9")
+    await far(laboratory)
+    return laboratory
+
+
+@pytest.mark.parametrize("far", [measured, taken_apart])
+@pytest.mark.parametrize("later_ns", [0, BOBS_NS // 2, BOBS_NS - 1])
+def test_a_maker_cannot_tell_what_becomes_of_its_light_before_news_can_be_here(
+    config: DispatcherConfig, far: Far, later_ns: int
+) -> None:
+    asked = [heard(config, each, "alice-q9", later_ns) for each in (nothing, far)]
+    assert asked[0] == asked[1]
+    assert "16 that alice has made" in asked[0][0]
+    assert all("block 0/0" in answer for answer in asked[0][1:])
+
+
+@pytest.mark.parametrize("far", [measured, taken_apart])
+def test_a_name_and_its_share_are_free_when_news_can_be_here(
+    config: DispatcherConfig, far: Far
+) -> None:
+    asked = heard(config, far, "alice-q9", BOBS_NS)
+    assert asked[0] == "done"  # her share has room for 16 beside the 8 halves that she has kept
+    assert "its share of 24" in asked[1]  # no name is in her way any more
+    asked = heard(config, nothing, "alice-q9", BOBS_NS)
+    assert "16 that alice has made" in asked[0]
+
+
+def test_of_light_that_ends_on_its_way_nobody_hears_before_the_farthest_could_tell(
+    config: DispatcherConfig,
+) -> None:
+    """alice's light comes to q1, which has no path for it, or to bob, who keeps it."""
+    for later_ns in (0, FARTHEST_NS - 1_000):
+        asked = [heard(config, nothing, port, later_ns) for port in ("alice-q0", "alice-q9")]
+        assert asked[0] == asked[1]
+        assert "16 that alice has made" in asked[0][0]
+    assert heard(config, nothing, "alice-q0", FARTHEST_NS)[0] == "done"
+
+
+def test_what_is_let_go_at_its_maker_is_free_at_once(config: DispatcherConfig) -> None:
+    async def act() -> None:
+        laboratory = Laboratory(config)
+        alice, makers = laboratory.host("alice"), laboratory.layer.ownership.makers
+        for _ in range(3):
+            await alice.create(PAIRS)
+            await alice.measure((0, 0))
+            await alice.discard((0, 1))
+            assert (makers.places_of("alice"), makers.blocks_of("alice")) == (0, 0)
+            assert makers.parts("alice", BlockName(SESSION, 0, 0)) == 0
+        assert laboratory.clock.now_ns() == START_NS
+
+    uvloop.run(act())
+
+
+def test_a_host_that_attempts_cannot_tell_whether_another_attempts_under_its_name(
+    config: DispatcherConfig,
+) -> None:
+    device = Device(memory=Memory(capacity=10), emitter=Emitter("two-click"))
+    config = replace(config, devices={"alice": device, "bob": device})
+
+    async def ask(alone: bool) -> str:
+        laboratory = Laboratory(config)
+        if not alone:
+            await laboratory.host("alice").attempt((0, 0), "alice-q0")
+        return await told(laboratory.host("bob").attempt((0, 0), "bob-q0"))
+
+    assert uvloop.run(ask(True)) == uvloop.run(ask(False)) == "done"

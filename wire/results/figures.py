@@ -1,0 +1,335 @@
+"""The figures of services: what the application at an end is told, and result.json keeps.
+
+Each service has classes of its own, those of the opener first. A figure without a default is always
+told; of the others, those that a session does not come to are not there, and read as the default.
+None: it is not known. `vars` gives what is told, in its order.
+"""
+
+from dataclasses import dataclass, fields
+from typing import Any, cast, dataclass_transform
+
+
+@dataclass_transform(kw_only_default=True)
+class Figures:
+    """Nothing, as of an end that has not come to tell anything."""
+
+    def __init_subclass__(cls) -> None:
+        """Make a dataclass of it that holds what it is given, and no more."""
+        dataclass(init=False, repr=False, eq=False)(cls)
+
+    def __init__(self, **told: Any) -> None:
+        """Hold what is told; raise TypeError for a name that it does not have."""
+        if unknown := told.keys() - {each.name for each in fields(cast("Any", self))}:
+            raise TypeError(f"{type(self).__name__} has no {', '.join(sorted(unknown))}")
+        vars(self).update(told)
+
+
+dataclass(init=False, repr=False, eq=False)(Figures)
+
+
+class TeleportFigures(Figures):
+    """Of teleportation, at both ends."""
+
+    states: int
+    arrived: int
+    fidelity: float | None
+    fidelity_error: float | None  # standard error
+    waited_ms: float | None  # in the acceptor's memory, for the bits
+    elapsed_s: float
+    states_per_s: float
+
+
+class KeyProgress(Figures):
+    """Of key distribution, at both ends, while light is sent."""
+
+    photons: int  # or pairs, that were made
+    raw_bits: int
+    sifted_bits: int
+    key_bits: int
+    keys: int  # in the store
+    elapsed_s: float
+    handed_out: int = 0  # keys, by --hand-out
+
+
+class KeyFigures(KeyProgress):
+    """Of key distribution, at both ends; counts, rates and error rates, never a key."""
+
+    qber: float | None
+    qber_low: float | None  # of the 95 % confidence interval
+    qber_high: float | None
+    disclosed_bits: int
+    ones_fraction: float | None
+    leaked_bits: int
+    key_fraction: float | None
+    key_fraction_limit: float | None  # that of endless keys
+    multi_photon: float
+    single_photon_fraction: float | None  # of the sifted bits, at least
+    assumed: str
+    intensities: list[float] | None = None  # of decoys
+    chsh: float | None = None
+    chsh_error: float | None = None
+    chsh_pairs: int = 0
+    bits_of_a_key: int
+    first_key_id: str | None
+    last_key_id: str | None
+    authentication_bits: int
+    net_key_bits: int
+    light_s: float
+    photons_per_s: float  # as raw and sifted bits: of light and sifting
+    raw_bits_per_s: float
+    sifted_bits_per_s: float
+    key_bits_per_s: float  # of the whole session
+
+
+class MemoryFigures(Figures):
+    """What pairs come to that wait, or are told of, in some sessions alone."""
+
+    attempts: int = 0  # of heralds
+    dropped: int = 0  # pairs, too old
+    fidelity_age_s: float | None = None  # since the sample was measured, on average
+    fidelity_expected: float | None = None  # now
+    sampled_waited_ms: float | None = None
+    span_rounds: int = 0  # of purification within a chain
+    waited_ms: float | None = None  # for the bits of all swaps
+    repeaters_waited_ms: list[float] | None = None  # by their places
+
+
+class PairFigures(MemoryFigures):
+    """Of distribution and swapping, at both ends."""
+
+    session: str
+    pairs: int
+    pairs_per_s: float
+    fidelity: float | None
+    fidelity_low: float | None  # of the 95 % confidence interval
+    fidelity_high: float | None
+    emitted: int
+    shared: int
+    sampled: int
+    rounds: int  # of purification
+    compared: int
+    survived: int
+    elapsed_s: float
+
+
+class LineFigures(Figures):
+    """Of the leader of a line of hosts, whatever its states are for."""
+
+    states: int  # that have told something
+    hosts: int
+    made: int
+    emitted: int  # pairs of its own
+    states_per_s: float
+    elapsed_s: float
+
+
+class FollowerFigures(Figures):
+    """Of a host of the line that another has asked."""
+
+    states: int
+    fused: int
+
+
+class GhzFigures(LineFigures):
+    """Of GHZ states, at their leader."""
+
+    fidelity: float | None
+    fidelity_error: float | None  # standard error
+    equal_in_z: float | None
+    coherence: float | None
+
+
+class GraphFigures(LineFigures):
+    """Of graph states, at their leader; either the fidelity is told, or a bound of it."""
+
+    fidelity: float | None = None
+    fidelity_at_least: float | None = None
+    fidelity_error: float | None  # standard error
+    passed: list[float] | None = None  # of each colour
+    edges: int
+    pairs_per_state: int
+
+
+class SensingFigures(LineFigures):
+    """Of distributed sensing, at its leader; None: not known yet."""
+
+    sum_rad: float | None
+    sum_error_rad: float | None
+    mean_rad: float | None
+    mean_error_rad: float | None
+    heisenberg_limit_rad: float | None
+    standard_limit_rad: float | None
+    visibility: float | None
+
+
+class ConferenceFigures(LineFigures):
+    """Of conference key agreement, at its leader; never a key."""
+
+    raw_bits: int
+    tests_in_x: int
+    qber_x: float
+    tests_in_z: int
+    qber_z: list[float]  # of each other host
+    leaked_bits: int
+    key_bits: int
+    key_fraction: float
+    key_fraction_limit: float
+    bound: str
+    assumed: str
+    keys: int
+    bits_of_a_key: int
+    first_key_id: str | None
+    last_key_id: str | None
+    authentication_bits: int
+    net_key_bits: int
+    key_bits_per_s: float
+
+
+class ConferenceFollowerFigures(FollowerFigures):
+    """Of conference key agreement, at another host."""
+
+    key_bits: int
+    keys: int
+    first_key_id: str | None
+
+
+class SealFigures(Figures):
+    """Of a tamper seal, at its opener."""
+
+    alarm: bool
+    given_back: bool  # the light, to a session
+    compared: int  # pairs
+    emitted: int
+    error_rate: float | None
+    visibility_z: float | None
+    visibility_x: float | None
+    tests_whole: int  # that have found nobody
+    score: float
+    score_of_alarm: float
+    false_alarm: float
+    missed: float
+    light_s: float
+    elapsed_s: float
+    pairs_per_s: float
+
+
+class SealedFigures(Figures):
+    """Of a tamper seal, at its acceptor."""
+
+    blocks: int
+    photons: int
+
+
+class EveFigures(Figures):
+    """What an eavesdropper has done to light, and seen of it."""
+
+    attack: str
+    fraction: float  # of the photons
+    blocks: int  # that were sent on
+    photons: int  # places for photons in them
+    lost_blocks: int  # whose light was gone before it could be received
+    # Of intercept and resend:
+    measured: int = 0
+    zeros: int = 0
+    ones: int = 0
+    # Of photon-number splitting, in pulses:
+    expected_db: float = 0.0
+    onward_db: float = 0.0
+    multi_photon: int = 0
+    single_photon: int = 0
+    held_back: int = 0
+    discarded: int = 0  # photons that were kept, and had to make room
+
+
+class SenderFigures(Figures):
+    """Of superdense coding, at its opener."""
+
+    symbols: int  # Bell states that the receiver's analyser tells apart; 0: not known yet
+    bell_pairs: int
+    lost_pairs: int
+    received_symbols: int
+    symbol_errors: int
+    corrected_symbols: int  # those of the wrong ones that the code has put right
+    filled_symbols: int  # lost ones that the code has filled in
+    repeated_frames: int
+    delivered_bytes: int
+    rate_hz: int  # what the session uses; the controller may have overridden it
+    frame_bytes: int
+    fec: int
+    interleave: int
+    wavelength_pm: int
+    code_rate: float  # bits of data for each bit of code, in all frames so far
+
+
+class ReceiverFigures(Figures):
+    """Of superdense coding, at its acceptor."""
+
+    bytes: int
+    symbols: int
+    lost_pairs: int
+    symbol_errors: int
+    corrected_symbols: int
+    filled_symbols: int
+    repeated_frames: int
+    confusion: list[list[int]]  # symbols sent (row) as they were received (column)
+
+
+class StoredKeyFigures(Figures):
+    """Of key managers: what sessions of theirs have come to."""
+
+    sessions: int
+    sessions_without_key: int
+    keys: int
+    qber_lowest: float | None
+    qber_highest: float | None
+    elapsed_s: float
+    keys_per_s: float
+
+
+class TunnelFigures(StoredKeyFigures):
+    """Of a tunnel with such keys, and the file through it."""
+
+    keys_used: int
+    longest_handshake_s: float | None
+    tunnel_closed_s: float
+    file_bytes: int
+    received_bytes: int
+    file_intact: bool
+
+
+class LoadFigures(Figures):
+    """Of heavy traffic: the numbers that a person is told first."""
+
+    sessions: int
+    accepted: int
+    queued: int
+    blocked: int
+    late: int
+    broken: int
+    offered_per_s: float | None
+    most_at_a_time: int
+    carried_erlang: float | None
+    setup_p50_s: float | None
+    setup_p99_s: float | None
+    pairs_per_s: float | None
+    fairness: float | None
+    controller_ms_a_session: float
+
+
+# Of the services of `qmn run`, whose figures are kept as they are told.
+ServiceFigures = (
+    Figures
+    | TeleportFigures
+    | KeyProgress
+    | KeyFigures
+    | PairFigures
+    | LineFigures
+    | FollowerFigures
+    | GhzFigures
+    | GraphFigures
+    | SensingFigures
+    | ConferenceFigures
+    | ConferenceFollowerFigures
+    | SealFigures
+    | SealedFigures
+)
