@@ -126,7 +126,7 @@ at("play").addEventListener("click", () => {
   if (!view.playing && view.t >= timeline.end && !(network.live && !view.ended)) view.t = timeline.begin;
   Object.assign(view, { playing: !view.playing, follow: false });
   status();
-  pictures.wake();
+  pictures.begin();
 });
 at("now").addEventListener("click", () => {
   Object.assign(view, { follow: true, playing: network.live && !view.ended });

@@ -603,6 +603,7 @@ def test_a_network_that_goes_on_can_be_paused_and_played_at_another_speed(
         expect(page.locator("#slider")).to_have_attribute("max", "100")  # it can be gone to
         expect(clock).to_have_text("1.000 s")
         page.get_by_label("speed").select_option("10")
+        page.wait_for_timeout(2000)  # while it is paused no time passes, which it would catch up on
         begun = time.monotonic()
         page.get_by_role("button", name="play").click()
         page.wait_for_function("() => parseFloat(document.getElementById('clock').value) > 21")
