@@ -77,7 +77,8 @@ class Memories:
         hardware.require(self._devices, block.node, STORE)
         if block.fibers_passed:
             hardware.require(self._devices, block.node, ABSORB)
-        self.require_capacity(block.node, block.register.remaining)
+        if block.heard_ns <= self._clock.now_ns():
+            self.require_capacity(block.node, block.register.remaining)
         memory = self._devices.of(block.node).memory
         wrong = herald.meet(self._sabot, self._draws, block, memory)
         stored[block] = block.register.remaining
@@ -85,15 +86,26 @@ class Memories:
         block.kept = True
         return wrong
 
-    def require_capacity(self, node: str, more: int) -> None:
-        """Refuse so many more qubits if a node's memory has no room for them."""
+    def require_capacity(self, node: str, more: int, known_ns: int = 0) -> None:
+        """Refuse so many more qubits if a node's memory has no room for them.
+
+        Pairs that were heralded count when the node can have heard of them: by now, unless told.
+        """
+        used = self._used(node, known_ns or self._clock.now_ns())
         capacity = self._devices.of(node).memory.capacity
-        used = sum(self._stored.get(node, {}).values())
         if used + more > capacity:
             raise exhausted(
                 f"{more} more qubits with {used} stored exceed the capacity of {node}'s "
                 f"memory, {capacity}; measure, send or discard some first"
             )
+
+    def has_room(self, node: str) -> bool:
+        """Return whether a memory has no more than it can keep, of what its node has heard of."""
+        return self._used(node, self._clock.now_ns()) <= self._devices.of(node).memory.capacity
+
+    def _used(self, node: str, known_ns: int) -> int:
+        stored = self._stored.get(node, {}).items()
+        return sum(qubits for block, qubits in stored if block.heard_ns <= known_ns)
 
     def holds(self, block: Block) -> bool:
         """Return whether a block is in its node's memory."""

@@ -95,6 +95,7 @@ class Block:
     # What tells these photons from others of this name: which use of it, or where they come from.
     lineage: str = ""
     maker: str = ""  # the node that has made it; the first at which it is, unless told
+    heard_ns: int = 0  # when its node can hear of it, if it was heralded elsewhere
 
     @property
     def is_new(self) -> bool:
@@ -116,7 +117,7 @@ class Ownership:
     def __init__(self, now_ns: Callable[[], int], news_ns: Callable[[str, str], int]) -> None:
         """Begin with none, this clock, and how long news takes from a place to a node."""
         self._now_ns = now_ns
-        self._unheard_of: list[tuple[int, Block]] = []
+        self._unheard_of: list[Block] = []
         self._by_name: dict[BlockName, list[Block]] = {}
         self._by_session: dict[tuple[str, int], dict[Block, None]] = {}
         self._closed: deque[tuple[str, int]] = deque(maxlen=CLOSED_SESSIONS)
@@ -134,18 +135,18 @@ class Ownership:
         """Return whether a node has discarded a session."""
         return (node, session) in self._closed
 
-    def add_when_heard(self, block: Block, heard_ns: int) -> None:
+    def add_when_heard(self, block: Block) -> None:
         """Enter a new block where it says it is, once its node can have heard of it."""
-        self._unheard_of.append((heard_ns, block))
+        self._unheard_of.append(block)
 
     def _hear(self) -> None:
         """Enter the blocks that their nodes can have heard of by now."""
         if not self._unheard_of:
             return
         now_ns, waiting = self._now_ns(), self._unheard_of
-        self._unheard_of = [each for each in waiting if each[0] > now_ns]
-        for heard_ns, block in waiting:
-            if heard_ns <= now_ns:
+        self._unheard_of = [block for block in waiting if block.heard_ns > now_ns]
+        for block in waiting:
+            if block.heard_ns <= now_ns:
                 self.add(block)
 
     def add(self, block: Block) -> None:

@@ -34,6 +34,7 @@ from wire.features import HERALD, INTERFERE
 from wire.outcomes import BELL_STATES
 
 MAX_OFFERS = 10_000
+NEVER_NS = 1 << 63  # so far no clock gets
 # What each half is in where there is no entanglement, by kind; shape (kinds, 2).
 BITS = np.array([[0, 0] if kind == ENTANGLED else [*map(int, kind)] for kind in KINDS], np.uint8)
 
@@ -187,7 +188,7 @@ class Heralding:
         """Refuse, before any attempt, what the memories or the dispatcher cannot hold."""
         layer = self._layer
         for offer in offers:
-            layer.memories.require_capacity(offer.end.node, count)
+            layer.memories.require_capacity(offer.end.node, count, NEVER_NS)
         limits.require_blocks(layer, 1, *(offer.end.node for offer in offers))
         live, most = layer.sabot.live_qubits, layer.max_live_qubits
         if live + 2 * count > most:
@@ -217,8 +218,9 @@ class Heralding:
             blocks.append(block)
         self._set_states(blocks, found)
         for block, offer, way in zip(blocks, offers, link.ways, strict=True):
+            block.heard_ns = self._news_ns(node, way, block.node)
             layer.memories.store(block, offer.cutoff_s)
-            self._tell(block, self._news_ns(node, way, block.node))
+            self._tell(block)
         return blocks[0]
 
     def _news_ns(self, node: str, way: StationWay, host: str) -> int:
@@ -228,20 +230,25 @@ class Heralding:
         delay_ns = way.delay_ns if copper_ns is None else min(way.delay_ns, copper_ns)
         return layer.clock.now_ns() + max(delay_ns - 1, 0)  # what is rounded up is not late
 
-    def _tell(self, block: Block, heard_ns: int) -> None:
-        self._layer.ownership.add_when_heard(block, heard_ns)
-        task = asyncio.create_task(self._heard(block, heard_ns))
+    def _tell(self, block: Block) -> None:
+        self._layer.ownership.add_when_heard(block)
+        task = asyncio.create_task(self._heard(block))
         self._news.add(task)
         task.add_done_callback(self._told)
 
-    async def _heard(self, block: Block, heard_ns: int) -> None:
-        """Record that a host hears of a block; discard it if nobody wants it there any more."""
+    async def _heard(self, block: Block) -> None:
+        """Record that a host hears of a block; discard it if nobody wants it there any more.
+
+        So does a host that has filled its memory meanwhile: qubits that attempted are in use again.
+        """
         layer = self._layer
-        await layer.clock.wait_until(heard_ns)
+        await layer.clock.wait_until(block.heard_ns)
         layer.record(block.node, "heralded", block)
         node, session = block.node, block.name.session
-        there = block in layer.ownership.of_session(node, session)
-        if there and layer.ownership.is_closed(node, session):
+        if block not in layer.ownership.of_session(node, session):
+            return
+        if layer.ownership.is_closed(node, session) or not layer.memories.has_room(node):
+            layer.record(node, "discard", block)
             layer.drop(block)
 
     def _told(self, task: asyncio.Task[None]) -> None:

@@ -4,6 +4,7 @@ News takes as long as its way: from bob 3 + 4 ms to alice, and from charlie, who
 3 + 10 ms.
 """
 
+import asyncio
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
 
@@ -16,13 +17,14 @@ from dispatcher.laboratory import SESSION, START_NS, Laboratory
 from dispatcher.layer.ownership import BlockName
 from dispatcher.refusal import Refusal
 from wire.config import DispatcherConfig
-from wire.dispatcher_pb2 import CreateRequest
-from wire.parameters.physics import Device, Emitter, Memory
+from wire.dispatcher_pb2 import BlockId, CreateRequest, StoreRequest
+from wire.parameters.physics import BellAnalyser, Device, Emitter, Memory
 
 COPPER_S = {"alice": 3e-3, "bob": 4e-3, "charlie": 10e-3}
 NEWS_S = {name: {"s1": delay_s} for name, delay_s in COPPER_S.items()} | {"s1": COPPER_S}
 BOBS_NS, FARTHEST_NS = 7_000_000, 13_000_000
 PAIRS = 8
+ZEROS = CreateRequest.ZEROS
 Far = Callable[[Laboratory], Awaitable[object]]
 
 
@@ -45,7 +47,7 @@ async def taken_apart(laboratory: Laboratory) -> None:
     await laboratory.host("bob").gather((5, 0), {(0, 0): np.arange(PAIRS)})
 
 
-async def told(action: Awaitable[object]) -> str:
+async def refusal(action: Awaitable[object]) -> str:
     """Return what somebody is told who tries something."""
     try:
         await action
@@ -60,11 +62,11 @@ def heard(config: DispatcherConfig, far: Far, port: str, later_ns: int) -> list[
     async def ask() -> list[str]:
         laboratory = await sent(config, far, port)
         laboratory.clock.time_ns += later_ns
-        alice, zeros = laboratory.host("alice"), CreateRequest.ZEROS
-        answers = [await told(alice.create(2 * PAIRS, number=1, state=zeros))]
-        answers.append(await told(alice.create(1, state=zeros)))
+        alice = laboratory.host("alice")
+        answers = [await refusal(alice.create(2 * PAIRS, number=1, state=ZEROS))]
+        answers.append(await refusal(alice.create(1, state=ZEROS)))
         into = alice.gather((0, 0), {(0, 1): np.arange(2)}, True)
-        return [*answers, await told(into)]
+        return [*answers, await refusal(into)]
 
     return uvloop.run(ask())
 
@@ -138,6 +140,56 @@ def test_a_host_that_attempts_cannot_tell_whether_another_attempts_under_its_nam
         laboratory = Laboratory(config)
         if not alone:
             await laboratory.host("alice").attempt((0, 0), "alice-q0")
-        return await told(laboratory.host("bob").attempt((0, 0), "bob-q0"))
+        return await refusal(laboratory.host("bob").attempt((0, 0), "bob-q0"))
 
     assert uvloop.run(ask(True)) == uvloop.run(ask(False)) == "done"
+
+
+def test_a_host_cannot_tell_by_its_memory_what_a_station_heralds_before_news_can_be_here(
+    config: DispatcherConfig,
+) -> None:
+    """Light takes 49 ns from q1 to alice, and as long from charlie to it; her memory takes 4."""
+    device = Device(memory=Memory(capacity=4), emitter=Emitter("two-click"))
+    station = Device(analyser=BellAnalyser("linear"))
+    config = replace(config, devices={"alice": device, "bob": device, "charlie": station})
+
+    async def ask(heralded: bool) -> list[str]:
+        laboratory = Laboratory(config)
+        alice, bob, charlie = (laboratory.host(name) for name in ("alice", "bob", "charlie"))
+        await laboratory.connect("q1", {3: 1, 4: 2})
+        await alice.attempt((0, 0), "alice-q0")
+        await bob.attempt((0, 1), "bob-q0")
+        clock, stored = laboratory.clock, laboratory.layer.memories._stored
+        told, jump = asyncio.Event(), clock.wait_until
+
+        async def wait(time_ns: int) -> None:
+            if asyncio.current_task() is not work:
+                await told.wait()
+            await jump(time_ns)
+
+        clock.wait_until = wait  # type: ignore[method-assign]
+        ports = ("charlie-q0", "charlie-q1")
+        work = asyncio.create_task(charlie.herald(3, ports, 60.0))
+        if not heralded:
+            work.cancel()
+        while heralded and "alice" not in stored:
+            await asyncio.sleep(0)
+        answers = []
+        for number in (1, 2, 3):
+            request = CreateRequest(session=SESSION, number=number, count=2, state=ZEROS)
+            await laboratory._handlers["create"]("alice", request)
+            block = BlockId(session=SESSION, number=number)
+            keep = laboratory._handlers["store"]("alice", StoreRequest(block=block))
+            answers.append(await refusal(keep))
+        told.set()
+        if heralded:
+            await work
+            kept = laboratory.layer.ownership.at_node
+            assert BlockName(SESSION, 0, 0) not in [each.name for each in kept("alice")]
+            assert BlockName(SESSION, 0, 1) in [each.name for each in kept("bob")]
+        return answers
+
+    asked = [uvloop.run(ask(heralded)) for heralded in (True, False)]
+    assert asked[0] == asked[1]
+    assert asked[0][:2] == ["done", "done"]
+    assert "2 more qubits with 4 stored exceed the capacity" in asked[0][2]
