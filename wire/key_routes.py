@@ -29,7 +29,7 @@ MAX_SAE = 64  # bytes
 TAG_BYTES = 16
 ROUTE_S = 10.0  # of the wall clock: how long a route may be used
 UNKNOWN = 0xFFFFFFFF
-LINK = struct.Struct("!4sIIII?")
+LINK = struct.Struct("!4sIIIII?")
 HOP = struct.Struct(f"!4s{TAG_BYTES}s")
 
 
@@ -40,6 +40,7 @@ class LinkState:
     peer: str  # IPv4 address
     mine: int  # stored keys that this end hands out first
     theirs: int
+    capacity: int  # keys that its store has room for, of both
     rate_bps: int  # secret key made, bits a second
     qber_ppm: int = UNKNOWN  # of the last session that has told it
     withheld: bool = False  # whether no key goes out, for too many errors

@@ -137,6 +137,7 @@ class KeyRelays(App):
                 to=self.network.names[link.peer],
                 keys_ready=link.mine,
                 keys_ready_there=link.theirs,
+                max_key_count=link.capacity,
                 key_bits_per_s=link.rate_bps,
                 qber=None if link.qber_ppm == UNKNOWN else link.qber_ppm / PPM,
                 state="active" if usable else "off",

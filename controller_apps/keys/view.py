@@ -65,7 +65,12 @@ def _link(network: KeyNetwork, host: str, link: LinkState, usable: bool) -> dict
         **_common(*ends, "PHYS", "ACTIVE" if usable else "OFF"),
         "qkdl_applications": _backed(network, ends),
         "qkdl_performance": performance,
-        "qmn": {"from": ends[0], "to": ends[1], "stored_keys": [link.mine, link.theirs]},
+        "qmn": {
+            "from": ends[0],
+            "to": ends[1],
+            "stored_keys": [link.mine, link.theirs],
+            "max_key_count": link.capacity,
+        },
     }
 
 

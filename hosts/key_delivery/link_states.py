@@ -61,6 +61,7 @@ class KeyLinkStates:
             self._addresses[peer],
             store.mine,
             store.theirs,
+            store.capacity,
             self._rates[peer].bps,
             UNKNOWN if qber is None else round(qber * PPM),
             peer in self._delivery.withheld,

@@ -56,6 +56,6 @@ def answered(show: Callable[[], None]) -> int:
     return 0
 
 
-def wide_console() -> Console:
-    """Return where tables go: a file or a pipe takes lines as long as they are."""
-    return Console(highlight=False, width=None if sys.stdout.isatty() else WIDTH)
+def wide_console(width: int = WIDTH) -> Console:
+    """Return where tables go: a terminal has a width, a file or a pipe takes lines so long."""
+    return Console(highlight=False, width=None if sys.stdout.isatty() else width)

@@ -13,6 +13,7 @@ class KeyLink:
     to: str
     keys_ready: int  # at this end
     keys_ready_there: int
+    max_key_count: int  # of both, that a store of its has room for
     key_bits_per_s: int
     qber: float | None  # None before the first session
     state: str  # "active" or "off"
@@ -32,6 +33,7 @@ def key_links(nodes: list[dict[str, Any]]) -> Iterator[KeyLink]:
                 told["to"],
                 here,
                 there,
+                told["max_key_count"],
                 performance["skr"],
                 values[0] if values else None,
                 link["qkdl_status"].lower(),

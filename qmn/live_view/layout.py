@@ -42,7 +42,9 @@ def described(facts: NetworkFacts) -> dict[str, Any]:
         ],
         "copper": [list(ends) for ends in sorted(copper) if set(ends) <= places.keys()],
         "source": facts.source,
-        "dpids": {str(dpid): name for name, dpid in facts.datapath_ids.items()},
+        # As the controller's record has them: switches by datapath ids, hosts by addresses.
+        "names": {str(dpid): name for name, dpid in facts.datapath_ids.items()}
+        | {address: host for host, address in facts.addresses.items()},
         "columns": in_columns(facts),
         "reasons": {reason.name: text.split(";")[0] for reason, text in REMEDIES.items()},
     }

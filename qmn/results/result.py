@@ -111,6 +111,7 @@ def network_facts(network: Network) -> NetworkFacts:
         for link in network.net.links
         if not isinstance(link, FiberLink)
     ]
+    copper_ids = {name: int(network.net[name].dpid, 16) for name in network.copper_switches}
     return NetworkFacts(
         {host: address.partition("/")[0] for host, address in runtime.addresses.items()},
         runtime.source,
@@ -118,7 +119,7 @@ def network_facts(network: Network) -> NetworkFacts:
         list(runtime.switches.values()),
         copper,
         {name: (x, y) for name, (x, y) in getattr(network.net.topo, "positions", {}).items()},
-        dict(runtime.datapath_ids),
+        runtime.datapath_ids | copper_ids,
         network.copper_switches,
     )
 

@@ -22,9 +22,11 @@ from qmn.kept_runs.run_archive import BadArchive, exported, imported
 from qmn.kept_runs.run_index import Run, runs_in
 from qmn.live.controller_console import wide_console
 from qmn.live.running import announced_folders
-from qmn.live.tables import table
+from qmn.live.tables import counted, table
 
 UNITS_S = {"h": 3600, "d": 86_400, "w": 604_800}
+BEGAN = "%Y-%m-%d %H:%M:%S"
+LIST_WIDTH = 120  # in a file or a pipe: what is longer goes on below
 FRESH_S = 600  # a folder without a result that has changed so lately may be of a run that goes on
 
 
@@ -97,12 +99,16 @@ def show(arguments: argparse.Namespace) -> None:
         print(json.dumps(rows, indent=2))
         return
     lines = [
-        [run.name, run.began, run.what, said(run.parameters), run.outcome, megabytes(run.bytes)]
+        [
+            *(run.name, in_short(run.began), run.what),
+            *(said(run.parameters), run.outcome, megabytes(run.bytes)),
+        ]
         for run in runs
     ]
     columns = ("run", "began", "what", "not the default", "outcome", "MB")
-    title = f"{len(runs)} runs in {arguments.runs}, {megabytes(sum(r.bytes for r in runs))} MB"
-    wide_console().print(table(title, columns, lines))
+    size = megabytes(sum(run.bytes for run in runs))
+    title = f"{counted(len(runs), 'run')} in {arguments.runs}, {size} MB"
+    wide_console(LIST_WIDTH).print(table(title, columns, lines))
 
 
 def all_runs(folder: Path) -> list[Run]:
@@ -113,6 +119,11 @@ def all_runs(folder: Path) -> list[Run]:
             "`qmn run sdc`"
         )
     return runs_in(folder)
+
+
+def in_short(began: str) -> str:
+    """Return when a run began, as 26 Nov 15:06: its name has the rest."""
+    return time.strftime("%d %b %H:%M", time.strptime(began, BEGAN))
 
 
 def said(parameters: dict[str, Any]) -> str:
@@ -162,14 +173,14 @@ def prune(arguments: argparse.Namespace) -> None:
     latest = arguments.runs / "latest"
     if latest.is_symlink() and not latest.exists():
         latest.unlink()
-    print(f"{len(doomed)} runs, {megabytes(sum(run.bytes for run in doomed))} MB")
+    print(f"{counted(len(doomed), 'run')}, {megabytes(sum(run.bytes for run in doomed))} MB")
 
 
 def to_prune(
     runs: Sequence[Run], older_than_s: float | None, keep_gb: float | None, now: float
 ) -> list[Run]:
     """Return the runs that go, of a list with the oldest first."""
-    began = {run: time.mktime(time.strptime(run.began, "%Y-%m-%d %H:%M:%S")) for run in runs}
+    began = {run: time.mktime(time.strptime(run.began, BEGAN)) for run in runs}
     left, doomed = sum(run.bytes for run in runs), []
     for run in runs:
         old = older_than_s is not None and began[run] < now - older_than_s

@@ -100,3 +100,4 @@ def press(
     said = at.locator("p[role=status]")
     expect(said).to_contain_text(f"qmn {command}")
     expect(said).to_have_class("good")
+    expect(said).to_be_in_viewport(ratio=0.9)

@@ -81,6 +81,7 @@ def test_one_sees_and_acts(tmp_path: Path) -> None:
         with urllib.request.urlopen(f"{url}network.json", timeout=DEADLINE_S) as response:  # noqa: S310
             drawn = json.load(response)
         assert {node["name"] for node in drawn["nodes"]} >= {"alice", "bob", "charlie", "q1", "s1"}
+        assert drawn["names"]["1"] == "s1"  # as its topology says
         assert (len(drawn["fibers"]), drawn["live"], drawn["acts"]) == (5, True, True)
         reader = Reader(url)
 
@@ -96,7 +97,7 @@ def test_one_sees_and_acts(tmp_path: Path) -> None:
         assert "Setup SDC" in handshake
         assert "bell-measure" in handshake
 
-        dpid = int(next(dpid for dpid, name in drawn["dpids"].items() if name == "q1"))
+        dpid = int(next(dpid for dpid, name in drawn["names"].items() if name == "q1"))
         assert act(url, act="link", a="alice", b="q1", state="down")["status"] == 0
         cut = {"event": "port", "dpid": dpid, "up": False}
         wait_until(lambda: reader.has("controller", **cut), "the cut fibre")

@@ -200,7 +200,9 @@ RELAY = key_relay.Relay(
 )
 EVENT = Event(time_ns=5, node="bob", kind="receive", block=BlockId(session=7), photons=9)
 JUDGED = [replace(test_metadata.SETUP, verdict=each).encode() for each in Verdict]
-KEY_LINKS = KeyLinks(0, (LinkState("10.0.0.2", 9, 8, 4096, 12_300), LinkState("10.0.0.3", 0, 0, 0)))
+KEY_LINKS = KeyLinks(
+    0, (LinkState("10.0.0.2", 9, 8, 64, 4096, 12_300), LinkState("10.0.0.3", 0, 0, 64, 0))
+)
 DATAGRAMS = [
     device.Datagram(message, "alice", 9).seal(KEY, device.Datagram.FROM_HOST)[: -device.TAG_BYTES]
     for message in (*test_device_messages.GOLDEN, KEY_LINKS)

@@ -5,9 +5,9 @@ python tests/live_speed/measure.py --events-per-s 2000 --seconds 90 --rounds 8
 
 First a run of so many events a second, in turns without a page and with one: the pairs a second
 that it keeps with a page, of those shortly before and after. What opening a page takes once is not
-among them. Then a run likewise that is as fast as this machine can, and fills its processors. Then
-the events of that run come again, as fast as is said, to the same server and page. The browser is
-Chromium without a window; what it draws is as in one.
+among them. Then a run likewise that is as fast as this machine can, and fills its processors: what
+it keeps is told, and decides nothing. Then the events of that run come again, as fast as is said,
+to the same server and page. The browser is Chromium without a window; what it draws is as in one.
 """
 
 import argparse
@@ -27,7 +27,7 @@ BESIDE_LIGHT_S = 0.0023  # that a block takes on two processors which have nothi
 
 
 def main() -> int:
-    """Measure, print, and return 1 if the page or the run does not hold what it is to hold."""
+    """Measure, print, and return 1 if the page does not hold what it is to, or such a run."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--events-per-s", type=int, default=2000)
     parser.add_argument("--seconds", type=float, default=90.0, help="of events that come again")
@@ -41,11 +41,12 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as name:
         asked = arguments.rounds, arguments.turn, arguments.block_pairs
         rate_hz = round(arguments.block_pairs / light_s)
-        least = min(measured(Path(name), *asked, rate) for rate in (rate_hz, None))
+        share = measured(Path(name), *asked, rate_hz)
+        measured(Path(name), *asked, None)
         folder = (Path(name) / "latest").resolve()
         with replayed(folder, arguments.events_per_s) as (address, server):
             sample = looked_at(address, arguments.seconds, server)
-    return 0 if told(arguments.events_per_s, sample) and least >= KEPT else 1
+    return 0 if told(arguments.events_per_s, sample) and share >= KEPT else 1
 
 
 def measured(

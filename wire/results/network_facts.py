@@ -18,7 +18,7 @@ class NetworkFacts:
     copper: list[list[str]]  # of each link: node and interface at one end, and at the other
     # Where nodes are on a map, from left to right and upwards; empty: on none.
     positions: dict[str, tuple[float, float]] = field(default_factory=dict)
-    datapath_ids: dict[str, int] = field(default_factory=dict)  # of the quantum switches
+    datapath_ids: dict[str, int] = field(default_factory=dict)  # of switches
     copper_switches: list[str] = field(default_factory=list)  # those of copper alone
 
     def to_dict(self) -> dict[str, Any]:

@@ -111,6 +111,7 @@ function made({ act, label, given, fields = [] }, perform, said) {
     const done = await perform({ act, ...given, ...Object.fromEntries(new FormData(form)) });
     said.replaceChildren(element("code", done.command ? ["qmn", ...done.command].join(" ") : ""), ` ${done.said}`);
     said.className = done.status ? "failed" : "good";
+    said.scrollIntoView({ block: "nearest" });
     button.disabled = false;
   });
   return form;

@@ -13,7 +13,7 @@ import { reasons } from "./words.js";
 const at = (id) => document.getElementById(id);
 const network = await (await fetch("network.json")).json();
 Object.assign(reasons, network.reasons);
-const timeline = new Timeline(network.dpids);
+const timeline = new Timeline(network.names);
 const charts = new Charts(at("rates"), at("losses"));
 const view = { follow: true, playing: network.live, t: 0, chosen: null, ended: false, connected: false };
 const networks = new Networks(network.number, at("networks"), view, () => status());
@@ -126,7 +126,7 @@ at("play").addEventListener("click", () => {
   if (!view.playing && view.t >= timeline.end && !(network.live && !view.ended)) view.t = timeline.begin;
   Object.assign(view, { playing: !view.playing, follow: false });
   status();
-  pictures.wake();
+  pictures.begin();
 });
 at("now").addEventListener("click", () => {
   Object.assign(view, { follow: true, playing: network.live && !view.ended });

@@ -2,7 +2,7 @@
 
 const SHOWN_SESSIONS = 30, SHOWN_MEMORIES = 40, SHOWN_DECISIONS = 200, SHOWN_PATHS = 40;
 
-import { plain, quantity } from "./words.js";
+import { digits, plain, quantity } from "./words.js";
 
 export const count = (number) => (number ?? 0).toLocaleString("en");
 
@@ -104,9 +104,6 @@ function withBar(text, px) {
   return cell;
 }
 
-// Of the fullest store that there is.
-const fill = (keys, most) => withBar(count(keys), (50 * keys) / most);
-
 // Light paths that stand, and those that have closed just now.
 export function paths(at, found) {
   table(at, ["light path", "by", "photons/s", "lost (%)", "state"], found.slice(0, SHOWN_PATHS).map((each) => [
@@ -127,11 +124,15 @@ export function memories(at, state) {
 }
 
 export function keys(at, state) {
-  const most = Math.max(1, ...state.keyLinks.map((link) => Math.max(link.keys_ready, link.keys_ready_there)));
-  table(at, ["key link", "keys ready", "at the other end", "key (bit/s)", "QBER (%)", "state"], state.keyLinks.map((link) => [
-    `${link.from_} → ${link.to}`, fill(link.keys_ready, most), fill(link.keys_ready_there, most), count(link.key_bits_per_s),
-    link.qber === null ? "-" : (100 * link.qber).toFixed(2), link.state,
+  table(at, ["key link", "keys ready", "at the other end", "store full (%)", "key (bit/s)", "QBER (%)", "state", "store has room for (keys)"], state.keyLinks.map((link) => [
+    `${link.from_} → ${link.to}`, count(link.keys_ready), count(link.keys_ready_there), full(link), count(link.key_bits_per_s),
+    link.qber === null ? "-" : (100 * link.qber).toFixed(2), link.state, link.max_key_count ? count(link.max_key_count) : "-",
   ]), "No host has told of keys.");
+}
+
+// A store holds the keys of either end; records of earlier versions do not tell of how many it has room for.
+function full({ keys_ready, keys_ready_there, max_key_count }) {
+  return max_key_count ? digits((100 * (keys_ready + keys_ready_there)) / max_key_count, 2) : "-";
 }
 
 const OF_NO_USE = new Set(["event", "session"]);

@@ -17,6 +17,12 @@ export class Pictures {
     return this.pause > NUMBERS_MS;
   }
 
+  // Time passes from now on, and not since the last picture.
+  begin() {
+    this.last = performance.now();
+    this.wake();
+  }
+
   // There is something new. A page that is hidden gets no frame, and draws when it is seen again.
   wake(after = PICTURE_MS) {
     const now = performance.now(), due = Math.max(this.last + after, now);

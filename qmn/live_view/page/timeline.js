@@ -7,7 +7,7 @@ const BETWEEN = 10_000; // checkpoints
 
 export class Timeline {
   constructor(names) {
-    this.names = names; // of switches by their datapath ids
+    this.names = names; // of switches by their datapath ids, of hosts by their addresses
     this.messages = [];
     this.checkpoints = [{ count: 0, state: blank() }];
     this.state = blank(); // behind the last message

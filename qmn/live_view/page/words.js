@@ -24,8 +24,8 @@ function frequency(hz) {
   return `${digits(hz / scale)} ${unit}`;
 }
 
-function digits(number) {
-  return number.toLocaleString("en", { maximumSignificantDigits: 6 });
+export function digits(number, significant = 6) {
+  return number.toLocaleString("en", { maximumSignificantDigits: significant });
 }
 
 // The state of a session, as a fact about it tells.
@@ -59,7 +59,7 @@ const TOLD = {
   forbidden: (m) => `forbidden by the policy: ${[about(m), who(m), m.detail].filter(Boolean).join("; ")}`,
   light_after: (m) => `has light now: ${about(m)}, which waited for session ${m.after.session.slice(-6)} to give it back`,
   queued: (m) => `waits for light: ${[about(m), who(m)].filter(Boolean).join("; ")}`,
-  chain: (m) => `orders ${m.schedule} swaps: ${about(m)}; ${m.nodes.join(" – ")}`,
+  chain: (m, names) => `orders ${m.schedule} swaps: ${about(m)}; ${m.nodes.map((node) => names[node] ?? node).join(" → ")}`,
   torn_down: (m) => `over: ${about(m)}; ${{ FIN: "its connection was closed", RST: "its connection was broken off" }[m.detail] ?? m.detail}`,
   override: ({ name, t, what, event, ...settings }) =>
     `${name} shall use ${Object.entries(settings).map(([key, value]) => quantity(key, value ?? "default").join(" ")).join(", ")}`,

@@ -20,7 +20,7 @@ Stock = dict[tuple[str, str], int]
 def network(stock: Stock, policy: Policy | None = None) -> KeyNetwork:
     made = KeyNetwork(NAMES, policy or Policy(trusted=(Trusted("*"),)))
     for node in NODES:
-        links = [LinkState(b, count, 0, 0) for (a, b), count in stock.items() if a == node]
+        links = [LinkState(b, count, 0, 64, 0) for (a, b), count in stock.items() if a == node]
         made.take(node, tuple(links), 0.0)
     return made
 
@@ -82,7 +82,7 @@ def test_a_host_that_is_silent_or_unknown_relays_nothing() -> None:
 def test_a_link_that_is_withheld_is_gone_round() -> None:
     a, r, b, s, *_others = NODES
     known = network({(a, r): 5, (a, s): 3, (s, b): 3})
-    known.take(r, (LinkState(b, 5, 0, 0, withheld=True),), 0.0)
+    known.take(r, (LinkState(b, 5, 0, 64, 0, withheld=True),), 0.0)
     assert known.route(a, request(b, 1), 0.0) == ((a, s, b), 3)
 
 

@@ -139,14 +139,14 @@ def test_the_fill_of_key_stores_is_shown(
     with served(view) as url:
         page = opened(chromium, url, said)
         expect(page.locator("#keys")).to_have_text("No host has told of keys.")
-        link = KeyLink("alice", "bob", 1200, 1199, 4096, 0.0123, "active")
+        link = KeyLink("alice", "bob", 1200, 1199, 9596, 4096, 0.0123, "active")
         told = {"devices": [], "sessions": [], "key_links": [asdict(link)]}
         view.timeline.add("devices", START_NS + 10**9, told)
-        row = ["alice → bob", "1,200", "1,199", "4,096", "1.23", "active"]
+        row = ["alice → bob", "1,200", "1,199", "25", "4,096", "1.23", "active", "9,596"]
         expect(page.locator("#keys tbody td")).to_have_text(row)
         later = {"event": "key_link", **asdict(replace(link, keys_ready=2000))}  # in the record
         view.timeline.add("controller", START_NS + 2 * 10**9, later)
-        row[1] = "2,000"
+        row[1], row[3] = "2,000", "33"  # both counts, of what the store can hold
         expect(page.locator("#keys tbody td")).to_have_text(row)
         page.get_by_label("time in s").fill("1.5")
         expect(page.locator("#keys tbody td").nth(1)).to_have_text("1,200")
@@ -367,6 +367,7 @@ def test_decisions_say_whose_and_why(chromium: Browser, tmp_path: Path, said: li
     view = live(tmp_path)
     asked = {"session": SESSION, "service": "bb84", "from": "alice", "to": "bob"}
     way = {"begin": "alice-q0", "end": "bob-q0", "by": ["q1", "q2"], "loss_db": 1.25}
+    chain = [NETWORK.addresses[name] for name in ("alice", "charlie", "bob")]
     facts: list[dict[str, Any]] = [
         {"event": "granted", **asked, "light": [way]},
         {"event": "refused", **asked, "session": "2" * 16, "detail": "BUSY"},
@@ -375,6 +376,7 @@ def test_decisions_say_whose_and_why(chromium: Browser, tmp_path: Path, said: li
         {"event": "override", "name": "alice", "rate_hz": 2_000_000, "fec": "golay"},
         {"event": "torn_down", "session": SESSION, "detail": "FIN"},
         {"event": "light_after", "session": "4" * 16, "ends": [], "after": {"session": SESSION}},
+        {"event": "chain", "session": SESSION, "nodes": chain, "schedule": "parallel"},
     ]
     for number, fact in enumerate(facts):
         view.timeline.add("controller", START_NS + number * 10**9, fact)
@@ -383,6 +385,7 @@ def test_decisions_say_whose_and_why(chromium: Browser, tmp_path: Path, said: li
         way_told = "light of least loss: alice-q0 → bob-q0 by q1, q2 (1.25 dB)"
         expect(page.locator("#decisions li")).to_have_text(
             [
+                "7.000 s c0 orders parallel swaps: session bdb225; alice → charlie → bob",
                 "6.000 s c0 has light now: session 444444, which waited for session bdb225 to give"
                 " it back",
                 "5.000 s c0 over: session bdb225; its connection was closed",
@@ -600,6 +603,7 @@ def test_a_network_that_goes_on_can_be_paused_and_played_at_another_speed(
         expect(page.locator("#slider")).to_have_attribute("max", "100")  # it can be gone to
         expect(clock).to_have_text("1.000 s")
         page.get_by_label("speed").select_option("10")
+        page.wait_for_timeout(2000)  # while it is paused no time passes, which it would catch up on
         begun = time.monotonic()
         page.get_by_role("button", name="play").click()
         page.wait_for_function("() => parseFloat(document.getElementById('clock').value) > 21")

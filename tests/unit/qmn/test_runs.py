@@ -76,6 +76,18 @@ def test_what_is_usual_of_a_job_is_not_listed(
     assert new.parameters == {}
 
 
+def test_the_list_has_room_in_a_hundred_and_twenty_columns(
+    runs: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    change(runs / NEW, error=" ".join(["a_long_reason"] * 12), loss_budget_db=3.0, seed=2)
+    assert called(runs) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 120
+    assert " ".join(lines).count("a_long_reason") == 12  # nothing is cut
+    old = next(line for line in lines if line.startswith(OLD))
+    assert old[len(OLD) :].split()[:6] == ["01", "Jan", "10:00", "sdc", "chain", "fec"]
+
+
 def test_a_result_that_has_changed_is_read_again_and_others_are_not(
     runs: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

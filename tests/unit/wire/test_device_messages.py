@@ -79,8 +79,8 @@ GOLDEN = {
     SwapOrder(9, 7, 2, "10.0.0.9", 0, 1, 0, 0, 0, 0, "0.0.0.0", 2, 3, 2, 1, 5, 4, 3): "514d 05 24"
     "0000002e 0000000000000009 0000000000000007 02 0a000009 00 01 00 00 00 00 00000000"
     "02 03 02 01 05 04 03",
-    KeyLinks(6, (LinkState("10.0.0.2", 128, 64, 50_000, 12_000, True),)): "514d 05 25 00000025"
-    "0000000000000006 0a000002 00000080 00000040 0000c350 00002ee0 01",
+    KeyLinks(6, (LinkState("10.0.0.2", 128, 64, 256, 50_000, 12_000, True),)): "514d 05 25 00000029"
+    "0000000000000006 0a000002 00000080 00000040 00000100 0000c350 00002ee0 01",
     KeyRouteRequest(7, "10.0.0.3", 3, "sae-alice", "web"): "514d 05 26 00000098 0000000000000007"
     "0a000003 00000003" + "7361652d616c696365" + "00" * 55 + "776562" + "00" * 61,
     KeyRoute(8, 1, 5, (Hop("10.0.0.1"), Hop("10.0.0.9", b"\x07" * 16))): "514d 05 27 00000044"
@@ -194,7 +194,7 @@ def test_another_key_and_the_other_direction_are_refused() -> None:
         replace(REPORT, seal_end=200),
         replace(REPORT, ports=(DevicePort("", True),)),
         replace(REPORT, ports=(DevicePort("\n", True),)),
-        KeyLinks(1, (LinkState("10.0.0.2", 0, 0, 0),) * (MAX_LINKS + 1)),
+        KeyLinks(1, (LinkState("10.0.0.2", 0, 0, 1, 0),) * (MAX_LINKS + 1)),
         KeyRouteRequest(1, "10.0.0.2", 1, "", "b"),
         KeyRouteRequest(1, "10.0.0.2", 1, "a", "\n"),
         KeyRoute(1, 1, 1, (Hop("10.0.0.1"),)),

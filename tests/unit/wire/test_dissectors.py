@@ -124,7 +124,9 @@ DEVICES: list[Message] = [
     SessionQuery(10, 8),
     SessionEstimate(0, 8, Quantity.FIDELITY, 0.875, 0.75, 0.9375),
     REPORT,
-    KeyLinks(5, (LinkState("10.0.0.2", 1, 2, 3, 4, True), LinkState("10.0.0.3", 5, 6, 7, 8))),
+    KeyLinks(
+        5, (LinkState("10.0.0.2", 1, 2, 9, 3, 4, True), LinkState("10.0.0.3", 5, 6, 11, 7, 8))
+    ),
     KeyRouteRequest(6, "10.0.0.3", 9, "sae-alice", "web"),
     KeyRoute(7, 10, 11, (Hop("10.0.0.1"), Hop("10.0.0.2", b"\x12" * 16))),
     Answer(5, Reason.NOT_ALLOWED, "no"),

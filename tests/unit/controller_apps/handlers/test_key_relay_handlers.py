@@ -89,7 +89,7 @@ class Scene:
 
     def link(self, one: str, other: str) -> None:
         """Let a host say that it has 9 keys with another."""
-        assert self.says(KeyLinks(0, (LinkState(ADDRESSES[other], 9, 9, 100, 0),)), one) == []
+        assert self.says(KeyLinks(0, (LinkState(ADDRESSES[other], 9, 9, 64, 100, 0),)), one) == []
 
 
 @pytest.fixture
@@ -147,13 +147,14 @@ def test_the_fill_of_key_stores_is_recorded_when_it_changes(tmp_path: Path) -> N
         facts = [json.loads(line) for line in lines]
         return [fact for fact in facts if fact["event"] == "key_link"]
 
-    scene.says(KeyLinks(0, (LinkState(ADDRESSES["bob"], 0, 0, 0),)))
-    scene.says(KeyLinks(0, (LinkState(ADDRESSES["bob"], 12, 11, 4096, 12_300),)))
-    scene.says(KeyLinks(0, (LinkState(ADDRESSES["bob"], 12, 11, 3000, 12_300),)))  # as full
-    scene.says(KeyLinks(0, (LinkState(ADDRESSES["bob"], 12, 11, 0, 12_300, True),)))
-    names = ("from_", "to", "keys_ready", "keys_ready_there", "key_bits_per_s", "qber", "state")
+    scene.says(KeyLinks(0, (LinkState(ADDRESSES["bob"], 0, 0, 64, 0),)))
+    scene.says(KeyLinks(0, (LinkState(ADDRESSES["bob"], 12, 11, 64, 4096, 12_300),)))
+    scene.says(KeyLinks(0, (LinkState(ADDRESSES["bob"], 12, 11, 64, 3000, 12_300),)))  # as full
+    scene.says(KeyLinks(0, (LinkState(ADDRESSES["bob"], 12, 11, 64, 0, 12_300, True),)))
+    own = ("keys_ready", "keys_ready_there", "max_key_count", "key_bits_per_s", "qber", "state")
+    names = ("from_", "to", *own)
     assert [tuple(fact[name] for name in names) for fact in recorded()] == [
-        ("alice", "bob", 0, 0, 0, None, "active"),
-        ("alice", "bob", 12, 11, 4096, 0.0123, "active"),
-        ("alice", "bob", 12, 11, 0, 0.0123, "off"),
+        ("alice", "bob", 0, 0, 64, 0, None, "active"),
+        ("alice", "bob", 12, 11, 64, 4096, 0.0123, "active"),
+        ("alice", "bob", 12, 11, 64, 0, 0.0123, "off"),
     ]
