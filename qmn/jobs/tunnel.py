@@ -3,6 +3,7 @@
 import base64
 import os
 import secrets
+import socket
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -170,13 +171,37 @@ def interface_of(host: str) -> str:
 
 def start_wireguard(network: Network, host: str) -> Program:
     """Start what carries a host's packets, in user space."""
-    name = interface_of(host)
-    if (SOCKETS / f"{name}.sock").exists():
-        raise NetworkError(
-            f"{SOCKETS}/{name}.sock exists: another WireGuard uses this name; end it first"
-        )
-    command = ["env", "LOG_LEVEL=error", "wireguard-go", "-f", name]
+    remove_dead_socket(host)
+    if (path := socket_of(host)).exists():
+        raise NetworkError(f"{path} exists: another WireGuard uses this name; end it first")
+    command = ["env", "LOG_LEVEL=error", "wireguard-go", "-f", interface_of(host)]
     return network.run_on(host, f"wireguard-{host}", command)
+
+
+def socket_of(host: str) -> Path:
+    """Return the path of the socket by which a host's end of WireGuard is configured."""
+    return SOCKETS / f"{interface_of(host)}.sock"
+
+
+def remove_dead_socket(host: str) -> None:
+    """Remove what a killed wireguard-go has left for a host: a socket at which nobody answers."""
+    with socket.socket(socket.AF_UNIX) as asking:
+        try:
+            asking.connect(str(socket_of(host)))
+        except ConnectionRefusedError:
+            socket_of(host).unlink(missing_ok=True)
+        except FileNotFoundError:
+            pass
+
+
+@contextmanager
+def no_dead_sockets(hosts: Sequence[str]) -> Iterator[None]:
+    """Remove at the end of a network what its killed programs have left."""
+    try:
+        yield
+    finally:
+        for host in hosts:
+            remove_dead_socket(host)
 
 
 # The program that carries a host's packets, if that is not the end's own child, and what ends are

@@ -22,6 +22,7 @@ from qmn.jobs.tunnel import (
     MovedFile,
     carried_by,
     died,
+    no_dead_sockets,
     require_running,
     serve_and_download,
     start_tunnel,
@@ -134,7 +135,7 @@ def run(request: VpnRequest, signals: Signals, console: Console) -> int:
     kept, hosts = KeysJob(), (request.sender, request.receiver)
     facts = known_facts(context, NAME, hosts, kept, parameters(request))
     with ending(folder, facts, result.complete, context.options.report) as ended:
-        with running_network(context, facts) as network:
+        with no_dead_sockets(hosts), running_network(context, facts) as network:
             use_network(request, network, eve, context, kept)
         facts.delivered = isinstance(kept.asking, TunnelFigures) and kept.asking.file_intact
     result.show(console, facts, folder, ended.report)

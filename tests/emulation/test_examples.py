@@ -84,7 +84,7 @@ def listening(program: Path, log: Path) -> str:
 def test_a_socket_says_hello(tmp_path: Path) -> None:
     log = tmp_path / "log"
     alice = f"alice python {EXAMPLES}/hello.py bob 'how are you?'\n"
-    printed = said(listening(EXAMPLES / "hello.py", log) + alice + "bob wait\n", tmp_path)
+    printed = said(listening(EXAMPLES / "hello.py", log) + alice + "bob wait\n", tmp_path / "runs")
     # 12 bytes of four pairs each, by Hamming(7,4) seven fourths of that.
     assert "sent, by 84 Bell pairs" in printed
     assert log.read_text() == "listening\n10.0.0.1: how are you?\n"

@@ -41,6 +41,14 @@ EFFECTS: dict[str, tuple[list[str], float]] = {
         [*fiber(phase_drift_rad_per_sqrt_km=0.12, phase_drift_time_s=1e-8), *TIME_BINS],
         (1 - exp(-0.432 / 2)) / 4,
     ),
+    "loss by polarisation": (  # about any axis: of 3 dB, amplitudes are 1 and 10^(-3 / 20)
+        fiber(pdl_db=3, polarization_drift_time_s=1e-8),
+        (1 - 10**-0.15) ** 2 / (3 * (1 + 10**-0.3)),
+    ),
+    "bursts": (  # a quarter of the time, and shorter than from photon to photon
+        fiber(burst_depolarizing=0.4, burst_start_hz=1e9, burst_end_hz=3e9),
+        0.4 / 2 / 4,
+    ),
     "a Pauli channel": (fiber(pauli_x=0.01, pauli_y=0.02, pauli_z=0.04), (0.03 + 0.06) / 2),
     "states that are prepared wrongly": (devices(alice__source__preparation_error=0.04), 0.04),
     "bits that are told wrongly": (devices(bob__detectors__readout_error=0.03), 0.03),

@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -305,7 +306,11 @@ def test_without_the_same_ppk_ike_gives_up(tmp_path: Path) -> None:
 @pytest.mark.parametrize("struck", ["download-alice", "wireguard-bob"])
 def test_a_program_of_the_tunnel_that_is_killed_is_named(tmp_path: Path, struck: str) -> None:
     words = ["run", "vpn", "--mbit-s", "0.5", "--no-report", "--runs", str(tmp_path)]
+    SOCKETS.mkdir(exist_ok=True)
+    with socket.socket(socket.AF_UNIX) as left:  # by one that was killed with its run
+        left.bind(str(SOCKETS / "wg-alice.sock"))
     with (tmp_path / "errors").open("w+") as errors, running_qmn(*words, errors=errors) as process:
+        wait_until((SOCKETS / "wg-bob.sock").exists, "WireGuard answers", 60.0)
         log = tmp_path / "latest" / f"{struck}.log"
         wait_until(log.exists, f"{struck} is started", 60.0)
         wait_until(lambda: descendants_named(process.pid, struck), f"{struck} runs", 60.0)
