@@ -24,7 +24,9 @@ from test_tls import firsts
 from qmn.sweeps.cluster import HTTP_ADDRESS
 from topologies.system.confinement.apart import OWN_NAMESPACES, inside
 from topologies.system.confinement.confinement import descendants
+from topologies.system.kernel.interfaces import TUN
 from topologies.system.machines.tunnel import NO_SUCH_KIND, TUNNELS
+from topologies.system.machines.user_space import MAY_NOT
 from wire.config import DISPATCHER_PORT
 from wire.pcapng import PcapReader
 
@@ -259,6 +261,16 @@ def test_a_kernel_says_so_that_it_has_no_interfaces_of_a_kind() -> None:
     words = ["ip", "link", "add", "none", "type", "nosuchkind"]
     done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=10)
     assert NO_SUCH_KIND in done.stderr
+
+
+def test_who_may_not_take_files_of_open_vswitch_is_told_so() -> None:
+    told = "from topologies.system.machines import user_space as our; "
+    told += f"our._let_interfaces_end_with({os.getpid()})"
+    may_not = ["setpriv", "--bounding-set=-sys_ptrace", "--inh-caps=-sys_ptrace"]
+    with open(TUN, "rb"):  # as its daemon has it; who asks has less rights than this process
+        words = [*may_not, sys.executable, "-c", told]
+        done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert f"NetworkError: {MAY_NOT}" in done.stderr
 
 
 @pytest.mark.parametrize("tunnels", TUNNELS)

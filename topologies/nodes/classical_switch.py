@@ -16,10 +16,10 @@ from topologies.system.runs import runtime
 from topologies.timeouts import BUSY_MS, PROBE_MS, RECONNECT_MS
 
 PATIENCE = 8  # times the way to the controller
-# Packets a second for the controller, enough for 1,000 requests for light: more wait, in a queue
-# for each port, and these are served in turn, so that a host that floods fills its own (Open
-# vSwitch's pinsched).
-SHARES = {"controller_rate_limit": 4000, "controller_burst_limit": 1000}
+# Packets a second for the controller, some four of them for a session: more wait, in a queue for
+# each port, and these are served in turn, so that a host that floods fills its own (Open vSwitch's
+# pinsched). Where others want processors, too, the controller takes not many more.
+SHARES = {"controller_rate_limit": 2000, "controller_burst_limit": 1000}
 
 
 class ClassicalSwitch(QuantumNode, OVSSwitch):

@@ -7,7 +7,7 @@ has them as well meanwhile, and then closes all beside each other: these share t
 
 import ctypes
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -46,14 +46,19 @@ def taken(pid: int) -> list[int]:
 
 def packet_sockets(pid: int) -> list[int]:
     """Return the descriptors by which a process has packet sockets of its network, none if gone."""
-    found = []
     with suppress(OSError):
         lines = Path(f"/proc/{pid}/net/packet").read_text().splitlines()[1:]
-        names = {f"socket:[{line.split()[INODE]}]" for line in lines}
-        for file in os.scandir(f"/proc/{pid}/fd"):
-            with suppress(FileNotFoundError):  # it has been closed
-                if os.readlink(file.path) in names:
-                    found.append(int(file.name))
+        return descriptors(pid, {f"socket:[{line.split()[INODE]}]" for line in lines})
+    return []
+
+
+def descriptors(pid: int, names: Container[str]) -> list[int]:
+    """Return the descriptors by which a process has files of these names; OSError if not to see."""
+    found = []
+    for file in os.scandir(f"/proc/{pid}/fd"):
+        with suppress(FileNotFoundError):  # it has been closed
+            if os.readlink(file.path) in names:
+                found.append(int(file.name))
     return found
 
 

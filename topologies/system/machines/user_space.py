@@ -16,7 +16,7 @@ from pathlib import Path
 from threading import Lock
 
 from topologies.system.kernel.interfaces import TUN, finish_checksums
-from topologies.system.kernel.packet_sockets import LIBC, PIDFD_GETFD
+from topologies.system.kernel.packet_sockets import LIBC, PIDFD_GETFD, descriptors
 from topologies.system.open_vswitch import openvswitch
 from topologies.system.open_vswitch.openvswitch import OWNER
 from topologies.system.processes.commands import ip, run
@@ -29,6 +29,11 @@ BRIDGES = UNDER, LINKS = "qmn-under", "qmn-links"
 OUTSIDE = 1  # port of the machine's interface at the former
 TUNSETPERSIST = 0x400454CB  # of Linux's if_tun.h
 DISCARD = 9  # a port of UDP at which nobody need listen
+MAY_NOT = (
+    "tunnels of Open vSwitch need the right to take files of its daemon (pidfd_getfd, Linux 5.6), "
+    "which containers do not have unless they are given CAP_SYS_PTRACE: use --tunnels kernel, or a "
+    "worker outside a container"
+)
 
 _laying = Lock()  # links are laid by several threads
 
@@ -131,13 +136,18 @@ def _next_hop(remote: str) -> str:
 
 def _let_interfaces_end_with(pid: int) -> None:
     """Let what a process has made by TUN end with it, even where it is killed."""
+    try:
+        files = descriptors(pid, [TUN])
+    except PermissionError as error:
+        raise NetworkError(MAY_NOT) from error
     process = os.pidfd_open(pid)
     try:
-        for file in os.scandir(f"/proc/{pid}/fd"):
-            if os.readlink(file.path) == TUN:
-                descriptor = LIBC.syscall(PIDFD_GETFD, process, int(file.name), 0)
-                fcntl.ioctl(descriptor, TUNSETPERSIST, 0)
-                os.close(descriptor)
+        for file in files:
+            descriptor = LIBC.syscall(PIDFD_GETFD, process, file, 0)
+            if descriptor < 0:
+                raise NetworkError(MAY_NOT)
+            fcntl.ioctl(descriptor, TUNSETPERSIST, 0)
+            os.close(descriptor)
     finally:
         os.close(process)
 
