@@ -51,7 +51,7 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
     }
     with network_for(CONGESTION, values, runs, "sdc", **options) as network:
         heard = network.run_on("bob", HEAR, [python(), "-m", PROGRAM, "hear"])
-        heard.wait_for("ready", EMULATED_READY_S)
+        heard.wait_for("ready", EMULATED_READY_S, network.check)
         if share:
             words = ["say", network.host("bob").IP(), "--per-s", f"{share / frame_s / scale}"]
             words += ["--frame-bytes", f"{size:.0f}", "--seed", f"{seed}"]

@@ -73,7 +73,8 @@ def begin_requests(network: QuantumNetwork, requesters: int) -> None:
     addresses = network.runtime.addresses
     for one, other in pairwise(names):
         words = [python(), "-m", PROGRAM, addresses[other], addresses[one]]
-        network.run_on(one, f"requests.{one}", words).wait_for("ready", EMULATED_READY_S)
+        program = network.run_on(one, f"requests.{one}", words)
+        program.wait_for("ready", EMULATED_READY_S, network.check)
 
 
 @dataclass(frozen=True)

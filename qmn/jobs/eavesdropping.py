@@ -109,7 +109,7 @@ def eavesdropping(network: Network, attack: Attack | None, facts: RunResult) -> 
         return
     command = [python(), "-m", "hosts.applications.intercept", *attack.words]
     eve = network.run_on(EVE, EVE, [*command, "--stack", network.runtime.socket(EVE)])
-    eve.wait_for("intercepting", START_TIMEOUT_S)
+    eve.wait_for("intercepting", START_TIMEOUT_S, network.check)
     try:
         yield
     finally:

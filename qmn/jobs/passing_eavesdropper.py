@@ -72,7 +72,7 @@ class PassingEavesdropper:
         if self._eve is None:
             self._eve = self._prepare(network)
         elif not self._is_there and moments.now_s >= self._options.at:
-            self._eve.wait_for("intercepting", START_TIMEOUT_S)
+            self._eve.wait_for("intercepting", START_TIMEOUT_S, network.check)
             tapping_policy(self._begin, self._end, eavesdropping.EVE, self._folder)
             ask("reload-policy")
             self._is_there, self._since_s = True, moments.now_s

@@ -97,7 +97,7 @@ def _use(
         asked = _start(network, job, job.acceptor, "asked", output)
         others = [_start(network, job, host, f"asked-{host}", output) for host in job.others]
         for waiting in (asked, *others):
-            waiting.wait_for("listening", START_TIMEOUT_S)
+            waiting.wait_for("listening", START_TIMEOUT_S, network.check)
         asking = _start(network, job, job.opener, "asking", [*address, *source])
         progress(follow(network, asking, progress, look))
         _note_asked(facts, follow(network, asked, lambda _line: None, look))

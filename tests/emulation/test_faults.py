@@ -14,6 +14,7 @@ import pytest
 from conftest import ROOT, our_processes, qmn, qmn_command, qmn_words, wait_until
 from loaded import Running, running_qmn
 
+from qmn.timeouts import START_TIMEOUT_S
 from topologies.system.open_vswitch import openvswitch
 from topologies.system.runs.runtime import RUNTIME_ROOT
 
@@ -35,6 +36,30 @@ def struck(network: Any, name: str, module: str, config: Any, host: Any) -> Any:
 quantum_host.launch = struck
 
 class Struck(SdcTopo):
+    pass
+"""
+
+# Bob's application is stopped before it listens, and charlie's stack killed.
+STOPPED = """
+import os, signal
+from pathlib import Path
+from typing import Any
+from topologies.networks.network import Network
+from topologies.sdc import SdcTopo
+
+run_on = Network.run_on
+
+def stopped(network: Network, host: str, role: str, *words: Any) -> Any:
+    program = run_on(network, host, role, *words)
+    if role == "asked":
+        os.kill(program.pid, signal.SIGSTOP)
+        next(each for each in network.runtime.programs if each.name == "charlie").kill()
+        Path(__file__).with_name("struck").touch()
+    return program
+
+Network.run_on = stopped
+
+class Stopped(SdcTopo):
     pass
 """
 
@@ -277,3 +302,16 @@ def test_what_ends_a_run_is_told_before_clean_up(tmp_path: Path) -> None:
         assert list(RUNTIME_ROOT.glob("*/dispatcher.json"))  # clean-up removes it last
         process.finish(20)
     assert process.returncode == 1
+
+
+def test_a_host_that_dies_while_another_s_application_starts_is_named_at_once(
+    tmp_path: Path,
+) -> None:
+    topology = tmp_path / "stopped.py"
+    topology.write_text(STOPPED)
+    runs = tmp_path / "runs"
+    done = qmn("--topology", f"{topology}:Stopped", runs=runs)
+    named_s = (runs / "latest" / "result.json").stat().st_mtime
+    assert done.returncode == 1
+    assert "charlie died in mid-run: killed by SIGKILL" in done.stdout
+    assert named_s - (tmp_path / "struck").stat().st_mtime < START_TIMEOUT_S / 2
