@@ -1,13 +1,26 @@
 """Lines of JSON that applications of hosts print, and who follows them reads."""
 
 import json
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, cast
+
+from wire.results import schema
+from wire.results.figures import ServiceFigures
+
+Line = dict[str, Any]  # `event`, and what belongs to it
+NOT_FIGURES = ("event", "peer", "sha256")
 
 
-def fields_of(line: str | bytes) -> dict[str, Any]:
+def fields_of(line: str | bytes) -> Line:
     """Return the object of a line, {} for a line that is not one: the interpreter also warns."""
     try:
         fields = json.loads(line)
     except (ValueError, RecursionError):
         return {}
     return fields if isinstance(fields, dict) else {}
+
+
+def figures(line: Mapping[str, Any]) -> ServiceFigures:
+    """Return what an end has said of a service; raise TypeError for what none says."""
+    told = {name: value for name, value in line.items() if name not in NOT_FIGURES}
+    return cast("ServiceFigures", schema.read(cast("Any", ServiceFigures), told))

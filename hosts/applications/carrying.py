@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
+from wire.network_time import REAL_TIME, NetworkTime
+from wire.results.figures import SentFigures
 
 CHUNK_BYTES = {"framed": 1 << 16, "per-pair": 16, "sequential": 16}
 # What is sent at a time once it is known how much light arrives; each time both ends wait for all.
@@ -24,16 +26,19 @@ def say(event: str, fields: dict[str, Any]) -> None:
     print(json.dumps({"event": event, **fields}), flush=True)
 
 
-def send(sending: QuantumSocket, source: BinaryIO, chunk_bytes: int) -> None:
+def send(
+    sending: QuantumSocket, source: BinaryIO, chunk_bytes: int, clock: NetworkTime = REAL_TIME
+) -> None:
     """Send all that a file holds; say after every chunk what the session has used so far.
 
-    The first chunk has so many bytes; those behind it are larger if the light is good.
+    The first chunk has so many bytes; those behind it are larger if the light is good. Times are
+    said in seconds of the network, whose clock it is.
     """
     digest, started, size = sha256(), time.monotonic(), chunk_bytes
 
     def used(event: str, **fields: str) -> None:
-        elapsed_s = time.monotonic() - started
-        say(event, {"elapsed_s": elapsed_s, **sending.statistics, **fields})
+        told = sent_figures(sending.statistics, clock.network_s(time.monotonic() - started))
+        say(event, {**vars(told), **fields})
 
     try:
         while chunk := source.read(size):
@@ -46,6 +51,17 @@ def send(sending: QuantumSocket, source: BinaryIO, chunk_bytes: int) -> None:
         used("result")  # how far it came
         raise
     used("done", sha256=digest.hexdigest())
+
+
+def sent_figures(used: Mapping[str, Any], elapsed_s: float) -> SentFigures:
+    """Return the figures of a session that has used so much in so long."""
+    received = used["received_symbols"]
+    return SentFigures(
+        elapsed_s=elapsed_s,
+        pairs_per_s=used["bell_pairs"] / elapsed_s if elapsed_s else 0.0,
+        symbol_error_rate=used["symbol_errors"] / received if received else None,
+        **used,
+    )
 
 
 def first_chunk(options: Mapping[str, Any]) -> int:

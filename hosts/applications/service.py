@@ -14,6 +14,7 @@ from typing import Any, BinaryIO
 from hosts.applications.carrying import first_chunk, receive, say, send
 from hosts.quantum_socket import QuantumSocket
 from hosts.stack_socket import QuantumSocketError
+from wire.network_time import NetworkTime
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,7 @@ class Part:
     options: dict[str, Any] = field(default_factory=dict)  # of the service, for who asks
     file: BinaryIO | None = None  # to send, if the service carries bytes
     output: Path | BinaryIO | None = None  # for the bytes that come
+    time_scale: float = 1.0  # of the network, whose seconds are said
 
 
 def ask(part: Part) -> None:
@@ -36,7 +38,7 @@ def ask(part: Part) -> None:
         for result in asking.request(part.service, (part.host, part.port), **part.options):
             say("result", result)
         if part.file is not None:
-            send(asking, part.file, first_chunk(part.options))
+            send(asking, part.file, first_chunk(part.options), NetworkTime(part.time_scale))
         else:
             asking.shutdown()
             say("done", asking.summary)
@@ -96,6 +98,8 @@ def main() -> int:
     parser.add_argument("--file", type=argparse.FileType("rb"), default=None, help=text)
     text = "for the bytes that come, of a service that carries some"
     parser.add_argument("--output", type=Path, default=None, help=text)
+    text = "seconds here for one of the network, in which is said how long bytes took (1)"
+    parser.add_argument("--time-scale", type=float, default=1.0, help=text)
     part = Part(**vars(parser.parse_args()))
     work = wait if part.host is None else ask
     return ended_well("service", lambda: work(part))

@@ -31,7 +31,7 @@ from topologies.system.processes.programs import (
     callers_environment,
     python,
 )
-from wire.results.run_result import Sent
+from wire.results.figures import SentFigures
 
 MESSAGE_BYTES = 4 << 20
 ROUNDS = 5
@@ -139,5 +139,5 @@ def measure(file: Path, run: RunOptions, signals: Signals) -> Measured:
     except TransferError as error:
         raise NetworkError(f"superdense coding failed: {error}") from error
     shutil.rmtree(run.runs)
-    assert isinstance(result.asking, Sent)
+    assert isinstance(result.asking, SentFigures)
     return Measured(result.asking.pairs_per_s, result.packets_not_captured)

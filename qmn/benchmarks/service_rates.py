@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from hosts.service_socket import ServiceSocket
-from qmn.results.service_result import figures
 from qmn.timeouts import MEASURE_TIMEOUT_S
 from topologies.networks.network import Network, Signals
 from topologies.repeaters import RepeatersTopo
 from topologies.sdc import SdcTopo
 from topologies.system.open_vswitch.openvswitch import SWITCH_DAEMON, daemons
 from topologies.system.runs.runtime import Runtime
+from wire.application_lines import figures
 from wire.parameters.network import NetworkSettings
 from wire.results.figures import KeyFigures
 

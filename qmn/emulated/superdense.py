@@ -28,7 +28,8 @@ from qmn.sweeps.superdense import FEC, INTERLEAVE, LOSSES, RATE, loss_db
 from topologies.networks.network import Signals
 from topologies.system.processes.programs import NetworkError
 from wire.parameters.network import MOST_KM
-from wire.results.run_result import RunResult, Sent
+from wire.results.figures import SentFigures
+from wire.results.run_result import RunResult
 
 # charlie's photon for alice passes two fibres to her and two more to bob, the other one two.
 FIBERS_PASSED = 6
@@ -83,7 +84,7 @@ def request(values: Values, seed: int, message: Path, runs: Path) -> SuperdenseR
 def outcome(result: RunResult) -> Outcome:
     """Return what the result of a run says."""
     told, setup_ms = result.asking, result.path_setup_ms.p50
-    assert isinstance(told, Sent)
+    assert isinstance(told, SentFigures)
     assert setup_ms is not None  # it has gone well
     came = told.bell_pairs - told.lost_pairs
     return {

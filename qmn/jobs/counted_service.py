@@ -157,7 +157,7 @@ def job(request: ServiceRequest, network: NetworkDescription) -> runner.Job:
         said=f"{service} {_between(request)}: {length.total:,} {length.unit}",
         unit=length.unit,
         total=length.total,
-        done=lambda line: int(line.get(length.field, 0)),
+        done=lambda told: int(getattr(told, length.field, 0)),
         eve=attack_of(request, network),
         hand_out=request.hand_out,
     )

@@ -18,7 +18,7 @@ from topologies.networks.network import Network
 from topologies.system.processes.programs import Program, python
 from wire.application_lines import fields_of
 from wire.results.figures import EveFigures, Figures
-from wire.results.run_result import RunResult, ServiceJob
+from wire.results.run_result import ServiceJob
 
 EVE = "eve"
 TOPOLOGY = "tapped"  # that has her
@@ -102,8 +102,8 @@ def tapped_way(
 
 
 @contextmanager
-def eavesdropping(network: Network, attack: Attack | None, facts: RunResult) -> Iterator[None]:
-    """Have eve attack meanwhile, if an attack is given; add what she saw to the facts."""
+def eavesdropping(network: Network, attack: Attack | None, kept: ServiceJob) -> Iterator[None]:
+    """Have eve attack meanwhile, if an attack is given; keep what she saw."""
     if attack is None:
         yield
         return
@@ -114,8 +114,7 @@ def eavesdropping(network: Network, attack: Attack | None, facts: RunResult) -> 
         yield
     finally:
         eve.stop()
-        if isinstance(facts.job, ServiceJob):
-            facts.job.eve = summary_of(eve)
+        kept.eve = summary_of(eve)
 
 
 def summary_of(eve: Program) -> Figures | EveFigures:

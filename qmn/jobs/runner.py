@@ -16,14 +16,13 @@ from qmn.jobs.handed_out import handing_out
 from qmn.jobs.in_the_way import lost_light
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.jobs.transfer import TransferError, follow
-from qmn.results import message_result, result, service_result
+from qmn.results import result
 from qmn.timeouts import START_TIMEOUT_S
 from topologies.networks.network import Network
 from topologies.system.processes.programs import NetworkError, Program, python
-from wire.results.figures import KeyProgress
-from wire.results.run_result import Message, MessageJob, RunResult, ServiceJob
-
-Line = dict[str, Any]  # that an application has said
+from wire.application_lines import Line, figures
+from wire.results.figures import Figures, KeyProgress
+from wire.results.run_result import Message, RunResult, ServiceJob
 
 
 @dataclass(frozen=True)
@@ -39,42 +38,42 @@ class Job:
     said: str  # when it begins
     unit: str  # what it is about, as people call it
     total: int  # of these
-    done: Callable[[Line], int]  # how many of them the opener's line says are done
-    rate: Callable[[Line], float] | None = None  # of them in a second, if that is shown
+    done: Callable[[Figures], int]  # how many of them the opener has told of
+    rate: Callable[[Figures], float] | None = None  # of them in a second, if that is shown
     file: Path | None = None  # of bytes to send, for a service that carries some
     eve: eavesdropping.Attack | None = None  # None: she does nothing
     hand_out: Path | None = None  # a folder for keys, taken out of both ends' stores
 
     @property
-    def result(self) -> MessageJob | ServiceJob:
+    def result(self) -> ServiceJob:
         """Its part of the result, as if nothing came of it."""
         if self.file is None:
             return ServiceJob()
-        return MessageJob(message=Message(str(self.file), self.file.stat().st_size))
+        return ServiceJob(message=Message(str(self.file), self.file.stat().st_size))
 
 
 def run(job: Job, context: RunContext) -> RunResult:
     """Do the whole run and return its result."""
     folder, console = context.folder, context.console
-    hosts = job.opener, job.acceptor, *job.others
-    facts = known_facts(context, job.service, hosts, job.result, job.parameters)
+    hosts, kept = (job.opener, job.acceptor, *job.others), job.result
+    facts = known_facts(context, job.service, hosts, kept, job.parameters)
     with ending(folder, facts, result.complete, context.options.report) as ended:
-        use_network(job, context, facts)
+        use_network(job, context, facts, kept)
     result.show(console, facts, folder, ended.report)
     return facts
 
 
-def use_network(job: Job, context: RunContext, facts: RunResult) -> None:
-    """Start the network, do the job, and add to the facts."""
+def use_network(job: Job, context: RunContext, facts: RunResult, kept: ServiceJob) -> None:
+    """Start the network, do the job, and add to the facts, and to what is kept of the job."""
     with running_network(context, facts) as network:
         context.console.print(job.said)
         with (
-            eavesdropping.eavesdropping(network, job.eve, facts),
-            _handing_out(network, job, facts) as take,
-            _progress_bar(context.console, job, facts, take) as progress,
+            eavesdropping.eavesdropping(network, job.eve, kept),
+            _handing_out(network, job, kept) as take,
+            _progress_bar(context.console, job, kept, take) as progress,
             lost_light(network, context.console) as lost,
         ):
-            _use(network, job, context.folder, facts, progress, lost.look)
+            _use(network, job, context.folder, kept, progress, lost.look)
         facts.delivered = True
 
 
@@ -82,7 +81,7 @@ def _use(
     network: Network,
     job: Job,
     folder: Path,
-    facts: RunResult,
+    kept: ServiceJob,
     progress: Callable[[Line], None],
     look: Callable[[], None],
 ) -> None:
@@ -92,7 +91,8 @@ def _use(
     del options["port"]
     address = [host, "--options", json.dumps(options)]
     output = ["--output", str(folder / result.RECEIVED)] if job.file else []
-    source = ["--file", str(job.file)] if job.file else []
+    scale = str(network.runtime.time.scale)
+    source = ["--file", str(job.file), "--time-scale", scale] if job.file else []
     try:
         asked = _start(network, job, job.acceptor, "asked", output)
         others = [_start(network, job, host, f"asked-{host}", output) for host in job.others]
@@ -100,7 +100,7 @@ def _use(
             waiting.wait_for("listening", START_TIMEOUT_S, network.check)
         asking = _start(network, job, job.opener, "asking", [*address, *source])
         progress(follow(network, asking, progress, look))
-        _note_asked(facts, follow(network, asked, lambda _line: None, look))
+        kept.asked = figures(follow(network, asked, lambda _line: None, look))
         for waiting in others:
             follow(network, waiting, lambda _line: None, look)
     except (TransferError, NetworkError):
@@ -114,24 +114,8 @@ def _start(network: Network, job: Job, host: str, role: str, words: list[str]) -
     return network.run_on(host, role, command)
 
 
-def _note_asking(facts: RunResult, line: Line) -> None:
-    """Keep what the opener has said so far."""
-    if isinstance(facts.job, MessageJob):
-        facts.job.asking = message_result.sent(line, facts.time_scale or 1.0)
-    elif isinstance(facts.job, ServiceJob):
-        facts.job.asking = service_result.figures(line)
-
-
-def _note_asked(facts: RunResult, line: Line) -> None:
-    """Keep what the acceptor has said at the end."""
-    if isinstance(facts.job, MessageJob):
-        facts.job.asked = message_result.received(line)
-    elif isinstance(facts.job, ServiceJob):
-        facts.job.asked = service_result.figures(line)
-
-
 @contextmanager
-def _handing_out(network: Network, job: Job, facts: RunResult) -> Iterator[Callable[[], None]]:
+def _handing_out(network: Network, job: Job, kept: ServiceJob) -> Iterator[Callable[[], None]]:
     """Have keys of both ends taken whenever that is called, and once more at the end."""
     if job.hand_out is None:
         yield lambda: None
@@ -140,24 +124,24 @@ def _handing_out(network: Network, job: Job, facts: RunResult) -> Iterator[Calla
     stores = [network.runtime.key_folder(host) for host in ends]
     with handing_out(job.hand_out, ends, stores) as handed_out:
         yield handed_out.take
-    if isinstance(facts.job, ServiceJob) and isinstance(facts.job.asking, KeyProgress):
-        facts.job.asking.handed_out = handed_out.count
+    if isinstance(kept.asking, KeyProgress):
+        kept.asking.handed_out = handed_out.count
 
 
 @contextmanager
 def _progress_bar(
-    console: Console, job: Job, facts: RunResult, take: Callable[[], None]
+    console: Console, job: Job, kept: ServiceJob, take: Callable[[], None]
 ) -> Iterator[Callable[[Line], None]]:
-    """Show how far the opener is; every line also goes into the facts, and keys are taken."""
+    """Show how far the opener is; what it says is also kept, and keys are taken."""
     rates = [TextColumn("{task.fields[rate]:,.0f} " + f"{job.unit}/s")] if job.rate else []
     columns = TextColumn(job.unit), BarColumn(), MofNCompleteColumn(), *rates, TimeRemainingColumn()
     with Progress(*columns, console=console) as bar:
         task = bar.add_task(job.unit, total=job.total, rate=0.0)
 
         def note(line: Line) -> None:
-            _note_asking(facts, line)
+            kept.asking = told = figures(line)
             take()
-            rate = job.rate(line) if job.rate else 0.0
-            bar.update(task, completed=min(job.done(line), job.total), rate=rate)
+            rate = job.rate(told) if job.rate else 0.0
+            bar.update(task, completed=min(job.done(told), job.total), rate=rate)
 
         yield note

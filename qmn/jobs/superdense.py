@@ -27,6 +27,7 @@ from topologies.networks.captures import MAX_PACKET_BYTES
 from topologies.networks.network import Signals, require_root
 from wire.metadata.vocabulary import FEC_NAMES, Service
 from wire.parameters.option import option
+from wire.results.figures import Figures, SentFigures
 
 MESSAGE = Path(__file__).with_name("message.txt")
 # Bell pairs a second to expect on two cores, for the estimate before the start.
@@ -124,10 +125,15 @@ def job(request: SuperdenseRequest, file: Path) -> runner.Job:
         f"by superdense coding ({options.handshake})",
         unit="pairs",
         total=pairs,
-        done=lambda line: pairs * int(line["delivered_bytes"]) // max(size, 1),
-        rate=lambda line: line["bell_pairs"] / max(line["elapsed_s"], 1e-9),
+        done=lambda told: pairs * _sent(told).delivered_bytes // max(size, 1),
+        rate=lambda told: _sent(told).pairs_per_s,
         file=file,
     )
+
+
+def _sent(told: Figures) -> SentFigures:
+    assert isinstance(told, SentFigures)  # as the application of this service tells
+    return told
 
 
 def check_input(

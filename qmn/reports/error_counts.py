@@ -1,12 +1,12 @@
 """The growth of errors during a run: by the receiver's reports, or else by the sender."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from qmn.reports.packets import messages
 from wire.metadata.blocks import Block, Emit, Report
+from wire.results.figures import SentFigures
 from wire.results.network_facts import NetworkFacts
 
 MAX_CAPTURE_BYTES = 50_000_000  # 0.4 s to read
@@ -65,10 +65,13 @@ def reported(folder: Path, network: NetworkFacts, sender: str) -> ErrorCounts | 
     return ErrorCounts(seconds, dict(zip(NAMES, columns, strict=True)), text)
 
 
-def said(lines: Sequence[Mapping[str, Any]]) -> ErrorCounts | None:
-    """Return what the sending application said; None if it said nothing."""
-    if not lines:
+def said(told: Sequence[SentFigures], scale: float) -> ErrorCounts | None:
+    """Return what the sending application said; None if it said nothing.
+
+    Of its time, that of the network, a second took `scale` seconds here.
+    """
+    if not told:
         return None
-    counts = {label: [0, *(line[name] for line in lines)] for label, name in NAMES.items()}
+    counts = {label: [0, *(getattr(each, name) for each in told)] for label, name in NAMES.items()}
     text = "As the sender heard of them, chunk by chunk"
-    return ErrorCounts([0.0, *(line["elapsed_s"] for line in lines)], counts, text)
+    return ErrorCounts([0.0, *(each.elapsed_s * scale for each in told)], counts, text)

@@ -16,8 +16,10 @@ from qmn.reports.sequence import handshake, lanes
 from qmn.reports.waits_diagram import MOST_HOSTS, waits_diagram
 from qmn.results.timeline import TIMELINE
 from qmn.traffic.fiber_use import fiber_use
+from wire.metadata.vocabulary import SYMBOLS
 from wire.parameters.network import OPENFLOW_PORT
-from wire.results.run_result import KeysJob, LoadJob, MessageJob
+from wire.results.figures import SentFigures
+from wire.results.run_result import KeysJob, LoadJob
 
 MOST_NAMED = 12  # light paths, also in the figure of their losses
 MOST_WAITS = 10  # in a table
@@ -137,10 +139,12 @@ def key_figure(job: KeysJob) -> str:
 
 def chart_figures(run: RunFacts, paths: Sequence[LightPath]) -> Iterator[str]:
     """Yield the charts; those of symbols for superdense coding alone."""
-    if isinstance(run.result.job, MessageJob):
+    if run.result.message is not None:
         yield _rate(run)
         yield _errors(run)
-        yield _confusion(run, run.result.job.asking.bell_states or 4)
+        told = run.result.asking
+        bell_states = told.symbols if isinstance(told, SentFigures) else 0
+        yield _confusion(run, bell_states or max(SYMBOLS))
     yield _losses(run, paths)
     yield _setup_times(run)
 
@@ -161,7 +165,9 @@ def _rate(run: RunFacts) -> str:
 def _errors(run: RunFacts) -> str:
     title = "Errors over time"
     sender = run.result.parameters["sender"]
-    found = error_counts.reported(run.folder, run.network, sender) or error_counts.said(run.sender)
+    found = error_counts.reported(run.folder, run.network, sender) or error_counts.said(
+        run.sender, run.result.time_scale or 1.0
+    )
     if found is None:
         return missing(title, "the sender has heard and said nothing.")
     text = f"{found.whence}; in the end: {found.last}."

@@ -1,7 +1,7 @@
 """The report as one page: HTML, CSS and SVG, no script, nothing from elsewhere."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict, is_dataclass
 from html import escape
 from pathlib import Path
@@ -13,7 +13,9 @@ from qmn.reports.markup import table
 from qmn.reports.run_facts import RunFacts, read_run
 from qmn.results.result import said_size
 from qmn.results.service_result import number_text
-from wire.results.run_result import KeysJob, LoadJob, MessageJob, RunResult
+from wire.device import OF_LIGHT, setting_name
+from wire.results.figures import Figures, SentFigures
+from wire.results.run_result import KeysJob, LoadJob, RunResult
 
 REPORT = "report.html"
 MOST_FIBERS = 24  # whose table is seen at once
@@ -50,12 +52,11 @@ def page(run: RunFacts) -> str:
 
 def _outcome(run: RunFacts) -> str:
     result, done = run.result, run.result.delivered
-    if isinstance(result.job, MessageJob):
+    words = {True: f"{result.service}: done", False: f"{result.service}: NOT DONE"}
+    numbers = _numbers(result.asking)
+    if result.message is not None:
         words = {True: "delivered exactly", False: "NOT DELIVERED"}
-        numbers = _transfer_numbers(result.job)
-    else:
-        words = {True: f"{result.service}: done", False: f"{result.service}: NOT DONE"}
-        numbers = _numbers(vars(result.asking))
+        numbers["bytes of message"] = f"{result.message.bytes:,}"
     kind = "good" if done else "failed"
     numbers["seed"] = f"{result.seed}"
     tiles = "".join(
@@ -66,20 +67,17 @@ def _outcome(run: RunFacts) -> str:
     return f'<p class="{kind}">{words[done]}</p>{error}<div class="tiles">{tiles}</div>{heard}'
 
 
-def _numbers(told: Mapping[str, Any]) -> dict[str, str]:
-    numbers = {name: value for name, value in told.items() if not isinstance(value, str)}
+def _numbers(told: Figures) -> dict[str, str]:
+    if isinstance(told, SentFigures):
+        rate = told.symbol_error_rate
+        return {
+            "Bell pairs": f"{told.bell_pairs:,}",
+            "Bell pairs/s": f"{told.pairs_per_s:,.0f}",
+            "lost pairs": f"{told.lost_pairs:,}",
+            "symbol error rate": "–" if rate is None else f"{rate:.3g}",  # noqa: RUF001
+        }
+    numbers = {name: value for name, value in vars(told).items() if not isinstance(value, str)}
     return {name.replace("_", " "): number_text(value) for name, value in numbers.items()}
-
-
-def _transfer_numbers(job: MessageJob) -> dict[str, str]:
-    told, rate = job.asking, job.asking.symbol_error_rate
-    return {
-        "Bell pairs": f"{told.bell_pairs:,}",
-        "Bell pairs/s": f"{told.pairs_per_s:,.0f}",
-        "lost pairs": f"{told.lost_pairs:,}",
-        "symbol error rate": "–" if rate is None else f"{rate:.3g}",  # noqa: RUF001
-        "bytes of message": f"{job.message.bytes:,}",
-    }
 
 
 def _sections(run: RunFacts) -> Iterator[str]:
@@ -137,8 +135,9 @@ def _parameters(result: RunResult) -> str:
     met = result.approximations
     rows += [[f"approximated: {each.name}", said_size(each)] for each in met]
     rows += [[name, _said(value)] for name, value in result.parameters.items()]
-    in_use = result.job.asking.in_use if isinstance(result.job, MessageJob) else None
-    rows += [[f"in use: {name}", _said(value)] for name, value in (in_use or {}).items()]
+    if isinstance(result.asking, SentFigures):
+        used = {name: getattr(result.asking, name) for name in OF_LIGHT}
+        rows += [[f"in use: {name}", _said(setting_name(name, used[name]))] for name in used]
     rows += [[f"fibre: {name}", _said(value)] for name, value in result.optics.items()]
     rows += [[f"device: {host}", _said(parts)] for host, parts in result.devices.items() if parts]
     made = table(["parameter", "value"], rows, "parameters")

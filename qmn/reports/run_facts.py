@@ -2,21 +2,22 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from qmn.live.event_sources import recorded
 from topologies.system.runs.runtime import EVENT_CAPTURE
-from wire.application_lines import fields_of
+from wire.application_lines import fields_of, figures
 from wire.controller_lines import read_record
 from wire.dispatcher_pb2 import Event
 from wire.results import schema
+from wire.results.figures import ReceiverFigures, SentFigures
 from wire.results.network_facts import NetworkFacts
-from wire.results.run_result import RESULT, MessageJob, NetworkResult, RunResult
+from wire.results.run_result import RESULT, NetworkResult, RunResult, ServiceJob
 
 SENDER_LOG = "asking.log"
+TELLING = ("result", "done")  # events that tell figures
 
 
 class BadRun(Exception):
@@ -32,7 +33,7 @@ class RunFacts:
     network: NetworkFacts
     events: list[Event]  # of blocks, not of single photons
     setup_ms: list[float]  # of every light path
-    sender: list[dict[str, Any]]  # what the sending application said, line by line
+    sender: list[SentFigures]  # what the sending application said, line by line
 
     @property
     def confusion(self) -> NDArray[np.int64] | None:
@@ -41,7 +42,7 @@ class RunFacts:
         None if the receiver did not come to say it.
         """
         job = self.result.job
-        if not isinstance(job, MessageJob) or job.asked.confusion is None:
+        if not (isinstance(job, ServiceJob) and isinstance(job.asked, ReceiverFigures)):
             return None
         return np.array(job.asked.confusion, dtype=np.int64)
 
@@ -59,7 +60,7 @@ def read_run(folder: Path) -> RunFacts:
         network,
         [event for event in events if not event.photon],
         [line["setup_ms"] for line in read_record(folder) if line["event"] == "path_ready"],
-        _lines(folder / SENDER_LOG),
+        _said(folder / SENDER_LOG) if result.message else [],
     )
 
 
@@ -80,8 +81,8 @@ def read_result(folder: Path) -> tuple[NetworkResult, NetworkFacts]:
     return result, result.network
 
 
-def _lines(file: Path) -> list[dict[str, Any]]:
-    """Return the lines of JSON that say how far the sender was; none if there is no log."""
+def _said(file: Path) -> list[SentFigures]:
+    """Return how far the sender was, line by line; nothing if there is no log."""
     lines = file.read_text(errors="replace").splitlines() if file.exists() else []
-    decoded = [fields_of(line) for line in lines]
-    return [fields for fields in decoded if "elapsed_s" in fields and "bell_pairs" in fields]
+    told = (figures(line) for line in map(fields_of, lines) if line.get("event") in TELLING)
+    return [each for each in told if isinstance(each, SentFigures)]

@@ -7,8 +7,8 @@ from typing import Any
 
 from rich.console import Console
 
-from qmn.results import message_result, service_result, software_share
-from qmn.results.message_result import RECEIVED as RECEIVED
+from qmn.results import service_result, software_share
+from qmn.results.service_result import RECEIVED as RECEIVED
 from topologies.links.fiber import FiberLink
 from topologies.networks.network import Network
 from topologies.system.runs.runtime import EVENT_LOG, RECORD
@@ -18,9 +18,9 @@ from wire.metadata.vocabulary import Reason
 from wire.results.network_facts import NetworkFacts
 from wire.results.run_result import (
     Approximated,
-    MessageJob,
     NetworkResult,
     RunResult,
+    ServiceJob,
     Sessions,
     SetUpTimes,
     WatchedLight,
@@ -32,8 +32,8 @@ MOST_IDS = 100  # of sessions
 
 def complete(facts: RunResult, folder: Path) -> None:
     """Add what the run has left in its folder, and write result.json."""
-    if isinstance(facts.job, MessageJob):
-        facts.job.message = message_result.message(facts.job.message.file, folder)
+    if isinstance(facts.job, ServiceJob) and facts.job.message is not None:
+        facts.job.message = service_result.message(facts.job.message.file, folder)
         facts.delivered = facts.job.message.arrived
     told = vars(facts.asking)
     facts.elapsed_s = told.get("elapsed_s", facts.elapsed_s)
@@ -190,11 +190,8 @@ def rows_of_every_run(facts: RunResult, folder: Path, report: str) -> dict[str, 
 
 def show(console: Console, facts: RunResult, folder: Path, report: str) -> None:
     """Print the table."""
-    if isinstance(facts.job, MessageJob):
-        own = message_result.rows(facts.job)
-    else:
-        own = service_result.rows(facts.job)
-    print_rows(console, {**own, **rows_of_every_run(facts, folder, report)})
+    own, common = service_result.rows(facts.job), rows_of_every_run(facts, folder, report)
+    print_rows(console, {**own, **common})
 
 
 def print_rows(console: Console, rows: dict[str, str]) -> None:

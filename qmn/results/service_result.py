@@ -1,32 +1,72 @@
-"""The part of a result that a run of a service adds: what both ends said at the end."""
+"""The part of a result that a job adds: what both ends said at the end, and bytes they moved."""
 
-from collections.abc import Mapping
-from typing import Any, cast
+from hashlib import file_digest
+from pathlib import Path
+from typing import Any
 
-from wire.results import schema
-from wire.results.figures import ServiceFigures
-from wire.results.run_result import KeysJob, LoadJob, NetqasmJob, ServiceJob
+from wire.device import setting_name
+from wire.results.figures import Figures, SentFigures
+from wire.results.run_result import Job, Message, NetqasmJob, ServiceJob
 
-NOT_FIGURES = ("event", "peer")
-
-
-def figures(line: Mapping[str, Any]) -> ServiceFigures:
-    """Return what an end has said, without how; raise TypeError for what no service says."""
-    told = {name: value for name, value in line.items() if name not in NOT_FIGURES}
-    return cast("ServiceFigures", schema.read(cast("Any", ServiceFigures), told))
+RECEIVED = "received"  # in the folder of the run
 
 
-def rows(job: ServiceJob | KeysJob | LoadJob | NetqasmJob) -> dict[str, str]:
+def message(file: str, folder: Path) -> Message:
+    """Return what a run has made of a file: the digests of what was sent and of what came."""
+    sent = Path(file)
+    return Message(file, sent.stat().st_size, sha256(sent), sha256(folder / RECEIVED))
+
+
+def sha256(file: Path) -> str | None:
+    """Return the digest of a file, None if there is none."""
+    if not file.exists():
+        return None
+    with file.open("rb") as opened:
+        return file_digest(opened, "sha256").hexdigest()
+
+
+def rows(job: Job) -> dict[str, str]:
     """Return what a person is told of the service, and of who listened in."""
     if isinstance(job, NetqasmJob):
         return {}
-    told = {name.replace("_", " "): number_text(value) for name, value in vars(job.asking).items()}
+    told = _sent(job.asking) if isinstance(job.asking, SentFigures) else _plain(job.asking)
     if (vars(job.asking).get("net_key_bits") or 0) < 0:
         told["net key bits"] += " (its session has used more of older keys than it has made)"
-    if not isinstance(job, ServiceJob) or job.eve is None:
+    if not isinstance(job, ServiceJob):
         return told
-    eve = vars(job.eve).items()
-    return told | {f"eve: {name.replace('_', ' ')}": number_text(value) for name, value in eve}
+    if job.message is not None:
+        outcome = "delivered exactly" if job.message.arrived else "NOT DELIVERED"
+        told = {"message": f"{job.message.bytes:,} bytes, {outcome}", **told}
+    eve = _plain(job.eve) if job.eve is not None else {}
+    return told | {f"eve: {name}": value for name, value in eve.items()}
+
+
+def _plain(told: Figures) -> dict[str, str]:
+    return {name.replace("_", " "): number_text(value) for name, value in vars(told).items()}
+
+
+def _sent(told: SentFigures) -> dict[str, str]:
+    rate = told.symbol_error_rate
+    return {
+        "Bell pairs used": f"{told.bell_pairs:,}",
+        "pairs lost": f"{told.lost_pairs:,}",
+        "symbol error rate": "no symbol received" if rate is None else f"{rate:.4g}",
+        **coding(told),
+        "repeated frames": f"{told.repeated_frames:,}",
+        "pairs/s": f"{told.pairs_per_s:,.0f} ({told.elapsed_s:.2f} s)",
+    }
+
+
+def coding(told: SentFigures) -> dict[str, str]:
+    """Return the lines about the error-correction code; none if there was no code."""
+    if not told.fec:
+        return {}
+    order = "interleaved" if told.interleave else "not interleaved"
+    return {
+        "code": f"{setting_name('fec', told.fec)}, {order}, rate {told.code_rate:.3f}",
+        "put right by it": f"{told.corrected_symbols:,} wrong symbols, "
+        f"{told.filled_symbols:,} lost ones",
+    }
 
 
 def number_text(value: Any) -> str:

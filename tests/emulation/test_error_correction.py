@@ -56,7 +56,7 @@ def test_a_noisy_network_delivers_by_an_interleaved_code(tmp_path: Path) -> None
     result = json.loads((tmp_path / "latest" / "result.json").read_text())
     assert (tmp_path / "latest" / "received").read_text() == message
     told = result["job"]["asking"]
-    assert (told["in_use"]["fec"], told["in_use"]["interleave"]) == ("golay", "on")
+    assert (told["fec"], told["interleave"]) == (Fec.GOLAY, 1)
     assert told["corrected_symbols"] > 100
     frames = -(-len(message) // 16)
     assert told["repeated_frames"] < frames  # without a code nearly every try fails

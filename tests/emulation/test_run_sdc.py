@@ -4,6 +4,7 @@ import json
 import os
 import re
 import subprocess
+import time
 from pathlib import Path
 from typing import Any
 
@@ -150,6 +151,17 @@ def test_an_empty_file_arrives(tmp_path: Path) -> None:
     result = run(tmp_path, "--file", str(file))
     assert (result["job"]["message"]["bytes"], result["job"]["asking"]["bell_pairs"]) == (0, 0)
     assert (tmp_path / "latest" / "received").read_bytes() == b""
+
+
+def test_a_message_tells_how_long_it_took_in_the_network(tmp_path: Path) -> None:
+    """200 pairs of a source of 1000 a second: a fifth of a second, which takes four here."""
+    message, scale, since_s = "x" * 50, 20, time.monotonic()
+    words = ("--rate-hz", "1000", "--time-scale", str(scale))
+    result = run(tmp_path, "--message", message, *words)
+    wall_s = time.monotonic() - since_s
+    assert 0.2 <= result["elapsed_s"] <= wall_s / scale
+    rate = result["job"]["asking"]["bell_pairs"] / result["elapsed_s"]
+    assert result["job"]["asking"]["pairs_per_s"] == pytest.approx(rate)
 
 
 def test_the_experiment_of_2017_has_its_symbol_errors(tmp_path: Path) -> None:

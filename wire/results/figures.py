@@ -255,10 +255,19 @@ class SenderFigures(Figures):
     delivered_bytes: int
     rate_hz: int  # what the session uses; the controller may have overridden it
     frame_bytes: int
-    fec: int
-    interleave: int
+    fec: int  # number of the code; 0: none
+    interleave: int  # 1: its codewords are spread over frames
     wavelength_pm: int
     code_rate: float  # bits of data for each bit of code, in all frames so far
+
+
+class SentFigures(SenderFigures):
+    """Of a file that superdense coding carries, at the application that sends it."""
+
+    elapsed_s: float
+    pairs_per_s: float
+    # Before any code or repetition has put them right; None: no symbol was received.
+    symbol_error_rate: float | None
 
 
 class ReceiverFigures(Figures):
@@ -332,4 +341,6 @@ ServiceFigures = (
     | ConferenceFollowerFigures
     | SealFigures
     | SealedFigures
+    | SentFigures
+    | ReceiverFigures
 )

@@ -127,15 +127,6 @@ class NetworkResult:
         (folder / RESULT).write_text(json.dumps(vars(self), indent=2, default=vars) + "\n")
 
 
-@dataclass(kw_only=True)
-class ServiceJob:
-    """A service of two hosts or more: what both ends have said at the end."""
-
-    asking: ServiceFigures = field(default_factory=Figures)  # of the host that asks
-    asked: ServiceFigures = field(default_factory=Figures)  # of the one that is asked
-    eve: Figures | EveFigures | None = None  # None: she was not there
-
-
 @dataclass(frozen=True)
 class Message:
     """The bytes that a service has carried, by file."""
@@ -151,42 +142,14 @@ class Message:
         return self.sha256_received is not None and self.sha256_sent == self.sha256_received
 
 
-@dataclass(frozen=True)
-class Sent:
-    """What a sender has said of superdense coding at the end."""
-
-    bell_pairs: int = 0
-    lost_pairs: int = 0
-    repeated_frames: int = 0
-    received_symbols: int = 0
-    symbol_errors: int = 0
-    # Before any code or repetition has put them right; None: no symbol was received.
-    symbol_error_rate: float | None = None
-    corrected_symbols: int = 0  # by the code
-    filled_symbols: int = 0  # lost, and filled in by the code
-    # What the session used, as the controller may have overridden it.
-    in_use: dict[str, Any] | None = None
-    code_rate: float | None = None
-    bell_states: int | None = None  # that the receiver's analyser tells apart
-    elapsed_s: float | None = None
-    pairs_per_s: float = 0.0
-
-
-@dataclass(frozen=True)
-class Received:
-    """What a receiver has said of superdense coding at the end."""
-
-    # Symbols sent (row) as they were received (column); None: it did not come to say it.
-    confusion: list[list[int]] | None = None
-
-
 @dataclass(kw_only=True)
-class MessageJob:
-    """Superdense coding of a file: the bytes, and what both ends have said at the end."""
+class ServiceJob:
+    """A service of two hosts or more: what both ends have said at the end."""
 
-    message: Message
-    asking: Sent = field(default_factory=Sent)
-    asked: Received = field(default_factory=Received)
+    asking: ServiceFigures = field(default_factory=Figures)  # of the host that asks
+    asked: ServiceFigures = field(default_factory=Figures)  # of the one that is asked
+    eve: Figures | EveFigures | None = None  # None: she was not there
+    message: Message | None = None  # None: the service carries none
 
 
 @dataclass(kw_only=True)
@@ -296,7 +259,7 @@ class LoadJob:
     load: Load | None = None  # None: the network did not start
 
 
-Job = MessageJob | ServiceJob | KeysJob | NetqasmJob | LoadJob
+Job = ServiceJob | KeysJob | NetqasmJob | LoadJob
 
 
 @dataclass(kw_only=True)
@@ -324,6 +287,11 @@ class RunResult(NetworkResult):
     job: Job
 
     @property
-    def asking(self) -> Figures | Sent:
+    def asking(self) -> Figures:
         """What the host that asks has said at the end; of NetQASM programs nothing."""
         return Figures() if isinstance(self.job, NetqasmJob) else self.job.asking
+
+    @property
+    def message(self) -> Message | None:
+        """The bytes that its service has carried; None: it carries none."""
+        return self.job.message if isinstance(self.job, ServiceJob) else None

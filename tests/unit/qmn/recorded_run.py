@@ -2,6 +2,7 @@
 
 import json
 import struct
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, cast
 
@@ -10,7 +11,7 @@ from scapy.layers.l2 import Ether
 from scapy.utils import PcapWriter
 
 from dispatcher.layer.history import EventCapture
-from qmn.results.message_result import sent
+from hosts.applications.carrying import sent_figures
 from qmn.results.result import complete
 from wire.config import PathOptics, QuantumSwitch
 from wire.controller_lines import RECORD
@@ -18,13 +19,17 @@ from wire.dispatcher_pb2 import BlockId, Event
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.vocabulary import Handshake, Reason, Service, Verdict
 from wire.parameters.fiber import Fiber, FiberEnd
-from wire.results.figures import Figures, TeleportFigures
+from wire.results.figures import (
+    Figures,
+    ReceiverFigures,
+    SenderFigures,
+    SentFigures,
+    TeleportFigures,
+)
 from wire.results.network_facts import NetworkFacts
 from wire.results.run_result import (
     Approximated,
     Message,
-    MessageJob,
-    Received,
     RunResult,
     ServiceJob,
 )
@@ -132,10 +137,11 @@ def record_run(folder: Path, captured: bool = True, delivered: bool = True) -> P
         for time in (2.5, 3.5)
     ]
     (folder / RECORD).write_text("".join(json.dumps(line) + "\n" for line in times))
-    done = {"event": "done", "elapsed_s": 0.01, "bell_pairs": 100, "lost_pairs": 40}
-    done |= {"symbol_errors": 3, "received_symbols": 60, "repeated_frames": 1, "symbols": 4}
+    counts = {"bell_pairs": 100, "lost_pairs": 40, "symbol_errors": 3, "received_symbols": 60}
+    told = sent(**counts, repeated_frames=1, symbols=4)
+    done = {"event": "done", **vars(told)}
     (folder / "asking.log").write_text(f"{json.dumps({'event': 'said'})}\n{json.dumps(done)}\n")
-    facts = message_run(folder, b"two bits" if delivered else b"", done, confusion=CONFUSION)
+    facts = message_run(folder, b"two bits" if delivered else b"", told, received(CONFUSION))
     facts.topology = "chain"
     facts.parameters = {
         "sender": "alice",
@@ -155,21 +161,32 @@ def record_run(folder: Path, captured: bool = True, delivered: bool = True) -> P
 def message_run(
     folder: Path,
     received: bytes | None,
-    told: dict[str, Any] | None = None,
+    asking: SentFigures | None = None,
+    asked: ReceiverFigures | None = None,
     time_scale: float = 1.0,
-    confusion: list[list[int]] | None = None,
 ) -> RunResult:
     """Return what is known of a run that brings b"two bits", before its result is complete."""
     message = folder / "message"
     message.write_bytes(b"two bits")
     if received is not None:
         (folder / "received").write_bytes(received)
-    job = MessageJob(
-        message=Message(str(message), 8),
-        asking=sent(told or {}, time_scale),
-        asked=Received(confusion),
+    job = ServiceJob(
+        asking=asking or Figures(), asked=asked or Figures(), message=Message(str(message), 8)
     )
     return run_of("sdc", job, time_scale)
+
+
+def sent(elapsed_s: float = 0.01, **told: Any) -> SentFigures:
+    """Return the figures of who sends, but for those that are given that of nothing sent."""
+    names = [each.name for each in fields(cast("Any", SenderFigures))]
+    return sent_figures({**dict.fromkeys(names, 0), **told}, elapsed_s)
+
+
+def received(confusion: list[list[int]]) -> ReceiverFigures:
+    """Return the figures of who receives, but for the confusion those of nothing received."""
+    names = [each.name for each in fields(cast("Any", ReceiverFigures))]
+    told: dict[str, Any] = {**dict.fromkeys(names, 0), "confusion": confusion}
+    return ReceiverFigures(**told)
 
 
 def service_run(told: Figures | None = None) -> RunResult:
@@ -186,7 +203,7 @@ def teleported(**told: Any) -> TeleportFigures:
     return TeleportFigures(**(known | told))
 
 
-def run_of(service: str, job: MessageJob | ServiceJob, time_scale: float) -> RunResult:
+def run_of(service: str, job: ServiceJob, time_scale: float) -> RunResult:
     """Return what is known of a run between alice and bob."""
     return RunResult(
         service=service,

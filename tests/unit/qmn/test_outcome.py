@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from recorded_run import message_run
+from recorded_run import message_run, sent
 from rich.console import Console
 
 from hosts.middleware.services.superdense.options import SuperdenseOptions
@@ -18,19 +18,19 @@ from qmn.jobs.superdense import SuperdenseRequest
 from qmn.network.options import NetworkOptions
 from qmn.results.result import complete, show
 from topologies.networks.network import Signals
-from wire.results.run_result import Approximated, RunResult
+from wire.results.run_result import Approximated, RunResult, ServiceJob
 
 
 def shown(folder: Path, **facts: Any) -> list[str]:
     """Return the lines that a person reads of a run with these facts."""
-    told = {
-        "bell_pairs": 12_345,
-        "lost_pairs": 6_789,
-        "received_symbols": 5_000,
-        "symbol_errors": 20,
-        "repeated_frames": 31,
-        "elapsed_s": 2.0,
-    }
+    told = sent(
+        2.0,
+        bell_pairs=12_345,
+        lost_pairs=6_789,
+        received_symbols=5_000,
+        symbol_errors=20,
+        repeated_frames=31,
+    )
     known = message_run(folder, facts.pop("received", b"two bits"), told)
     complete(known, folder)
     said = {"exact": True, "events": False, "timeline": "t", "captures": ["s1-eth1.pcap"]}
@@ -83,7 +83,7 @@ def test_the_status_is_that_of_the_bytes(
 ) -> None:
     """Whatever a network leaves behind: a real one does not leave wrong bytes."""
 
-    def leave(job: runner.Job, context: RunContext, facts: RunResult) -> None:
+    def leave(job: runner.Job, context: RunContext, facts: RunResult, _kept: ServiceJob) -> None:
         assert job.file
         assert job.file.read_bytes() == b"two bits"
         facts.time_scale = 1.0

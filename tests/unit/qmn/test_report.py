@@ -108,7 +108,7 @@ def test_what_was_not_recorded_is_said_and_not_drawn(tmp_path: Path) -> None:
         (tmp_path / name).unlink()
     result = json.loads((tmp_path / "result.json").read_text())
     (tmp_path / "result.json").write_text(
-        json.dumps({**result, "job": {**result["job"], "asked": {"confusion": None}}})
+        json.dumps({**result, "job": {**result["job"], "asked": {}}})
     )
     page = made_page(tmp_path)
     assert list(figures(page)) == ["The network"]

@@ -10,8 +10,8 @@ from json_schema import problems
 from recorded_run import record_run, service_run, teleported
 
 from qmn.results.result import complete
-from qmn.results.service_result import figures
 from topologies.system.processes.programs import ROOT
+from wire.application_lines import figures
 from wire.results import schema
 from wire.results.figures import Figures, PairFigures, ServiceFigures
 
@@ -51,7 +51,7 @@ def test_the_result_of_a_service_fits(tmp_path: Path) -> None:
         ({"delivered": 1}, "/delivered: 1 is not of type boolean"),
         ({"sessions": {"granted": 1, "refused": 0, "ids": [7]}}, "/sessions/ids/0: 7 is not"),
         ({"pair_made": 7}, "/pair_made is unknown"),
-        ({"job": {"asking": {}, "asked": {}}}, "/job/eve is missing"),
+        ({"job": {"asking": {}, "asked": {}, "message": None}}, "/job/eve is missing"),
         ({"path_setup_ms": {"p50": 1.0, "n": 1}}, "/path_setup_ms/p99 is missing"),
     ],
 )
