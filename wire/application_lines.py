@@ -6,6 +6,7 @@ from typing import Any, cast
 
 from wire.results import schema
 from wire.results.figures import ServiceFigures
+from wire.results.moments import AnyMoment
 
 Line = dict[str, Any]  # `event`, and what belongs to it
 NOT_FIGURES = ("event", "peer", "sha256")
@@ -24,3 +25,9 @@ def figures(line: Mapping[str, Any]) -> ServiceFigures:
     """Return what an end has said of a service; raise TypeError for what none says."""
     told = {name: value for name, value in line.items() if name not in NOT_FIGURES}
     return cast("ServiceFigures", schema.read(cast("Any", ServiceFigures), told))
+
+
+def moment(line: Mapping[str, Any], at_s: float) -> AnyMoment:
+    """Return what has happened at a time of the run; raise TypeError for what no program says."""
+    told = {**line, "at": round(at_s, 3)}
+    return cast("AnyMoment", schema.read(cast("Any", AnyMoment), told))

@@ -27,6 +27,7 @@ from topologies.daemons.key_managers import (
 from topologies.networks.network import Interrupted, Network, Signals, require_root
 from topologies.timeouts import POLL_S
 from wire.parameters.option import option
+from wire.results.moments import Moment, SessionMoment
 from wire.results.run_result import KeysJob
 
 NAME = "keys"
@@ -122,7 +123,7 @@ def introduce(console: Console, managers: KeyManagers) -> None:
     console.print(f"certificates: {managers.authority.parent}", soft_wrap=True)
 
 
-def show(console: Console, moment: moments.Moment) -> None:
+def show(console: Console, moment: Moment) -> None:
     """Print what an opener of sessions or the run itself has said."""
-    if moment.get("opened", True):
+    if not isinstance(moment, SessionMoment) or moment.opened:
         console.print(moments.words(moment), soft_wrap=True, markup=False)

@@ -6,9 +6,10 @@ from typing import Any
 
 from qmn.jobs.transfer import Lines
 from topologies.system.processes.programs import Program
+from wire.application_lines import moment
 from wire.network_time import NetworkTime
 from wire.results.figures import StoredKeyFigures
-from wire.results.run_result import Moment as Moment
+from wire.results.moments import AnyMoment, Moment, SessionMoment
 
 
 class Moments:
@@ -23,7 +24,7 @@ class Moments:
         """Read what these programs of hosts say from now on; `tell` is told each moment."""
         self._lines = [(host, Lines(program)) for host, program in programs.items()]
         self._scale, self._since_s, self._tell = network_time.scale, time.time(), tell
-        self.all: list[Moment] = []
+        self.all: list[AnyMoment] = []
 
     @property
     def now_s(self) -> float:
@@ -36,42 +37,42 @@ class Moments:
 
     def add(self, event: str, **fields: Any) -> None:
         """Note what the run does now."""
-        self._note({"at": self.now_s, "event": event, **fields})
+        self._note(moment({"event": event, **fields}, self.now_s))
 
     def gather(self) -> None:
         """Note what the programs have said since the last time, in the order of its times."""
         said = [
-            {**fields, "host": host, "at": (fields["at"] - self._since_s) / self._scale}
+            {**line, "host": host}
             for host, lines in self._lines
-            for fields in lines.new()
-            if "event" in fields and "at" in fields
+            for line in lines.new()
+            if "event" in line and "at" in line
         ]
-        for moment in sorted(said, key=lambda each: each["at"]):
-            self._note(moment)
+        for line in sorted(said, key=lambda line: float(line["at"])):
+            self._note(moment(line, (line["at"] - self._since_s) / self._scale))
 
     def finish(self) -> None:
         """Gather what is left, and put all into the order of its times."""
         self.gather()
-        self.all.sort(key=lambda moment: float(moment["at"]))
+        self.all.sort(key=lambda each: each.at)
 
-    def _note(self, moment: Moment) -> None:
-        self.all.append({**moment, "at": round(moment["at"], 3)})
-        self._tell(moment)
+    def _note(self, happened: AnyMoment) -> None:
+        self.all.append(happened)
+        self._tell(happened)
 
 
-def sessions(moments: Iterable[Moment]) -> list[Moment]:
+def sessions(moments: Iterable[Moment]) -> list[SessionMoment]:
     """Return what became of sessions, as those who opened them have said."""
-    return [each for each in moments if each.get("opened")]
+    return [each for each in moments if isinstance(each, SessionMoment) and each.opened]
 
 
 def summary(moments: Iterable[Moment], elapsed_s: float) -> StoredKeyFigures:
     """Return the numbers of a run that has made keys."""
     held = sessions(moments)
-    rates = [each["qber"] for each in held if each["qber"] is not None]
-    keys = sum(each["keys"] for each in held)
+    rates = [each.qber for each in held if each.qber is not None]
+    keys = sum(each.keys for each in held)
     return StoredKeyFigures(
         sessions=len(held),
-        sessions_without_key=sum(1 for each in held if each["keys"] == 0),
+        sessions_without_key=sum(1 for each in held if each.keys == 0),
         keys=keys,
         qber_lowest=min(rates, default=None),
         qber_highest=max(rates, default=None),
@@ -80,18 +81,18 @@ def summary(moments: Iterable[Moment], elapsed_s: float) -> StoredKeyFigures:
     )
 
 
-def words(moment: Moment) -> str:
+def words(happened: Moment) -> str:
     """Return a moment as people read it."""
-    host = f"{moment['host']}: " if "host" in moment else ""
+    host = f"{happened.host}: " if happened.host else ""
     known = {"at", "host", "event", "text", "opened", "withheld"}
     rest = ", ".join(
         f"{name.replace('_', ' ')} {_text(value)}"
-        for name, value in moment.items()
+        for name, value in vars(happened).items()
         if name not in known and value is not None
     )
-    text = f" ({moment['text']})" if moment.get("text") else ""
-    said = f"{host}{moment['event'].replace('_', ' ')}"
-    return f"{moment['at']:8.2f} s  {said}{': ' if rest else ''}{rest}{text}"
+    why = getattr(happened, "text", "")
+    said = f"{host}{happened.event.replace('_', ' ')}{': ' if rest else ''}{rest}"
+    return f"{happened.at:8.2f} s  {said}{f' ({why})' if why else ''}"
 
 
 def _text(value: Any) -> str:

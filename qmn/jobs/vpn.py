@@ -3,6 +3,7 @@
 import os
 import shutil
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import sha256
@@ -41,6 +42,7 @@ from topologies.timeouts import POLL_S
 from wire.key_manager import KeyLink
 from wire.parameters.option import option
 from wire.results.figures import TunnelFigures
+from wire.results.moments import ClosedMoment, HandshakeMoment, Moment
 from wire.results.run_result import KeysJob
 from wire.vpn import PROGRAMS, STRONGSWAN, TLS, WIREGUARD
 
@@ -233,7 +235,7 @@ def watch(
 def counted(noted: Moments, moved: MovedFile, file: Path) -> TunnelFigures:
     """Return what the run came to."""
     elapsed_s = noted.now_s
-    handshakes = [each["seconds"] for each in noted.all if each["event"] == "handshake"]
+    handshakes = [each.seconds for each in noted.all if isinstance(each, HandshakeMoment)]
     arrived = moved.output.exists() and not moved.download.running
     return TunnelFigures(
         **vars(moments.summary(noted.all, elapsed_s)),
@@ -246,16 +248,16 @@ def counted(noted: Moments, moved: MovedFile, file: Path) -> TunnelFigures:
     )
 
 
-def closed_s(all_moments: list[moments.Moment], until_s: float) -> float:
+def closed_s(all_moments: Iterable[Moment], until_s: float) -> float:
     """Return for how long one end had closed the tunnel, after it was open first."""
     closed, since_s, total_s = set[str](), 0.0, 0.0  # hosts
     for moment in all_moments:
-        if moment["event"] == "tunnel_closed":
-            since_s = since_s if closed else moment["at"]
-            closed.add(moment["host"])
-        elif moment["event"] == "tunnel_opened" and moment["host"] in closed:
-            closed.remove(moment["host"])
-            total_s += 0.0 if closed else moment["at"] - since_s
+        if isinstance(moment, ClosedMoment):
+            since_s = since_s if closed else moment.at
+            closed.add(moment.host)
+        elif moment.event == "tunnel_opened" and moment.host in closed:
+            closed.remove(moment.host)
+            total_s += 0.0 if closed else moment.at - since_s
     return total_s + (until_s - since_s if closed else 0.0)
 
 

@@ -19,6 +19,7 @@ from qmn.traffic.fiber_use import fiber_use
 from wire.metadata.vocabulary import SYMBOLS
 from wire.parameters.network import OPENFLOW_PORT
 from wire.results.figures import SentFigures
+from wire.results.moments import KeyMoment
 from wire.results.run_result import KeysJob, LoadJob
 
 MOST_NAMED = 12  # light paths, also in the figure of their losses
@@ -132,7 +133,7 @@ def key_figure(job: KeysJob) -> str:
     if not moments:
         return missing("Keys over time", "nothing has happened to any.")
     text = "Sessions by their error rate, above the dashed line without a key; shaded: eve listens."
-    if any(each["event"] == "key" for each in moments):
+    if any(isinstance(each, KeyMoment) for each in moments):
         text += " Bars: the tunnel is open at this host; strokes: a new key."
     return figure("Keys over time", key_timeline(moments), text, "wide")
 

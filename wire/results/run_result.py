@@ -18,10 +18,10 @@ from wire.results.figures import (
     StoredKeyFigures,
     TunnelFigures,
 )
+from wire.results.moments import AnyMoment
 from wire.results.network_facts import NetworkFacts
 
 RESULT = "result.json"  # file of a run's folder, written when it has ended
-Moment = dict[str, Any]  # at (s since the start), host, event, and what belongs to that
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ class KeysJob:
     """Keys and tunnels that were kept: the numbers, and what happened when."""
 
     asking: Figures | StoredKeyFigures | TunnelFigures = field(default_factory=Figures)
-    moments: list[Moment] = field(default_factory=list)
+    moments: list[AnyMoment] = field(default_factory=list)
 
 
 @dataclass(kw_only=True)

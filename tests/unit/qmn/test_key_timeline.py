@@ -1,34 +1,39 @@
 """The time line of keys: what it shows is what happened."""
 
 import re
+from typing import Any
 
 from qmn.jobs.vpn import closed_s
 from qmn.reports.key_timeline import key_timeline, spans
+from wire.application_lines import moment
+from wire.results.moments import AnyMoment, SessionMoment
 
-SESSION = {"event": "session", "host": "alice", "opened": True, "keys": 4, "qber": 0.01}
-ALARM = {"event": "alarm", "host": "alice", "opened": True, "keys": 0, "qber": 0.12}
+STORE = {"peer": "bob", "opened": True, "mine": 8, "theirs": 8, "withheld": False}
+SESSION = {"event": "session", **STORE, "keys": 4, "qber": 0.01}
+ALARM = {"event": "alarm", **STORE, "keys": 0, "qber": 0.12}
+OPENED, CLOSED = {"event": "tunnel_opened"}, {"event": "tunnel_closed", "key_age_s": 5.0}
 
 
-def at(time_s: float, event: str, host: str) -> dict[str, object]:
-    return {"at": time_s, "event": event, "host": host}
+def at(time_s: float, host: str, line: dict[str, Any]) -> AnyMoment:
+    return moment({**line, "host": host}, time_s)
 
 
 STORY = [
-    {**SESSION, "at": 0.5},
-    at(1.0, "tunnel_opened", "bob"),
-    at(1.1, "tunnel_opened", "alice"),
-    {**ALARM, "at": 4.0},
-    at(6.0, "tunnel_closed", "bob"),
-    at(6.5, "tunnel_closed", "alice"),
-    {**SESSION, "at": 8.0},
-    at(9.0, "tunnel_opened", "bob"),
-    at(9.25, "tunnel_opened", "alice"),
-    {"at": 10.0, "event": "received", "host": "alice", "bytes": 5_000_000},
+    at(0.5, "alice", SESSION),
+    at(1.0, "bob", OPENED),
+    at(1.1, "alice", OPENED),
+    at(4.0, "alice", ALARM),
+    at(6.0, "bob", CLOSED),
+    at(6.5, "alice", CLOSED),
+    at(8.0, "alice", SESSION),
+    at(9.0, "bob", OPENED),
+    at(9.25, "alice", OPENED),
+    at(10.0, "alice", {"event": "received", "bytes": 5_000_000}),
 ]
 
 
 def test_spans_are_from_event_to_event() -> None:
-    bobs = [each for each in STORY if each.get("host") == "bob"]
+    bobs = [each for each in STORY if each.host == "bob"]
     assert spans(bobs, "tunnel_opened", "tunnel_closed", 10.0) == [(1.0, 6.0), (9.0, 10.0)]
     assert spans([], "tunnel_opened", "tunnel_closed", 10.0) == []
 
@@ -42,7 +47,7 @@ def test_the_tunnel_is_closed_while_it_is_at_either_end() -> None:
 def test_rows_are_drawn_for_what_there_was() -> None:
     said = re.findall(r">([^<>]+)</text>", key_timeline(STORY))
     assert {"QBER", "tunnel, keys", "file (MB)", "alice", "bob", "time (s)"} <= set(said)
-    sessions_alone = [each for each in STORY if "qber" in each]
+    sessions_alone = [each for each in STORY if isinstance(each, SessionMoment)]
     said = re.findall(r">([^<>]+)</text>", key_timeline(sessions_alone))
     assert "QBER" in said
     assert "file (MB)" not in said

@@ -11,9 +11,20 @@ from recorded_run import record_run, service_run, teleported
 
 from qmn.results.result import complete
 from topologies.system.processes.programs import ROOT
-from wire.application_lines import figures
+from wire.application_lines import figures, moment
 from wire.results import schema
 from wire.results.figures import Figures, PairFigures, ServiceFigures
+from wire.results.moments import (
+    ClosedMoment,
+    EveComes,
+    EveLeaves,
+    FileMoment,
+    HandshakeMoment,
+    KeyMoment,
+    Moment,
+    NoKeyMoment,
+    SessionMoment,
+)
 
 FILE = ROOT / "docs" / "result.schema.json"
 
@@ -77,6 +88,41 @@ def test_figures_are_read_back_as_those_of_their_service(kind: Any, whole: bool)
     names = [each.name for each in fields(kind) if whole or each.default is MISSING]
     read = figures({"event": "done", **{name: [] for name in names}})
     assert (type(read), list(vars(read))) == (kind, names)
+
+
+SESSION = {"peer": "bob", "opened": True, "keys": 0, "qber": None, "mine": 3, "theirs": 4}
+EVE = {"attack": "resend", "fraction": 0.5, "blocks": 3, "photons": 90, "lost_blocks": 0}
+
+
+@pytest.mark.parametrize(
+    ("line", "kind"),
+    [
+        ({"event": "session", **SESSION, "withheld": False}, SessionMoment),
+        ({"event": "alarm", **SESSION, "withheld": True, "text": "why"}, SessionMoment),
+        ({"event": "key", "key_ID": "1"}, KeyMoment),
+        ({"event": "handshake", "key_ID": "1", "seconds": 0.1}, HandshakeMoment),
+        ({"event": "tunnel_opened"}, Moment),
+        ({"event": "tunnel_closed", "key_age_s": 5.0}, ClosedMoment),
+        ({"event": "no_key", "text": "why"}, NoKeyMoment),
+        ({"event": "received", "bytes": 7}, FileMoment),
+        ({"event": "downloaded", "bytes": 7, "sha256": "ab"}, FileMoment),
+        ({"event": "eve_comes", "fraction": 0.5}, EveComes),
+        ({"event": "eve_leaves", **EVE, "measured": 9}, EveLeaves),
+        ({"event": "eve_leaves"}, Moment),
+    ],
+)
+def test_moments_are_read_as_what_they_are_of(line: dict[str, Any], kind: type[Moment]) -> None:
+    """As key managers, ends of tunnels and downloads print them, and kept as they were told."""
+    happened = moment({**line, "host": "alice"}, 1.23456)
+    assert type(happened) is kind
+    assert vars(happened) == {**line, "host": "alice", "at": 1.235}
+    root = schema.json_schema()
+    assert problems(vars(happened), root["$defs"][kind.__name__], root) == []
+
+
+def test_moments_that_no_program_tells_are_refused() -> None:
+    with pytest.raises(TypeError, match="is none of Moment, SessionMoment"):
+        moment({"event": "key", "luck": 1}, 1.0)
 
 
 def test_figures_that_no_service_has_are_refused() -> None:
