@@ -30,7 +30,7 @@ from topologies.networks.network import Network, Signals, require_root
 from topologies.system.processes.programs import NetworkError, Program, python
 from wire.parameters.checks import remedy
 from wire.parameters.option import option
-from wire.results.run_result import NetqasmJob
+from wire.results.run_result import NetqasmJob, Round
 
 PREFIX, SUFFIX = "app_", ".py"
 RANK = "rank_"  # as NetQMPI calls its roles
@@ -177,7 +177,7 @@ def play(
     application: Application,
     network: Network,
     folder: Path,
-    outputs: list[dict[str, Any]],
+    outputs: list[Round],
     look: Callable[[], None],
 ) -> None:
     """Start the programs, and note what they return until all have ended; `look` meanwhile."""
@@ -221,7 +221,7 @@ def _start(role: str, application: Application, network: Network, placed: str) -
     return network.run_as_people_do(application.hosts[role], f"netqasm-{role}", command)
 
 
-def rows(outputs: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+def rows(outputs: Sequence[Round]) -> dict[str, str]:
     """Return what a person is told of the outputs: those of the last rounds."""
     shown = {}
     for number in range(max(0, len(outputs) - MOST_SHOWN), len(outputs)):

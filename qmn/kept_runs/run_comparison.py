@@ -23,7 +23,7 @@ def parameters(one: Path, two: Path) -> list[Row]:
 
 def figures(one: Path, two: Path) -> list[Row]:
     """Return all numbers that both results tell, and those that one alone does."""
-    left_out = ("parameters", "network", "optics", "devices", "seed", "captures")
+    left_out = ("parameters", "network", "every_fiber", "devices", "seed", "captures")
     results = (_result(run) for run in (one, two))
     first, second = (
         _plain(result, [name for name in result if name not in left_out]) for result in results

@@ -5,15 +5,14 @@ A topology of ours, one of FILE.py:CLASS and one that a script makes become the 
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from mininet.topo import Topo
 
 from dispatcher.fiber import fiber_noise
 from qmn.network.custom_topology import BadTopology, is_custom
-from qmn.network.device_options import base_device, differences
+from qmn.network.device_options import base_device
 from qmn.network.options import MAP, NetworkOptions
 from qmn.network.part_options import PartOptions
 from qmn.network.time_scale import AUTO, Scale, scale_of
@@ -60,16 +59,6 @@ class NetworkDescription:
     def build(self) -> Topo:
         """Return what Mininet builds."""
         return self.topo
-
-    @property
-    def optics(self) -> dict[str, Any]:
-        """What every fibre is like, if nothing else is said of it."""
-        return asdict(self.every_fiber) if self.every_fiber else {}
-
-    @property
-    def devices(self) -> dict[str, Any]:
-        """What is not ideal in the devices of hosts."""
-        return {host: differences(device) for host, device in self.stated_devices.items()}
 
 
 def describe_network(options: NetworkOptions) -> NetworkDescription:

@@ -72,15 +72,6 @@ def devices(
     return given
 
 
-def differences(device: Device) -> dict[str, dict[str, Any]]:
-    """Return what of a device is not ideal, part by part."""
-    found = {
-        part: {name: value for name, value in values.items() if value != IDEAL[part][name]}
-        for part, values in asdict(device).items()
-    }
-    return {part: values for part, values in found.items() if values}
-
-
 def _value(word: str, text: str, default: Any) -> Any:
     """Return a parameter's value as the kind of its default."""
     try:

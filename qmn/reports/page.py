@@ -138,14 +138,16 @@ def _parameters(result: RunResult) -> str:
     if isinstance(result.asking, SentFigures):
         used = {name: getattr(result.asking, name) for name in OF_LIGHT}
         rows += [[f"in use: {name}", _said(setting_name(name, used[name]))] for name in used]
-    rows += [[f"fibre: {name}", _said(value)] for name, value in result.optics.items()]
-    rows += [[f"device: {host}", _said(parts)] for host, parts in result.devices.items() if parts]
+    optics = vars(result.every_fiber) if result.every_fiber else {}
+    rows += [[f"fibre: {name}", _said(value)] for name, value in optics.items()]
+    told = {host: device.to_dict() for host, device in result.devices.items()}
+    rows += [[f"device: {host}", _said(parts)] for host, parts in told.items() if parts]
     made = table(["parameter", "value"], rows, "parameters")
     return f"<section><h2>Parameters and seed</h2>{made}</section>"
 
 
 def _said(value: Any) -> str:
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         return ", ".join(map(_said, value)) or "–"  # noqa: RUF001
     if isinstance(value, dict):
         return ", ".join(f"{name}: {_said(each)}" for name, each in value.items())

@@ -203,7 +203,7 @@ def test_a_noise_model_of_the_user_s_own_acts_on_every_fibre(tmp_path: Path) -> 
     expected = (1 - 0.99**6) / 2
     errors = result["job"]["asking"]["symbol_errors"]
     assert abs(errors - pairs * expected) < 5 * (pairs * expected * (1 - expected)) ** 0.5
-    assert result["optics"]["noise_parameters"] == {"flip": 0.005, "switched": 0}
+    assert result["every_fiber"]["noise_parameters"] == {"flip": 0.005, "switched": 0}
 
 
 def test_a_noise_model_that_answers_nonsense_ends_the_run_and_is_named(tmp_path: Path) -> None:

@@ -402,6 +402,14 @@ class Device:
         """Return what the host announces."""
         return NodeFeatures(self.features, self.memory.capacity)
 
+    def to_dict(self) -> dict[str, dict[str, Any]]:
+        """Return what of it is not ideal, part by part, as `from_dict` takes it."""
+        found = {}
+        for part in fields(self):
+            told, ideal = vars(getattr(self, part.name)), vars(part.default)
+            found[part.name] = {name: told[name] for name in told if told[name] != ideal[name]}
+        return {name: told for name, told in found.items() if told}
+
     @classmethod
     def from_dict(cls, given: Mapping[str, Any]) -> Self:
         """Build the device from decoded JSON; what is absent is ideal."""

@@ -1,4 +1,4 @@
-"""What happens to keys, tunnels and the file through one, in the order of its times.
+"""Moments of keys, of tunnels and of the file through one: what has happened, and when.
 
 Programs of hosts say it as lines of JSON (wire.application_lines); result.json keeps it. Each kind
 of moment has a class of its own, by whose names it is read; `vars` gives what is told.

@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from wire.parameters.fiber import FiberOptics
+from wire.parameters.physics import Device
 from wire.results.figures import (
     EveFigures,
     Figures,
@@ -22,6 +24,9 @@ from wire.results.moments import AnyMoment
 from wire.results.network_facts import NetworkFacts
 
 RESULT = "result.json"  # file of a run's folder, written when it has ended
+
+
+Round = dict[str, object]  # by role, what its program has returned: anything that JSON has
 
 
 @dataclass(frozen=True)
@@ -124,7 +129,11 @@ class NetworkResult:
 
     def write(self, folder: Path) -> None:
         """Write result.json into the folder of the network."""
-        (folder / RESULT).write_text(json.dumps(vars(self), indent=2, default=vars) + "\n")
+        (folder / RESULT).write_text(json.dumps(vars(self), indent=2, default=_plain) + "\n")
+
+
+def _plain(value: Any) -> dict[str, Any]:
+    return value.to_dict() if isinstance(value, Device) else vars(value)
 
 
 @dataclass(frozen=True)
@@ -165,7 +174,7 @@ class NetqasmJob:
     """A NetQASM application: what the program of each role has returned, round by round."""
 
     roles: dict[str, str]  # host of each
-    outputs: list[dict[str, Any]] = field(default_factory=list)
+    outputs: list[Round] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -277,8 +286,9 @@ class RunResult(NetworkResult):
     emulation: dict[str, float] = field(default_factory=dict)  # elapsed_s and rates by the wall
     path_setup_ms: SetUpTimes = field(default_factory=SetUpTimes)
     packet_in_count: int = 0
-    optics: dict[str, Any] = field(default_factory=dict)  # of every fibre
-    devices: dict[str, Any] = field(default_factory=dict)  # what is not ideal in those of hosts
+    every_fiber: FiberOptics | None = None  # None: fibres are as the topology says
+    # Of hosts that are named, and of "every" other; the file has what of them is not ideal.
+    devices: dict[str, Device] = field(default_factory=dict)
     events: bool = True  # whether what happened to qubits was written
     backend: str
     exact: bool | None = None  # None: the network did not come to say it

@@ -13,6 +13,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
+from wire.parameters.physics import Device
 from wire.results.figures import Figures
 from wire.results.network_facts import NetworkFacts
 from wire.results.run_result import RESULT, NetworkResult, RunResult
@@ -20,6 +21,7 @@ from wire.results.run_result import RESULT, NetworkResult, RunResult
 Schema = dict[str, Any]
 T = TypeVar("T")
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
+PARTS = tuple(type(part.default) for part in fields(Device))
 PLAIN = {str: "string", bool: "boolean", int: "integer", float: "number", NoneType: "null"}
 
 
@@ -32,7 +34,7 @@ def json_schema() -> Schema:
 
 def _schema_of(kind: Any, told: Schema) -> Schema:
     """Return the JSON Schema of a type; dataclasses are added to those that have been told."""
-    if kind is Any:
+    if kind in (Any, object):
         return {}
     if kind in PLAIN:
         return {"type": PLAIN[kind]}
@@ -77,8 +79,8 @@ def _read(kind: Any, given: Any) -> Any:
         return [_read(get_args(kind)[0], each) for each in given]
     if get_origin(kind) is dict:
         return {name: _read(get_args(kind)[1], each) for name, each in given.items()}
-    if kind is NetworkFacts:
-        return NetworkFacts.from_dict(given)
+    if kind in (NetworkFacts, Device):
+        return kind.from_dict(given)
     if not is_dataclass(kind):
         return given
     hints = get_type_hints(kind)
@@ -103,8 +105,8 @@ def _fitting(kinds: tuple[Any, ...], given: Any) -> Any:
 
 
 def _is_there(kind: Any, field: Any) -> bool:
-    """Whether a field is always written: figures without a default alone, else every one."""
-    return not issubclass(kind, Figures) or _is_needed(field)
+    """Whether a field is always written: of figures those without a default, of devices none."""
+    return not issubclass(kind, (Figures, Device, *PARTS)) or _is_needed(field)
 
 
 def _is_needed(field: Any) -> bool:

@@ -18,7 +18,8 @@ from wire.controller_lines import RECORD
 from wire.dispatcher_pb2 import BlockId, Event
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.vocabulary import Handshake, Reason, Service, Verdict
-from wire.parameters.fiber import Fiber, FiberEnd
+from wire.parameters.fiber import Fiber, FiberEnd, FiberOptics
+from wire.parameters.physics import Detectors, Device
 from wire.results.figures import (
     Figures,
     ReceiverFigures,
@@ -150,7 +151,8 @@ def record_run(folder: Path, captured: bool = True, delivered: bool = True) -> P
         "loss_budget_db": 30.0,
         "openflow_port": 6653,
     }
-    facts.optics = {"length_km": 5.0}
+    facts.every_fiber = FiberOptics(length_km=5.0)
+    facts.devices = {"every": Device(), "bob": Device(detectors=Detectors(efficiency=0.8))}
     facts.exact = False
     facts.approximations = [Approximated("one thing", 0.19471), Approximated("another", 0.5)]
     facts.network = NETWORK

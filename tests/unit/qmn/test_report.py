@@ -97,6 +97,8 @@ def test_what_users_wrote_is_no_markup(page: str) -> None:
 def test_a_run_says_whether_it_delivered_and_with_which_seed(page: str, tmp_path: Path) -> None:
     assert "delivered exactly" in page
     assert "<td>seed</td><td>1</td>" in page
+    assert "<td>fibre: length_km</td><td>5.0</td>" in page
+    assert "<td>device: bob</td><td>detectors: efficiency: 0.8</td>" in page
     lost = made_page(record_run(tmp_path, delivered=False))
     assert "NOT DELIVERED" in lost
     assert "delivered exactly" not in lost

@@ -12,6 +12,8 @@ from recorded_run import record_run, service_run, teleported
 from qmn.results.result import complete
 from topologies.system.processes.programs import ROOT
 from wire.application_lines import figures, moment
+from wire.parameters.fiber import FiberOptics
+from wire.parameters.physics import Detectors, Device, Memory, PairSource, Sensor
 from wire.results import schema
 from wire.results.figures import Figures, PairFigures, ServiceFigures
 from wire.results.moments import (
@@ -25,6 +27,7 @@ from wire.results.moments import (
     NoKeyMoment,
     SessionMoment,
 )
+from wire.results.run_result import RunResult
 
 FILE = ROOT / "docs" / "result.schema.json"
 
@@ -48,6 +51,36 @@ def test_the_schema_in_docs_is_that_of_the_code() -> None:
 
 def test_the_result_of_a_message_fits(tmp_path: Path) -> None:
     assert wrong(of_message(tmp_path)) == []
+
+
+def test_fibres_and_devices_are_read_back_as_they_were(tmp_path: Path) -> None:
+    """Of devices the file has what is not ideal: 0.8 is told, an efficiency of 1 is not."""
+    left = of_message(tmp_path)
+    assert left["devices"] == {"every": {}, "bob": {"detectors": {"efficiency": 0.8}}}
+    again = schema.read_left(tmp_path)
+    assert isinstance(again, RunResult)
+    assert again.every_fiber == FiberOptics(length_km=5.0)
+    bob = Device(detectors=Detectors(efficiency=0.8))
+    assert again.devices == {"every": Device(), "bob": bob}
+
+
+def test_a_device_is_told_by_what_is_not_ideal_and_made_of_that_again() -> None:
+    source = PairSource("poisson", 0.4, decoys=(0.1, 0.0), bell_diagonal=(0.7, 0.1, 0.1, 0.1))
+    device = Device(source, Memory(t1_s=2.0, noise_parameters={"a": [1]}), sensor=Sensor(0.5))
+    told = json.loads(json.dumps(device.to_dict()))
+    assert told == {
+        "source": {
+            "statistics": "poisson",
+            "mean_pairs": 0.4,
+            "bell_diagonal": [0.7, 0.1, 0.1, 0.1],
+            "decoys": [0.1, 0.0],
+        },
+        "memory": {"t1_s": 2.0, "noise_parameters": {"a": [1]}},
+        "sensor": {"phase_rad": 0.5},
+    }
+    assert Device.from_dict(told) == device
+    root = schema.json_schema()
+    assert problems(told, root["$defs"]["Device"], root) == []
 
 
 def test_the_result_of_a_service_fits(tmp_path: Path) -> None:

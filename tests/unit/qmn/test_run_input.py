@@ -12,7 +12,6 @@ from qmn.jobs.run_context import NO_PARAMETERS
 from qmn.jobs.superdense import SuperdenseRequest
 from qmn.network.custom_topology import BadTopology
 from qmn.network.description import NetworkDescription, describe_network
-from qmn.network.device_options import differences
 from qmn.network.topologies import TOPOLOGIES
 from qmn.options import BadInput, option_names
 from qmn.results.run_folder import make_folder, point_latest
@@ -189,7 +188,7 @@ def test_devices_are_those_of_the_preset_but_for_what_is_said() -> None:
     preset = network("--preset", "lab").topo.nodeInfo("bob")["device"]
     assert said["bob"].detectors == preset.detectors
     assert said["bob"].analyser.kind == "linear"
-    assert differences(said["charlie"])["source"] == {"bell_diagonal": (0.97, 0.01, 0.01, 0.01)}
+    assert said["charlie"].to_dict()["source"] == {"bell_diagonal": (0.97, 0.01, 0.01, 0.01)}
     built = network(*words).topo
     assert built.nodeInfo("bob")["device"] == said["bob"]
     assert built.nodeInfo("alice")["device"] == preset
