@@ -60,7 +60,7 @@ def _seen(events: Sequence[Event]) -> list[tuple[str, str]]:
 
 def _handshakes(run: RunFacts) -> Iterator[list[Step]]:
     """Yield the steps from each set-up of one Bell state to the next."""
-    port = run.result.parameters["openflow_port"]
+    port = run.result.settings.openflow_port
     begun = [
         each.left_ns
         for each in flights(run.folder, run.network, 1000)

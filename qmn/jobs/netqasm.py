@@ -28,9 +28,10 @@ from qmn.results.run_folder import begin_folder
 from qmn.timeouts import NETQASM_STALL_TIMEOUT_S
 from topologies.networks.network import Network, Signals, require_root
 from topologies.system.processes.programs import NetworkError, Program, python
+from wire.application_lines import Line
 from wire.parameters.checks import remedy
 from wire.parameters.option import option
-from wire.results.run_result import NetqasmJob, Round
+from wire.results.run_result import NetqasmJob, Parameter, Round
 
 PREFIX, SUFFIX = "app_", ".py"
 RANK = "rank_"  # as NetQMPI calls its roles
@@ -80,8 +81,11 @@ def run(request: NetqasmRequest, signals: Signals, console: Console) -> int:
     require_root()
     folder = begin_folder(request.run.runs, "netqasm")
     context = RunContext(description, request.run, folder, signals, console)
-    own: dict[str, Any] = {"application": str(application.path), "rounds": application.rounds}
-    own["input"] = list(request.input) or None
+    own: dict[str, Parameter | None] = {
+        "application": str(application.path),
+        "rounds": application.rounds,
+        "input": list(request.input) or None,
+    }
     played = NetqasmJob(roles=dict(application.hosts))
     hosts = list(application.hosts.values())
     facts = known_facts(context, "netqasm", hosts, played, own)
@@ -185,11 +189,11 @@ def play(
     placed = json.dumps({"hosts": dict(application.hosts), "addresses": addresses})
     roles: dict[str, str] = {}
 
-    def note(program: Program, fields: dict[str, Any]) -> None:
-        if fields.get("event") == "result":
-            number = fields["round"]
+    def note(program: Program, line: Line) -> None:
+        if line.get("event") == "result":
+            number = line["round"]
             outputs.extend({} for _ in range(number + 1 - len(outputs)))
-            outputs[number][roles[program.name]] = fields["output"]
+            outputs[number][roles[program.name]] = line["output"]
 
     programs = {role: _start(role, application, network, placed) for role in addresses}
     roles.update((program.name, role) for role, program in programs.items())

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
@@ -32,7 +31,7 @@ from topologies.links.slow_copper import slow_metadata
 from topologies.networks.network import Interrupted, Network, Signals
 from topologies.system.machines.machine import Machine
 from topologies.system.processes.programs import NetworkError
-from wire.results.run_result import Approximated, EarlyNews, Job, RunResult
+from wire.results.run_result import Approximated, EarlyNews, Job, Parameter, RunResult
 
 # Options that a result tells elsewhere, or that do not change what comes out.
 NO_PARAMETERS = {
@@ -85,7 +84,11 @@ class RunContext:
 
 
 def known_facts(
-    context: RunContext, service: str, hosts: Sequence[str], job: Job, own: Mapping[str, Any]
+    context: RunContext,
+    service: str,
+    hosts: Sequence[str],
+    job: Job,
+    own: Mapping[str, Parameter | None],
 ) -> RunResult:
     """Return the facts before the start, as if nothing came of it; `own`: the job's parameters."""
     options, run = context.network.options, context.options

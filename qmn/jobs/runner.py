@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -22,7 +21,7 @@ from topologies.networks.network import Network
 from topologies.system.processes.programs import NetworkError, Program, python
 from wire.application_lines import Line, figures
 from wire.results.figures import Figures, KeyProgress
-from wire.results.run_result import Message, RunResult, ServiceJob
+from wire.results.run_result import Message, Parameter, RunResult, ServiceJob
 
 
 @dataclass(frozen=True)
@@ -34,7 +33,7 @@ class Job:
     opener: str
     acceptor: str
     others: tuple[str, ...] = field(default=(), kw_only=True)  # hosts that wait, too
-    parameters: Mapping[str, Any]  # that the result keeps as such
+    parameters: Mapping[str, Parameter | None]  # that the result keeps as such, if they are said
     said: str  # when it begins
     unit: str  # what it is about, as people call it
     total: int  # of these

@@ -9,7 +9,7 @@ from qmn.timeouts import STALL_TIMEOUT_S
 from topologies.networks.network import Network
 from topologies.system.processes.programs import NetworkError, Program
 from topologies.timeouts import POLL_S
-from wire.application_lines import fields_of
+from wire.application_lines import Line, fields_of
 from wire.controller_lines import read_record
 
 APPLICATION_PORT = 7
@@ -25,7 +25,7 @@ class Lines:
     def __init__(self, program: Program) -> None:
         self.program, self._position = program, 0
 
-    def new(self) -> list[dict[str, Any]]:
+    def new(self) -> list[Line]:
         """Return what each new line says; a line that is not an object of JSON says nothing."""
         with self.program.log.open("rb") as log:
             log.seek(self._position)
@@ -38,9 +38,9 @@ class Lines:
 def follow(
     network: Network,
     program: Program,
-    progress: Callable[[dict[str, Any]], None],
+    progress: Callable[[Line], None],
     look: Callable[[], None],
-) -> dict[str, Any]:
+) -> Line:
     """Read a program's lines of JSON until its last; every wait here has a deadline."""
     last = follow_all(network, [program], lambda _program, fields: progress(fields), look)
     return last[program.name]
@@ -49,10 +49,10 @@ def follow(
 def follow_all(
     network: Network,
     programs: Sequence[Program],
-    progress: Callable[[Program, dict[str, Any]], None],
+    progress: Callable[[Program, Line], None],
     look: Callable[[], None],
     stall_s: float = STALL_TIMEOUT_S,
-) -> dict[str, dict[str, Any]]:
+) -> dict[str, Line]:
     """Read what programs say until the last line of each; return these by the programs' names.
 
     In `stall_s` seconds of the network at least one of them must say something. `look` is called
@@ -61,8 +61,8 @@ def follow_all(
     limit_s = network.runtime.time.wall_s(stall_s)
     deadline = time.monotonic() + limit_s
     going = {program.name: Lines(program) for program in programs}
-    last: dict[str, dict[str, Any]] = {}
-    said: dict[str, dict[str, Any]] = {}
+    last: dict[str, Line] = {}
+    said: dict[str, Line] = {}
     while going:
         for name, lines in list(going.items()):
             ended = not lines.program.running  # asked first, so that no line after it is missed

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
@@ -43,7 +42,7 @@ from wire.key_manager import KeyLink
 from wire.parameters.option import option
 from wire.results.figures import TunnelFigures
 from wire.results.moments import ClosedMoment, HandshakeMoment, Moment
-from wire.results.run_result import KeysJob
+from wire.results.run_result import KeysJob, Parameter
 from wire.vpn import PROGRAMS, STRONGSWAN, TLS, WIREGUARD
 
 NAME = "vpn"
@@ -152,7 +151,7 @@ def passing_eve(
     return PassingEavesdropper(request.eve, begin, request.receiver, folder)
 
 
-def parameters(request: VpnRequest) -> dict[str, Any]:
+def parameters(request: VpnRequest) -> dict[str, Parameter | None]:
     """Return what the result keeps of what was asked."""
     names = ("program", "sender", "receiver", "rotate", "lifetime", "session_bits", "mbit_s")
     said = {name: getattr(request, name) for name in names}

@@ -17,7 +17,6 @@ from qmn.reports.waits_diagram import MOST_HOSTS, waits_diagram
 from qmn.results.timeline import TIMELINE
 from qmn.traffic.fiber_use import fiber_use
 from wire.metadata.vocabulary import SYMBOLS
-from wire.parameters.network import OPENFLOW_PORT
 from wire.results.figures import SentFigures
 from wire.results.moments import KeyMoment
 from wire.results.run_result import KeysJob, LoadJob
@@ -102,7 +101,7 @@ def waits_figure(job: LoadJob) -> str:
 
 def handshake_figure(run: RunFacts) -> str:
     """Return the sequence diagram."""
-    port = run.result.parameters.get("openflow_port", OPENFLOW_PORT)
+    port = run.result.settings.openflow_port
     steps, more = handshake(run.folder, run.network, run.events, port)
     title = "The handshake, in both layers"
     if not steps:
@@ -165,7 +164,7 @@ def _rate(run: RunFacts) -> str:
 
 def _errors(run: RunFacts) -> str:
     title = "Errors over time"
-    sender = run.result.parameters["sender"]
+    sender = run.result.hosts[0]
     found = error_counts.reported(run.folder, run.network, sender) or error_counts.said(
         run.sender, run.result.time_scale or 1.0
     )
@@ -190,7 +189,7 @@ def _losses(run: RunFacts, paths: Sequence[LightPath]) -> str:
     title = "Loss of each hop"
     if not paths:
         return missing(title, "no light path stood." if run.result.events else NOT_WRITTEN)
-    budget = run.result.parameters["loss_budget_db"]
+    budget = run.result.settings.loss_budget_db
     text = "Every light path that stood, as declared: fibres and ways through switches."
     shown = sorted(paths, key=lambda path: path.loss_db, reverse=True)[:MOST_NAMED]
     if len(shown) == len(paths):

@@ -6,11 +6,12 @@ those of the network if nothing else is said.
 """
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from wire.parameters.fiber import FiberOptics
+from wire.parameters.network import NetworkSettings
 from wire.parameters.physics import Device
 from wire.results.figures import (
     EveFigures,
@@ -26,6 +27,7 @@ from wire.results.network_facts import NetworkFacts
 RESULT = "result.json"  # file of a run's folder, written when it has ended
 
 
+Parameter = bool | int | float | str | list[str] | list[float]
 Round = dict[str, object]  # by role, what its program has returned: anything that JSON has
 
 
@@ -105,7 +107,7 @@ class NetworkResult:
     mode: str  # native or docker
     controller: str
     seed: int
-    parameters: dict[str, Any]  # as the command line has them
+    parameters: dict[str, Parameter]  # as the command line has them, by name
     error: str | None = None  # that ended it
     captures: list[str] = field(default_factory=list)  # files
     timeline: str = ""  # file, or why there is none
@@ -126,6 +128,16 @@ class NetworkResult:
     software_of_shortest: float | None = None  # software_s as a share of it
     # Whether that is less than `auto` means; None: nothing waited, or no auto.
     time_scale_kept: bool | None = None
+
+    @property
+    def settings(self) -> NetworkSettings:
+        """Those of the network's programs, of the parameters; what is not told is as always."""
+        told = {**self.parameters, "controller": self.controller, "seed": self.seed}
+        named = {
+            each.name: told[each.name] for each in fields(NetworkSettings) if each.name in told
+        }
+        as_set = {name: tuple(v) if isinstance(v, list) else v for name, v in named.items()}
+        return NetworkSettings(**cast("Any", as_set))
 
     def write(self, folder: Path) -> None:
         """Write result.json into the folder of the network."""

@@ -95,6 +95,15 @@ def test_rates_and_counts_come_from_sender_and_controller(tmp_path: Path) -> Non
     }
 
 
+def test_settings_of_a_result_are_those_of_its_network() -> None:
+    facts = service_run()
+    facts.parameters = {"loss_budget_db": 3.0, "apps": ["ryu.app.ofctl_rest"], "length_km": 2.0}
+    facts.controller, facts.seed = "os-ken", 7
+    used = facts.settings
+    assert (used.loss_budget_db, used.controller, used.seed) == (3.0, "os-ken", 7)
+    assert (used.apps, used.openflow_port) == (("ryu.app.ofctl_rest",), 6653)
+
+
 def test_sessions_are_counted_once_each_whatever_they_were_told() -> None:
     told = [("granted", "a"), ("granted", "a"), ("refused", "b"), ("granted", "c")]
     told += [("refused", "b"), ("torn_down", "a")]
