@@ -18,7 +18,8 @@ from qmn.jobs.run_options import RunOptions
 from qmn.network.key_options import KeyServiceOptions
 from qmn.network.options import NetworkOptions
 from qmn.results.run_folder import give
-from wire.results.run_result import RESULT
+from wire.results import schema
+from wire.results.run_result import RESULT, Head, Parameter
 
 INDEX = ".index.sqlite"
 COLUMNS = (
@@ -82,59 +83,60 @@ def read_run(path: Path) -> Run:
     began = f"{stamp[:4]}-{stamp[4:6]}-{stamp[6:8]} {stamp[9:11]}:{stamp[11:13]}:{stamp[13:15]}"
     size = sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
     try:
-        result = json.loads((path / RESULT).read_text())
+        head = schema.read_head(path)
     except PermissionError:
         unreadable = f"not readable: it is of user {path.stat().st_uid}"
         return Run(path.name, 0, began, path.name[16:], "{}", unreadable, size)
     except (OSError, ValueError):
         return Run(path.name, 0, began, path.name[16:], "{}", "no result", size)
-    what = " ".join(filter(None, [result.get("service", "network"), result.get("topology") or ""]))
-    changed = json.dumps(differing(result))
-    return Run(path.name, _result_ns(path), began, what, changed, outcome(result), size)
+    what = " ".join(filter(None, [head.service or "network", head.topology]))
+    changed = json.dumps(differing(head))
+    return Run(path.name, _result_ns(path), began, what, changed, outcome(head), size)
 
 
-def differing(result: dict[str, Any]) -> dict[str, Any]:
+def differing(head: Head) -> dict[str, Parameter]:
     """Return the parameters of a run that say something: those that are not the default."""
     defaults = {
-        each.name: each.default for kind in _kinds(result) for each in fields(kind) if each.init
+        each.name: each.default for kind in _kinds(head) for each in fields(kind) if each.init
     }
-    told = {name: result.get(name) for name in ("controller", "seed")}
+    told = {"controller": head.controller, "seed": head.seed, **head.parameters}
     return {
         name: value
-        for name, value in (told | result.get("parameters", {})).items()
+        for name, value in told.items()
         if name not in ALWAYS
-        and value not in ([], "", None)
+        and value is not None
+        and value not in ([], "")
         and not (name in defaults and value == defaults[name])
     }
 
 
-def _kinds(result: dict[str, Any]) -> Iterator[type[Any]]:
+def _kinds(head: Head) -> Iterator[type[Any]]:
     """Yield the dataclasses of what a run could be told."""
     yield from (NetworkOptions, RunOptions)
     # Jobs take a moment to load.
-    if "load" in result.get("job", {}):
+    if "load" in head.job:
         from qmn.jobs.load import LoadRequest
 
         yield LoadRequest
-    elif result.get("service") == "vpn":
+    elif head.service == "vpn":
         from qmn.jobs.vpn import VpnRequest
 
         yield VpnRequest
-    elif result.get("service") == "netqasm":
+    elif head.service == "netqasm":
         from qmn.jobs.netqasm import NetqasmRequest
 
         yield NetqasmRequest
-    elif result.get("service") == "keys":
+    elif head.service == "keys":
         yield KeyServiceOptions
-    elif kind := NAMES.get(result.get("service", "")):
+    elif kind := NAMES.get(head.service or ""):
         yield kind.options
 
 
-def outcome(result: dict[str, Any]) -> str:
+def outcome(head: Head) -> str:
     """Return what became of a run, in a few words."""
-    if error := result.get("error"):
-        return f"not done: {error}"
-    return {True: "done", False: "not done", None: "ended"}[result.get("delivered")]
+    if head.error:
+        return f"not done: {head.error}"
+    return {True: "done", False: "not done", None: "ended"}[head.delivered]
 
 
 def _result_ns(path: Path) -> int:

@@ -1,10 +1,10 @@
 """A copy of a run's folder that can be given away: without what its keys could be found by."""
 
-import json
 import shutil
 from pathlib import Path
 
 from wire.metadata.vocabulary import Service
+from wire.results import schema
 from wire.results.run_result import RESULT
 
 # Services that make no keys; in a network of `qmn cli` or a script anybody may have made some.
@@ -29,14 +29,13 @@ class CannotShare(Exception):
 def share(run: Path, copy: Path) -> list[str]:
     """Copy a run's files; return the names of those that were left out, in order."""
     try:
-        facts = json.loads((run / RESULT).read_text())
+        head = schema.read_head(run)
     except OSError as error:
         text = "name the folder of a run that has ended, as runs/latest"
         raise CannotShare(f"cannot read {run / RESULT}: {error.strerror}; {text}") from error
     except ValueError as error:
         raise CannotShare(f"{run} has no {RESULT} of a run that has ended: {error}") from error
-    without = isinstance(facts, dict) and facts.get("service") in WITHOUT_KEYS
-    secret = () if without else QUBITS
+    secret = () if head.service in WITHOUT_KEYS else QUBITS
     try:
         copy.mkdir(mode=FOLDER_MODE)
     except OSError as error:

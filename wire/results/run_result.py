@@ -99,6 +99,20 @@ class EarlyNews:
     early_s: float
 
 
+@dataclass(frozen=True, kw_only=True)
+class Head:
+    """What a result of any version says of its run, and what became of it."""
+
+    service: str | None = None  # None: of a network on which more than one thing was done
+    topology: str | None = None
+    controller: str | None = None
+    seed: int | None = None
+    parameters: dict[str, Parameter] = field(default_factory=dict)
+    delivered: bool | None = None
+    error: str | None = None
+    job: dict[str, object] = field(default_factory=dict)  # by the names of its parts
+
+
 @dataclass(kw_only=True)
 class NetworkResult:
     """What every network leaves."""

@@ -16,7 +16,7 @@ from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 from wire.parameters.physics import Device
 from wire.results.figures import Figures
 from wire.results.network_facts import NetworkFacts
-from wire.results.run_result import RESULT, NetworkResult, RunResult
+from wire.results.run_result import RESULT, Head, NetworkResult, RunResult
 
 Schema = dict[str, Any]
 T = TypeVar("T")
@@ -65,6 +65,15 @@ def read_left(folder: Path) -> NetworkResult:
     """Return what a network has left in its folder; raise as reading a file and `read` do."""
     given = json.loads((folder / RESULT).read_text())
     return read(RunResult if "service" in given else NetworkResult, given)
+
+
+def read_head(folder: Path) -> Head:
+    """Return the head of what a network has left; raise OSError or ValueError if it left none."""
+    given = json.loads((folder / RESULT).read_text())
+    if not isinstance(given, dict):
+        raise ValueError(f"{folder / RESULT} is not an object")
+    known = {each.name for each in fields(Head)}
+    return Head(**{name: value for name, value in given.items() if name in known})
 
 
 def read(kind: type[T], given: Any) -> T:
