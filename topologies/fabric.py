@@ -1,6 +1,6 @@
 """The base of topologies of several quantum switches.
 
-Everything has copper to the classical switch s1; fibres join the quantum switches. Superdense
+Fibres join the quantum switches; copper is as topologies/quantum_topo.py has it. Superdense
 coding takes one fibre to the sender, two to the receiver, two to the pair source, and three
 paths at once between them, two of which may go the same way: hence two fibres a neighbour.
 """
@@ -11,12 +11,9 @@ from ipaddress import IPv4Network
 from types import MappingProxyType
 from typing import Any
 
-from mininet.topo import Topo
-
 from topologies.catalogue import presets
 from topologies.catalogue.node_kinds import node_device
-from topologies.links.copper_lengths import assign_copper_lengths
-from topologies.links.fiber import OPTICS, FiberLink, resolved
+from topologies.links.fiber import OPTICS, resolved
 from topologies.networks.stock_mininet import StockMininet
 from topologies.nodes import (
     ClassicalSwitch,
@@ -25,25 +22,21 @@ from topologies.nodes import (
     QuantumController,
     QuantumHost,
 )
+from topologies.quantum_topo import CLASSICAL_SWITCH, DISPATCHER, QuantumTopo
 from wire.config import CONTROLLER
 from wire.parameters.checks import check_names
 from wire.parameters.fiber import KINDS, optics
 from wire.parameters.physics import BadParameter, Device
 
-FIRST_DPID = 0x1000  # q1 is 0x1001
 MOST_SWITCHES = 256
 SMALL = 250  # hosts, for which 256 addresses are enough
 
 
-class FabricTopo(Topo):
+class FabricTopo(QuantumTopo):
     """alice, bob, charlie with his pairs, ed with the qubits; subclasses lay the fibres."""
 
     # Where nodes are on a map, on any scale, from left to right and upwards; none: on no map.
     positions: Mapping[str, tuple[float, float]] = MappingProxyType({})
-
-    def __init__(self, *arguments: Any, **params: Any) -> None:
-        super().__init__(*arguments, **params)
-        assign_copper_lengths(self)  # when all fibres are there
 
     def add_classical_network(self, source: str = "charlie", **settings: Any) -> None:
         """Add s1 and the hosts, and note what every fibre will be like: see `set_up`.
@@ -78,14 +71,14 @@ class FabricTopo(Topo):
         check_names(type(self).__name__, fiber, [*self._keywords(), *sorted(OPTICS)], BadParameter)
         self._alice_fibers = 2 if both_ways else 1
         self._light = light
-        self._fiber = {"cls": FiberLink, **fiber_of(preset, fiber)}
+        self._fiber = fiber_of(preset, fiber)
         self._device = presets.preset(preset).device
         if node:
             self._device = node_device(node, self._device)
         self._devices = devices or {}
         self._network = IPv4Network("10.0.0.0/24" if addresses <= SMALL else "10.0.0.0/16")
         self._addresses = self._network.hosts()
-        self.addSwitch("s1", cls=ClassicalSwitch, dpid="1")
+        self.addSwitch(CLASSICAL_SWITCH, cls=ClassicalSwitch)
 
     def _keywords(self) -> list[str]:
         """Return what this topology takes by name beside what fibres are like."""
@@ -96,9 +89,8 @@ class FabricTopo(Topo):
         return [each.name for each in named if each.kind == Parameter.POSITIONAL_OR_KEYWORD]
 
     def add_dispatcher(self, address: str) -> None:
-        """Add ed, with copper to s1."""
-        self.addHost("ed", cls=DispatcherHost, ip=f"{address}/{self._network.prefixlen}")
-        self.addLink("ed", "s1")
+        """Add ed, with an address of this network."""
+        self.addHost(DISPATCHER, cls=DispatcherHost, ip=f"{address}/{self._network.prefixlen}")
 
     def next_address(self) -> str:
         """Return an address that no other host has been given by this."""
@@ -109,20 +101,18 @@ class FabricTopo(Topo):
         return self._devices.get(name, self._device)
 
     def add_host(self, name: str, address: str, **params: object) -> None:
-        """Add a host with copper to s1."""
+        """Add a host as the network has them."""
         described = {"device": self.device_of(name), "light": self._light, **params}
         prefix = self._network.prefixlen
         self.addHost(name, cls=QuantumHost, ip=f"{address}/{prefix}", **described)
-        self.addLink(name, "s1")
 
     def add_quantum_switches(self, count: int, least: int = 1) -> list[str]:
-        """Add q1, q2, …, each with copper to s1; raise ValueError for a count out of range."""
+        """Add q1, q2, …; raise ValueError for a count out of range."""
         if not least <= count <= MOST_SWITCHES:
             raise ValueError(f"{count} quantum switches: choose {least} to {MOST_SWITCHES}")
         names = [f"q{number}" for number in range(1, count + 1)]
-        for number, name in enumerate(names, 1):
-            self.addSwitch(name, cls=OpticalSwitch, dpid=f"{FIRST_DPID + number:x}")
-            self.addLink("s1", name)
+        for name in names:
+            self.addSwitch(name, cls=OpticalSwitch)
         return names
 
     def place(self, alice_at: str, bob_at: str, charlie_at: str) -> None:
@@ -132,11 +122,8 @@ class FabricTopo(Topo):
         self.join("charlie", charlie_at, 2)
 
     def join(self, one: str, other: str, fibers: int, **own: object) -> None:
-        """Lay fibres between two nodes, with what is their own; ValueError for fewer than one."""
-        if fibers < 1:
-            raise ValueError(f"{fibers} fibres between {one} and {other}: choose 1 or more")
-        for _ in range(fibers):
-            self.addLink(one, other, **{**self._fiber, **own})
+        """Lay fibres of this network between two nodes, with what is their own."""
+        self.addFibers(one, other, fibers, **{**self._fiber, **own})
 
 
 def fiber_of(preset: str, given: Mapping[str, Any]) -> dict[str, Any]:

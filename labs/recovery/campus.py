@@ -15,9 +15,8 @@ class Campus(FabricTopo):
     def build(self) -> None:
         """Lay copper and fibre."""
         self.set_up()
-        for number, (switch, users) in enumerate(USERS.items(), 1):
-            self.addSwitch(switch, cls=OpticalSwitch, dpid=f"100{number}", insertion_loss_db=7.25)
-            self.addLink("s1", switch)
+        for switch, users in USERS.items():
+            self.addSwitch(switch, cls=OpticalSwitch, insertion_loss_db=7.25)
             for user in users:
                 self.add_host(user, self.next_address())
                 self.join(user, switch, 1, connectors_db=LOSS_DB.get(user, 0.0))

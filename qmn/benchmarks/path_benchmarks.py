@@ -15,7 +15,6 @@ from qmn.benchmarks.path_setups import (
     times_of,
 )
 from topologies.chain import ChainTopo
-from topologies.fabric import FIRST_DPID
 from topologies.links.fiber import FiberLink
 from topologies.networks.network import Network, Signals
 from topologies.nodes import ClassicalSwitch, DispatcherHost, OpticalSwitch
@@ -35,12 +34,11 @@ class FullSwitchTopo(Topo):
 
     def build(self, controller_port: int) -> None:
         """Lay the fibres; they are q1's only ports."""
-        self.addSwitch("s1", cls=ClassicalSwitch, dpid="1")
+        self.addSwitch("s1", cls=ClassicalSwitch)
         self.addHost("ed", cls=DispatcherHost, ip="10.0.0.4/24")
         self.addLink("ed", "s1")
         for number, port in enumerate((controller_port, None), 1):
-            dpid = f"{FIRST_DPID + number:x}"
-            self.addSwitch(f"q{number}", cls=OpticalSwitch, dpid=dpid, controller_port=port)
+            self.addSwitch(f"q{number}", cls=OpticalSwitch, controller_port=port)
         for _ in range(PORTS):
             self.addLink("q1", "q2", cls=FiberLink)
 

@@ -48,18 +48,51 @@ def result_of(runs: Path) -> dict[str, object]:
     return result
 
 
-@pytest.mark.parametrize("job", ["sdc", "teleport"])
-def test_a_topology_of_one_s_own_needs_no_alice_and_no_bob(tmp_path: Path, job: str) -> None:
-    own = f"{EXAMPLES}/my_net.py:MyNet"
+# The same as the example, with nothing left to be added.
+SPELT_OUT = """
+from mininet.topo import Topo
+
+from topologies.links import FiberLink
+from topologies.nodes import ClassicalSwitch, DispatcherHost, OpticalSwitch, QuantumHost
+
+
+class SpeltOut(Topo):
+    def build(self):
+        self.addSwitch("hub", cls=ClassicalSwitch, dpid="1")
+        self.addHost("sim", cls=DispatcherHost, ip="10.0.0.100/24")
+        for number, name in enumerate(["h1", "h2", "src"], 1):
+            self.addHost(name, cls=QuantumHost, ip=f"10.0.0.{number}/24", source=name == "src")
+        for number in (1, 2):
+            self.addSwitch(f"q{number}", cls=OpticalSwitch, dpid=f"100{number}")
+        for node in ("sim", "h1", "h2", "src", "q1", "q2"):
+            self.addLink(node, "hub")
+        for one, other, fibers in [("h1", "q1", 1), ("h2", "q2", 2), ("src", "q2", 2)]:
+            for _ in range(fibers):
+                self.addLink(one, other, cls=FiberLink)
+        for _ in range(2):
+            self.addLink("q1", "q2", cls=FiberLink, length_km=1.0, loss_db_per_km=0.2)
+"""
+
+
+@pytest.mark.parametrize(
+    ("job", "name", "switch"),
+    [("sdc", "MyNet", "s1"), ("sdc", "SpeltOut", "hub"), ("teleport", "MyNet", "s1")],
+)
+def test_a_topology_of_one_s_own_needs_no_alice_and_no_bob(
+    tmp_path: Path, job: str, name: str, switch: str
+) -> None:
+    (tmp_path / "spelt_out.py").write_text(SPELT_OUT)
+    files = {"MyNet": EXAMPLES / "my_net.py", "SpeltOut": tmp_path / "spelt_out.py"}
+    own = f"{files[name]}:{name}"
     words = ("run", job, "--topology", own, "--from", "h1", "--to", "h2", "--runs", str(tmp_path))
     printed = run(*words, *(["--frame-bytes", "16"] if job == "sdc" else ["--count", "500"]))
     result = result_of(tmp_path)
     assert result["topology"] == own
     if job == "sdc":
         assert "37 bytes, delivered exactly" in printed
-        assert (tmp_path / "latest").resolve().name.endswith("-MyNet")
-        assert captured(tmp_path) == {*(f"hub-eth{number}" for number in range(1, 7)), "c0"}
-        assert "hub" in (tmp_path / "latest" / "report.html").read_text()
+        assert (tmp_path / "latest").resolve().name.endswith(f"-{name}")
+        assert captured(tmp_path) == {*(f"{switch}-eth{number}" for number in range(1, 7)), "c0"}
+        assert switch in (tmp_path / "latest" / "report.html").read_text()
     else:
         assert re.search(r"^fidelity +1 *$", printed, re.MULTILINE)
 
@@ -67,7 +100,7 @@ def test_a_topology_of_one_s_own_needs_no_alice_and_no_bob(tmp_path: Path, job: 
 def test_the_command_line_takes_a_topology_of_one_s_own(tmp_path: Path) -> None:
     words = ("cli", f"{EXAMPLES}/my_net.py:MyNet", "--runs", str(tmp_path), "--capture")
     assert "h2: hello" in run(*words, commands="h1 qsend h2 hello\n")
-    assert "hub-eth1" in captured(tmp_path)
+    assert "s1-eth1" in captured(tmp_path)
 
 
 def captured(runs: Path) -> set[str]:

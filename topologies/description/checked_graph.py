@@ -82,7 +82,7 @@ def check_node(name: str, info: Info) -> None:
     """Raise BadParameter for a node that cannot be made."""
     kind: Any = info.get("cls")
     if is_made(info, ClassicalSwitch):
-        check_dpid(name, info.get("dpid"))
+        check_dpid(name, info.get("dpid") or kind.dpid_of(name))
     if not _is_ours(kind):
         return
     refuse_unknown(name, info, kind, also=SWITCH_OPTICS if is_made(info, OpticalSwitch) else ())
@@ -93,11 +93,9 @@ def check_node(name: str, info: Info) -> None:
 
 
 def check_dpid(name: str, dpid: object) -> None:
-    """Raise BadParameter for what is not a datapath ID; without one a switch's name has it."""
+    """Raise BadParameter for what is not a datapath ID."""
     if not dpid:
-        if not any(each.isdigit() for each in name):
-            raise BadParameter(f'{name} has no dpid: give one of its own, as dpid="1"')
-        return
+        raise BadParameter(f'{name} has no dpid: give one of its own, as dpid="1"')
     digits = dpid.replace(":", "") if isinstance(dpid, str) else ""
     if not 0 < len(digits) <= DPID_DIGITS or not set(digits) <= set(string.hexdigits):
         raise BadParameter(

@@ -1,6 +1,5 @@
 """Names and addresses of a topology that the kernel or the controller could not tell apart."""
 
-import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from ipaddress import AddressValueError, IPv4Interface, NetmaskValueError
@@ -20,7 +19,7 @@ def refuse_clashes(topo: Topo) -> None:
     """Raise BadParameter for nodes with one address or datapath ID, and for too long names."""
     nodes = {name: topo.nodeInfo(name) for name in topo.nodes()}
     addresses = {
-        name: str(_address(name, nodes[name]["ip"]))
+        name: str(interface_of(name, nodes[name]["ip"]).ip)
         for name in topo.hosts()
         if nodes[name].get("ip")
     }
@@ -50,20 +49,19 @@ def _refuse_same(what: str, own: str, values: Mapping[str, str]) -> None:
             raise BadParameter(f"{' and '.join(names)} have one {what}, {value}: give each {own}")
 
 
-def _address(name: str, text: str) -> object:
+def interface_of(name: str, text: str) -> IPv4Interface:
+    """Return a host's address, with its network; raise BadParameter for what is none."""
     try:
-        return IPv4Interface(text).ip
+        return IPv4Interface(text)
     except (AddressValueError, NetmaskValueError) as error:
         text = f"{name}: ip {text!r} is not an address: write ADDRESS/BITS"
         raise BadParameter(f"{text} ({error})") from error
 
 
 def _dpid(name: str, info: Mapping[str, Any]) -> int:
-    """Return a switch's datapath ID; one that is not said is the first number in its name."""
-    said = info.get("dpid")
-    if said:
-        return int(str(said).replace(":", ""), 16)
-    return int(next(iter(re.findall(r"\d+", name)), "0"))
+    """Return a switch's datapath ID."""
+    said = info.get("dpid") or info["cls"].dpid_of(name)
+    return int(str(said).replace(":", ""), 16)
 
 
 def _interfaces(topo: Topo) -> Iterator[tuple[str, str]]:

@@ -1,5 +1,6 @@
 """A switch of copper."""
 
+import re
 import shlex
 from collections.abc import Mapping, Sequence
 
@@ -23,7 +24,12 @@ SHARES = {"controller_rate_limit": 2000, "controller_burst_limit": 1000}
 
 
 class ClassicalSwitch(QuantumNode, OVSSwitch):
-    """An Open vSwitch bridge that speaks OpenFlow 1.4 and forwards only what it is told."""
+    """An Open vSwitch bridge that speaks OpenFlow 1.4 and forwards only what it is told.
+
+    Its datapath ID is the first number in its name, as in Mininet, unless `dpid` is given.
+    """
+
+    first_dpid = 0  # of the one with number 0 in its name
 
     def __init__(self, name: str, **params: object) -> None:
         refuse_unknown(name, params, type(self))
@@ -37,6 +43,17 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
         super().__init__(name, **{**params, **settings})
         self._laid = False
         self.network.bridges[name] = self
+
+    @classmethod
+    def dpid_of(cls, name: str) -> str:
+        """Return the datapath ID that a name stands for, in hexadecimal; "" without a number."""
+        number = re.search(r"\d+", name)
+        return f"{cls.first_dpid + int(number[0]):x}" if number else ""
+
+    def defaultDpid(self, dpid: str | None = None) -> str:  # noqa: N802 (Mininet's name)
+        """Return the datapath ID with all its digits."""
+        digits: str = super().defaultDpid(dpid or self.dpid_of(self.name))
+        return digits
 
     @classmethod
     def isOldOVS(cls) -> bool:  # noqa: N802 (Mininet's name)

@@ -36,7 +36,10 @@ class OpticalSwitch(ClassicalSwitch):
     `hardware_ports` are the instrument's [ingress, egress] of each port that is a fibre's.
     `controller_port` names another controller than c0, at this TCP port of 127.0.0.1, that
     programs the switch alone; c0 does not know of it then, nor of its fibres.
+    The datapath ID of q1 is 0x1001, unless `dpid` is given.
     """
+
+    first_dpid = 0x1000
 
     def __init__(
         self,

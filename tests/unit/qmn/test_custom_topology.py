@@ -197,9 +197,9 @@ def test_clashes_are_told_by_name(tmp_path: Path, slip: str, refusal: str) -> No
 
 
 def test_a_host_without_light_is_told_to_be_one() -> None:
-    words = ("--topology", MY_NET, "--from", "h1", "--to", "sim")
+    words = ("--topology", MY_NET, "--from", "h1", "--to", "ed")
     whole = ["run", "teleport", *words]
-    with pytest.raises(BadInput, match=r"host 'sim' has no light.*cls=QuantumHost.*of h1, h2, src"):
+    with pytest.raises(BadInput, match=r"host 'ed' has no light.*cls=QuantumHost.*of h1, h2, src"):
         checked(service_request(described(whole).parse_args(whole)))
 
 

@@ -78,7 +78,7 @@ def test_optics_are_of_one_switch_or_of_all() -> None:
     topo = own("--switch", "insertion_loss_db=1.2", "--switch", "q2.crosstalk_db=30")
     assert [topo.nodeInfo(name).get("insertion_loss_db") for name in ("q1", "q2")] == [1.2, 1.2]
     assert [topo.nodeInfo(name).get("crosstalk_db") for name in ("q1", "q2")] == [None, 30.0]
-    assert "insertion_loss_db" not in topo.nodeInfo("hub")
+    assert "insertion_loss_db" not in topo.nodeInfo("s1")
 
 
 def test_a_device_is_the_host_s_own_but_for_what_is_said(tmp_path: Path) -> None:

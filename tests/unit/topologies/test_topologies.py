@@ -64,7 +64,7 @@ def test_everything_has_copper_and_a_datapath_id_of_its_own(topo: type[Topo]) ->
     built = topo(length_km=3.0)
     copper = {other for pair in built.links() if "s1" in pair for other in pair} - {"s1"}
     assert copper == {*built.hosts(), *built.switches()} - {"s1"}
-    dpids = [int(built.nodeInfo(name)["dpid"], 16) for name in built.switches()]
+    dpids = [built.nodeInfo(name)["cls"].dpid_of(name) for name in built.switches()]
     assert len(set(dpids)) == len(dpids)
     lengths = {
         info["length_km"] for *_, info in built.links(withInfo=True) if info["cls"] is FiberLink

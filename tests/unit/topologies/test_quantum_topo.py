@@ -1,0 +1,155 @@
+"""The classical network that a topology does not spell out, and has all the same."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mininet.node import Host
+from mininet.topo import Topo
+
+from topologies.description.checked_graph import checked
+from topologies.description.clashes import refuse_clashes
+from topologies.links.fiber import FiberLink
+from topologies.nodes import ClassicalSwitch, DispatcherHost, OpticalSwitch, QuantumHost
+from topologies.quantum_topo import QuantumTopo
+from wire.parameters.physics import BadParameter
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+class Bare(QuantumTopo):
+    """h10 === q1 --- h2, in that order, with nothing of copper."""
+
+    def build(self) -> None:
+        self.addHost("h10", cls=QuantumHost, source=True)
+        self.addSwitch("q1", cls=OpticalSwitch)
+        self.addHost("h2", cls=QuantumHost)
+        self.addFibers("h10", "q1", 2, length_km=2.0)
+        self.addFibers("h2", "q1")
+
+
+def copper(topo: Topo) -> dict[str, str]:
+    """Return for each node that has copper to a switch that switch."""
+    links = topo.links(withInfo=True)
+    ends = [(one, other) for one, other, info in links if info["cls"] is not FiberLink]
+    return {one if topo.isSwitch(other) else other: other for one, other in ends}
+
+
+def ports_of(topo: Topo, node: str) -> dict[int, str]:
+    """Return what is at the other end of each port."""
+    return {port: other for port, (other, _) in topo.ports[node].items()}
+
+
+def test_a_topology_of_light_alone_gets_copper_and_the_simulator() -> None:
+    topo = Bare()
+    assert topo.nodeInfo("s1")["cls"] is ClassicalSwitch
+    assert topo.nodeInfo("ed")["cls"] is DispatcherHost
+    assert copper(topo) == dict.fromkeys(("h10", "h2", "ed", "q1"), "s1")
+
+
+def test_hosts_have_mininet_s_addresses_in_their_order() -> None:
+    topo = Bare()
+    assert {name: topo.nodeInfo(name)["ip"] for name in topo.hosts()} == {
+        "h10": "10.0.0.1/8",
+        "h2": "10.0.0.2/8",
+        "ed": "10.0.0.3/8",
+    }
+
+
+def test_copper_has_the_first_port_also_if_it_comes_last() -> None:
+    topo = Bare()
+    assert ports_of(topo, "h10") == {0: "s1", 1: "q1", 2: "q1"}
+    assert ports_of(topo, "q1") == {1: "s1", 2: "h10", 3: "h10", 4: "h2"}
+    for one, other, info in topo.links(withInfo=True):
+        ends = {info["node1"]: info["port1"], info["node2"]: info["port2"]}
+        assert topo.ports[one][ends[one]] == (other, ends[other])
+
+
+def test_copper_is_as_long_as_the_fibres_beside_it() -> None:
+    topo = Bare()
+    lengths = {
+        frozenset((one, other)): info["length_km"]
+        for one, other, info in topo.links(withInfo=True)
+        if info["cls"] is not FiberLink
+    }
+    assert lengths[frozenset(("h10", "s1"))] + lengths[frozenset(("h2", "s1"))] == 2.01
+
+
+class Spelt(QuantumTopo):
+    """A topology that says nearly all of it: hub and wing of copper, a simulator, an address."""
+
+    def build(self, **_params: Any) -> None:
+        self.addSwitch("hub", cls=ClassicalSwitch, dpid="7")
+        self.addSwitch("wing", cls=ClassicalSwitch, dpid="8")
+        self.addHost("sim", cls=DispatcherHost, ip="192.168.5.2/24")
+        self.addHost("h1", cls=QuantumHost)
+        self.addHost("plain", cls=Host, ip=None)
+        self.addSwitch("q1", cls=OpticalSwitch, dpid="42")
+        self.addFibers("h1", "q1")
+        self.addLink("h1", "wing", length_km=5.0)
+        self.addLink("hub", "wing")
+
+
+def test_what_is_said_is_left_as_it_is() -> None:
+    topo = Spelt()
+    assert set(topo.nodes()) == {"hub", "wing", "sim", "h1", "plain", "q1"}
+    assert copper(topo) == {
+        "h1": "wing",
+        "hub": "wing",
+        "sim": "hub",
+        "plain": "hub",
+        "q1": "hub",
+    }
+    assert ports_of(topo, "h1") == {0: "wing", 1: "q1"}
+    assert topo.linkInfo("h1", "wing")["length_km"] == 5.0
+    addresses = {name: topo.nodeInfo(name)["ip"] for name in topo.hosts()}
+    assert addresses == {"sim": "192.168.5.2/24", "h1": "192.168.5.1/24", "plain": None}
+    refuse_clashes(topo)
+
+
+def test_numbers_in_the_names_of_switches_are_their_datapath_ids() -> None:
+    assert ClassicalSwitch.dpid_of("s12") == "c"
+    assert OpticalSwitch.dpid_of("q12") == "100c"
+    assert OpticalSwitch.dpid_of("middle") == ""
+
+
+def test_a_quantum_switch_and_one_of_copper_of_one_number_do_not_clash() -> None:
+    refuse_clashes(Bare())
+
+    class Clash(QuantumTopo):
+        def build(self) -> None:
+            self.addSwitch("q1", cls=OpticalSwitch)
+            self.addSwitch("left1", cls=OpticalSwitch)
+
+    with pytest.raises(BadParameter, match="left1 and q1 have one datapath ID, 1001: give each"):
+        refuse_clashes(Clash())
+
+
+def test_a_name_that_is_needed_for_another_is_refused() -> None:
+    class Taken(QuantumTopo):
+        def build(self) -> None:
+            self.addHost("ed", cls=QuantumHost)
+
+    with pytest.raises(BadParameter, match="ed is not a DispatcherHost, and there is none: add"):
+        Taken()
+
+
+def test_fewer_than_one_fibre_is_refused_and_their_keywords_are_checked() -> None:
+    class Few(QuantumTopo):
+        def build(self, count: int, **optics: Any) -> None:
+            self.addHost("h1", cls=QuantumHost)
+            self.addSwitch("q1", cls=OpticalSwitch)
+            self.addFibers("h1", "q1", count, **optics)
+
+    with pytest.raises(BadParameter, match="0 fibres between h1 and q1: choose 1 or more"):
+        Few(0)
+    with pytest.raises(BadParameter, match="fibre h1 to q1 has no lenght_km: did you mean"):
+        checked(Few)(1, lenght_km=2)
+
+
+def test_the_page_of_networks_shows_the_example_as_it_is() -> None:
+    page = (ROOT / "docs" / "networks.md").read_text()
+    (shown,) = [block.partition("```")[0] for block in page.split("```python\n")[1:]]
+    assert shown in (ROOT / "examples" / "my_net.py").read_text()
+    topology = shown[shown.index("class ") :].rstrip().splitlines()
+    assert len(topology) <= 15

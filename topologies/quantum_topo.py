@@ -1,0 +1,116 @@
+"""Mininet's Topo for networks with light, in which what each of them has need not be said.
+
+    class Lab(QuantumTopo):
+        def build(self):
+            self.addHost("h1", cls=QuantumHost, source=True)
+            self.addSwitch("q1", cls=OpticalSwitch)
+            self.addFibers("h1", "q1", 2, length_km=0.5)
+
+What `build` has left out is added after it: s1, a switch of copper; ed, the host that holds all
+qubits; copper to s1 for hosts and quantum switches that have none; addresses, 10.0.0.1 the first.
+"""
+
+from ipaddress import IPv4Network
+from typing import Any
+
+from mininet.topo import Topo
+
+from topologies.description.clashes import interface_of
+from topologies.description.description import is_made
+from topologies.links.copper_lengths import assign_copper_lengths
+from topologies.links.fiber import FiberLink
+from topologies.nodes import ClassicalSwitch, DispatcherHost, OpticalSwitch
+from wire.parameters.physics import BadParameter
+
+CLASSICAL_SWITCH, DISPATCHER = "s1", "ed"
+NETWORK = IPv4Network("10.0.0.0/8")  # Mininet's
+KEPT = ("", 0)  # a port of a node that no link has yet
+
+
+class QuantumTopo(Topo):
+    """Nodes and fibres, as `build` says; the classical network where it does not."""
+
+    def __init__(self, *arguments: Any, **params: Any) -> None:
+        super().__init__(*arguments, **params)
+        self._add_nodes()
+        self._add_copper()
+        self._add_addresses()
+        assign_copper_lengths(self)  # when all fibres are there
+
+    def addFibers(  # noqa: N802 (as Mininet's addLink)
+        self, node1: str, node2: str, count: int = 1, **params: Any
+    ) -> None:
+        """Add so many links of FiberLink, with its keywords; BadParameter for fewer than one."""
+        if count < 1:
+            raise BadParameter(f"{count} fibres between {node1} and {node2}: choose 1 or more")
+        for _ in range(count):
+            self.addLink(node1, node2, **{"cls": FiberLink, **params})
+
+    def addLink(  # noqa: N802 (Mininet's name)
+        self,
+        node1: str,
+        node2: str,
+        port1: int | None = None,
+        port2: int | None = None,
+        key: int | None = None,
+        **params: Any,
+    ) -> int:
+        """Add a link; copper has a node's first port, also if it comes after the fibres."""
+        is_fiber = is_made(params or self.lopts, FiberLink)
+        ports = [
+            self._port(node, is_fiber) if port is None else port
+            for node, port in ((node1, port1), (node2, port2))
+        ]
+        number: int = super().addLink(node1, node2, *ports, key, **params)
+        return number
+
+    def _port(self, node: str, is_fiber: bool) -> int | None:
+        """Return the first port for the first copper, None for the next free one."""
+        ports, first = self.ports.setdefault(node, {}), 1 if self.isSwitch(node) else 0
+        if is_fiber:
+            ports.setdefault(first, KEPT)
+        return first if not is_fiber and ports.get(first) == KEPT else None
+
+    def _named(self, kind: type) -> list[str]:
+        """Return the nodes of a kind, in the order in which they were added."""
+        return [name for name in self.nodes(sort=False) if is_made(self.nodeInfo(name), kind)]
+
+    def _classical_switches(self) -> list[str]:
+        quantum = self._named(OpticalSwitch)
+        return [name for name in self._named(ClassicalSwitch) if name not in quantum]
+
+    def _add_nodes(self) -> None:
+        """Add s1 and ed, if there is no other to be in their place."""
+        for name, there, add, kind in (
+            (CLASSICAL_SWITCH, self._classical_switches(), self.addSwitch, ClassicalSwitch),
+            (DISPATCHER, self._named(DispatcherHost), self.addHost, DispatcherHost),
+        ):
+            if there:
+                continue
+            if name in self.nodes():
+                raise BadParameter(
+                    f"{name} is not a {kind.__name__}, and there is none: add one of another name"
+                )
+            add(name, cls=kind)
+
+    def _add_copper(self) -> None:
+        """Join hosts and quantum switches without copper to the first switch of copper."""
+        links = self.links(withInfo=True)
+        ends = [(one, other) for one, other, info in links if not is_made(info, FiberLink)]
+        joined = {*self._classical_switches(), *(name for both in ends for name in both)}
+        switch = self._classical_switches()[0]
+        quantum = self._named(OpticalSwitch)
+        for name in self.nodes(sort=False):
+            if name not in joined and (name in quantum or not self.isSwitch(name)):
+                self.addLink(name, switch)
+
+    def _add_addresses(self) -> None:
+        """Give each host without an address the next one, in the network of those that have one."""
+        infos = {name: self.nodeInfo(name) for name in self.hosts(sort=False)}
+        taken = [interface_of(name, info["ip"]) for name, info in infos.items() if info.get("ip")]
+        network = taken[0].network if taken else NETWORK
+        own = {each.ip for each in taken}
+        free = (address for address in network.hosts() if address not in own)
+        for info in infos.values():
+            if "ip" not in info:
+                info["ip"] = f"{next(free)}/{network.prefixlen}"
