@@ -1,4 +1,10 @@
-"""The runs of a lab: each is a `qmn` of its own, one after the other."""
+"""The runs of a lab: each is a `qmn` of its own, one after the other.
+
+What a lab says of a run is the command that a reader types to have it by itself. It is a process of
+its own, as a point of a sweep in networks is (qmn/sweeps/beside.py): a network is the only one of
+its process, a run that does not end has to be ended from outside, and a lab's own script may do
+anything to the process that it runs in.
+"""
 
 import json
 import os
