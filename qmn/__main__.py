@@ -5,8 +5,9 @@ import gc
 import os
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import import_module
+from types import MappingProxyType
 
 from qmn.as_root import NoRoot, become_root
 from qmn.parser import Parser
@@ -15,48 +16,44 @@ from qmn.version import ShowVersion
 # Until a verb runs there is nothing to clean up: Ctrl-C just ends the program.
 signal.signal(signal.SIGINT, signal.SIG_DFL)
 
-VERBS = (  # each a module of qmn.verbs
-    "run",
-    "netqasm",
-    "cli",
-    "apart",
-    "worker",
-    "script",
-    "sweep",
-    "curves",
-    "lab",
-    "demo",
-    "devices",
-    "paths",
-    "keys",
-    "spy",
-    "live",
-    "wireshark",
-    "send",
-    "link",
-    "set",
-    "policy",
-    "fault",
-    "attack",
-    "calibrate",
-    "classical",
-    "tap",
-    "sabot",
-    "replay",
-    "share",
-    "report",
-    "runs",
-    "doctor",
-    "clean",
-    "bench",
+# By what somebody wants to do; each is a module of qmn.verbs.
+HEADINGS: Mapping[str, Sequence[str]] = MappingProxyType(
+    {
+        "start a network": ("run", "cli", "script", "netqasm", "apart", "worker"),
+        "look at a network, or at a run": (
+            "devices",
+            "paths",
+            "keys",
+            "spy",
+            "live",
+            "wireshark",
+            "report",
+            "runs",
+            "share",
+        ),
+        "change a running network": (
+            "send",
+            "link",
+            "set",
+            "policy",
+            "fault",
+            "tap",
+            "classical",
+            "calibrate",
+        ),
+        "make experiments": ("sweep", "curves", "lab", "demo", "attack", "bench"),
+        "use the simulator alone": ("sabot", "replay"),
+        "look after this machine": ("doctor", "clean"),
+    }
 )
+VERBS = tuple(verb for verbs in HEADINGS.values() for verb in verbs)
 
 
-def described(words: Sequence[str] = ()) -> argparse.ArgumentParser:
+def described(words: Sequence[str] = ()) -> Parser:
     """Return a parser of the verb that is asked for, or of all, which takes longer to load."""
-    parser = Parser(prog="qmn", description=__doc__)
+    parser = Parser(prog="qmn", description=__doc__, headings=HEADINGS)
     parser.add_argument("--version", action=ShowVersion, help="print name and version, and end")
-    verbs = parser.add_subparsers(metavar="VERB", required=True)
+    verbs = parser.add_subparsers(title="verbs", metavar="VERB", required=True)
     all_verbs = () if words[:1] == ["--version"] else VERBS
     for name in [name for name in VERBS if name in words[:1]] or all_verbs:
         import_module(f"qmn.verbs.{name}").add_parser(verbs)

@@ -10,12 +10,15 @@ from pathlib import Path
 import shtab
 
 from qmn.__main__ import described
-from qmn.parser import Parser
+from qmn.parser import Parser, listed
 
 
 def completed() -> argparse.ArgumentParser:
     """Return the parser of all verbs, with file names completed where one is meant."""
     parser = described()
+    # The man page describes each verb in its turn, and would not say which there are.
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.description = "\n".join([f"{parser.description}\n", *lists(parser)])
     for action in actions(parser):
         if isinstance(action, argparse._SubParsersAction):
             for below in action.choices.values():  # of which the man page leaves epilogs out
@@ -23,6 +26,12 @@ def completed() -> argparse.ArgumentParser:
         if action.type is Path or action.metavar in ("FILE", "WHAT|FILE.toml"):
             action.complete = shtab.FILE  # type: ignore[attr-defined]
     return parser
+
+
+def lists(parser: Parser) -> Iterator[str]:
+    """Yield the verbs under each heading, as in the help."""
+    for title, verbs in parser.verbs_under_headings():
+        yield listed(title, {each.dest: str(each.help) for each in verbs})
 
 
 def actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:

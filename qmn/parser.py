@@ -1,14 +1,16 @@
 """The parser of the command line and of each verb on it."""
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from textwrap import fill
+from types import MappingProxyType
 from typing import Any, NoReturn
 
 from wire.parameters.checks import check_choice, share
 
 REQUIRED = "the following arguments are required:"  # argparse's words
+NO_HEADINGS: Mapping[str, Sequence[str]] = MappingProxyType({})
 NUMBERS: dict[object, str] = {int: "a whole number", float: "a number"}
 
 
@@ -30,8 +32,12 @@ class Parser(argparse.ArgumentParser):
     wire/parameters/checks.py.
     """
 
-    def __init__(self, **given: Any) -> None:
-        """Be argparse's own, but for that; so are the parsers of verbs."""
+    def __init__(self, headings: Mapping[str, Sequence[str]] = NO_HEADINGS, **given: Any) -> None:
+        """Be argparse's own, but for that; so are the parsers of verbs.
+
+        Help has the verbs below under `headings`, which name them.
+        """
+        self._headings = headings
         self._put_off: Callable[[], None] | None = None
         super().__init__(**{"allow_abbrev": False} | given)
 
@@ -45,6 +51,30 @@ class Parser(argparse.ArgumentParser):
         if describe is not None:
             self.usage = "%(prog)s [options]"  # which are some sixty
             describe()
+
+    def format_help(self) -> str:
+        """Return the help, with verbs under their headings where it has such."""
+        if not self._headings:
+            return super().format_help()
+        formatter = self._get_formatter()
+        formatter.add_usage(self.usage, self._actions, self._mutually_exclusive_groups)
+        formatter.add_text(self.description)
+        for title, verbs in self.verbs_under_headings():
+            formatter.start_section(title)
+            formatter.add_arguments(verbs)
+            formatter.end_section()
+        formatter.start_section(self._optionals.title)
+        formatter.add_arguments(self._optionals._group_actions)
+        formatter.end_section()
+        return formatter.format_help()
+
+    def verbs_under_headings(self) -> Iterator[tuple[str, list[argparse.Action]]]:
+        """Yield each heading with those verbs below that it is of."""
+        assert self._subparsers is not None
+        (below,) = self._subparsers._group_actions
+        verbs = {each.dest: each for each in below._get_subactions()}  # type: ignore[attr-defined]
+        for title, names in self._headings.items():
+            yield title, [verbs[name] for name in names if name in verbs]
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse; what is unknown to this verb is unknown to all."""

@@ -142,6 +142,7 @@ def test_installed_it_runs_and_is_completed(prefix: Path) -> None:
     page = (prefix / "share/man/man1/qmn.1").read_text()
     assert "qmn \\- the Mininet for programmable quantum networks" in page
     assert "qmn run teleport" in page
+    assert "change a running network:\n  send " in page
     assert "\n  hom                  Hong" in page  # what can be swept, which is no argument's help
     assert page.splitlines()[0].split(" ", 4)[-1] == f'"qmn {PROJECT["version"]}" "User Commands"'
     assert "\n\\fB\\-\\-version\\fR\n" in page

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from qmn.__main__ import VERBS, described
+from qmn.__main__ import HEADINGS, VERBS, described
 from qmn.parser import Parser
 
 LOADED = """
@@ -30,12 +30,20 @@ def test_without_a_verb_all_are_told(words: list[str], capsys: pytest.CaptureFix
     parser = described(words)
     with pytest.raises(SystemExit):
         parser.parse_args(words)
-    said = parser.format_help().splitlines()
-    assert [line.split()[0] for line in said if line.startswith("    ") and line[4] != " "] == [
-        *VERBS
-    ]
+    told = parser.format_help().partition("options:")[0]
+    assert re.findall(r"^  (\w+) ", told, re.MULTILINE) == [*VERBS]
     if words == ["sudoku"]:
-        assert "VERB 'sudoku': choose one of run, netqasm" in capsys.readouterr().err
+        assert "VERB 'sudoku': choose one of run, cli, script" in capsys.readouterr().err
+
+
+def test_verbs_are_listed_under_what_somebody_wants_to_do() -> None:
+    told = described().format_help()
+    for title, verbs in HEADINGS.items():
+        listed = told.partition(f"\n{title}:\n")[2].partition("\n\n")[0]
+        assert [line.split()[0] for line in listed.splitlines()] == [*verbs]
+        assert all(len(line.split()) > 2 for line in listed.splitlines())  # what it does, too
+    assert len(set(VERBS)) == len(VERBS)
+    assert f"\n{'  --version':<14}print name and version, and end\n" in told
 
 
 def test_a_verb_does_not_wait_for_what_others_load() -> None:
