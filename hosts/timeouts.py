@@ -84,8 +84,8 @@ KEEPALIVE_S = 1  # of WireGuard: the end that knows the other's address begins t
 FETCH_TIMEOUT_S = 3600.0  # keys that nobody fetches for so long are thrown away
 STORING_TIMEOUT_S = 2.0  # one end stores the keys of a session before the other
 STORING_LOOK_S = 0.05  # between two looks whether it has
-ROOM_TIMEOUT_S = 30.0  # until there is room in a full store; less than KEYS_TIMEOUT_S
-ROOM_LOOK_S = 0.2  # between two looks whether there is
+CAPACITY_TIMEOUT_S = 30.0  # until there is room in a full store; less than KEYS_TIMEOUT_S
+CAPACITY_LOOK_S = 0.2  # between two looks whether there is
 FILLING_PAUSE_S = 5.0  # after sessions for keys that have failed, at most
 
 # Key managers, by the wall

@@ -80,8 +80,8 @@ def blocks_under_way(
     """
     most = MOST_HERALDED if setup.memory == MemoryState.HERALDED else MAX_UNDER_WAY
     pairs = block_pairs(setup, hosts, repeaters, network)
-    room = _pairs_in_memories(setup, hosts, repeaters, network)
-    return max(min([most, *(qubits // pairs for qubits in room)]), 1)
+    capacities = _pairs_in_memories(setup, hosts, repeaters, network)
+    return max(min([most, *(qubits // pairs for qubits in capacities)]), 1)
 
 
 def _pairs_in_memories(

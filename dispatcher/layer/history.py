@@ -79,14 +79,14 @@ class Watcher:
         """Queue an event; if the queue is full, count it as dropped and return False."""
         if not self.wants(event):
             return True
-        has_room = len(self._events) < WATCHER_DEPTH
-        if has_room:
+        has_capacity = len(self._events) < WATCHER_DEPTH
+        if has_capacity:
             self._report_dropped(event.time_ns)
             self._events.append(event)
         else:
             self._dropped += 1
         self._some.set()
-        return has_room
+        return has_capacity
 
     @property
     def idle(self) -> bool:
@@ -209,15 +209,15 @@ class History:
         if not events:
             return events
         who = causer() or events[0].node
-        room = self._share - self._written[who]
+        free = self._share - self._written[who]
         self._written[who] += len(events)
-        if len(events) <= room:
+        if len(events) <= free:
             return events
-        if room < 0:
+        if free < 0:
             return ()
         detail = f"more than {self._share} events caused by {who}, its share"
         last = Event(time_ns=events[0].time_ns, node="dispatcher", kind=UNWRITTEN, detail=detail)
-        return *events[:room], last
+        return *events[:free], last
 
     def _tell(self, watcher: Watcher, events: Sequence[Event]) -> None:
         for event in events:

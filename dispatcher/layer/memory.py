@@ -99,7 +99,7 @@ class Memories:
                 f"memory, {capacity}; measure, send or discard some first"
             )
 
-    def has_room(self, node: str) -> bool:
+    def has_capacity(self, node: str) -> bool:
         """Return whether a memory has no more than it can keep, of what its node has heard of."""
         return self._used(node, self._clock.now_ns()) <= self._devices.of(node).memory.capacity
 

@@ -247,7 +247,7 @@ class Heralding:
         node, session = block.node, block.name.session
         if block not in layer.ownership.of_session(node, session):
             return
-        if layer.ownership.is_closed(node, session) or not layer.memories.has_room(node):
+        if layer.ownership.is_closed(node, session) or not layer.memories.has_capacity(node):
             layer.record(node, "discard", block)
             layer.drop(block)
 

@@ -57,7 +57,7 @@ class Recorder(Journal):
         """Begin the record of a dispatcher."""
         super().__init__(config.time)
         self._file, self._numbers = file, count(1)
-        self._room_bytes = config.file_bytes
+        self._free_bytes = config.file_bytes
         dispatcher_record.begin(file)
         # Its paths are of that run, and its tokens nobody's business.
         public = replace(
@@ -102,10 +102,10 @@ class Recorder(Journal):
 
     def _write(self, entry: Entry) -> None:
         """Append an entry, unless the record has ended because it became too long."""
-        if self._room_bytes <= 0:
+        if self._free_bytes <= 0:
             return
-        self._room_bytes -= dispatcher_record.write(self._file, entry)
-        if self._room_bytes <= 0:
+        self._free_bytes -= dispatcher_record.write(self._file, entry)
+        if self._free_bytes <= 0:
             dispatcher_record.end(self._file)
 
 

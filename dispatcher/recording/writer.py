@@ -45,7 +45,7 @@ class QasmWriter:
     def begin(self, sizes: Iterable[int], origin: str) -> list[Chunk] | None:
         """Return qubits in |0> for registers of these sizes; None if the file is full."""
         wanted = [min(size, PHOTONS) for size in sizes]
-        if not self._has_room(wanted):
+        if not self._has_capacity(wanted):
             if not self._full:
                 self.comment("the file is full: blocks that are made from here on are left out")
             self._full = True
@@ -69,7 +69,7 @@ class QasmWriter:
         self.line(f"creg {name}[{size}];", comment)
         return name
 
-    def _has_room(self, wanted: list[int]) -> bool:
+    def _has_capacity(self, wanted: list[int]) -> bool:
         declared = sum(chunk.size for chunk in self._chunks)
         new = sum(size for size in wanted if self._free(size) is None)
         return (

@@ -96,8 +96,8 @@ def on_paper(positions: Sequence[Place]) -> list[Place]:
     plain = [(east * shrink, -north) for east, north in positions]
     left, top = (min(values) for values in zip(*plain, strict=True))
     wide, high = (max(values) - min(values) for values in zip(*plain, strict=True))
-    room_x, most_y = WIDTH_INCHES - 2 * MARGIN_INCHES, MOST_HEIGHT_INCHES - 2 * MARGIN_INCHES
-    scale_x = room_x / wide if wide else 0.0
+    space_x, most_y = WIDTH_INCHES - 2 * MARGIN_INCHES, MOST_HEIGHT_INCHES - 2 * MARGIN_INCHES
+    scale_x = space_x / wide if wide else 0.0
     least_y = LEAST_HEIGHT_INCHES - 2 * MARGIN_INCHES
     tall = min(max(high * scale_x, least_y), most_y) if high else 0.0
     scale_y = tall / high if high else 0.0

@@ -61,8 +61,8 @@ def asks_for_path_optics(message: bytes) -> bool:
 def path_optics_reply(xid: int, body: bytes) -> bytes:
     """Return our experimenter's reply, whose body wire.optical encodes; in parts if long."""
     entries = [body[at : at + 16] for at in range(0, len(body), 16)]
-    head, room = EXPERIMENT.pack(EXPERIMENTER, PATH_OPTICS), (MAX_LENGTH - BODY - 8) // 16
-    chunks = [entries[at : at + room] for at in range(0, len(entries), room)] or [[]]
+    head, capacity = EXPERIMENT.pack(EXPERIMENTER, PATH_OPTICS), (MAX_LENGTH - BODY - 8) // 16
+    chunks = [entries[at : at + capacity] for at in range(0, len(entries), capacity)] or [[]]
     parts = [head + b"".join(chunk) for chunk in chunks]
     return b"".join(
         reply(ofp.OFPMP_EXPERIMENTER, xid, [part], more=number + 1 < len(parts))

@@ -17,7 +17,7 @@ from topologies.timeouts import COMMAND_TIMEOUT_S
 from wire.metadata.header import METADATA_PORT
 from wire.parameters.network import MOST_MBPS
 
-# Room for one packet: what TCP hands over as one of 64 KiB is cut, and none goes on saved tokens.
+# Of one packet: what TCP hands over as one of 64 KiB is cut, and none goes on saved tokens.
 BURST_BYTES = 1600
 LIMIT_BYTES = 16 << 20  # that may wait
 ALL_ELSE, METADATA = "1:1", "1:2"
@@ -38,8 +38,8 @@ def slow_metadata(host: Host, rate_mbps: float) -> None:
         words = ("rate", f"{MOST_MBPS:g}mbit", "quantum", str(BURST_BYTES))
         add("class", "parent", "1:", "classid", flow, "htb", *words)
     rate = ("rate", f"{round(rate_mbps * 1e6)}bit")
-    room = ("burst", str(BURST_BYTES), "limit", str(LIMIT_BYTES))
-    add("qdisc", "parent", METADATA, "handle", "2:", "tbf", *rate, *room)
+    bounds = ("burst", str(BURST_BYTES), "limit", str(LIMIT_BYTES))
+    add("qdisc", "parent", METADATA, "handle", "2:", "tbf", *rate, *bounds)
     tcp = ("match", "ip", "protocol", "6", "0xff")
     for end in ("sport", "dport"):
         port = ("match", "ip", end, str(METADATA_PORT), "0xffff")

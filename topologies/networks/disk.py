@@ -1,4 +1,4 @@
-"""Room on the disk: what a run writes is bounded, also by those who flood it with messages.
+"""Space on the disk: what a run writes is bounded, also by those who flood it with messages.
 
 A program's log keeps its newest lines, at most LOG_BYTES twice: in the log, and before that in
 <log>.1. A capture that has become too long ends. Where the disk of the run's folder is

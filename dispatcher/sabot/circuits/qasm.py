@@ -117,15 +117,15 @@ class _Reader:
                 self._fail(statement, NOT_IN_2)
 
     def _declare_qubits(self, statement: ast.QubitDeclaration) -> None:
-        name, room = statement.qubit.name, MAX_QUBITS - self._qubits
-        size = self._size(statement, name, statement.size, room, "qubits", MAX_QUBITS)
+        name, free = statement.qubit.name, MAX_QUBITS - self._qubits
+        size = self._size(statement, name, statement.size, free, "qubits", MAX_QUBITS)
         self._quantum[name] = range(self._qubits, self._qubits + size)
         self._qubits += size
 
     def _declare_bits(self, statement: ast.ClassicalDeclaration) -> None:
         assert isinstance(statement.type, ast.BitType)
-        name, room = statement.identifier.name, MAX_BITS - self._bits
-        size = self._size(statement, name, statement.type.size, room, "bits", MAX_BITS)
+        name, free = statement.identifier.name, MAX_BITS - self._bits
+        size = self._size(statement, name, statement.type.size, free, "bits", MAX_BITS)
         self._classical[name] = ClassicalRegister(name, self._bits, size)
         self._bits += size
 
@@ -134,7 +134,7 @@ class _Reader:
         statement: ast.Statement,
         name: str,
         size: ast.Expression | None,
-        room: int,
+        free: int,
         what: str,
         most: int,
     ) -> int:
@@ -142,7 +142,7 @@ class _Reader:
             self._fail(statement, f"register {name!r} exists already; take another name")
         if not isinstance(size, ast.IntegerLiteral) or size.value < 1:
             self._fail(statement, f"register {name!r} needs a size of at least 1, as in {name}[2]")
-        if size.value > room:
+        if size.value > free:
             self._fail(
                 statement, f"{size.value} more {what} exceed the limit of {most:,}; use fewer"
             )

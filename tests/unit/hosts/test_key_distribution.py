@@ -349,7 +349,7 @@ def test_a_full_store_is_told_and_nothing_is_kept_at_either_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(keyring, "CAPACITY", 3)
-    monkeypatch.setattr(key_session, "ROOM_TIMEOUT_S", 0.3)
+    monkeypatch.setattr(key_session, "CAPACITY_TIMEOUT_S", 0.3)
     failed = failure(tmp_path, "bb84")
     for text in (failed.alice, failed.bob):
         assert "bob: the store holds 3 keys" in text

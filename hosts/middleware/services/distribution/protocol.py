@@ -198,8 +198,8 @@ class Opening:
         pairs, coming = self._pairs, sum(self._under_way.values())
         if self._under_way and self._needs_purification:
             return 0
-        room = self._capacity - pairs.available - coming
-        most = min(self._side.setup.pairs, int(self._side.setup.rate_hz * MAX_BLOCK_S), room)
+        free = self._capacity - pairs.available - coming
+        most = min(self._side.setup.pairs, int(self._side.setup.rate_hz * MAX_BLOCK_S), free)
         wanted = self._wanted
         if wanted is None:
             if self._under_way:

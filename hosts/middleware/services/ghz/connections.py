@@ -47,8 +47,8 @@ async def follow(end: AcceptorEnd, kind: Callable[..., Follower]) -> None:
     async with _opened(end, names[0]) as right:
         most = await right.perform(introduce(right.side, names[1:]))
         # Of each state there are two halves in this host's memory until they are fused.
-        room = max(1, end.resources.node_features.memory_qubits // 2)
-        end.say(Topic.COUNTS, 0, [min(most, right.setup.pairs, end.setup.pairs, room)], 32)
+        capacity = max(1, end.resources.node_features.memory_qubits // 2)
+        end.say(Topic.COUNTS, 0, [min(most, right.setup.pairs, end.setup.pairs, capacity)], 32)
         follower = kind(end.side, Right(right, right.side), len(names))
         await end.perform(follower.run())
 

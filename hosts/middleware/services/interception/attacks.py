@@ -137,7 +137,7 @@ class PhotonSplitting:
 
     def __init__(self, way: Way, seeds: tuple[int, ...], memory_qubits: int) -> None:
         self._way, self._seeds = way, seeds
-        self._room = memory_qubits
+        self._capacity = memory_qubits
         self._kept: deque[tuple[BlockName, int]] = deque()  # and how many photons
         self._split = Split()
 
@@ -169,11 +169,11 @@ class PhotonSplitting:
     def _keep(self, block: BlockName, photons: int) -> Steps[None]:
         """Store photons that were split off; those that came first make room for them."""
         kept = sum(count for _block, count in self._kept) + photons
-        while self._kept and kept > self._room:
+        while self._kept and kept > self._capacity:
             gone = yield from self._discard()
             kept, self._split.discarded = kept - gone, self._split.discarded + gone
         self._kept.append((block, photons))
-        if photons > self._room:
+        if photons > self._capacity:
             self._split.discarded += yield from self._discard()
             return
         yield from do(Qnic.store, block)

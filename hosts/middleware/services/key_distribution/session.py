@@ -47,7 +47,7 @@ from hosts.middleware.services.key_distribution.under_way import NUMBERS, KeysUn
 from hosts.middleware.session.ends import AcceptorEnd, End, OpenerEnd
 from hosts.middleware.session.errors import SessionError
 from hosts.network_loop import now_s
-from hosts.timeouts import ROOM_LOOK_S, ROOM_TIMEOUT_S
+from hosts.timeouts import CAPACITY_LOOK_S, CAPACITY_TIMEOUT_S
 from wire.metadata.vocabulary import Reason
 
 
@@ -155,7 +155,7 @@ async def stored(
     A full store may be one from which keys are taken: it is given some time.
     """
     assert keys.key is not None
-    keyring, deadline_s = end.resources.keyring, now_s() + ROOM_TIMEOUT_S
+    keyring, deadline_s = end.resources.keyring, now_s() + CAPACITY_TIMEOUT_S
     while True:
         try:
             async with turn:  # the room that one key has found is not another's
@@ -163,7 +163,7 @@ async def stored(
         except KeyStoreError as error:
             if not isinstance(error, StoreFull) or now_s() > deadline_s:
                 raise SessionError(Reason.BUSY, f"no key: {keyring.host}: {error}") from error
-        await asyncio.sleep(ROOM_LOOK_S)
+        await asyncio.sleep(CAPACITY_LOOK_S)
 
 
 async def kept(keyring: Keyring, peer: str, number: int, key: Bits, *, opened: bool) -> list[UUID]:

@@ -128,12 +128,12 @@ class Outbox:
         touched, still_open = self._slots.numbers(slots), self._slots.numbers(self._open)
         self._drop(np.setdiff1d(touched, still_open).tolist())
 
-    def _new_frames(self, room: int) -> list[Frame]:
+    def _new_frames(self, capacity: int) -> list[Frame]:
         frames: list[Frame] = []
         while self._waiting and len(frames) < MAX_FRAMES:
             data = self._waiting[0]
-            room -= self._format.pairs(len(data))
-            if room < 0:
+            capacity -= self._format.pairs(len(data))
+            if capacity < 0:
                 break
             self._waiting.popleft()
             self._frames[self._frames_made] = _Outgoing(data)
