@@ -5,7 +5,7 @@ from typing import Any
 
 from controller_apps.devices.hosts_state import SILENT_AFTER, HostState
 from controller_apps.devices.switch_state import SwitchState
-from wire.device import OF_LIGHT, setting_name
+from wire.device import OF_LIGHT, DeviceReport, setting_name
 
 
 def switch_view(switch: SwitchState, now: float, period_s: float) -> dict[str, Any]:
@@ -44,10 +44,20 @@ def host_view(name: str, state: HostState, silent: bool, age_s: float) -> dict[s
         "pairs_lost": report.pairs_lost,
         "symbol_errors": report.symbol_errors,
         "repeated_frames": report.repeated_frames,
-        "in_use": {name: setting_name(name, getattr(report, name)) for name in OF_LIGHT},
+        "in_use": in_use(report),
         "overrides": {
             name: setting_name(name, value)
             for name, value in asdict(report.settings).items()
             if value is not None
         },
     }
+
+
+def in_use(report: DeviceReport) -> dict[str, int | str | None]:
+    """Return the settings of a host's last session; None are numbers that it has none of.
+
+    All are None of a host that had no session yet.
+    """
+    if not report.rate_hz:
+        return dict.fromkeys(OF_LIGHT)
+    return {name: setting_name(name, getattr(report, name)) or None for name in OF_LIGHT}

@@ -153,7 +153,7 @@ def _running(
         if runtime.places:
             facts.machines = machine_facts(runtime)
         facts.network = network_facts(network)
-        announce_network(network.runtime, facts.network.to_dict())
+        announce_network(network.runtime, facts)
         facts.backend = status(network).backend
         if run.classical_mbps is not None:
             for host in description.hosts:

@@ -15,11 +15,12 @@ from typing import Any
 
 from hosts.middleware.services import NAMES
 from qmn.jobs.run_options import RunOptions
+from qmn.live.running import left_of_killed
 from qmn.network.key_options import KeyServiceOptions
 from qmn.network.options import NetworkOptions
 from qmn.results.run_folder import give
 from wire.results import schema
-from wire.results.run_result import RESULT, Head, Parameter
+from wire.results.run_result import BEGUN, RESULT, Head, Parameter
 
 INDEX = ".index.sqlite"
 COLUMNS = (
@@ -83,12 +84,14 @@ def read_run(path: Path) -> Run:
     began = f"{stamp[:4]}-{stamp[4:6]}-{stamp[6:8]} {stamp[9:11]}:{stamp[11:13]}:{stamp[13:15]}"
     size = sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
     try:
-        head = schema.read_head(path)
+        killed = left_of_killed(path)
+        head = schema.head_of(killed) if killed else schema.read_head(path)
     except PermissionError:
         unreadable = f"not readable: it is of user {path.stat().st_uid}"
         return Run(path.name, 0, began, path.name[16:], "{}", unreadable, size)
     except (OSError, ValueError):
-        return Run(path.name, 0, began, path.name[16:], "{}", "no result", size)
+        there_is_none = "goes on" if (path / BEGUN).exists() else "no result"
+        return Run(path.name, 0, began, path.name[16:], "{}", there_is_none, size)
     what = " ".join(filter(None, [head.service or "network", head.topology]))
     changed = json.dumps(differing(head))
     return Run(path.name, _result_ns(path), began, what, changed, outcome(head), size)

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from topologies.system.processes.owners import gone, this_process
 from topologies.system.processes.programs import NetworkError
 from topologies.system.runs.runtime import (
     DISPATCHER,
@@ -16,8 +17,11 @@ from topologies.system.runs.runtime import (
     folders_of_running,
 )
 from wire.config import BadConfig, DispatcherConfig
+from wire.results import schema
+from wire.results.run_result import BEGUN, RESULT, NetworkResult
 
 NETWORK = "network.json"  # in the private folder of a network
+KILLED = "its runner was killed"
 STARTING = "the network is still starting; try again when it has started"
 
 
@@ -32,10 +36,14 @@ class RunningNetwork:
     network: dict[str, Any]  # as results keep it
 
 
-def announce_network(runtime: Runtime, network: dict[str, Any]) -> None:
-    """Tell other programs of a network that has started."""
+def announce_network(runtime: Runtime, facts: NetworkResult) -> None:
+    """Tell other programs of a network that has started, and note that in the folder of its run."""
+    assert facts.network is not None
+    facts.write_begun(runtime.logs, str(this_process()))
     stacks = {host: runtime.socket(host) for host in runtime.addresses}
-    told = RunningNetwork(str(runtime.logs), time.time_ns(), runtime.time_scale, stacks, network)
+    told = RunningNetwork(
+        str(runtime.logs), time.time_ns(), runtime.time_scale, stacks, facts.network.to_dict()
+    )
     (runtime.folder / NETWORK).write_text(json.dumps(asdict(told)))
 
 
@@ -47,6 +55,19 @@ def announced_network(root: Path = RUNTIME_ROOT) -> RunningNetwork:
         if file.exists():
             return RunningNetwork(**json.loads(file.read_text()))
     raise NetworkError(STARTING if folders else NONE_RUNS)
+
+
+def left_of_killed(folder: Path) -> dict[str, Any] | None:
+    """Return a killed run's result so far, as its file would have it.
+
+    None: it goes on, or has ended otherwise. Raise OSError or ValueError for what cannot be read.
+    """
+    if (folder / RESULT).exists() or not (folder / BEGUN).exists():
+        return None
+    runner, known = schema.read_begun(folder)
+    if not gone(runner):
+        return None
+    return {**known, "error": KILLED}
 
 
 def announced_folders(root: Path = RUNTIME_ROOT) -> set[Path]:

@@ -97,7 +97,6 @@ def host_row(host: dict[str, Any]) -> list[str]:
         return [host["name"], host["state"], features_of(host)]
     fibers = " ".join(f"{port['name']}{'' if port['up'] else ' (cut)'}" for port in host["ports"])
     counts = [number_text(host[f"pairs_{what}"]) for what in ("sent", "made", "received", "lost")]
-    used = settings(host["in_use"]) if host["in_use"]["rate_hz"] else "-"
     return [
         host["name"],
         state(host),
@@ -106,7 +105,7 @@ def host_row(host: dict[str, Any]) -> list[str]:
         number_text(sum(host["sessions"].values())),
         *counts,
         number_text(host["symbol_errors"]),
-        used,
+        settings(host["in_use"]) or "-",
         settings(host["overrides"]) or "-",
     ]
 
@@ -128,7 +127,7 @@ def state(device: dict[str, Any]) -> str:
 
 
 def settings(values: dict[str, Any]) -> str:
-    """Return settings in short."""
+    """Return settings in short, those that there are."""
     texts = {
         "rate_hz": "{:,} Hz",
         "frame_bytes": "{} B",
@@ -136,7 +135,8 @@ def settings(values: dict[str, Any]) -> str:
         "interleave": "interleaving {}",
         "wavelength_pm": "{:,} pm",
     }
-    return ", ".join(texts[name].format(value) for name, value in values.items())
+    there = {name: value for name, value in values.items() if value is not None}
+    return ", ".join(texts[name].format(value) for name, value in there.items())
 
 
 def number_text(value: float | None) -> str:

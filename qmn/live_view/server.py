@@ -51,6 +51,7 @@ class View:
     acts: bool  # whether one may act
     handshake: Callable[[], str]  # an element of the page, or words in its place
     pace: Pace = field(default_factory=Pace)
+    over: str = "a run that is over"  # said of one that does not go on
     opening_s: float = -math.inf  # when a page was asked for that has not asked for messages yet
     streams: set["asyncio.Task[Any]"] = field(default_factory=set)  # of messages, being sent
 
@@ -175,6 +176,7 @@ class Network(Answer):
                 "name": view.name,
                 "number": self.number,
                 "live": view.live,
+                "over": view.over,
                 "acts": view.acts,
                 "origin_ns": str(view.timeline.origin_ns),
                 **view.network,

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qmn.live.event_sources import recorded
+from qmn.live.running import left_of_killed
 from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.application_lines import fields_of, figures
 from wire.controller_lines import read_record
@@ -67,7 +68,8 @@ def read_run(folder: Path) -> RunFacts:
 def read_result(folder: Path) -> tuple[NetworkResult, NetworkFacts]:
     """Return what a run or a network has left as its result, and the network; raise BadRun."""
     try:
-        result = schema.read_left(folder)
+        killed = left_of_killed(folder)
+        result = schema.of_either_kind(killed) if killed else schema.read_left(folder)
     except OSError as error:
         text = "name the folder of a run that has ended, as runs/latest"
         raise BadRun(f"cannot read {error.filename}: {error.strerror}; {text}") from error

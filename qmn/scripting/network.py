@@ -247,7 +247,7 @@ def running(
                 if places:
                     facts.machines = machine_facts(runtime)
                 facts.network = network_facts(network)
-                announce_network(network.runtime, facts.network.to_dict())
+                announce_network(network.runtime, facts)
                 early = worst(network.runtime)
                 facts.acausal = EarlyNews(*early) if early else None
                 if folder is not None and options.metrics:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from qmn.live.running import announced_network, dispatcher_of_running_network
+from qmn.live.running import KILLED, announced_network, dispatcher_of_running_network
 from qmn.live_view.address import Place, place_given, say
 from qmn.live_view.handshakes import drawn_handshake
 from qmn.live_view.layout import described
@@ -75,9 +75,12 @@ async def until_the_end(view: View, place: Place, browser: bool) -> None:
 def shown(run: Path | None, read_only: bool) -> Iterator[View]:
     """Yield what is shown of a run, or of the network that runs."""
     if run is not None:
-        _result, network = read_result(run)
-        timeline = timeline_of_run(run)
-        yield _view(run.resolve(), network, timeline, live=False, acts=False)
+        result, network = read_result(run)
+        view = _view(run.resolve(), network, timeline_of_run(run), live=False, acts=False)
+        if result.error == KILLED:
+            view.over = f"{view.over}: {KILLED}"
+            print(f"qmn: {KILLED}: the page shows what was there by then", file=sys.stderr)
+        yield view
         return
     config = dispatcher_of_running_network()
     running = announced_network()

@@ -56,6 +56,8 @@ def test_what_a_killed_run_leaves_is_found_and_removed(tmp_path: Path) -> None:
         wait_until(lambda: list(tmp_path.glob("*/c0.pcap")), "captures", 30)
         run.kill()
     wait_until(lambda: our_processes() == others, "the end of its programs")
+    (listed,) = json.loads(verb("runs", "--runs", str(tmp_path), "--json").stdout)
+    assert (listed["what"], listed["outcome"]) == ("sdc sdc", "not done: its runner was killed")
 
     left = finding("leftovers of earlier runs")
     assert left["state"] == "limited"

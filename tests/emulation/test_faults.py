@@ -180,7 +180,7 @@ def test_a_failure_tells_how_far_it_came(tmp_path: Path) -> None:
     noise = ("--depolarizing", "0.1", "--frame-bytes", "4096")
     done = qmn(*noise, "--message", "x" * 4096, runs=tmp_path, report=True)
     assert done.returncode == 1
-    assert "too noisy for frames of 4096 bytes; choose fewer (--frame-bytes)" in done.stderr
+    assert "too noisy for frames of 4096 bytes; choose fewer (--frame-bytes; no" in done.stderr
     result = json.loads((tmp_path / "latest" / "result.json").read_text())
     assert result["delivered"] is False
     told = result["job"]["asking"]

@@ -25,6 +25,7 @@ from wire.results.moments import AnyMoment
 from wire.results.network_facts import NetworkFacts
 
 RESULT = "result.json"  # file of a run's folder, written when it has ended
+BEGUN = "begun.json"  # there until then, from the start of the network on
 
 
 Parameter = bool | int | float | str | list[str] | list[float]
@@ -156,6 +157,11 @@ class NetworkResult:
     def write(self, folder: Path) -> None:
         """Write result.json into the folder of the network."""
         (folder / RESULT).write_text(json.dumps(vars(self), indent=2, default=_plain) + "\n")
+        (folder / BEGUN).unlink(missing_ok=True)
+
+    def write_begun(self, folder: Path, runner: str) -> None:
+        """Write what is known by now; `runner` is the process that will write the result."""
+        (folder / BEGUN).write_text(json.dumps([runner, vars(self)], default=_plain))
 
 
 def _plain(value: Any) -> dict[str, Any]:

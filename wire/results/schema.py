@@ -16,7 +16,7 @@ from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 from wire.parameters.physics import Device
 from wire.results.figures import Figures
 from wire.results.network_facts import NetworkFacts
-from wire.results.run_result import RESULT, Head, NetworkResult, RunResult
+from wire.results.run_result import BEGUN, RESULT, Head, NetworkResult, RunResult
 
 Schema = dict[str, Any]
 T = TypeVar("T")
@@ -63,8 +63,18 @@ def _schema_of_dataclass(kind: Any, told: Schema) -> Schema:
 
 def read_left(folder: Path) -> NetworkResult:
     """Return what a network has left in its folder; raise as reading a file and `read` do."""
-    given = json.loads((folder / RESULT).read_text())
+    return of_either_kind(json.loads((folder / RESULT).read_text()))
+
+
+def of_either_kind(given: Any) -> NetworkResult:
+    """Return the result of a run or of a network; raise as `read` does."""
     return read(RunResult if "service" in given else NetworkResult, given)
+
+
+def read_begun(folder: Path) -> tuple[str, dict[str, Any]]:
+    """Return the process that was to write the result, and what was known when it began."""
+    runner, given = json.loads((folder / BEGUN).read_text())
+    return runner, given
 
 
 def read_head(folder: Path) -> Head:
@@ -72,6 +82,11 @@ def read_head(folder: Path) -> Head:
     given = json.loads((folder / RESULT).read_text())
     if not isinstance(given, dict):
         raise ValueError(f"{folder / RESULT} is not an object")
+    return head_of(given)
+
+
+def head_of(given: dict[str, Any]) -> Head:
+    """Return the head of a result as its file has it."""
     known = {each.name for each in fields(Head)}
     return Head(**{name: value for name, value in given.items() if name in known})
 

@@ -60,7 +60,7 @@ function listen() {
 }
 
 function status() {
-  const words = !network.live ? "a run that is over"
+  const words = !network.live ? network.over
     : view.ended || view.connected ? networks.said(view.follow ? "live" : "live, looking back")
     : "no connection: has the network ended?";
   const missed = timeline.missed + timeline.state.missed;

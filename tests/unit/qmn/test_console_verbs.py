@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from qmn.live import controller_console, light_paths
+from qmn.live import controller_console, light_paths, tables
 from qmn.live.controller_console import NoAnswer, ask
 from qmn.verbs import devices
 from qmn.verbs.set import change
@@ -147,6 +147,12 @@ def test_devices_are_shown_in_tables(capsys: pytest.CaptureFixture[str]) -> None
     words += " FEC golay, interleaving on,"
     assert f"{words} 1,550,120 pm 1,000 Hz".split() in shown
     assert ["eve", "never", "heard", "not", "told"] in shown
+
+
+def test_what_a_host_has_no_number_of_is_not_shown() -> None:
+    known = {"rate_hz": 1000, "frame_bytes": None, "fec": "none", "wavelength_pm": None}
+    assert tables.settings(known) == "1,000 Hz, FEC none"
+    assert tables.settings(dict.fromkeys(known)) == ""
 
 
 @pytest.mark.usefixtures("console")

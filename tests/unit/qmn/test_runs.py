@@ -2,6 +2,7 @@
 
 import json
 import os
+import subprocess
 import time
 import zipfile
 from pathlib import Path
@@ -14,7 +15,12 @@ from qmn.__main__ import described
 from qmn.kept_runs import run_index
 from qmn.kept_runs.run_archive import BadArchive, imported
 from qmn.kept_runs.run_index import INDEX, Run, runs_in
+from qmn.reports.run_facts import BadRun, read_result
 from qmn.verbs import runs as verb
+from qmn.verbs.live import shown
+from topologies.system.processes.owners import owner, this_process
+from wire.results import schema
+from wire.results.run_result import BEGUN
 
 OLD, NEW = "20260101T100000-chain", "20260301T100000-chain-1"
 
@@ -118,6 +124,56 @@ def test_an_index_that_is_lost_or_spoiled_is_made_anew(runs: Path, spoiled: byte
 def test_a_run_without_a_result_is_listed_as_such(runs: Path) -> None:
     (runs / NEW / "result.json").unlink()
     assert [run.outcome for run in runs_in(runs)] == ["done", "no result"]
+
+
+def runner_of(kind: str) -> str:
+    """Return a process that runs, or one that has ended, as a run names its own."""
+    if kind == "there":
+        return str(this_process())
+    with subprocess.Popen(["sleep", "60"]) as process:
+        gone = str(owner(process.pid))
+        process.kill()
+    return gone
+
+
+@pytest.mark.parametrize(
+    ("runner", "outcome", "what"),
+    [("gone", "not done: its runner was killed", "sdc chain"), ("there", "goes on", "chain-1")],
+)
+def test_a_run_whose_runner_was_killed_is_listed_with_what_it_was(
+    runs: Path, runner: str, outcome: str, what: str
+) -> None:
+    run = runs / NEW
+    begun = schema.read_left(run)
+    (run / "result.json").unlink()
+    begun.write_begun(run, runner_of(runner))
+    (found,) = (each for each in runs_in(runs) if each.name == NEW)
+    assert (found.outcome, found.what) == (outcome, what)
+    if runner == "gone":
+        assert read_result(run)[0].error == "its runner was killed"
+        assert found.parameters == {"fec": "none <&>"}
+    else:
+        with pytest.raises(BadRun, match="name the folder of a run that has ended"):
+            read_result(run)
+    begun.write(run)  # it goes on after all, and ends
+    assert [each.outcome for each in runs_in(runs)] == ["done", "not done"]
+    assert not (run / BEGUN).exists()
+
+
+def test_the_page_of_a_run_whose_runner_was_killed_says_so(
+    runs: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = runs / NEW
+    begun = schema.read_left(run)
+    with shown(run, read_only=True) as view:
+        assert view.over == "a run that is over"
+    assert capsys.readouterr().err == ""
+    (run / "result.json").unlink()
+    begun.write_begun(run, runner_of("gone"))
+    with shown(run, read_only=True) as view:
+        assert view.over == "a run that is over: its runner was killed"
+        assert not view.live
+    assert "its runner was killed: the page shows what was there" in capsys.readouterr().err
 
 
 def test_a_run_that_has_gone_leaves_the_list(runs: Path) -> None:
