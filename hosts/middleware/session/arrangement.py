@@ -2,7 +2,9 @@
 
 import asyncio
 import math
+from collections.abc import Coroutine
 from dataclasses import dataclass, replace
+from typing import Any
 
 from hosts.hardware.qnic import HardwareError, Heralds, Symbols
 from hosts.middleware.session.channel import MetadataChannel
@@ -14,6 +16,7 @@ from hosts.pauses import growing_pauses
 from hosts.timeouts import (
     ANSWER_TIMEOUT_S,
     DISCOVERY_TIMEOUT_S,
+    DOUBT_S,
     FREEING_TIMEOUT_S,
     HERALD_TIMEOUT_S,
 )
@@ -45,6 +48,7 @@ class Arrangement:
         self._pairs: MetadataChannel | None = None
         self._source_turn = asyncio.Lock()
         self._questions: set[asyncio.Task[None]] = set()
+        self._further: set[MetadataChannel] = set()  # to the peer
 
     @property
     def peer(self) -> str:
@@ -55,10 +59,6 @@ class Arrangement:
     def source(self) -> str:
         """Name of the host that makes the pairs."""
         return self._source
-
-    async def another_channel(self) -> MetadataChannel:
-        """Open a further connection to the other end, without light paths of its own."""
-        return await MetadataChannel.connect(*self._peer)
 
     async def open(self, timeout_s: float = ANSWER_TIMEOUT_S) -> Answer:
         """Arrange light paths; return what the peer accepts in time, or raise SessionError.
@@ -103,18 +103,23 @@ class Arrangement:
             emit = Emit(self._setup.session, block, pairs, rate_hz)
             await self._pairs.request(emit, ANSWER_TIMEOUT_S + pairs / rate_hz)
 
-    def begin(self, block: int, pairs: int) -> None:
-        """Have the source make a block of pairs; nothing is heard of it before `emitted`."""
+    def begin(self, block: int, pairs: int, under_way: int) -> Coroutine[Any, Any, None]:
+        """Have the source make a block of pairs; return the wait until its light has left.
+
+        Where several blocks may be under way, the source tells nothing unless it is asked.
+        """
+        if under_way == 1:
+            return self.emit(block, pairs)
         assert self._pairs is not None
         self._pairs.send(Emission(self._setup.session, block, pairs, self._setup.rate_hz))
+        return self._left(block, pairs, under_way)
 
-    async def emitted(self, block: int, light_s: float) -> None:
-        """Wait until the light of all blocks up to this one has left its source.
-
-        It takes so long at most to be made.
-        """
-        question = Emitted(self._setup.session, block)
-        asking = asyncio.create_task(self._ask_source(question, ANSWER_TIMEOUT_S + light_s))
+    async def _left(self, block: int, pairs: int, under_way: int) -> None:
+        """Ask the source when light is late; wait until all up to this block has left."""
+        light_s = pairs / self._setup.rate_hz
+        await asyncio.sleep(DOUBT_S + light_s)
+        question, timeout_s = Emitted(self._setup.session, block), under_way * light_s
+        asking = asyncio.create_task(self._ask_source(question, ANSWER_TIMEOUT_S + timeout_s))
         self._questions.add(asking)
         asking.add_done_callback(self._answered)
         await asyncio.shield(asking)  # who waits no more leaves no answer to others
@@ -151,6 +156,27 @@ class Arrangement:
             told = await self._pairs.receive(Values, ANSWER_TIMEOUT_S)
             return announced(arrived, told, block, pulses)
 
+    async def join(self, setup: Setup) -> tuple[MetadataChannel, Answer]:
+        """Open a further connection to the peer; return it, and what is answered to its set-up.
+
+        It has a light path of its own, or keeps that of the session up.
+        """
+        channel = await MetadataChannel.connect(*self._peer)
+        self._further.add(channel)
+        return channel, await channel.request(setup)
+
+    async def leave(self, channel: MetadataChannel, seen: bool) -> None:
+        """Close a further connection; `seen`: and wait until the peer has closed it, too."""
+        if seen:
+            await channel.end()
+        channel.close()
+        self._further.discard(channel)
+
+    def leave_all(self) -> None:
+        """Close all further connections that are open."""
+        while self._further:
+            self._further.pop().close()
+
     async def give_up(self, error: SessionError | HardwareError) -> None:
         """Tell the peer, if there is a session yet, why it ends."""
         if hasattr(self, "channel"):
@@ -160,6 +186,7 @@ class Arrangement:
         """Close the connections."""
         for asking in self._questions:
             asking.cancel()
+        self.leave_all()
         if self._pairs is not None:
             self._pairs.close()
         if hasattr(self, "channel"):

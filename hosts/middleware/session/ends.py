@@ -15,7 +15,7 @@ is a way for bytes.
 
 from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,7 +27,7 @@ from hosts.middleware.session.arrangement import Arrangement
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.performing import Expected, Performer, expected
-from hosts.middleware.session.protocol import HostSide, Light, OpenerSide, Order, Side
+from hosts.middleware.session.protocol import HostSide, Joined, Light, OpenerSide, Order, Side
 from hosts.middleware.session.values import Lifetimes, Numbers
 from hosts.timeouts import ANSWER_TIMEOUT_S, LIGHT_TIMEOUT_S
 from wire.features import NodeFeatures
@@ -83,10 +83,16 @@ class ConnectionEnd(Performer):
                 return self.channel.send(*messages)
             case protocol.Hear(kind, timeout_s, block):
                 return await self.channel.receive(kind, timeout_s, block=block)
-            case protocol.HearNext(begins):
-                return await self.channel.next(begins=begins)
+            case protocol.HearNext(begins, timeout_s):
+                return await self.channel.next(timeout_s, begins=begins)
             case protocol.Emit(block, pairs) if self.arrangement is not None:
                 return await self.arrangement.emit(block, pairs)
+            case protocol.BeginEmit(block, pairs, under_way) if self.arrangement is not None:
+                return expected(self.arrangement.begin(block, pairs, under_way))
+            case protocol.Join(setup) if self.arrangement is not None:
+                return Joined(*await self.arrangement.join(setup))
+            case protocol.Leave(connection, seen) if self.arrangement is not None:
+                return await self.arrangement.leave(cast(MetadataChannel, connection), seen)
             case protocol.Herald(block, pairs) if self.arrangement is not None:
                 return await self.arrangement.herald(block, pairs)
             case protocol.Announce(block, pulses) if self.arrangement is not None:
@@ -204,6 +210,12 @@ class AcceptorEnd(End):
 
     deliver: Callable[[bytes], Awaitable[None]] = field(kw_only=True)  # bytes to the application
     join: Join | None = None  # serves a further connection of the session
+
+    async def carry_out(self, order: Order) -> Any:
+        """Do what is ordered; return what has come of it."""
+        if isinstance(order, protocol.Deliver):
+            return await self.deliver(order.data)
+        return await super().carry_out(order)
 
     async def announced(self, most: int) -> tuple[int, int] | None:
         """Return number and size of the block that comes next; None at the end of the session."""

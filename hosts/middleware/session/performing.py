@@ -5,7 +5,9 @@ Who has a connection, too, carries out what is said and heard on it (ends.py).
 
 import asyncio
 from collections.abc import Callable, Coroutine
+from contextlib import suppress
 from dataclasses import dataclass, field
+from math import inf
 from typing import Any, TypeVar, cast
 
 from hosts.hardware.operations import BlockName
@@ -26,8 +28,9 @@ class Expected:
     blocks: tuple[BlockName, ...]
 
     def cancel(self) -> None:
-        """Expect it no longer."""
-        self.coming.cancel()
+        """Expect it no longer; nobody hears what has come of it."""
+        if not self.coming.cancel() and not self.coming.cancelled():
+            self.coming.exception()
 
 
 @dataclass
@@ -76,7 +79,7 @@ class Performer:
                     outcome = await self.carry_out(order)
                 except (SessionError, HardwareError) as error:
                     failure = error
-                if isinstance(order, protocol.Begin):
+                if isinstance(outcome, Expected):
                     lights = [
                         each for each in lights if not each.coming.done()
                     ]  # it has been heard of
@@ -91,11 +94,19 @@ class Performer:
         match order:
             case protocol.Begin(operation, arguments, named):
                 light = getattr(self.qnic, operation)(*arguments, **named)
-                return expected(light, arguments[0])
+                return expected(light, *_blocks_of(arguments))
             case protocol.Do(operation, arguments, named):
                 return await getattr(self.qnic, operation)(*arguments, **named)
             case protocol.Collect(light, timeout_s):
                 return await collected(self.qnic, cast(Expected, light), timeout_s)
+            case protocol.Await(lights, timeout_s):
+                tasks = [cast(Expected, light).coming for light in lights]
+                first = asyncio.FIRST_COMPLETED
+                await asyncio.wait(tasks, timeout=_finite(timeout_s), return_when=first)
+                return tuple(task.done() for task in tasks)
+            case protocol.Cancel(light):
+                cast(Expected, light).cancel()
+                return await asyncio.wait([cast(Expected, light).coming])
             case protocol.Now():
                 return now_s()
             case protocol.Through(connection, steps):
@@ -108,19 +119,22 @@ class Performer:
                 going = [task for task in self._going if not task.done()]
                 self._going = [*going, self._beside.create_task(self.perform(steps))]
                 return None
-            case protocol.Until(done):
-                return await self._until(done)
+            case protocol.Until(done, timeout_s):
+                return await self._until(done, timeout_s)
             case _:
                 raise ValueError(f"{order} at {type(self).__name__}, which cannot do it")
 
-    async def _until(self, done: Callable[[], Any]) -> None:
-        while not done():
-            entry = done, asyncio.get_running_loop().create_future()
-            self._waiting.append(entry)
-            try:
-                await entry[1]
-            finally:
-                self._waiting.remove(entry)
+    async def _until(self, done: Callable[[], Any], timeout_s: float) -> bool:
+        with suppress(TimeoutError):
+            async with asyncio.timeout(_finite(timeout_s)):
+                while not done():
+                    entry = done, asyncio.get_running_loop().create_future()
+                    self._waiting.append(entry)
+                    try:
+                        await entry[1]
+                    finally:
+                        self._waiting.remove(entry)
+        return bool(done())
 
     def _look(self) -> None:
         """Let those go on for whom it is so now; who goes on first may undo it for the others."""
@@ -139,12 +153,21 @@ async def _to_the_end(work: Coroutine[Any, Any, Any]) -> Any:
         raise
 
 
-def expected(
-    light: Coroutine[Any, Any, Any], blocks: BlockName | tuple[BlockName, ...]
-) -> Expected:
+def _finite(timeout_s: float) -> float | None:
+    return None if timeout_s == inf else timeout_s
+
+
+def _blocks_of(arguments: tuple[Any, ...]) -> tuple[BlockName, ...]:
+    """Return what an operation of Qnic waits for: a block, several, or a number's two halves."""
+    first = arguments[0]
+    if isinstance(first, int):
+        return tuple(BlockName(first, arguments[1], half) for half in (0, 1))
+    return first if isinstance(first, tuple) else (first,)
+
+
+def expected(light: Coroutine[Any, Any, Any], *blocks: BlockName) -> Expected:
     """Begin with an operation that waits for light of these blocks."""
-    coming = asyncio.create_task(light, name=f"light of {blocks}")
-    return Expected(coming, (blocks,) if isinstance(blocks, BlockName) else blocks)
+    return Expected(asyncio.create_task(light, name=f"light of {blocks}"), blocks)
 
 
 async def collected(qnic: Qnic, light: Expected, timeout_s: float) -> Any:
@@ -153,7 +176,7 @@ async def collected(qnic: Qnic, light: Expected, timeout_s: float) -> Any:
     Whether one has is for the hardware to say: this host may have been too busy to hear of it.
     """
     try:
-        await asyncio.wait([light.coming], timeout=timeout_s)
+        await asyncio.wait([light.coming], timeout=_finite(timeout_s))
         if not light.coming.done():
             qnic.give_up(*light.blocks)
         return await light.coming

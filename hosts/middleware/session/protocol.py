@@ -6,13 +6,17 @@
     HearNext()                  the opener's next message; None at the end of the session
     Do(operation, ...)          what an operation of this host's QNIC returns
     Begin(operation, ...)       a Light, under way; Collect tells what has come of it
+    Await(lights), Cancel       which of them are over, as soon as one is; nothing
     Emit, Herald, Announce      by the session's source: nothing, Heralds, and Symbols
+    BeginEmit(block, ...)       the same as Emit, under way: a Light
     Tell(summary), Now()        the application; seconds of the network's clock
+    Deliver(data)               bytes, to the application
+    Join(setup), Leave          a further connection to the other end: Joined; nothing
     Through(connection, steps)  what comes of steps by way of another connection
     Wait(for_what)              what comes by another way, which who began the protocol knows
     Work(function, ...)         what a function returns that takes long
     Beside(steps)               further steps, carried out at the same time
-    Until(done)                 nothing, when it is so; steps beside these make it so
+    Until(done)                 whether it is so, in time; steps beside these make it so
 
 No socket, no clock: what decides stands here and in the services, and whoever carries the orders
 out (performing.py, ends.py) waits. What goes wrong there is raised where the order was given.
@@ -20,7 +24,17 @@ out (performing.py, ends.py) waits. What goes wrong there is raised where the or
 
 from collections.abc import Awaitable, Callable, Coroutine, Generator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Concatenate, NewType, ParamSpec, Protocol, TypeAlias, TypeVar
+from math import inf
+from typing import (
+    Any,
+    Concatenate,
+    NamedTuple,
+    NewType,
+    ParamSpec,
+    Protocol,
+    TypeAlias,
+    TypeVar,
+)
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,7 +43,7 @@ from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Heralds, Qnic, Stored
 from hosts.middleware.session.errors import SessionError, unexpected
 from hosts.middleware.session.values import Lifetimes, Numbers, expect, values
-from hosts.timeouts import ANSWER_TIMEOUT_S, GRACE_S, LIGHT_TIMEOUT_S
+from hosts.timeouts import ANSWER_TIMEOUT_S, GRACE_S, IDLE_TIMEOUT_S, LIGHT_TIMEOUT_S
 from wire.features import NodeFeatures
 from wire.metadata.blocks import Finish
 from wire.metadata.header import Message
@@ -65,6 +79,7 @@ class HearNext:
     """Wait for what the opener does next, which may be nothing for long; None: it has gone."""
 
     begins: bool = False  # a block, or is about none; others hear what else there is
+    timeout_s: float = IDLE_TIMEOUT_S
 
 
 @dataclass(frozen=True)
@@ -86,7 +101,25 @@ class Collect:
     """Wait for light that has left, and a grace at most; None if no photon has come."""
 
     light: Light
-    timeout_s: float
+    timeout_s: float = inf
+
+
+@dataclass(frozen=True)
+class Await:
+    """Wait until one of several is over, but go on in time; which are? A tuple of bool.
+
+    What has come of them is for Collect to tell: those that are not over go on.
+    """
+
+    lights: tuple[Light, ...]
+    timeout_s: float = inf
+
+
+@dataclass(frozen=True)
+class Cancel:
+    """Expect light no longer, whatever comes of it."""
+
+    light: Light
 
 
 @dataclass(frozen=True)
@@ -95,6 +128,18 @@ class Emit:
 
     block: int
     pairs: int
+
+
+@dataclass(frozen=True)
+class BeginEmit:
+    """Have the source of the session begin with a block: a Light, over when that has left.
+
+    The source tells so. Where several blocks may be under way it is asked, if the light is late.
+    """
+
+    block: int
+    pairs: int
+    under_way: int = 1  # blocks at most, with this one
 
 
 @dataclass(frozen=True)
@@ -119,6 +164,28 @@ class Tell:
 
     summary: Figures
     at_the_end: bool = True  # it is its summary, too, if nothing comes behind it
+
+
+@dataclass(frozen=True)
+class Deliver:
+    """Pass bytes to the application; waits while it does not read."""
+
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Join:
+    """Open a further connection to the other end, with this set-up; what it answers is Joined."""
+
+    setup: Setup
+
+
+@dataclass(frozen=True)
+class Leave:
+    """Close a further connection; `seen`: over when the other end has closed it, too."""
+
+    connection: object
+    seen: bool = False
 
 
 @dataclass(frozen=True)
@@ -161,9 +228,13 @@ class Beside:
 
 @dataclass(frozen=True)
 class Until:
-    """Wait until something is so, which steps that are carried out at the same time bring about."""
+    """Wait until something is so, which steps that are carried out at the same time bring about.
+
+    Is it? Not if it takes longer than this.
+    """
 
     done: Callable[[], Any]
+    timeout_s: float = inf
 
 
 Order: TypeAlias = (  # Begin is a Do
@@ -172,10 +243,16 @@ Order: TypeAlias = (  # Begin is a Do
     | HearNext
     | Do
     | Collect
+    | Await
+    | Cancel
     | Emit
+    | BeginEmit
     | Herald
     | Announce
     | Tell
+    | Deliver
+    | Join
+    | Leave
     | Now
     | Through
     | Wait
@@ -184,6 +261,13 @@ Order: TypeAlias = (  # Begin is a Do
     | Until
 )
 Steps: TypeAlias = Generator[Order, Any, T]
+
+
+class Joined(NamedTuple):
+    """A further connection of a session, and what the other end has said to its set-up."""
+
+    connection: object
+    answer: Answer
 
 
 class Connection(Protocol):

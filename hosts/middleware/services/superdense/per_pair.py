@@ -9,105 +9,67 @@ nothing is made ahead, as in the paper, and each pair has a light path of its ow
 
     pair 1   |-- handshake --|-- light --| close
     pair 2                                      |-- handshake --|-- light --| close
+
+No socket, no clock.
 """
 
-import asyncio
-from collections import deque
-from collections.abc import Awaitable, Callable, Iterable
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from operator import contains
 
-import numpy as np
-
-from hosts.hardware.qnic import NoLight, Symbols
-from hosts.middleware.services.superdense.sender import Singles
-from hosts.middleware.session.channel import MetadataChannel
+from hosts.hardware.qnic import Symbols
+from hosts.middleware.services.superdense.sender import Sender, Singles
 from hosts.middleware.session.encoding import to_paulis
+from hosts.middleware.session.protocol import Beside, Join, Leave, Steps, Until
 
 HANDSHAKES_AHEAD = 3
 LIGHTS_AT_A_TIME = 2
 
-
-@dataclass(frozen=True)
-class Agreed:
-    """A light path that is up, and by which operators symbols are sent over it."""
-
-    channel: MetadataChannel
-    encoding: int
+# Sends one pair on by this operator; when (ns) it left, None if there was no light.
+SendOn = Callable[[int, Symbols], Steps[int | None]]
 
 
-ShakeHands = Callable[[int], Awaitable[Agreed]]
-Light = Callable[[int, Symbols], Awaitable[int]]
-
-
+@dataclass
 class PerPair:
     """Sends photons each under a handshake of its own."""
 
-    def __init__(self, shake_hands: ShakeHands, light: Light, sequential: bool = False) -> None:
-        """Sequential: a handshake begins when the pair before it is over."""
-        self._shake_hands = shake_hands
-        self._light = light
-        self._sequential = sequential
-        self._ahead = 1 if sequential else HANDSHAKES_AHEAD
-        self._at_a_time = 1 if sequential else LIGHTS_AT_A_TIME
-        self._handshakes: deque[asyncio.Task[Agreed]] = deque()
-        self._lights: deque[asyncio.Task[int]] = deque()
+    sender: Sender
+    send_on: SendOn
+    sequential: bool = False  # a handshake begins when the pair before it is over
+    # By number of the pair: an open connection, and by which operators symbols are sent then;
+    _agreed: dict[int, tuple[object, int]] = field(default_factory=dict, init=False)
+    _over: dict[int, int] = field(default_factory=dict, init=False)  # and when (ns) it was sent
 
-    async def send(self, order: Singles) -> int:
+    def send(self, order: Singles) -> Steps[int]:
         """Send pairs; one without light is just lost. Return when the first was sent (ns)."""
-        first, symbols, count = order.first, order.symbols, order.symbols.size
-        sent_ns = []
-        try:
-            for index in range(count):
-                ahead = min(index + self._ahead, count)
-                self._begin_handshakes(range(first + index, first + ahead))
-                before = self._lights[-1] if self._lights else None
-                agreed = await self._handshakes.popleft()
-                pair = self._pair(first + index, agreed, symbols[index : index + 1], before)
-                self._lights.append(asyncio.create_task(pair))
-                if len(self._lights) == self._at_a_time:
-                    sent_ns.append(await self._lights.popleft())
-            sent_ns += await asyncio.gather(*self._lights)
-        finally:
-            await self._abandon()
-        return int(np.max(sent_ns[:1], initial=0))
+        first, count, begun = order.first, order.symbols.size, 0
+        ahead, at_a_time = (1, 1) if self.sequential else (HANDSHAKES_AHEAD, LIGHTS_AT_A_TIME)
+        self._over.clear()
+        for index in range(count):
+            while begun < min(index + ahead, count):
+                yield Beside(self._shake_hands(first + begun))
+                begun += 1
+            number = first + index
+            yield Until(partial(contains, self._agreed, number))
+            yield Beside(self._pair(number, order.symbols[index : index + 1], number == first))
+            if index + 1 >= at_a_time:
+                yield from self._until_over(number + 1 - at_a_time)
+        yield from self._until_over(first + count - 1)
+        return self._over[first]
 
-    def _begin_handshakes(self, numbers: range) -> None:
-        for number in numbers[len(self._handshakes) :]:
-            self._handshakes.append(asyncio.ensure_future(self._shake_hands(number)))
+    def _shake_hands(self, number: int) -> Steps[None]:
+        """Make the handshake of a pair; the path stays up until its connection is closed."""
+        connection, answer = yield Join(self.sender.single(number))
+        self._agreed[number] = connection, self.sender.single_encoding(answer)
 
-    async def _pair(
-        self,
-        number: int,
-        agreed: Agreed,
-        symbol: Symbols,
-        before: asyncio.Task[int] | None,
-    ) -> int:
-        try:
-            sent_ns = await self._light(number, to_paulis(symbol, agreed.encoding))
-        except NoLight:
-            sent_ns = 0
-        finally:
-            if before is not None:
-                await asyncio.wait([before])
-            if not self._sequential:
-                agreed.channel.close()
-        if self._sequential:
-            await agreed.channel.end()
-        return sent_ns
+    def _pair(self, number: int, symbol: Symbols, is_first: bool) -> Steps[None]:
+        connection, encoding = self._agreed.pop(number)
+        sent_ns = yield from self.send_on(number, to_paulis(symbol, encoding))
+        if not is_first:
+            yield from self._until_over(number - 1)
+        yield Leave(connection, seen=self.sequential)
+        self._over[number] = sent_ns or 0
 
-    async def _abandon(self) -> None:
-        """End what was begun and is not needed any more."""
-        await cancelled(self._lights)
-        for outcome in await cancelled(self._handshakes):
-            if isinstance(outcome, Agreed):
-                outcome.channel.close()
-        self._lights.clear()
-        self._handshakes.clear()
-
-
-async def cancelled(tasks: Iterable[asyncio.Task[Any]]) -> list[Any]:
-    """Cancel tasks and return what became of each."""
-    for task in tasks:
-        task.cancel()
-    return await asyncio.gather(*tasks, return_exceptions=True)
+    def _until_over(self, number: int) -> Steps[None]:
+        yield Until(partial(contains, self._over, number))
