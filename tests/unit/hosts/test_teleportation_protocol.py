@@ -1,35 +1,36 @@
-"""Sender and receiver of teleportation back to back: a list for a network, vectors for light.
+"""Both ends of teleportation back to back: bytes in lists, vectors for light.
 
 What becomes of a qubit is worked out here on vectors of three qubits, the state and both halves of
 a pair Phi+, without the simulator.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from steps_scene import Flying, Scene
+from test_distribution_protocol import FOREVER, NODE_FEATURES
 
-from hosts.hardware.qnic import Symbols
-from hosts.middleware.services.teleportation.protocol import (
-    Correct,
-    Look,
-    Receiver,
-    Sender,
-    Teleport,
-)
-from hosts.middleware.services.teleportation.qubit_states import NAMES, Cardinal
+from hosts.hardware.operations import BlockName
+from hosts.hardware.qnic import Outcomes, Stored, Symbols
+from hosts.middleware.services.teleportation.protocol import STATE_BLOCKS, receive, send
+from hosts.middleware.services.teleportation.qubit_states import NAMES
+from hosts.middleware.session import protocol
 from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.protocol import HostSide, OpenerSide
 from hosts.middleware.session.values import values
-from wire.metadata.decoding import decode
-from wire.metadata.setup import Setup
-from wire.metadata.values import Topic, Values
+from wire.metadata.blocks import Finish
+from wire.metadata.setup import Answer, Setup
+from wire.metadata.values import Topic
 from wire.metadata.vocabulary import Handshake, Reason, Service
 from wire.outcomes import Pauli
+from wire.results.figures import TeleportFigures
 
 SETUP = Setup(5, Service.TELEPORT, Handshake.FRAMED, "10.0.0.3", 50, 1, 1_000_000)
 EVERY, LINEAR = frozenset(range(4)), frozenset({1, 3})
 COUNT, LOST = 240, 255
+WAITED_NS = 700_000
 
 Vector = NDArray[np.complex128]
 ROOT = np.sqrt(0.5)
@@ -51,119 +52,180 @@ def teleported(state: Vector, outcome: int, turned: int) -> Vector:
     return np.asarray(2 * left)
 
 
-def over_the_wire(message: Values) -> Values:
-    read = decode(message.encode())
-    assert isinstance(read, Values)
-    return read
+@dataclass
+class Bench:
+    """The source, the fibres, and the hardware of both hosts."""
+
+    scene: Scene
+    turned: int  # the Pauli operator of the paths
+    unlit: frozenset[int] = frozenset()  # blocks of which no light comes to either end
+    lost: frozenset[int] = frozenset()  # places in a block that do not click at the acceptor
+    draws: np.random.Generator = field(default_factory=lambda: np.random.default_rng(2))
+    sizes: list[int] = field(default_factory=list)
+    states: list[int] = field(default_factory=list)  # all that were sent
+    measured: list[int] = field(default_factory=list)  # all Bell states that were found
+    told: list[TeleportFigures] = field(default_factory=list)  # to both ends
+
+    def emit(self, _block: int, pairs: int) -> None:
+        """Let the source make a block."""
+        self.sizes.append(pairs)
+        self.scene.now_s += 1
+
+    def receive_into_memory(self, name: BlockName, _port: str, _timeout_s: float) -> Flying:
+        """Store what comes of a block."""
+
+        def come() -> bool:
+            return len(self.sizes) >= name.number
+
+        def outcome() -> Stored | None:
+            lit = name.number not in self.unlit
+            return Stored(np.ones(self.sizes[name.number - 1], dtype=bool), 5) if lit else None
+
+        return Flying(come, outcome)
+
+    def prepare(self, session: int, number: int, states: Symbols) -> BlockName:
+        """Make states."""
+        self.states += states.tolist()
+        return BlockName(session, number, 0)
+
+    def bell_measure(self, states: BlockName, half: BlockName) -> Symbols:
+        """Find each of four Bell states as often as the others."""
+        assert states == BlockName(5, STATE_BLOCKS + half.number, 0)
+        found = self.draws.integers(0, 4, self.sizes[-1], dtype=np.uint8)
+        self.measured += found.tolist()
+        return found
+
+    def outcomes(self, name: BlockName, bases: Symbols, operators: Symbols) -> Outcomes:
+        """Measure the other halves behind operators, in bases in which each has a value."""
+        assert name.half == 1
+        found: list[int] = []
+        for state, seen, basis, operator in zip(
+            self.states[-bases.size :],
+            self.measured[-bases.size :],
+            bases,
+            operators,
+            strict=True,
+        ):
+            arrived = PAULIS[operator] @ teleported(VECTORS[state], seen, self.turned)
+            share = abs(np.vdot(VECTORS[2 * basis], arrived)) ** 2
+            assert min(share, 1 - share) < 1e-12  # Paulis take cardinal states to such
+            found.append(LOST if len(found) in self.lost else int(share < 0.5))
+        return Outcomes(np.array(found, np.uint8), 5 + WAITED_NS)
 
 
 class Ends:
-    """A sender, a receiver, and what becomes of the qubits between them."""
+    """Both ends of a session for random states."""
 
-    def __init__(self, setup: Setup = SETUP, known: frozenset[int] = EVERY) -> None:
-        self.sender = Sender(setup, "random", COUNT, known, np.random.default_rng(1))
-        self.receiver = Receiver(setup)
-        self.draws = np.random.default_rng(2)
-        self.turned: int = setup.rotation
-        self.outcomes: list[int] = []
-        self.sizes: list[int] = []
+    def __init__(
+        self,
+        setup: Setup = SETUP,
+        known: frozenset[int] = EVERY,
+        turned: int | None = None,
+        unlit: frozenset[int] = frozenset(),
+        lost: frozenset[int] = frozenset(),
+        count: int = COUNT,
+    ) -> None:
+        self.scene = scene = Scene()
+        self.bench = Bench(scene, setup.rotation if turned is None else turned, unlit, lost)
+        self.alice, self.bob = scene.connection(self.bench, self.bench)
+        common = NODE_FEATURES, FOREVER, known
+        draws = np.random.default_rng(1), np.random.default_rng(3)
+        opener = OpenerSide(
+            *(setup, ("a-q0",), "10.0.0.2", "alice", draws[0], *common),
+            *("bob", NODE_FEATURES, FOREVER, False),
+        )
+        acceptor = HostSide(setup, ("b-q0",), "10.0.0.1", "bob", draws[1], *common)
+        self.sending = scene.begin(self.alice, send(opener, "random", count))
+        self.receiving = scene.begin(self.bob, receive(acceptor))
 
-    def block(self, order: Teleport, lost: Symbols | None = None) -> None:
-        """Teleport a block; `lost` photons do not click at the receiver."""
-        assert isinstance(order.states, Cardinal)
-        self.sizes.append(order.size)
-        outcomes = self.draws.integers(0, 4, order.size, dtype=np.uint8)
-        self.outcomes += outcomes.tolist()
-        self.receiver.announced(order.block, order.size)
-        orders = [
-            self.receiver.hear(over_the_wire(message)) for message in self.sender.measured(outcomes)
-        ]
-        seen, correct, look = orders
-        assert seen is None
-        assert isinstance(correct, Correct)
-        assert isinstance(look, Look)
-        assert isinstance(look.states, Cardinal)
-        found = self.found(order.states, outcomes, correct.operators, look.states)
-        if lost is not None:
-            found[lost] = LOST
-        self.sender.heard(over_the_wire(self.receiver.measured(found, 700)))
-
-    def found(
-        self, sent: Cardinal, outcomes: Symbols, operators: Symbols, looked: Cardinal
-    ) -> Symbols:
-        """Return 0 where the qubit is in the state that is looked for, 1 where orthogonal to it."""
-        each = []
-        for state, outcome, operator, wanted in zip(
-            sent.symbols, outcomes, operators, looked.symbols, strict=True
-        ):
-            arrived = teleported(VECTORS[state], int(outcome), self.turned)
-            share = abs(np.vdot(VECTORS[wanted], PAULIS[operator] @ arrived)) ** 2
-            assert min(share, 1 - share) < 1e-12  # Paulis take cardinal states to such
-            each.append(share < 0.5)
-        return np.array(each, dtype=np.uint8)
-
-    def run(self) -> None:
-        while (order := self.sender.next_block()) is not None:
-            self.block(order)
+    def run(self) -> tuple[TeleportFigures, TeleportFigures]:
+        """Return what both applications are told in the end."""
+        self.scene.run(self.sending)
+        self.alice.say(Finish(5, 0, bytes(32)))
+        self.scene.run(self.receiving)
+        theirs, ours = self.bench.told[-2:]
+        assert vars(ours) == vars(theirs)  # time stands still between the two
+        return ours, theirs
 
 
 @pytest.mark.parametrize("rotation", list(Pauli))
 def test_every_state_appears_behind_any_known_rotation(rotation: Pauli) -> None:
     ends = Ends(replace(SETUP, rotation=rotation))
-    ends.run()
-    assert ends.sizes == [50, 50, 50, 50, 40]
-    for tally in (ends.sender.tally, ends.receiver.tally):
-        assert (tally.states, tally.arrived, tally.agreed) == (COUNT, COUNT, COUNT)
-        assert tally.summary(2.0).waited_ms == pytest.approx(0.7)
+    for told in ends.run():
+        assert (told.states, told.arrived, told.fidelity) == (COUNT, COUNT, 1)
+        assert told.waited_ms == pytest.approx(0.7)
+        assert (told.elapsed_s, told.states_per_s) == (5, COUNT / 5)
+    assert ends.bench.sizes == [50, 50, 50, 50, 40]
 
 
 def test_a_rotation_that_nobody_knows_leaves_its_own_eigenstates_alone() -> None:
-    ends = Ends()
-    ends.turned = Pauli.Z
-    agreed = 0
-    while (order := ends.sender.next_block()) is not None:
-        assert isinstance(order.states, Cardinal)
-        agreed += sum(NAMES[symbol] in "01" for symbol in order.states.symbols)
-        ends.block(order)
+    ends = Ends(turned=Pauli.Z)
+    told, _theirs = ends.run()
+    agreed = sum(NAMES[symbol] in "01" for symbol in ends.bench.states)
     assert 0 < agreed < COUNT
-    assert ends.sender.tally.agreed == agreed
+    assert told.fidelity == agreed / COUNT
 
 
 def test_only_bell_states_that_are_told_apart_carry_a_state() -> None:
     ends = Ends(known=LINEAR)
-    ends.run()
-    arrived = sum(outcome in LINEAR for outcome in ends.outcomes)
+    told, _theirs = ends.run()
+    arrived = sum(outcome in LINEAR for outcome in ends.bench.measured)
     assert 0 < arrived < COUNT
-    assert ends.sender.tally.arrived == ends.sender.tally.agreed == arrived
+    assert (told.arrived, told.fidelity) == (arrived, 1)
 
 
 def test_a_photon_without_a_click_has_not_arrived() -> None:
-    ends = Ends()
-    order = ends.sender.next_block()
-    assert order is not None
-    ends.block(order, lost=np.array([3, 8, 9], np.uint8))
-    assert (ends.sender.tally.states, ends.sender.tally.arrived) == (50, 47)
+    told, _theirs = Ends(lost=frozenset({3, 8, 9})).run()
+    assert (told.states, told.arrived, told.fidelity) == (COUNT, COUNT - 3 * 5, 1)
 
 
 def test_a_block_without_light_counts_and_tells_what_was_meant() -> None:
-    ends = Ends()
-    order = ends.sender.next_block()
-    assert order is not None
-    ends.receiver.announced(order.block, order.size)
-    for message in ends.sender.measured(None):
-        ends.receiver.hear(over_the_wire(message))
-    ends.sender.heard(over_the_wire(ends.receiver.measured(None, 0)))
-    for tally in (ends.sender.tally, ends.receiver.tally):
-        assert (tally.states, tally.arrived) == (50, 0)
-        assert tally.summary(1.0).fidelity is None
+    ends = Ends(unlit=frozenset({2}))
+    told, _theirs = ends.run()
+    assert (told.states, told.arrived, told.fidelity) == (COUNT, COUNT - 50, 1)
+    said = [message for message in ends.alice.said if getattr(message, "block", 0) == 2]
+    topics = [Topic.COMING, Topic.ARRIVED, Topic.CORRECTIONS, Topic.STATES]
+    assert [message.topic for message in said] == topics  # type: ignore[attr-defined]
+    assert ends.bob.said[2 * 2 - 1] == values(5, Topic.COUNTS, 2, [0, 0, 0], 32)
+    dark = Ends(unlit=frozenset(range(1, 6))).run()
+    assert [each.fidelity for each in dark] == [None, None]
+
+
+def test_nothing_is_measured_before_the_bits_have_come_however_they_are_cut() -> None:
+    whole = Ends(count=60)
+    whole.run()
+    for one, other in ((whole.alice, "bob"), (whole.bob, "alice")):
+        for place in range(1, len(one.sent)):
+            ends = Ends(count=60)
+            getattr(ends, other).arrives = place
+            ends.run()
+            assert ends.bob.sent == whole.bob.sent
+            told = [order for _when, wire, order in ends.scene.orders if wire is ends.bob]
+            heard = [isinstance(order, protocol.Hear) for order in told]
+            measured = [getattr(order, "operation", "") == "outcomes" for order in told]
+            before = [sum(heard[:place]) for place in np.flatnonzero(measured)]
+            assert before == [3, 6]
+
+
+@pytest.mark.parametrize("gone", ["alice", "bob"])
+def test_an_end_that_is_gone_anywhere_ends_the_session(gone: str) -> None:
+    whole = Ends(count=60)
+    whole.scene.run(whole.sending)
+    sent, other = (whole.alice, "bob") if gone == "alice" else (whole.bob, "alice")
+    for place in range(len(sent.sent)):
+        ends = Ends(count=60)
+        getattr(ends, other).ends = place
+        with pytest.raises(SessionError):
+            ends.scene.run(ends.sending)
+        assert len(ends.bench.told) < len(whole.bench.told)
 
 
 def test_bits_of_another_block_or_out_of_order_are_refused() -> None:
-    receiver = Receiver(SETUP)
-    receiver.announced(3, 2)
-    for topic, block in ((Topic.CORRECTIONS, 3), (Topic.ARRIVED, 4)):
+    for topic, block in ((Topic.CORRECTIONS, 1), (Topic.ARRIVED, 2)):
+        ends = Ends()
+        ends.scene.going.remove(ends.sending)
+        ends.alice.say(values(5, Topic.COMING, 1, [2], 32), values(5, topic, block, [0, 1], 1))
         with pytest.raises(SessionError) as caught:
-            receiver.hear(values(5, topic, block, [0, 1], 1))
+            ends.scene.run(ends.receiving)
         assert caught.value.reason == Reason.PROTOCOL
-    with pytest.raises(ValueError, match="correct first"):
-        receiver.measured(None, 0)
+        assert ends.bob.said == [Answer(5, Reason.OK)]

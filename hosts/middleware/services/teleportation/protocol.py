@@ -1,14 +1,12 @@
 """The protocol of teleportation at both ends: no socket, no clock.
 
-    Sender                                          Receiver
-    next_block()  an order: pairs, and states       announced(message)  how many photons to store
-                  to put in                         hear(message)       ARRIVED, CORRECTIONS:
-    measured()    what to tell of it          ->                        an order to correct;
-                                                                        then the states: an order
-                                                                        to measure
-    heard()       COUNTS                      <-    measured()          what has come of the block
-
-teleport.py carries the messages and has photons made, corrected and measured.
+alice                       charlie                    bob
+  | <-- light, half 0 --------- | -- light, half 1 ----> |  into memory
+  | Bell measurement of state and half 0                 |
+  | Values(ARRIVED) -----------------------------------> |  of which two bits come
+  | Values(CORRECTIONS), a real packet ----------------> |  waits for it, then corrects
+  | Values(STATES or DIRECTIONS) ----------------------> |  measures each for its own state
+  | <---------------------------------- Values(COUNTS)   |
 """
 
 from dataclasses import dataclass
@@ -16,18 +14,30 @@ from math import sqrt
 
 import numpy as np
 
-from hosts.hardware.qnic import Symbols
+from hosts.hardware.operations import BlockName
+from hosts.hardware.qnic import Outcomes, Qnic, Symbols
 from hosts.middleware.services.teleportation import qubit_states
-from hosts.middleware.services.teleportation.qubit_states import Heard, States
+from hosts.middleware.services.teleportation.qubit_states import Cardinal, Heard, States
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.values import Numbers, expect, values
-from wire.metadata.setup import Setup
+from hosts.middleware.session.protocol import (
+    Hear,
+    HostSide,
+    Now,
+    OpenerSide,
+    Say,
+    Steps,
+    Tell,
+    do,
+    hear,
+)
+from hosts.timeouts import ANSWER_TIMEOUT_S
 from wire.metadata.values import Topic, Values
 from wire.metadata.vocabulary import Reason
 from wire.outcomes import NO_COINCIDENCE
 from wire.results.figures import TeleportFigures
 
 MAX_NUMBER = (1 << 32) - 1
+STATE_BLOCKS = 1 << 31  # numbers of the blocks of states, beside those of pairs
 
 
 @dataclass
@@ -61,119 +71,85 @@ class Tally:
         )
 
 
-@dataclass(frozen=True)
-class Teleport:
-    """An order: have so many pairs made, and measure these states with their halves 0."""
-
-    block: int
-    size: int
-    states: States
-
-
-@dataclass(frozen=True)
-class Correct:
-    """An order: apply an operator to each photon that is stored; shape (k,)."""
-
-    operators: Symbols
-
-
-@dataclass(frozen=True)
-class Look:
-    """An order: measure each photon for its own state."""
-
-    states: States
+def send(side: OpenerSide, state: str, count: int) -> Steps[None]:
+    """Teleport so many states of this name, block after block."""
+    tally, began_s, number = Tally(), (yield Now()), 0
+    while left := count - tally.states:
+        number, size = number + 1, min(left, side.setup.pairs)
+        states = qubit_states.chosen(state, side.draws, size)
+        outcomes = yield from _measured(side, number, states, size)
+        seen = np.isin(outcomes, list(side.distinguishable_states))
+        yield side.say(Topic.ARRIVED, number, seen, 1)
+        # The Bell state's number is the operator that undoes it.
+        yield side.say(Topic.CORRECTIONS, number, np.where(seen, outcomes, 0), 2)
+        for message in states.messages(side.setup.session, number):
+            yield Say((message,))
+        counts = yield from hear(Topic.COUNTS, number, 3, MAX_NUMBER)
+        tally.add(size, *counts.tolist())
+        yield Tell(tally.summary((yield Now()) - began_s))
 
 
-class Sender:
-    """The end that has the states."""
-
-    def __init__(
-        self,
-        setup: Setup,
-        state: str,
-        count: int,
-        distinguishable_states: frozenset[int],
-        draws: np.random.Generator,
-    ) -> None:
-        """Teleport so many states of this name, where these Bell states are told apart."""
-        self._setup, self._state, self._count, self._draws = setup, state, count, draws
-        self._distinguishable = list(distinguishable_states)
-        self._number = self._size = 0  # of the block under way
-        self._states: States | None = None  # of the block under way
-        self.tally = Tally()
-
-    def next_block(self) -> Teleport | None:
-        """Return what to do next; None once all states are sent."""
-        left = self._count - self.tally.states
-        if not left:
-            return None
-        self._number, self._size = self._number + 1, min(left, self._setup.pairs)
-        self._states = qubit_states.chosen(self._state, self._draws, self._size)
-        return Teleport(self._number, self._size, self._states)
-
-    def measured(self, outcomes: Symbols | None) -> list[Values]:
-        """Return what to tell of the Bell states that were found; None: no half 0 has come."""
-        assert self._states is not None
-        if outcomes is None:
-            outcomes = np.full(self._size, NO_COINCIDENCE, dtype=np.uint8)
-        seen = np.isin(outcomes, self._distinguishable)
-        session, number = self._setup.session, self._number
-        return [
-            values(session, Topic.ARRIVED, number, seen, 1),
-            # The Bell state's number is the operator that undoes it.
-            values(session, Topic.CORRECTIONS, number, np.where(seen, outcomes, 0), 2),
-            *self._states.messages(session, number),
-        ]
-
-    def heard(self, message: Values) -> None:
-        """Note how many arrived, how many agreed, and how long they waited (us)."""
-        counts = expect(message, Topic.COUNTS, self._number, 3, MAX_NUMBER)
-        self.tally.add(self._size, *counts.tolist())
+def _measured(side: OpenerSide, number: int, states: States, size: int) -> Steps[Symbols]:
+    """Return the Bell states found of a block's states and halves 0 of new pairs."""
+    stored = yield from side.pairs(number, size)
+    if not stored.arrived.any():
+        return np.full(size, NO_COINCIDENCE, dtype=np.uint8)
+    session, block = side.setup.session, STATE_BLOCKS + number
+    if isinstance(states, Cardinal):
+        prepared = yield from do(Qnic.prepare, session, block, states.symbols)
+    else:
+        prepared = yield from do(Qnic.prepare_along, session, block, states.directions)
+    return (yield from do(Qnic.bell_measure, prepared, side.block(number)))
 
 
-class Receiver:
-    """The end where the states appear."""
+def receive(side: HostSide) -> Steps[None]:
+    """Take states in until the opener has no more."""
+    tally, began_s = Tally(), (yield Now())
+    while (coming := (yield from side.announced(side.setup.pairs))) is not None:
+        counts = yield from _take_in(side, *coming)
+        tally.add(coming[1], *counts)
+        yield side.say(Topic.COUNTS, coming[0], counts, 32)
+        yield Tell(tally.summary((yield Now()) - began_s))
 
-    def __init__(self, setup: Setup) -> None:
-        self._setup = setup
-        self._number = self._size = 0  # of the block under way
-        self._seen: Numbers | None = None  # whose two bits the sender has
-        self._corrected = False
-        self._states: Heard | None = None
-        self.tally = Tally()
 
-    def announced(self, number: int, size: int) -> None:
-        """Begin with a block of this number and size."""
-        self._number, self._size = number, size
-        self._seen, self._corrected, self._states = None, False, Heard(number, size)
+def _take_in(side: HostSide, number: int, size: int) -> Steps[tuple[int, int, int]]:
+    """Store, correct and measure a block.
 
-    def hear(self, message: Values) -> Correct | Look | None:
-        """Return what to do now; None: more is to be heard first. SessionError if it is other."""
-        assert self._states is not None
-        if self._seen is None:
-            self._seen = expect(message, Topic.ARRIVED, self._number, self._size, 1)
-            return None
-        if not self._corrected:
-            operators = expect(message, Topic.CORRECTIONS, self._number, self._size, 3)
-            self._corrected = True
-            return Correct(operators.astype(np.uint8) ^ np.uint8(self._setup.rotation))
-        states = self._states.hear(message)
-        return None if states is None else Look(states)
+    Return how many states arrived, how many of these agreed, and how long (us) they waited.
+    """
+    name = side.block(number, half=1)
+    light = yield from side.expect_light(name)
+    yield side.agree()
+    seen = (yield from hear(Topic.ARRIVED, number, size, 1)).astype(bool)
+    bits = yield from hear(Topic.CORRECTIONS, number, size, 3)
+    stored = yield from side.stored(light, size)
+    states = yield from _told(number, size)
+    if not stored.arrived.any():
+        return 0, 0, 0
+    # In one order: what is corrected is measured at once.
+    operators = bits.astype(np.uint8) ^ np.uint8(side.setup.rotation)
+    found = yield from _compared(name, operators, states)
+    waited_us = (found.time_ns - stored.since_ns) // 1000
+    if not 0 <= waited_us <= MAX_NUMBER:
+        raise SessionError(Reason.PROTOCOL, f"a wait of {waited_us} us cannot be told")
+    there = seen & (found.outcomes != NO_COINCIDENCE)
+    agreed = there & (found.outcomes == 0)
+    return int(np.count_nonzero(there)), int(np.count_nonzero(agreed)), waited_us
 
-    def measured(self, found: Symbols | None, waited_us: int) -> Values:
-        """Return what tells the sender of a block: 0 where a state was found, 1 orthogonal to it.
 
-        None: no photon has come.
-        """
-        if self._seen is None or not self._corrected:
-            raise ValueError("measured before the bits were heard: correct first")
-        arrived = agreed = 0
-        if found is not None:
-            there = self._seen.astype(bool) & (found != NO_COINCIDENCE)
-            arrived = int(np.count_nonzero(there))
-            agreed = int(np.count_nonzero(there & (found == 0)))
-        if not 0 <= waited_us <= MAX_NUMBER:
-            raise SessionError(Reason.PROTOCOL, f"a wait of {waited_us} us cannot be told")
-        self.tally.add(self._size, arrived, agreed, waited_us)
-        counts = arrived, agreed, waited_us
-        return values(self._setup.session, Topic.COUNTS, self._number, counts, 32)
+def _told(number: int, size: int) -> Steps[States]:
+    """Return the states that the other end has sent."""
+    heard, states = Heard(number, size), None
+    while states is None:
+        message: Values = yield Hear(Values, ANSWER_TIMEOUT_S, number)
+        states = heard.hear(message)
+    return states
+
+
+def _compared(name: BlockName, operators: Symbols, states: States) -> Steps[Outcomes]:
+    """Correct each qubit and measure its state: 0 as it should be, 1 orthogonal, 255 no click."""
+    if isinstance(states, Cardinal):
+        told = yield from do(Qnic.outcomes, name, states.bases, operators)
+        agrees = np.where(told.outcomes <= 1, told.outcomes ^ states.bits, NO_COINCIDENCE)
+        return Outcomes(agrees.astype(np.uint8), told.time_ns)
+    return (yield from do(Qnic.measure_along, name, states.directions, operators))
