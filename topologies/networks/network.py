@@ -23,8 +23,8 @@ from topologies.networks.disk import DiskKeeper
 from topologies.networks.parallel import ParallelMininet
 from topologies.networks.placing import place
 from topologies.nodes import DispatcherHost, OpticalSwitch, QuantumController, QuantumHost
+from topologies.nodes.controller import is_copper_switch
 from topologies.nodes.copper import COPPER
-from topologies.nodes.stations import is_copper_switch
 from topologies.nodes.tls import OPEN_VSWITCH, OPERATOR
 from topologies.system.kernel import interfaces
 from topologies.system.kernel.memory_share import groups_of_gone

@@ -4,13 +4,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from mininet.node import Host, Node
+
 from topologies.links.keywords import refuse_unknown
 from topologies.links.management import lay_management
 from topologies.nodes.addresses import free_address
+from topologies.nodes.classical_switch import ClassicalSwitch
 from topologies.nodes.copper import connect_copper
 from topologies.nodes.node import QuantumNode
+from topologies.nodes.optical_switch import OpticalSwitch
 from topologies.nodes.reached import ManagedController
-from topologies.nodes.stations import stations_of
 from topologies.nodes.tls import ENTRANCE, certify_bridges, entrance
 from topologies.system.processes.programs import Program
 from topologies.system.runs import runtime
@@ -18,7 +21,7 @@ from topologies.system.runs.launching import EarlyStart, launch
 from topologies.system.runs.runtime import CONSOLE
 from topologies.timeouts import READY_TIMEOUT_S
 from wire.announcement import period_s
-from wire.config import ControllerConfig
+from wire.config import ControllerConfig, Station
 from wire.controller_lines import RECORD
 from wire.parameters.network import ControllerSettings, part
 
@@ -133,3 +136,24 @@ class QuantumController(QuantumNode, ManagedController):
             self._entrance.stop()
             self._entrance = None
         self.terminate()
+
+
+def is_copper_switch(node: Node) -> bool:
+    """Return whether a node is a switch of copper, whatever its name; a quantum switch is not."""
+    return isinstance(node, ClassicalSwitch) and not isinstance(node, OpticalSwitch)
+
+
+def stations_of(host: Host) -> list[Station]:
+    """Return where a host is on copper at classical switches."""
+    address, mac = str(host.params["ip"]).partition("/")[0], host.params.get("mac")
+    ends = [
+        (interface, end)
+        for interface in host.intfList()
+        if interface.link is not None
+        for end in (interface.link.intf1, interface.link.intf2)
+        if is_copper_switch(end.node)
+    ]
+    return [
+        Station(int(end.node.dpid, 16), end.node.ports[end], mac or interface.updateMAC(), address)
+        for interface, end in ends
+    ]
