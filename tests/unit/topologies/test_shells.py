@@ -116,6 +116,20 @@ def test_a_shell_that_does_not_answer_at_the_end_is_killed(monkeypatch: pytest.M
     node.terminate()
 
 
+def test_at_the_end_a_command_that_was_given_up_is_in_nobodys_way(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(shells, "COMMAND_TIMEOUT_S", 0.5)
+    node = Watched("watched", inNamespace=False)
+    node.time_limited = True
+    with pytest.raises(NetworkError, match=r"watched did not end 'sleep 60' in 0\.5 s"):
+        node.cmd("sleep 60")
+    node.time_limited, node.ending = False, True
+    assert node.cmd("echo here") == ""
+    assert node.shell_ended
+    node.terminate()
+
+
 def test_a_shell_that_dies_while_the_network_starts_is_named() -> None:
     node = Watched("watched", inNamespace=False)
     node.time_limited = True

@@ -176,6 +176,9 @@ class ShellWatcher:
 
         Raise NetworkError for a shell that ends, or does not answer while it is `time_limited`.
         """
+        if self.ending and self.waiting:  # for a command that was given up, and never ends
+            self._kill_shell()
+            self.waiting = False
         if self.shell_ended:
             self._require_shell()
             return ""
