@@ -185,7 +185,6 @@ CARRIERS = {
     "sensing/sensing.py",
     "superdense/superdense.py",
     "swapping/connections.py",
-    "swapping/repeater.py",
     "swapping/swap.py",
     "teleportation/teleport.py",
 }

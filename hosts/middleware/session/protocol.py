@@ -55,6 +55,8 @@ from wire.results.figures import Figures
 Light = NewType("Light", object)  # under way; only who carries orders out knows what it is
 
 P = ParamSpec("P")
+A = TypeVar("A")
+B = TypeVar("B")
 T = TypeVar("T")
 
 
@@ -425,6 +427,24 @@ def request(message: Message, timeout_s: float = ANSWER_TIMEOUT_S) -> Steps[None
     """Say something that the other end must accept."""
     yield Say((message,))
     yield Hear(Answer, timeout_s)
+
+
+def saying(said: Say) -> Steps[None]:
+    """Say this, as steps."""
+    yield said
+
+
+def together(one: "Steps[A]", other: "Steps[B]") -> "Steps[tuple[A, B]]":
+    """Return what comes of both, which are carried out at the same time."""
+    found: list[B] = []
+    yield Beside(_into(found, other))
+    first = yield from one
+    yield Until(lambda: found)
+    return first, found[0]
+
+
+def _into(found: list[A], steps: "Steps[A]") -> Steps[None]:
+    found.append((yield from steps))
 
 
 def coming(message: Values, most: int) -> tuple[int, int]:

@@ -382,7 +382,7 @@ async def _acceptor(end: Node, last: Node, order: SwapOrder, lifetimes: Lifetime
 
 async def _repeater(ends: tuple[Node, Node], order: SwapOrder) -> None:
     links = IncomingLink(ends[0].side, order), OutgoingLink(ends[1].side, "q1")
-    await Repeater(ends, links, order, STATES).run()
+    await ends[0].perform_together(Repeater(ends[1], links, order, STATES).run())
 
 
 def delivered(memory: Memory) -> list[int | None]:

@@ -45,6 +45,7 @@ from hosts.middleware.session.protocol import (
     hear,
     own_pairs,
     request,
+    saying,
 )
 from hosts.middleware.session.values import Numbers
 from hosts.timeouts import BITS_TIMEOUT_S, REPORT_TIMEOUT_S
@@ -110,14 +111,14 @@ class Right:
         side, size = self.side, there.size
         if lit:
             there = there & (yield from own_pairs(side, number, size, side.ports[-1])).arrived
-        yield Through(self.connection, _say(side, Topic.ARRIVED, number, there, 1))
+        yield Through(self.connection, saying(side.say(Topic.ARRIVED, number, there, 1)))
         heard = yield Through(self.connection, hear(Topic.ARRIVED, number, size, 1, BITS_TIMEOUT_S))
         return heard.astype(bool)  # type: ignore[no-any-return]
 
     def correct(self, number: int, bits: Symbols) -> Steps[Mask]:
         """Tell by what all behind turn their qubits; return which states are left then."""
         side, size = self.side, bits.size
-        yield Through(self.connection, _say(side, Topic.CORRECTIONS, number, bits, 2))
+        yield Through(self.connection, saying(side.say(Topic.CORRECTIONS, number, bits, 2)))
         heard = yield Through(self.connection, hear(Topic.ARRIVED, number, size, 1, BITS_TIMEOUT_S))
         return heard.astype(bool)  # type: ignore[no-any-return]
 
@@ -125,7 +126,7 @@ class Right:
         self, topic: Topic, number: int, values: Any, width: int, shape: tuple[int, int]
     ) -> Steps[Table]:
         """Tell the next host by what all behind measure; return their outcomes, of this shape."""
-        yield Through(self.connection, _say(self.side, topic, number, values, width))
+        yield Through(self.connection, saying(self.side.say(topic, number, values, width)))
         told = hear(Topic.OUTCOMES, number, shape[0] * shape[1], LOST, BITS_TIMEOUT_S)
         heard = yield Through(self.connection, told)
         return heard.astype(np.uint8).reshape(shape)  # type: ignore[no-any-return]
@@ -133,7 +134,7 @@ class Right:
     def tell(self, *said: Say) -> Steps[None]:
         """Say something to the next host."""
         for each in said:
-            yield Through(self.connection, _saying(each))
+            yield Through(self.connection, saying(each))
 
     def hear(
         self, topic: Topic, number: int, count: int, most: int, timeout_s: float
@@ -141,14 +142,6 @@ class Right:
         """Return the numbers that the next host tells."""
         told = hear(topic, number, count, most, timeout_s)
         return (yield Through(self.connection, told))  # type: ignore[no-any-return]
-
-
-def _saying(said: Say) -> Steps[None]:
-    yield said
-
-
-def _say(side: Side, topic: Topic, number: int, values: Any, width: int) -> Steps[None]:
-    yield side.say(topic, number, values, width)
 
 
 def seen(outcomes: Symbols) -> Symbols:

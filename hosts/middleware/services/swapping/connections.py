@@ -89,7 +89,8 @@ async def _repeat(
         try:
             left.agree()
             links = incoming, OutgoingLink(right.side, right.port)
-            await Repeater((left, right), links, order, resources.distinguishable_states).run()
+            repeater = Repeater(right, links, order, resources.distinguishable_states)
+            await left.perform_together(repeater.run())
         except (SessionError, HardwareError) as error:
             await right.give_up(error)
             raise

@@ -1,11 +1,9 @@
-"""A repeater at work: it waits for both its sides at a time; protocol.py says what it does.
+"""The protocol of a repeater, which has two connections: no socket, no clock.
 
-Blocks follow each other before the first of them is done: each is a task, and hears by its number.
+Its steps are carried out by way of the connection to the left, and go through that to the right.
+Blocks follow each other before the first of them is done: each has steps of its own, and hears by
+its number.
 """
-
-import asyncio
-from collections.abc import Coroutine
-from typing import Any, TypeVar
 
 from hosts.middleware.services.swapping.link import (
     IncomingLink,
@@ -14,11 +12,17 @@ from hosts.middleware.services.swapping.link import (
     to_the_left_of,
 )
 from hosts.middleware.services.swapping.protocol import Turn, UnderWay, joined
-from hosts.middleware.session.ends import ConnectionEnd
+from hosts.middleware.session.protocol import (
+    Beside,
+    Connection,
+    Say,
+    Steps,
+    Through,
+    Until,
+    saying,
+    together,
+)
 from wire.device import SwapOrder
-
-A = TypeVar("A")
-B = TypeVar("B")
 
 
 class Repeater:
@@ -26,119 +30,109 @@ class Repeater:
 
     def __init__(
         self,
-        connections: tuple[ConnectionEnd, ConnectionEnd],
+        right: Connection,
         links: tuple[IncomingLink, OutgoingLink],
         order: SwapOrder,
         distinguishable_states: frozenset[int],
     ) -> None:
         """Join two open links as ordered; these Bell states are told apart here."""
-        self._order, self._distinguishable_states = order, distinguishable_states
-        self._left, self._right = connections
+        self._right, self._order = right, order
+        self._distinguishable_states = distinguishable_states
         self._incoming, self._outgoing = links
         self._under_way = UnderWay(order.blocks)
+        self._not_over = 0  # blocks of which more is to be said
 
-    async def run(self) -> None:
+    def run(self) -> Steps[None]:
         """Swap blocks, several beside each other, until the opener ends it.
 
         Raise SessionError if it fails: the first failure ends all.
         """
-        try:
-            async with asyncio.TaskGroup() as blocks:
-                coming = self._incoming.announced
-                while (block := await self._left.perform(coming())) is not None:
-                    self._under_way.begin(block[0])
-                    blocks.create_task(self._swap(*block))
-        except BaseExceptionGroup as failures:
-            raise failures.exceptions[0] from failures
-        await self._right.perform(self._outgoing.finish())
-        await self._left.carry_out(self._incoming.agree())
+        while (block := (yield from self._incoming.announced())) is not None:
+            self._under_way.begin(block[0])
+            self._not_over += 1
+            yield Beside(self._block(*block))
+        yield Until(lambda: not self._not_over)
+        yield Through(self._right, self._outgoing.finish())
+        yield self._incoming.agree()
 
-    async def _swap(self, number: int, size: int) -> None:
-        kept = await together(
-            self._left.perform(self._incoming.take(number, size)),
-            self._right.perform(self._outgoing.make(number, size)),
-        )
+    def _block(self, number: int, size: int) -> Steps[None]:
+        yield from self._swap(number, size)
+        self._not_over -= 1
+
+    def _swap(self, number: int, size: int) -> Steps[None]:
+        kept = yield from together(self._incoming.take(number, size), self._made(number, size))
         if self._order.rounds:
-            await self._purify_and_join(number, kept)
+            yield from self._purify_and_join(number, kept)
             return
-        turn, has_come = Turn(self._order), asyncio.Event()
-        if turn.has_come:  # there may be none to wait for
-            has_come.set()
-        await together(self._pass_on(number, turn, has_come), self._join(number, kept, has_come))
+        turn = Turn(self._order)
+        yield from together(self._pass_on(number, turn), self._join(number, kept, turn))
 
-    async def _purify_and_join(self, number: int, kept: tuple[Kept, Kept]) -> None:
+    def _made(self, number: int, size: int) -> Steps[Kept]:
+        kept: Kept = yield Through(self._right, self._outgoing.make(number, size))
+        return kept
+
+    def _purify_and_join(self, number: int, kept: tuple[Kept, Kept]) -> Steps[None]:
         """Swap what is left when all that ends here is purified; then pass on what others tell."""
-        order = self._order
-        left = self._incoming.purify(number, kept[0].size, order, order.seed(number))
-        right = self._outgoing.purify(number, kept[1].size, order)
-        sizes = await together(self._left.perform(left), self._right.perform(right))
-        purified = kept[0]._replace(size=sizes[0]), kept[1]._replace(size=sizes[1])
-        await self._tell_of_swap(number, purified)
-        await together(self._relay_right(number), self._relay_left(number))
+        order, (left, right) = self._order, kept
+        sizes = yield from together(
+            self._incoming.purify(number, left.size, order, order.seed(number)),
+            self._purified(number, right.size),
+        )
+        purified = left._replace(size=sizes[0]), right._replace(size=sizes[1])
+        yield from self._tell_of_swap(number, purified)
+        yield from together(self._relay_right(number), self._relay_left(number))
 
-    async def _relay_right(self, number: int) -> None:
+    def _purified(self, number: int, size: int) -> Steps[int]:
+        left: int = yield Through(self._right, self._outgoing.purify(number, size, self._order))
+        return left
+
+    def _relay_right(self, number: int) -> Steps[None]:
         for _ in range(self._order.to_right):
-            parts = await self._left.perform(self._incoming.passing(number))
-            await self._right.carry_out(self._outgoing.tell(number, parts))
+            parts = yield from self._incoming.passing(number)
+            yield from self._say_right(self._outgoing.tell(number, parts))
 
-    async def _relay_left(self, number: int) -> None:
+    def _relay_left(self, number: int) -> Steps[None]:
         for _ in range(self._order.to_left):
-            parts = await self._right.perform(self._outgoing.passing(number))
-            await self._left.carry_out(self._incoming.tell(number, parts))
+            parts = yield Through(self._right, self._outgoing.passing(number))
+            yield self._incoming.tell(number, parts)
 
-    async def _tell_of_swap(self, number: int, kept: tuple[Kept, Kept]) -> None:
+    def _tell_of_swap(self, number: int, kept: tuple[Kept, Kept]) -> Steps[None]:
         """Swap, and tell those to the right."""
         names = self._incoming.block(number), self._outgoing.block(number)
-        place, states = self._order.place, self._distinguishable_states
-        swapped = await self._right.perform(joined(names, kept, place, states))
+        swapped = yield from joined(names, kept, self._order.place, self._distinguishable_states)
         self._under_way.end(number)
-        await self._right.carry_out(self._outgoing.say(number, swapped))
+        yield from self._say_right(self._outgoing.say(number, swapped))
 
-    async def _pass_on(self, number: int, turn: Turn, has_come: asyncio.Event) -> None:
+    def _pass_on(self, number: int, turn: Turn) -> Steps[None]:
         """Pass on all that others tell of their swaps."""
-        await together(
-            self._pass_right(number, turn, has_come), self._pass_left(number, turn, has_come)
-        )
+        yield from together(self._pass_right(number, turn), self._pass_left(number, turn))
         turn.require()
 
-    async def _pass_right(self, number: int, turn: Turn, has_come: asyncio.Event) -> None:
+    def _pass_right(self, number: int, turn: Turn) -> Steps[None]:
         """Pass the bits of all swaps to the left on, as they come."""
         missing = to_the_left_of(self._order.place)
         while missing:
-            swapped = await self._left.perform(self._incoming.swapped(number, missing))
-            await self._right.carry_out(self._outgoing.say(number, swapped))
+            swapped = yield from self._incoming.swapped(number, missing)
+            yield from self._say_right(self._outgoing.say(number, swapped))
             turn.heard(swapped.place)
-            if turn.has_come:
-                has_come.set()
 
-    async def _pass_left(self, number: int, turn: Turn, has_come: asyncio.Event) -> None:
+    def _pass_left(self, number: int, turn: Turn) -> Steps[None]:
         """Pass notices of swaps to the right on, as they come; one may be for this place."""
         for _ in range(self._order.notices):
-            place, waiting = await self._right.perform(self._outgoing.notice(number))
+            place, waiting = yield Through(self._right, self._outgoing.notice(number))
             if turn.noticed(place, waiting):
-                await self._left.carry_out(self._incoming.notify(number, place, waiting))
-            if turn.has_come:
-                has_come.set()
+                yield self._incoming.notify(number, place, waiting)
 
-    async def _join(self, number: int, kept: tuple[Kept, Kept], has_come: asyncio.Event) -> None:
+    def _join(self, number: int, kept: tuple[Kept, Kept], turn: Turn) -> Steps[None]:
         """Swap when it is this repeater's turn, and tell those who have to know.
 
         Whoever hears of the others has a deadline.
         """
         order = self._order
-        await has_come.wait()
-        await self._tell_of_swap(number, kept)
+        yield Until(lambda: turn.has_come)
+        yield from self._tell_of_swap(number, kept)
         if order.tell_left:
-            notice = self._incoming.notify(number, order.place, order.tell_left)
-            await self._left.carry_out(notice)
+            yield self._incoming.notify(number, order.place, order.tell_left)
 
-
-async def together(one: Coroutine[Any, Any, A], other: Coroutine[Any, Any, B]) -> tuple[A, B]:
-    """Return the results of both; as soon as one fails, cancel the other and raise its error."""
-    tasks = asyncio.create_task(one), asyncio.create_task(other)
-    try:
-        return await asyncio.gather(*tasks)
-    finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+    def _say_right(self, said: Say) -> Steps[None]:
+        yield Through(self._right, saying(said))
