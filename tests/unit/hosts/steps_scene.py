@@ -13,6 +13,7 @@ from typing import Any
 from hosts.hardware.qnic import HardwareError
 from hosts.middleware.session import protocol
 from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.mailbox import Mailbox
 from hosts.middleware.session.protocol import Joined, Light, Steps
 from wire.metadata.decoding import decode, message_length
 from wire.metadata.header import HEADER, Message
@@ -57,14 +58,28 @@ class Wire:
     arrives: float = inf  # so many of them have come at most, until nobody goes on
     ends: float = inf  # the other end is gone behind so many
     left: bool = False  # this end has closed it
+    mailbox: Mailbox | None = None  # where several hear at a time
 
     def say(self, *messages: Message) -> None:
         """Send bytes."""
         self.said += messages
+        if self.mailbox is not None:
+            for message in messages:
+                self.mailbox.said(message)
         self.sent += b"".join(message.encode() for message in messages)
 
-    def next(self) -> Any:
-        """Return the next message, CLOSED behind the last; raise SessionError inside one."""
+    def next(self, block: int | None = None, begins: bool = False) -> Any:
+        """Return the next message that is for who asks, CLOSED behind the last, or WAITING."""
+        if self.mailbox is None:
+            return self._next()
+        while not self.mailbox.has(block, begins):
+            if (message := self._next()) is WAITING:
+                return WAITING
+            self.mailbox.put(None if message is CLOSED else message)
+        return self.mailbox.take(block, begins) or CLOSED
+
+    def _next(self) -> Any:
+        """Return the next message of all; raise SessionError inside one."""
         most = int(min(len(self.other.sent), self.arrives, self.ends))
         there = bytes(self.other.sent[self.read : most])
         length = message_length(there[: HEADER.size]) if len(there) >= HEADER.size else None
@@ -182,10 +197,10 @@ class Scene:
         match order:
             case protocol.Say(messages):
                 return wire.say(*messages)
-            case protocol.Hear(kind):
-                return heard(wire, kind, late)
-            case protocol.HearNext():
-                if (message := wire.next()) is WAITING and late:
+            case protocol.Hear(kind, _timeout_s, block):
+                return heard(wire.next(block), kind, late)
+            case protocol.HearNext(begins):
+                if (message := wire.next(begins=begins)) is WAITING and late:
                     raise SessionError(Reason.NO_ANSWER, "silent")
                 return None if message is CLOSED else message
             case protocol.Begin(operation, arguments, named):
@@ -254,9 +269,8 @@ def closing(wire: Wire, serving: Going) -> Steps[None]:
     yield protocol.Leave(wire)
 
 
-def heard(wire: Wire, kind: type[Message], late: bool) -> Any:
+def heard(message: Any, kind: type[Message], late: bool) -> Any:
     """Return the next message, which must be of this kind, or WAITING."""
-    message = wire.next()
     if message is CLOSED:
         raise SessionError(Reason.PEER_GONE, "gone")
     if isinstance(message, Answer) and message.reason != Reason.OK:
