@@ -103,19 +103,24 @@ def test_a_daemon_that_a_signal_stops_while_it_is_to_end_ends_in_order(
 
 
 @pytest.mark.usefixtures("no_open_vswitch")
-def test_a_database_that_ends_while_it_is_asked_for_bridges_leaves_no_switch_daemon(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("asked", ["list-br", "init"])
+def test_a_database_that_ends_while_all_is_to_end_leaves_no_switch_daemon(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, asked: str
 ) -> None:
+    """It is asked for bridges, or by ovs-ctl when it has been started again to end in order."""
     command, struck = tmp_path / "ovs-vsctl", tmp_path / "struck"
     pid = openvswitch.RUN_FOLDER / f"{openvswitch.DATABASE}.pid"
     command.write_text(
         f"""#!/bin/sh
-        case "$*" in *list-br*) [ -e {struck} ] || {{ touch {struck}; kill $(cat {pid}); }};; esac
+        case "$*" in *{asked}*) [ -e {struck} ] || {{ touch {struck}; kill $(cat {pid}); }};; esac
         exec {shutil.which("ovs-vsctl")} "$@"
         """
     )
     command.chmod(0o755)
     openvswitch.start("tests")
+    if asked == "init":
+        openvswitch.daemons()[openvswitch.DATABASE].signal(signal.SIGTERM)
+        wait_until(lambda: openvswitch.DATABASE not in openvswitch.daemons(), "it is gone")
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
     openvswitch.stop_if_ours("tests")
     assert struck.exists()

@@ -41,7 +41,7 @@ UNREACHABLE = "database connection failed"  # as ovs-vsctl says it
 NO_WAIT = "--no-wait"  # for the switch daemon: what is only asked for is in the database
 OWNER_KEY = "qmn"
 OWNER = f"external_ids:{OWNER_KEY}"  # which run has made a bridge
-STOP_TRIES = 3  # where its database ends while it is to be stopped
+TRIES = 3  # where its database ends while it is to be stopped, or started for that
 RESTART = "restart Open vSwitch, as by `systemctl restart openvswitch-switch`"
 
 
@@ -287,8 +287,16 @@ def revive_if_ours(owner: str) -> None:
         return
     _ours_are_to_end = True
     _let_go_on()
-    if not running():
-        start(owner)
+    for tries_left in reversed(range(TRIES)):
+        try:
+            if not running():
+                start(owner)
+            return
+        except (
+            NetworkError
+        ):  # ovs-ctl has met one that its monitor was just starting, or that ended
+            if not tries_left:
+                raise
 
 
 def stop_if_ours(owner: str) -> None:
@@ -303,7 +311,7 @@ def stop_if_ours(owner: str) -> None:
     try:
         if not _database_answers():
             revive_if_ours(owner)
-        for tries_left in reversed(range(STOP_TRIES)):
+        for tries_left in reversed(range(TRIES)):
             try:
                 _stop(owner)
                 return
