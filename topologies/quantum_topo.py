@@ -41,8 +41,8 @@ class QuantumTopo(Topo):
         self, node1: str, node2: str, count: int = 1, **params: Any
     ) -> None:
         """Add so many links of FiberLink, with its keywords; BadParameter for fewer than one."""
-        if count < 1:
-            raise BadParameter(f"{count} fibres between {node1} and {node2}: choose 1 or more")
+        if not isinstance(count, int) or count < 1:
+            raise BadParameter(f"{count!r} fibres between {node1} and {node2}: choose 1 or more")
         for _ in range(count):
             self.addLink(node1, node2, **{"cls": FiberLink, **params})
 

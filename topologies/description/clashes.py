@@ -1,4 +1,4 @@
-"""Names and addresses of a topology that the kernel or the controller could not tell apart."""
+"""Refusals of what no network can be: nodes that could not be told apart, fibres into the dark."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
@@ -9,14 +9,15 @@ from mininet.topo import Topo
 
 from topologies.description.description import is_made
 from topologies.links.fiber import FiberLink
-from topologies.nodes import ClassicalSwitch
+from topologies.nodes import ClassicalSwitch, OpticalSwitch, QuantumHost
+from topologies.nodes.classical_host import DEFAULT_PREFIX_LENGTH
 from wire.parameters.physics import BadParameter
 
 MOST_LETTERS = 15  # of an interface's name: IFNAMSIZ of netdevice(7) less its end
 
 
 def refuse_clashes(topo: Topo) -> None:
-    """Raise BadParameter for nodes with one address or datapath ID, and for too long names."""
+    """Raise BadParameter for nodes with one address or datapath ID, too long names, dark fibres."""
     nodes = {name: topo.nodeInfo(name) for name in topo.nodes()}
     addresses = {
         name: str(interface_of(name, nodes[name]["ip"]).ip)
@@ -38,6 +39,19 @@ def refuse_clashes(topo: Topo) -> None:
                 f"{MOST_LETTERS - len(interface) + len(name)}"
             )
 
+    for one, other, info in topo.links(withInfo=True):
+        if is_made(info, FiberLink):
+            _refuse_dark(f"fibre {one} to {other}", {name: nodes[name] for name in (one, other)})
+
+
+def _refuse_dark(fiber: str, ends: Mapping[str, Mapping[str, Any]]) -> None:
+    """Raise BadParameter for a fibre that ends at a node without light."""
+    for name, info in ends.items():
+        if not (is_made(info, QuantumHost) or is_made(info, OpticalSwitch)):
+            raise BadParameter(
+                f"{fiber}: {name} has no light; make it of cls=QuantumHost or cls=OpticalSwitch"
+            )
+
 
 def _refuse_same(what: str, own: str, values: Mapping[str, str]) -> None:
     """Raise BadParameter for a value that several nodes have."""
@@ -52,7 +66,7 @@ def _refuse_same(what: str, own: str, values: Mapping[str, str]) -> None:
 def interface_of(name: str, text: str) -> IPv4Interface:
     """Return a host's address, with its network; raise BadParameter for what is none."""
     try:
-        return IPv4Interface(text)
+        return IPv4Interface(text if "/" in text else f"{text}/{DEFAULT_PREFIX_LENGTH}")
     except (AddressValueError, NetmaskValueError) as error:
         text = f"{name}: ip {text!r} is not an address: write ADDRESS/BITS"
         raise BadParameter(f"{text} ({error})") from error

@@ -178,6 +178,14 @@ def test_what_is_of_all_fibres_can_be_said_of_some(tmp_path: Path) -> None:
             "q1 and s4097 have one datapath ID, 1001: give each a dpid",
         ),
         (
+            'self.addHost("h2", cls=QuantumHost, ip="10.0.0.1")',
+            "h1 and h2 have one address, 10.0.0.1: give each an ip",
+        ),
+        (
+            'self.addLink(self.addHost("h2", ip="10.0.0.2/24"), "q1", cls=FiberLink)',
+            "fibre h2 to q1: h2 has no light; make it of cls=QuantumHost",
+        ),
+        (
             'self.addHost("h2", cls=QuantumHost, ip="10.0.0.300/24")',
             "h2: ip '10.0.0.300/24' is not an address: write ADDRESS/BITS",
         ),

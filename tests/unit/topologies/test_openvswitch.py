@@ -26,6 +26,7 @@ def test_one_that_cannot_start_says_why(tmp_path: Path, monkeypatch: pytest.Monk
     control.chmod(0o755)
     monkeypatch.setattr(openvswitch, "CONTROL", str(control))
     monkeypatch.setattr(openvswitch, "RUN_FOLDER", tmp_path)  # whatever runs on this machine
+    monkeypatch.setattr(openvswitch, "_watched_over", set)
     monkeypatch.setattr(openvswitch, "running", lambda: False)
     with pytest.raises(NetworkError, match=r"ovs-ctl start .* failed: no room for the database"):
         openvswitch.start("test")

@@ -56,6 +56,15 @@ def test_hosts_have_mininet_s_addresses_in_their_order() -> None:
     }
 
 
+def test_an_address_without_bits_is_of_mininet_s_network() -> None:
+    class Said(QuantumTopo):
+        def build(self) -> None:
+            self.addHost("h1", cls=QuantumHost, ip="10.0.0.1")
+            self.addHost("h2", cls=QuantumHost)
+
+    assert Said().nodeInfo("h2")["ip"] == "10.0.0.2/8"
+
+
 def test_copper_has_the_first_port_also_if_it_comes_last() -> None:
     topo = Bare()
     assert ports_of(topo, "h10") == {0: "s1", 1: "q1", 2: "q1"}
@@ -143,6 +152,8 @@ def test_fewer_than_one_fibre_is_refused_and_their_keywords_are_checked() -> Non
 
     with pytest.raises(BadParameter, match="0 fibres between h1 and q1: choose 1 or more"):
         Few(0)
+    with pytest.raises(BadParameter, match="'2' fibres between h1 and q1: choose 1 or more"):
+        Few("2")
     with pytest.raises(BadParameter, match="fibre h1 to q1 has no lenght_km: did you mean"):
         checked(Few)(1, lenght_km=2)
 
