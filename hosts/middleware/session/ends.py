@@ -20,16 +20,13 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import Stored
 from hosts.middleware.session import protocol
 from hosts.middleware.session.arrangement import Arrangement
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.host_resources import HostResources
-from hosts.middleware.session.performing import Expected, Performer, expected
-from hosts.middleware.session.protocol import HostSide, Joined, Light, OpenerSide, Order, Side
-from hosts.middleware.session.values import Lifetimes, Numbers
-from hosts.timeouts import ANSWER_TIMEOUT_S, LIGHT_TIMEOUT_S
+from hosts.middleware.session.performing import Performer, expected
+from hosts.middleware.session.protocol import HostSide, Joined, OpenerSide, Order, Side
+from hosts.middleware.session.values import Lifetimes
 from wire.features import NodeFeatures
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.values import Values
@@ -64,7 +61,7 @@ class Watched(NamedTuple):
 class ConnectionEnd(Performer):
     """One end of a session's connection: its light, and the other end.
 
-    It performs protocols (protocol.py); services that wait themselves call its other methods.
+    It performs protocols (protocol.py).
     """
 
     setup: Setup
@@ -100,37 +97,13 @@ class ConnectionEnd(Performer):
             case _:
                 return await super().carry_out(order)
 
-    def block(self, number: int, half: int = 0) -> BlockName:
-        """Return the name of photons of this session."""
-        return BlockName(self.setup.session, number, half)
-
     def say(self, topic: int, block: int, numbers: ArrayLike, width: int) -> None:
         """Tell the other end numbers of so many bits."""
         self.channel.send(self.side.words(topic, block, numbers, width))
 
-    async def hear(
-        self,
-        topic: int,
-        block: int,
-        count: int | None,
-        most: int,
-        timeout_s: float = ANSWER_TIMEOUT_S,
-    ) -> Numbers:
-        """Return the numbers that the other end tells next; SessionError if it tells others."""
-        return await self.perform(protocol.hear(topic, block, count, most, timeout_s))
-
     def agree(self) -> None:
         """Answer that what was asked last is accepted."""
         self.channel.send(*self.side.agree().messages)
-
-    def expect_light(self, name: BlockName, port: str = "") -> Expected:
-        """Begin to store the photons that will arrive at a port, the first if none is named."""
-        light = self.qnic.receive_into_memory(name, port or self.qnic.ports[0], LIGHT_TIMEOUT_S)
-        return expected(light, name)
-
-    async def stored(self, light: Expected, photons: int) -> Stored:
-        """Return what has come of light that is over; nothing if no photon has."""
-        return await self.perform(self.side.stored(Light(light), photons))
 
     async def next_values(self) -> Values | None:
         """Return what the opener tells next; None at the end of the session."""
@@ -196,13 +169,6 @@ class OpenerEnd(End):
             is_source=self.is_source,
         )
 
-    async def pairs(self, number: int, count: int) -> Stored:
-        """Have a block of pairs made for both ends; return what has come of half 0.
-
-        The other end has said that it is ready before any light is made.
-        """
-        return await self.perform(self.side.pairs(number, count))
-
 
 @dataclass
 class AcceptorEnd(End):
@@ -216,10 +182,6 @@ class AcceptorEnd(End):
         if isinstance(order, protocol.Deliver):
             return await self.deliver(order.data)
         return await super().carry_out(order)
-
-    async def announced(self, most: int) -> tuple[int, int] | None:
-        """Return number and size of the block that comes next; None at the end of the session."""
-        return await self.perform(self.side.announced(most))
 
 
 @dataclass(frozen=True)
