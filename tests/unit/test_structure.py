@@ -179,7 +179,6 @@ CARRIERS = {
     "graph_states/graph_states.py",
     "interception/interception.py",
     "key_distribution/protocols.py",
-    "key_distribution/relayed.py",
     "key_distribution/session.py",
     "sealing/seal.py",
     "sensing/sensing.py",

@@ -7,7 +7,7 @@ from hosts.middleware.services.conference import conference
 from hosts.middleware.services.distribution import distribute
 from hosts.middleware.services.ghz import ghz
 from hosts.middleware.services.graph_states import graph_states
-from hosts.middleware.services.key_distribution import protocols, relayed
+from hosts.middleware.services.key_distribution import protocols
 from hosts.middleware.services.sealing import seal
 from hosts.middleware.services.sensing import sensing
 from hosts.middleware.services.superdense import superdense
@@ -25,7 +25,7 @@ KINDS: Mapping[Service, ServiceKind] = MappingProxyType(
             protocols.BB84,
             protocols.BBM92,
             protocols.E91,
-            relayed.MDI,
+            protocols.MDI,
             conference.KIND,
             distribute.KIND,
             ghz.KIND,

@@ -1,4 +1,4 @@
-"""Light of key distribution: photons measured as they arrive, and how many to ask for."""
+"""Light of key distribution: photons sent, or measured as they arrive, and how many to ask for."""
 
 from math import ceil
 
@@ -7,14 +7,18 @@ import numpy as np
 from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Qnic, Symbols
 from hosts.middleware.qkd.bell_test import BellOutcomes
+from hosts.middleware.qkd.decoy import LEVELS, SHARES
 from hosts.middleware.qkd.sifting import Record
 from hosts.middleware.session.protocol import (
     Collect,
+    Emit,
     HostSide,
     Light,
+    OpenerSide,
     Side,
     Steps,
     begin,
+    do,
     require_size,
 )
 from hosts.timeouts import KEY_GRACE_S, LIGHT_TIMEOUT_S
@@ -88,3 +92,25 @@ def next_photons(count: int, sifted: int, seen: int, on_the_way: int, most: int)
         return 0
     wanted = ceil(MARGIN * missing / share) + MARGIN_PHOTONS
     return max(0, min(wanted, most, MAX_KEY_BITS - sifted - on_the_way))
+
+
+def prepare_and_send(
+    side: OpenerSide, number: int, photons: int, *, with_decoys: bool
+) -> Steps[Record]:
+    """Send a block of random states; return their bases and bits when it has left."""
+    setup, bases = side.setup, random_bases(side, photons)
+    bits = side.draws.integers(0, 2, photons, dtype=bases.dtype)
+    levels = None
+    if with_decoys:
+        levels = side.draws.choice(LEVELS, photons, p=SHARES).astype(np.uint8)
+    block = yield from do(Qnic.prepare, setup.session, number, 2 * bases + bits, levels)
+    yield from do(Qnic.send, block, side.ports[0], setup.rate_hz, setup.wavelength_pm)
+    return Record(bases, bits, levels)
+
+
+def measure_halves(side: OpenerSide, number: int, pairs: int) -> Steps[Record]:
+    """Have the source make a block of pairs; return what was measured of half 0."""
+    bases = random_bases(side, pairs)
+    light = yield from measuring(side, side.block(number), bases)
+    yield Emit(number, pairs)
+    return Record(bases, (yield from measured(side, light, pairs)))

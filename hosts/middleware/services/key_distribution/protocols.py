@@ -12,51 +12,34 @@ measure what arrives in random bases, Z or X, in which the halves agree.
 E91 (Ekert 1991): as BBM92, but of some photons the acceptor takes no key: he measures them halfway
 between Z and X, or Z and -X, and both ends compare. If S is not above 2 there is no key, whatever
 the error rate.
+
+MDI-QKD: both ends send pulses to a relay (relayed.py).
+
+light.py and relayed.py decide what is done with light; here it is chosen, and carried out.
 """
 
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-
-from hosts.hardware.qnic import Qnic
-from hosts.middleware.qkd.decoy import LEVELS, SHARES, Decoys
-from hosts.middleware.qkd.sifting import Record
-from hosts.middleware.services.key_distribution.light import measured, measuring, random_bases
+from hosts.middleware.qkd.decoy import LEVELS, Decoys
+from hosts.middleware.services.key_distribution.acceptor import introduced
+from hosts.middleware.services.key_distribution.light import measure_halves, prepare_and_send
 from hosts.middleware.services.key_distribution.options import KeyOptions
-from hosts.middleware.services.key_distribution.session import accept_key, make_key
+from hosts.middleware.services.key_distribution.relayed import (
+    check_source,
+    either,
+    get_ready,
+    send_to_relay,
+)
+from hosts.middleware.services.key_distribution.session import accept_key, accept_keys, make_key
 from hosts.middleware.session.ends import AcceptorEnd, OpenerEnd, ServiceKind
-from hosts.middleware.session.protocol import Emit, OpenerSide, Steps, do
 from wire.metadata.vocabulary import Service
-
-
-def prepare_and_send(
-    side: OpenerSide, number: int, photons: int, *, with_decoys: bool
-) -> Steps[Record]:
-    """Send a block of random states; return their bases and bits when it has left."""
-    setup, bases = side.setup, random_bases(side, photons)
-    bits = side.draws.integers(0, 2, photons, dtype=bases.dtype)
-    levels = None
-    if with_decoys:
-        levels = side.draws.choice(LEVELS, photons, p=SHARES).astype(np.uint8)
-    block = yield from do(Qnic.prepare, setup.session, number, 2 * bases + bits, levels)
-    yield from do(Qnic.send, block, side.ports[0], setup.rate_hz, setup.wavelength_pm)
-    return Record(bases, bits, levels)
-
-
-def measure_halves(side: OpenerSide, number: int, pairs: int) -> Steps[Record]:
-    """Have the source make a block of pairs; return what was measured of half 0."""
-    bases = random_bases(side, pairs)
-    light = yield from measuring(side, side.block(number), bases)
-    yield Emit(number, pairs)
-    return Record(bases, (yield from measured(side, light, pairs)))
 
 
 async def open_bb84(end: OpenerEnd, options: KeyOptions) -> None:
     """Make a key with the acceptor, of decoy states if this host's source can make them."""
     parameters = replace(options.parameters(), multi_photon=end.resources.multi_photon)
-    intensities = end.resources.intensities
-    decoys = Decoys(intensities) if len(intensities) == LEVELS else None
+    decoys = _decoys(end.resources.intensities)
     light = partial(prepare_and_send, with_decoys=decoys is not None)
     await make_key(end, options, light, parameters, decoys)
 
@@ -88,6 +71,29 @@ async def accept_e91(end: AcceptorEnd) -> None:
     await accept_key(end, half=1, tests=True)
 
 
+async def open_mdi(end: OpenerEnd, options: KeyOptions) -> None:
+    """Make a key with the acceptor, of decoy states if the sources can make them."""
+    decoys, several = _decoys(end.resources.intensities), end.resources.multi_photon
+    parameters = replace(options.parameters(), multi_photon=either(several, several))
+    light = partial(send_to_relay, decoys=decoys is not None)
+    await make_key(end, options, light, parameters, decoys, relayed=True)
+
+
+async def accept_mdi(end: AcceptorEnd) -> None:
+    """Make a key with the opener, whose source is as this one, or emits several photons more."""
+    opener = await end.perform(introduced(tests=False))
+    decoys, several = _decoys(end.resources.intensities), end.resources.multi_photon
+    if decoys is None:
+        check_source(opener, end.resources.name, several)
+    light = partial(get_ready, decoys=decoys is not None)
+    await accept_keys(end, opener, light, decoys, relayed=True)
+
+
+def _decoys(intensities: tuple[float, ...]) -> Decoys | None:
+    return Decoys(intensities) if len(intensities) == LEVELS else None
+
+
 BB84 = ServiceKind(Service.BB84, KeyOptions, open_bb84, accept_bb84)
 BBM92 = ServiceKind(Service.BBM92, KeyOptions, open_bbm92, accept_bbm92)
 E91 = ServiceKind(Service.E91, KeyOptions, open_e91, accept_e91)
+MDI = ServiceKind(Service.MDI, KeyOptions, open_mdi, accept_mdi)

@@ -14,27 +14,24 @@
 What is said of the Bell state of two pulses tells whether their bits are alike, and nothing of
 what they are, whoever says it (Lo, Curty, Qi, Phys. Rev. Lett. 108, 130503): nobody trusts the
 relay, and what it says has no tag. A lie is an error of the key, as noise is. The clocks of both
-ends are taken to agree, and their pulses to be sent so that they meet.
+ends are taken to agree, and their pulses to be sent so that they meet. No socket, no clock.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Qnic, Symbols
-from hosts.middleware.qkd.decoy import LEVELS, SHARES, Decoys
+from hosts.middleware.qkd.decoy import LEVELS, SHARES
 from hosts.middleware.qkd.sifting import Record
 from hosts.middleware.services.key_distribution.acceptor import (
     BlockOfLight,
-    introduced,
+    Introduced,
     out_of_turn,
 )
 from hosts.middleware.services.key_distribution.light import random_bases
-from hosts.middleware.services.key_distribution.options import KeyOptions
-from hosts.middleware.services.key_distribution.session import accept_keys, make_key
 from hosts.middleware.services.source import relayed_blocks
-from hosts.middleware.session.ends import AcceptorEnd, OpenerEnd, ServiceKind
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import (
     Announce,
@@ -47,7 +44,7 @@ from hosts.middleware.session.protocol import (
 )
 from hosts.middleware.session.values import announced, announcement, expect
 from wire.metadata.values import Topic, Values
-from wire.metadata.vocabulary import Reason, Service
+from wire.metadata.vocabulary import Reason
 from wire.outcomes import NO_CLICK, NO_COINCIDENCE
 
 MOST_LEVELS = 3
@@ -147,41 +144,19 @@ def get_ready(side: HostSide, number: int, photons: int, *, decoys: bool) -> Ste
     return (yield from prepared(side, number, photons, name, decoys))
 
 
-async def open_mdi(end: OpenerEnd, options: KeyOptions) -> None:
-    """Make a key with the acceptor, of decoy states if the sources can make them."""
-    decoys, several = _decoys(end.resources.intensities), end.resources.multi_photon
-    parameters = replace(options.parameters(), multi_photon=either(several, several))
+def check_source(opener: Introduced, host: str, several: float) -> None:
+    """Raise SessionError if this host's source emits several photons more than the opener's.
 
-    def light(side: OpenerSide, number: int, photons: int) -> Steps[Record]:
-        return send_to_relay(side, number, photons, decoys=decoys is not None)
-
-    await make_key(end, options, light, parameters, decoys, relayed=True)
-
-
-async def accept_mdi(end: AcceptorEnd) -> None:
-    """Make a key with the opener, whose source is as this one, or emits several photons more."""
-    opener = await end.perform(introduced(tests=False))
-    decoys, several = _decoys(end.resources.intensities), end.resources.multi_photon
-    if decoys is None and either(several, several) > opener.parameters.multi_photon + SAME:
+    That is in how many of its pulses.
+    """
+    if either(several, several) > opener.parameters.multi_photon + SAME:
         raise SessionError(
             Reason.UNSUPPORTED,
-            f"{end.resources.name} emits several photons in {several:.3g} of its pulses, more than "
-            f"{opener.peer}: let them have the same source, or ask from {end.resources.name}",
+            f"{host} emits several photons in {several:.3g} of its pulses, more than "
+            f"{opener.peer}: let them have the same source, or ask from {host}",
         )
-
-    def light(side: HostSide, number: int, photons: int) -> Steps[BlockOfLight]:
-        return get_ready(side, number, photons, decoys=decoys is not None)
-
-    await accept_keys(end, opener, light, decoys, relayed=True)
 
 
 def either(one: float, other: float) -> float:
     """Return how likely a pulse of at least one end has several photons."""
     return 1 - (1 - one) * (1 - other)
-
-
-def _decoys(intensities: tuple[float, ...]) -> Decoys | None:
-    return Decoys(intensities) if len(intensities) == LEVELS else None
-
-
-MDI = ServiceKind(Service.MDI, KeyOptions, open_mdi, accept_mdi)
