@@ -14,6 +14,7 @@ from hosts.middleware.services.ghz.line import (
     Follower,
     Leader,
     Right,
+    asked_of_next,
     introduce,
     introduced,
     most_states,
@@ -23,10 +24,8 @@ from hosts.middleware.session import node_features
 from hosts.middleware.session.arrangement import Arrangement, Light
 from hosts.middleware.session.ends import AcceptorEnd, ConnectionEnd, OpenerEnd
 from hosts.middleware.session.errors import SessionError
-from wire.metadata.setup import SEAL_BYTES, Setup
 from wire.metadata.values import Topic
-from wire.metadata.vocabulary import Reason, Service, Verdict
-from wire.outcomes import Pauli
+from wire.metadata.vocabulary import Reason, Service
 
 
 async def lead(end: OpenerEnd, options: GhzOptions, kind: Callable[..., Leader]) -> None:
@@ -59,7 +58,7 @@ async def _opened(end: AcceptorEnd, name: str) -> AsyncIterator[ConnectionEnd]:
     address = end.resources.addresses().get(name)
     if address is None:
         raise SessionError(Reason.UNKNOWN_HOST, f"{end.resources.name} knows no host {name}")
-    setup, qnic = _asked_of_next(end.setup), end.qnic
+    setup, qnic = asked_of_next(end.setup), end.qnic
     arrangement = Arrangement(setup, (name, address), name, Light())
     try:
         await arrangement.open()
@@ -74,15 +73,3 @@ async def _opened(end: AcceptorEnd, name: str) -> AsyncIterator[ConnectionEnd]:
     finally:
         arrangement.close()
         await release(qnic, setup.session)
-
-
-def _asked_of_next(asked: Setup) -> Setup:
-    """Return what this host asks the next one for, as it was asked itself."""
-    return replace(
-        asked,
-        session=(asked.session + 1) % (1 << 64),
-        verdict=Verdict.PENDING,
-        rotation=Pauli.I,
-        reason=Reason.OK,
-        seal=bytes(SEAL_BYTES),
-    )

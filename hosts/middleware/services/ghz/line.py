@@ -28,6 +28,7 @@ from hosts.hardware.qnic import Qnic, Symbols
 from hosts.middleware.services.ghz.options import MOST_HOSTS, GhzOptions
 from hosts.middleware.session.blocks import LOST, Mask, correct_rotation, keep_of_all, store
 from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.offers import unanswered
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.middleware.session.protocol import (
     Connection,
@@ -51,6 +52,7 @@ from hosts.middleware.session.values import Numbers
 from hosts.timeouts import BITS_TIMEOUT_S, REPORT_TIMEOUT_S
 from wire.metadata.blocks import Finish
 from wire.metadata.header import MAX_LENGTH
+from wire.metadata.setup import Setup
 from wire.metadata.values import Envelope, Topic, Values
 from wire.metadata.vocabulary import Reason
 from wire.results.figures import FollowerFigures, LineFigures
@@ -90,6 +92,11 @@ def introduced() -> Steps[list[str]]:
     if len(names) > MOST_HOSTS:
         raise SessionError(Reason.PROTOCOL, f"{len(names)} hosts behind this one")
     return names
+
+
+def asked_of_next(asked: Setup) -> Setup:
+    """Return what a host asks the next one for, as it was asked itself."""
+    return unanswered(asked, session=(asked.session + 1) % (1 << 64))
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ at a time.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -37,6 +36,7 @@ from hosts.middleware.session.blocks import (
     stored_since,
 )
 from hosts.middleware.session.errors import SessionError
+from hosts.middleware.session.offers import unanswered
 from hosts.middleware.session.protocol import (
     Say,
     Side,
@@ -51,10 +51,9 @@ from hosts.middleware.session.protocol import (
 from hosts.timeouts import BITS_TIMEOUT_S, IDLE_TIMEOUT_S
 from wire.device import MAX_REPEATERS, NOBODY, SwapOrder
 from wire.metadata.blocks import Finish
-from wire.metadata.setup import SEAL_BYTES, Setup
+from wire.metadata.setup import Setup
 from wire.metadata.values import Topic
-from wire.metadata.vocabulary import MemoryState, Reason, Service, Verdict
-from wire.outcomes import Pauli
+from wire.metadata.vocabulary import MemoryState, Reason, Service
 
 A = TypeVar("A")
 
@@ -241,16 +240,12 @@ def to_the_left_of(place: int) -> set[int]:
 
 def setup_of_link(order: SwapOrder, asked: Setup, address: str) -> Setup:
     """Return what a host at this address asks the next node for, as it was asked itself."""
-    return replace(
+    return unanswered(
         asked,
         session=order.outgoing,
         service=Service.LINK,
         source=address if order.station == NOBODY else order.station,
         fidelity_ppm=0,
-        verdict=Verdict.PENDING,
-        rotation=Pauli.I,
-        reason=Reason.OK,
-        seal=bytes(SEAL_BYTES),
     )
 
 
