@@ -1,6 +1,6 @@
 """The base of topologies of several quantum switches.
 
-Fibres join the quantum switches; copper is as topologies/quantum_topo.py has it. Superdense
+Everything has copper to the classical switch s1; fibres join the quantum switches. Superdense
 coding takes one fibre to the sender, two to the receiver, two to the pair source, and three
 paths at once between them, two of which may go the same way: hence two fibres a neighbour.
 """
@@ -89,8 +89,9 @@ class FabricTopo(QuantumTopo):
         return [each.name for each in named if each.kind == Parameter.POSITIONAL_OR_KEYWORD]
 
     def add_dispatcher(self, address: str) -> None:
-        """Add ed, with an address of this network."""
+        """Add ed, with copper to s1."""
         self.addHost(DISPATCHER, cls=DispatcherHost, ip=f"{address}/{self._network.prefixlen}")
+        self.addLink(DISPATCHER, CLASSICAL_SWITCH)
 
     def next_address(self) -> str:
         """Return an address that no other host has been given by this."""
@@ -101,18 +102,20 @@ class FabricTopo(QuantumTopo):
         return self._devices.get(name, self._device)
 
     def add_host(self, name: str, address: str, **params: object) -> None:
-        """Add a host as the network has them."""
+        """Add a host with copper to s1."""
         described = {"device": self.device_of(name), "light": self._light, **params}
         prefix = self._network.prefixlen
         self.addHost(name, cls=QuantumHost, ip=f"{address}/{prefix}", **described)
+        self.addLink(name, CLASSICAL_SWITCH)
 
     def add_quantum_switches(self, count: int, least: int = 1) -> list[str]:
-        """Add q1, q2, …; raise ValueError for a count out of range."""
+        """Add q1, q2, …, each with copper to s1; raise ValueError for a count out of range."""
         if not least <= count <= MOST_SWITCHES:
             raise ValueError(f"{count} quantum switches: choose {least} to {MOST_SWITCHES}")
         names = [f"q{number}" for number in range(1, count + 1)]
         for name in names:
             self.addSwitch(name, cls=OpticalSwitch)
+            self.addLink(CLASSICAL_SWITCH, name)
         return names
 
     def place(self, alice_at: str, bob_at: str, charlie_at: str) -> None:

@@ -7,9 +7,11 @@
             self.addFibers("h1", "q1", 2, length_km=0.5)
 
 What `build` has left out is added after it: s1, a switch of copper; ed, the host that holds all
-qubits; copper to s1 for hosts and quantum switches that have none; addresses, 10.0.0.1 the first.
+qubits; copper to s1 for hosts that have none, and for quantum switches that no copper joins to it;
+addresses, 10.0.0.1 the first.
 """
 
+from collections.abc import Sequence
 from ipaddress import IPv4Network
 from typing import Any
 
@@ -94,15 +96,26 @@ class QuantumTopo(Topo):
             add(name, cls=kind)
 
     def _add_copper(self) -> None:
-        """Join hosts and quantum switches without copper to the first switch of copper."""
+        """Join hosts without copper to the first switch of copper, and quantum switches apart."""
         links = self.links(withInfo=True)
         ends = [(one, other) for one, other, info in links if not is_made(info, FiberLink)]
-        joined = {*self._classical_switches(), *(name for both in ends for name in both)}
-        switch = self._classical_switches()[0]
-        quantum = self._named(OpticalSwitch)
-        for name in self.nodes(sort=False):
-            if name not in joined and (name in quantum or not self.isSwitch(name)):
+        switch, quantum = self._classical_switches()[0], self._named(OpticalSwitch)
+        reached = set(self._classical_switches())
+        for name in quantum:
+            self._reach(reached, ends)
+            if name not in reached:
                 self.addLink(name, switch)
+                reached.add(name)
+        joined = {name for both in ends for name in both}
+        for name in self.hosts(sort=False):
+            if name not in joined:
+                self.addLink(name, switch)
+
+    def _reach(self, reached: set[str], ends: Sequence[tuple[str, str]]) -> None:
+        """Add the switches that have copper to those already in it; hosts pass nothing on."""
+        between = [set(both) for both in ends if all(map(self.isSwitch, both))]
+        while found := set().union(*(both for both in between if both & reached)) - reached:
+            reached |= found
 
     def _add_addresses(self) -> None:
         """Give each host without an address the next one, in the network of those that have one."""

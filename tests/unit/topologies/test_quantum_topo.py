@@ -10,7 +10,13 @@ from mininet.topo import Topo
 from topologies.description.checked_graph import checked
 from topologies.description.clashes import refuse_clashes
 from topologies.links.fiber import FiberLink
-from topologies.nodes import ClassicalSwitch, DispatcherHost, OpticalSwitch, QuantumHost
+from topologies.nodes import (
+    ClassicalHost,
+    ClassicalSwitch,
+    DispatcherHost,
+    OpticalSwitch,
+    QuantumHost,
+)
 from topologies.quantum_topo import QuantumTopo
 from wire.parameters.physics import BadParameter
 
@@ -54,6 +60,25 @@ def test_hosts_have_mininet_s_addresses_in_their_order() -> None:
         "h2": "10.0.0.2/8",
         "ed": "10.0.0.3/8",
     }
+
+
+def test_a_quantum_switch_with_copper_to_a_host_alone_is_joined_to_the_rest() -> None:
+    class Behind(Bare):
+        def build(self) -> None:
+            super().build()
+            self.addHost("dave", cls=ClassicalHost)
+            self.addLink("dave", "q1")
+            self.addSwitch("s2", cls=ClassicalSwitch)
+            self.addSwitch("q2", cls=OpticalSwitch)
+            self.addLink("s2", "q2")
+
+    topo = Behind()
+    copper = {
+        frozenset(ends[:2]) for ends in topo.links(withInfo=True) if ends[2].get("cls") != FiberLink
+    }
+    assert {frozenset(("dave", "q1")), frozenset(("q1", "s2"))} <= copper
+    assert frozenset(("dave", "s2")) not in copper
+    assert sum("q2" in ends for ends in copper) == 1
 
 
 def test_an_address_without_bits_is_of_mininet_s_network() -> None:
