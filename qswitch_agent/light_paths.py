@@ -13,7 +13,7 @@ from qswitch_agent.hardware.optics import (
     HardwareRefusal,
     OpticalHardware,
 )
-from qswitch_agent.middleware.flow_table import FlowTable
+from qswitch_agent.middleware.flow_table import FlowTable, circuit_of
 from qswitch_agent.openflow.flow_reports import ADDED, REMOVED, FlowUpdate
 from qswitch_agent.openflow.flows import FlowEntry
 from qswitch_agent.openflow.instructions import Mark
@@ -59,6 +59,7 @@ class LightPaths:
         self._removed: OrderedDict[tuple[int, bytes, int], Removed] = OrderedDict()
         self._added_ns: dict[int, int] = {}  # when entries came, by circuit
         self._idle: set[tuple[int, bytes, int]] = set()  # asked to be removed
+        self._ended: set[int] = set()  # circuits of entries removed since the hardware was asked
 
     @property
     def standing(self) -> frozenset[CrossConnect]:
@@ -98,7 +99,10 @@ class LightPaths:
 
     def _remember(self, entry: FlowEntry) -> None:
         known = self.table.find(*entry.key)
-        if known is None or known.mark is None:
+        if known is None:
+            return
+        self._ended.add(circuit_of(known))
+        if known.mark is None:
             return
         name = (*known.key, known.cookie)
         self._added_ns.pop(known.mark.circuit, None)
@@ -193,9 +197,14 @@ class LightPaths:
     async def _bring_up_to_date(self) -> Mapping[CrossConnect, str]:
         """Do what can be had of the table; return what cannot, and why."""
         plan = self.table.plan()
-        if plan.cross_connects == self._made:
+        ended, self._ended = self._ended, set()
+        closed = frozenset(path for path in self._standing if path.circuit in ended)
+        opened_again = {path[:2] for path in closed} & {path[:2] for path in plan.cross_connects}
+        if plan.cross_connects == self._made and not opened_again:
             return plan.refused
         started = time.monotonic()
+        if opened_again:  # it is dark in between, however soon one follows the other
+            await self._make(self._standing - closed)
         refused = await self._make(plan.cross_connects)
         made = plan.cross_connects - refused.keys()
         self._made = None if refused else made

@@ -28,7 +28,7 @@ from qswitch_agent.openflow.ports import Port
 from qswitch_agent.openflow.refusals import Refusal
 from qswitch_agent.promises import Asker
 from qswitch_agent.supervision import SupervisoryChannels
-from qswitch_agent.timeouts import CALL_DEADLINE_S
+from qswitch_agent.timeouts import CONDITION_DEADLINE_S
 from wire.optical import PathOptics, PortLight, PortTuning
 
 log = logging.getLogger(__name__)
@@ -97,11 +97,11 @@ class Switch:
     async def started(self) -> None:
         """Return when the hardware has told its condition."""
         try:
-            async with asyncio.timeout(CALL_DEADLINE_S):
+            async with asyncio.timeout(CONDITION_DEADLINE_S):
                 await self._known.wait()
         except TimeoutError as error:
             raise HardwareFault(
-                f"the hardware did not tell its condition in {CALL_DEADLINE_S} s"
+                f"the hardware did not tell its condition in {CONDITION_DEADLINE_S} s"
             ) from error
 
     async def synchronise(self, since_ns: int | None = None) -> None:

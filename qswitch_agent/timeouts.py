@@ -14,6 +14,7 @@ TELEMETRY_PERIOD_S = 1.0  # between two looks, unless a subscription says anothe
 TELEMETRY_LEAST_S = 0.1  # the shortest that it can say
 
 # Optics
+CONDITION_DEADLINE_S = 15.0  # until the hardware has told its condition; a network starts meanwhile
 CALL_DEADLINE_S = 4.0  # until the hardware has done what it was told
 SCPI_POLL_S = 1.0  # between two questions for what an instrument does not tell by itself
 IDLE_POLL_S = 0.25  # between two looks for light paths that carry nothing

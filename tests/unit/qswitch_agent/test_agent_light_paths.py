@@ -7,11 +7,12 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from openflow_messages import port
+from openflow_messages import FIBERS, port
 from os_ken.ofproto import ofproto_v1_4 as ofp
-from proxy_scene import Optics, play
+from proxy_scene import Optics, Reports, play
 
-from qswitch_agent import light_paths
+from qswitch_agent import light_paths, timeouts
+from qswitch_agent.bridge import Commands
 from qswitch_agent.hardware.optics import (
     CircuitReading,
     HardwareFault,
@@ -24,6 +25,9 @@ from qswitch_agent.openflow import matches
 from qswitch_agent.openflow.flow_reports import ADDED, REMOVED, FlowUpdate
 from qswitch_agent.openflow.flows import FlowEntry
 from qswitch_agent.openflow.instructions import Mark
+from qswitch_agent.supervision import SupervisoryChannels
+from qswitch_agent.switch import Switch
+from topologies.timeouts import READY_TIMEOUT_S
 
 SECOND_NS = 1_000_000_000
 
@@ -82,6 +86,35 @@ def test_unchanged_set_is_not_asked_for_again() -> None:
             paths.update([path(1, 2)])
             await paths.ready()
             paths.update([path(1, 2), path(2, 9)])
+            await paths.ready()
+            assert made(optics) == [set(), {(1, 2)}]
+
+    play(scene())
+
+
+def test_path_that_is_removed_and_added_again_is_dark_in_between() -> None:
+    async def scene() -> None:
+        async with running(1, 2, 3, 4, 5, 6) as (paths, optics):
+            paths.update([path(1, 2), path(3, 4)])
+            await paths.ready()
+            # Both are there before the hardware has been asked; 5->6 has never been dark.
+            paths.update([path(1, 2, REMOVED), path(1, 2), path(5, 6), path(5, 6, REMOVED)])
+            await paths.ready()
+            assert made(optics)[2:] == [{(3, 4)}, {(1, 2), (3, 4)}]
+            paths.update([path(3, 4)])  # takes the place of its like: never dark
+            await paths.ready()
+            assert made(optics)[4:] == []
+
+    play(scene())
+
+
+def test_removed_entry_of_lower_priority_leaves_the_light_of_its_like() -> None:
+    async def scene() -> None:
+        async with running(1, 2) as (paths, optics):
+            above = replace(entry(1, 2), priority=2)
+            paths.update([FlowUpdate(ADDED, above), path(1, 2)])
+            await paths.ready()
+            paths.update([path(1, 2, REMOVED), path(1, 2)])
             await paths.ready()
             assert made(optics) == [set(), {(1, 2)}]
 
@@ -408,5 +441,23 @@ def test_time_counts_from_the_last_photon_though_the_hardware_has_forgotten_it(
             expiry.now_s += 0.9
             await several_polls()
             assert expiry.deleted == []
+
+    play(scene())
+
+
+def test_hardware_that_does_not_tell_its_condition_is_a_fault_after_the_time_of_a_start(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Programs start together: it is longer than of an order; the runner gives up in 20 s."""
+    assert timeouts.CALL_DEADLINE_S < 15 == timeouts.CONDITION_DEADLINE_S < READY_TIMEOUT_S == 20
+    monkeypatch.setattr("qswitch_agent.switch.CONDITION_DEADLINE_S", 0.05)
+
+    async def scene() -> None:
+        optics, commands = Optics(), Commands("/nowhere")
+        paths = LightPaths(FIBERS, optics)
+        channels = SupervisoryChannels(FIBERS, commands)
+        switch = Switch(paths, channels, optics, Reports(paths).synchronise, commands.delete)
+        with pytest.raises(HardwareFault, match=r"did not tell its condition in 0\.05 s"):
+            await switch.started()
 
     play(scene())
