@@ -13,15 +13,16 @@ PYTHON := .venv/bin/python
 AS_ROOT = $(if $(filter-out 0,$(shell id -u)),sudo env PYTHONDONTWRITEBYTECODE=1)
 # OpenBLAS has one thread, as in the programs of a network: more would spin, and take tests' time.
 PYTEST := env PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -p no:cacheprovider -p progress -p garbage
-# As many processes as processors, as long as all has room, and more, because tests wait for time or
-# other processes: of those that emulate networks, which have namespaces of their own, as a network
-# has fixed names and addresses, a third of their time. More unit tests at a time would not do: each
-# process imports and collects everything, which takes it as long as hundreds of tests.
+# More processes than processors, as long as all has room, because tests wait for time or other
+# processes. Of unit tests half as many more: each process imports and collects everything, which takes
+# it as long as hundreds of tests. Of those that emulate networks twice as many: three times as many
+# saved nothing, and the deadlines of networks are of a machine that has time for them. They have
+# namespaces of their own, as a network has fixed names and addresses.
 PROCESSES = $(shell n=$$(getconf _NPROCESSORS_ONLN); echo $$(( n < 8 ? n : 8 )))
 AT_A_TIME = $$(( (3 * $(PROCESSES) + 1) / 2 ))
-NETWORKS = $$(( 3 * $(PROCESSES) ))
+NETWORKS = $$(( 2 * $(PROCESSES) ))
 IN_PARALLEL = --numprocesses=$(AT_A_TIME) --dist=worksteal
-# Half of that is to compile tests, unless they leave their byte code for the next time.
+# Half of collecting is to compile tests, unless they leave their byte code for the next time.
 WITH_BYTE_CODE = env PYTHONDONTWRITEBYTECODE=
 APART = --dist=worksteal --tx="$(NETWORKS)*popen//python=topologies/own_namespaces $(PYTHON)"
 # Their files are in a folder with a short path, as sockets need; it stays if a test fails.

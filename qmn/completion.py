@@ -1,6 +1,7 @@
 """The command line as shtab and argparse-manpage read it: completion and the man page.
 
-`setup/install` calls both. What is typed as a path is completed from the files there are.
+`setup/install` calls both. What is typed as a path is completed from the files there are, a run
+also from the names in the folder of runs.
 """
 
 import argparse
@@ -10,7 +11,27 @@ from pathlib import Path
 import shtab
 
 from qmn.__main__ import described
+from qmn.kept_runs.named_run import RUNS
 from qmn.parser import Parser, listed
+
+RUN = {
+    "bash": "_qmn_runs",
+    "zsh": "_qmn_runs",
+    "preamble": {
+        "bash": f"""\
+_qmn_runs() {{
+  compgen -W "$(cd {RUNS} 2>/dev/null && echo *)" -- "$1"
+  compgen -f -- "$1"
+}}
+""",
+        "zsh": f"""\
+_qmn_runs() {{
+  compadd -- {RUNS}/*(N:t)
+  _files
+}}
+""",
+    },
+}
 
 
 def completed() -> argparse.ArgumentParser:
@@ -23,7 +44,9 @@ def completed() -> argparse.ArgumentParser:
         if isinstance(action, argparse._SubParsersAction):
             for below in action.choices.values():  # of which the man page leaves epilogs out
                 below.description = "\n\n".join(filter(None, (below.description, below.epilog)))
-        if action.type is Path or action.metavar in ("FILE", "WHAT|FILE.toml"):
+        if action.metavar == "RUN":
+            action.complete = RUN  # type: ignore[attr-defined]
+        elif action.type is Path or action.metavar in ("FILE", "WHAT|FILE.toml"):
             action.complete = shtab.FILE  # type: ignore[attr-defined]
     return parser
 

@@ -6,10 +6,11 @@ makes --length-km KM of a parser and length_km=… of a script.
 """
 
 import argparse
-from collections.abc import Collection, Mapping
-from dataclasses import Field, fields
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import Field, dataclass, field, fields, is_dataclass
+from pathlib import Path
 from types import UnionType
-from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin
 
 from wire.parameters.checks import check_choice, check_number, remedy
 
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 Kind = TypeVar("Kind", bound="DataclassInstance")
 Words = Mapping[str, Any]  # how an option is said, beside its name, kind and default
 NO_WORDS: Mapping[str, Words] = {}
+Kinds = Mapping[str, type[Any]]  # of parts, by their names, that are not always of the same class
+NO_KINDS: Kinds = {}
 
 
 class BadInput(Exception):
@@ -36,7 +39,7 @@ def add_options(
 
     Each is in the GROUP of the class that declares it, or else in this one, or in none.
     """
-    hints, alternatives = get_type_hints(kind), dict[str, Any]()
+    alternatives: dict[str, Any] = {}
     for each in _fields(kind):
         said = {**each.metadata, **words.get(each.name, {})}
         if "help" not in said or each.name in leave_out:
@@ -46,7 +49,7 @@ def add_options(
             if only_one not in alternatives:
                 alternatives[only_one] = target.add_mutually_exclusive_group()
             target = alternatives[only_one]
-        target.add_argument(_flag(each, said), dest=each.name, **_how(each, hints, said))
+        target.add_argument(_flag(each, said), dest=each.name, **_how(each, said))
 
 
 def titled(parser: argparse.ArgumentParser, title: str) -> Any:
@@ -58,21 +61,67 @@ def titled(parser: argparse.ArgumentParser, title: str) -> Any:
     return (there or [parser.add_argument_group(title)])[0] if title else parser
 
 
-def read(kind: type[Kind], arguments: argparse.Namespace, **more: Any) -> Kind:
+def read(
+    kind: type[Kind], arguments: argparse.Namespace, kinds: Kinds = NO_KINDS, **known: Any
+) -> Kind:
     """Return the options of a dataclass as the command line has them; what is not said is left."""
-    names = {each.name for each in fields(kind)} - more.keys()
-    given = {name: value for name, value in vars(arguments).items() if name in names}
-    given = {name: tuple(v) if isinstance(v, list) else v for name, v in given.items()}
-    return kind(**{name: value for name, value in given.items() if value is not None}, **more)
+    said = {name: value for name, value in vars(arguments).items() if value is not None}
+    filling = Filling(said, known, kinds, lambda _kind, each, _without: each.name, as_declared)
+    filled: Kind = filling.fill(kind)
+    return filled
 
 
-def from_keywords(kind: type[Kind], given: Mapping[str, Any]) -> Kind:
+def from_keywords(
+    kind: type[Kind], given: Mapping[str, Any], kinds: Kinds = NO_KINDS, **known: Any
+) -> Kind:
     """Return the options that keywords name; raise BadInput for what the command line refuses."""
-    hints = get_type_hints(kind)
-    known = {each.name: each for each in fields(kind) if "help" in each.metadata}
-    for name in sorted(given.keys() - known.keys()):
-        raise BadInput(f"there is no option {name}: {remedy(name, known)}")
-    return kind(**{name: _value(known[name], hints, value) for name, value in given.items()})
+    filling = Filling(dict(given), known, kinds, _keyword, _value)
+    filled: Kind = filling.fill(kind)
+    for name in sorted(filling.left):
+        raise BadInput(f"there is no option {name}: {remedy(name, filling.names)}")
+    return filled
+
+
+@dataclass
+class Filling:
+    """Takes what is given for the fields of a dataclass, and of those that are its parts.
+
+    Nobody who fills it says of which part an option is: the first that has it takes it.
+    """
+
+    left: dict[str, Any]  # what is given, by name, but for what has been taken
+    known: Mapping[str, Any]  # by the names of fields, which are not given
+    kinds: Kinds
+    # The name by which a field of a class is given, None: by none, and its value there.
+    name: "Callable[[Any, Field[Any], Collection[str]], str | None]"
+    value: "Callable[[Field[Any], Any], Any]"
+    names: list[str] = field(default_factory=list)  # that could have been given
+
+    def fill(self, kind: type[Any], without: Collection[str] = ()) -> Any:
+        """Return the dataclass, or a part of it that is `without` some names."""
+        made = {}
+        for each in fields(kind):
+            part: Any = self.kinds.get(each.name, each.type)
+            if each.name in self.known:
+                made[each.name] = self.known[each.name]
+            elif isinstance(part, type) and is_dataclass(part):
+                made[each.name] = self.fill(part, each.metadata.get("not_kept", ()))
+            elif name := self.name(kind, each, without):
+                self.names.append(name)
+                if name in self.left:
+                    made[each.name] = self.value(each, self.left.pop(name))
+        return kind(**made)
+
+
+def as_declared(option: "Field[Any]", value: Any) -> Any:
+    """Return a value as its field has it: lists are tuples there, and some texts are paths."""
+    if isinstance(value, list):
+        return tuple(value)
+    return Path(value) if _kind(option.type) is Path else value
+
+
+def _keyword(_kind: Any, option: "Field[Any]", _without: Collection[str]) -> str | None:
+    return option.name if "help" in option.metadata else None
 
 
 def option_names(options: "DataclassInstance") -> list[str]:
@@ -110,9 +159,9 @@ def _flag(option: "Field[Any]", said: Words) -> str:
     return str(said.get("flag", f"--{negated}{option.name.replace('_', '-')}"))
 
 
-def _how(option: "Field[Any]", hints: Mapping[str, Any], said: Words) -> dict[str, Any]:
+def _how(option: "Field[Any]", said: Words) -> dict[str, Any]:
     """Return argparse's words for an option."""
-    help_text, kind = said["help"], _kind(hints[option.name])
+    help_text, kind = said["help"], _kind(option.type)
     if kind is bool:
         action = "store_false" if option.default else "store_true"
         return {"action": action, "help": help_text}
@@ -132,9 +181,9 @@ def _kind(hint: Any) -> Any:
     return get_origin(hint) or hint
 
 
-def _value(option: "Field[Any]", hints: Mapping[str, Any], given: Any) -> Any:
+def _value(option: "Field[Any]", given: Any) -> Any:
     """Return the value of a keyword, read as its text would be on the command line."""
-    kind, said = _kind(hints[option.name]), option.metadata
+    kind, said = _kind(option.type), option.metadata
     if given is None and option.default is None:
         return None
     if kind is tuple:

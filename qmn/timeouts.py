@@ -9,7 +9,6 @@ LOAD_LIMIT_S = 120.0  # of the network, for a session beside its holding time
 REPORT_TIMEOUT_S = 120.0  # until the report of a run is drawn
 
 # A network that runs
-CONSOLE_TIMEOUT_S = 10.0  # until the controller has answered a question
 DISPATCHER_TIMEOUT_S = 15.0  # until the dispatcher has answered what it may have to compute
 ORDER_TIMEOUT_S = 5.0  # for a fibre or a switch, beside its switching time
 WATCH_TIMEOUT_S = 5.0  # until it can be reached to watch events

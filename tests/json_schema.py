@@ -16,7 +16,7 @@ KINDS: dict[str, type | tuple[type, ...]] = {
     "object": dict,
 }
 KNOWN = {"$ref", "oneOf", "anyOf", "type", "items", "properties", "required", "$schema", "$defs"}
-KNOWN |= {"additionalProperties", "title", "description"}
+KNOWN |= {"additionalProperties", "unevaluatedProperties", "allOf", "title", "description"}
 
 
 def problems(value: Any, schema: dict[str, Any], root: dict[str, Any], at: str = "") -> list[str]:
@@ -33,6 +33,8 @@ def _problems(value: Any, schema: dict[str, Any], root: dict[str, Any], at: str)
         found = [problems(value, each, root, at) for each in schema.get(word, ())]
         if found and not 1 <= sum(not each for each in found) <= most:
             yield from min(found, key=len) or [f"{at}: several of {word} fit"]
+    for each in schema.get("allOf", ()):
+        yield from problems(value, each, root, at)
     kind = schema.get("type")
     if kind is None:
         return
@@ -46,12 +48,23 @@ def _problems(value: Any, schema: dict[str, Any], root: dict[str, Any], at: str)
         yield from _of_object(value, schema, root, at)
 
 
+def _properties(schema: dict[str, Any], root: dict[str, Any]) -> set[str]:
+    """Return the properties that a schema names, also by way of those that hold, too."""
+    if "$ref" in schema:
+        return _properties(root["$defs"][schema["$ref"].removeprefix("#/$defs/")], root)
+    named = (_properties(each, root) for each in schema.get("allOf", ()))
+    return {*schema.get("properties", ())}.union(*named)
+
+
 def _of_object(
     value: dict[str, Any], schema: dict[str, Any], root: dict[str, Any], at: str
 ) -> Iterator[str]:
     for name in set(schema.get("required", ())) - value.keys():
         yield f"{at}/{name} is missing"
     rest = schema.get("additionalProperties", {})
+    if schema.get("unevaluatedProperties") is False:
+        for name in value.keys() - _properties(schema, root):
+            yield f"{at}/{name} is unknown"
     for name, each in value.items():
         own = schema.get("properties", {}).get(name, rest)
         if own is False:

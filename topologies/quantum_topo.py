@@ -17,6 +17,7 @@ from typing import Any
 
 from mininet.topo import Topo
 
+from topologies.description.checked_graph import check_new
 from topologies.description.clashes import interface_of
 from topologies.description.description import is_made
 from topologies.links.copper_lengths import assign_copper_lengths
@@ -38,6 +39,12 @@ class QuantumTopo(Topo):
         self._add_copper()
         self._add_addresses()
         assign_copper_lengths(self)  # when all fibres are there
+
+    def addNode(self, name: str, **opts: Any) -> str:  # noqa: N802 (Mininet's name)
+        """Add a node; BadParameter for a name that another has."""
+        check_new(name, self.g.node)
+        added: str = super().addNode(name, **opts)
+        return added
 
     def addFibers(  # noqa: N802 (as Mininet's addLink)
         self, node1: str, node2: str, count: int = 1, **params: Any

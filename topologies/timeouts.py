@@ -45,7 +45,9 @@ BEAT_PERIOD_S = 1.0  # between two questions whether a machine is still there
 LOST_TIMEOUT_S = 5.0  # that it may say nothing
 
 # Fibres and files
+CONSOLE_TIMEOUT_S = 10.0  # until the controller has answered a question
 DISCOVERY_TIMEOUT_S = 20.0  # until the controller has found all fibres; more where copper is slow
+HEARD_TIMEOUT_S = 15.0  # until it has heard that one was cut or mended; likewise
 CUT_S = 2.0  # that a fibre which nobody has found is seen cut before that is the cause
 CUT_LOOK_S = 0.5  # between two looks for such fibres
 SETTLE_S = 1.0  # until the last packets have reached their captures

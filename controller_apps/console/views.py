@@ -72,11 +72,20 @@ def light_view(session: Session, network: Network) -> list[dict[str, Any]]:
 
 
 def fibers_view(network: Network) -> list[dict[str, Any]]:
-    """Return where each fibre that has been discovered leads, and whether it is whole."""
+    """Return where each fibre that has been discovered leads, and whether it is whole.
+
+    One between switches that was cut is whole again when it was heard of by both ends.
+    """
     ends = {at: _host(network, at) for at in network.hosts}
-    ends |= {at: f"{far.dpid:016x}:{far.port}" for at, far in network.links.items()}
+    whole = network.links.keys() | network.hosts.keys()
+    ends |= {at: _port(far) for at, far in (network.broken | network.links).items()}
     return [
-        {"dpid": f"{at.dpid:016x}", "port": at.port, "to": end, "up": at not in network.cut}
+        {
+            "dpid": f"{at.dpid:016x}",
+            "port": at.port,
+            "to": end,
+            "up": at in whole and at not in network.cut,
+        }
         for at, end in sorted(ends.items())
     ]
 
@@ -108,4 +117,8 @@ def _parties(session: Session, network: Network) -> dict[str, str]:
 
 def _host(network: Network, at: SwitchPort) -> str:
     host = network.hosts.get(at)
-    return host.name if host else f"{at.dpid:016x}:{at.port}"
+    return host.name if host else _port(at)
+
+
+def _port(at: SwitchPort) -> str:
+    return f"{at.dpid:016x}:{at.port}"

@@ -17,12 +17,10 @@ from pathlib import Path
 
 from rich.console import Console
 
-from hosts.middleware.services.superdense.options import SuperdenseOptions
 from qmn.jobs import runner, superdense
-from qmn.jobs.run_options import RunOptions
-from qmn.jobs.superdense import SuperdenseRequest
-from qmn.jobs.transfer import APPLICATION_PORT, TransferError
-from qmn.network.options import NetworkOptions
+from qmn.jobs.transfer import TransferError
+from qmn.requests.run_options import RunOptions
+from qmn.requests.superdense import superdense_request
 from qmn.timeouts import RUN_TIMEOUT_S
 from topologies.networks.network import Signals
 from topologies.system.processes.programs import (
@@ -130,10 +128,7 @@ def sampled_pairs_per_s(environment: Mapping[str, str]) -> float:
 
 def measure(file: Path, run: RunOptions, signals: Signals) -> Measured:
     """Send the file in one run, timed from the first byte to the verified last."""
-    options = SuperdenseOptions("bob", APPLICATION_PORT, rate_hz=RATE_HZ)
-    request = SuperdenseRequest(
-        file=file, options=options, network=NetworkOptions(topology="sdc"), run=run
-    )
+    request = replace(superdense_request(file=file, rate_hz=RATE_HZ), run=run)
     try:
         result = runner.run(*superdense.begun(request, signals, Console(quiet=True)))
     except TransferError as error:

@@ -17,6 +17,8 @@ from threading import Event as Flag
 from threading import Thread
 from typing import Any
 
+from mininet.net import Mininet
+
 from qmn.emulated.of_time import SOFTWARE, TIME_SCALE, of_software
 from qmn.emulated.using import network_for, session
 from qmn.live.event_sources import recorded
@@ -77,7 +79,9 @@ def flapping(network: QuantumNetwork, period_s: float) -> Iterator[None]:
         turn, began_s = 0, time.monotonic()
         while not enough.wait(max(0.0, began_s + (turn + 1) * period_s / 2 - time.monotonic())):
             turn += 1
-            network.net.configLinkStatus(*FLAPPING_FIBER, "down" if turn % 2 else "up")
+            state = "down" if turn % 2 else "up"
+            # Not ours, which waits for the controller: the fibre does not.
+            Mininet.configLinkStatus(network.net, *FLAPPING_FIBER, state)
         network.net.configLinkStatus(*FLAPPING_FIBER, "up")
 
     thread = Thread(target=flap)

@@ -3,11 +3,11 @@
 from math import nan
 from pathlib import Path
 
+from qmn.results import schema
 from qmn.sweeps.estimates import Estimate
 from qmn.sweeps.experiment import Outcome
 from qmn.sweeps.parameters import Parameter
 from wire.network_time import LEAST_SCALE, MOST_SCALE
-from wire.results import schema
 
 TIME_SCALE = Parameter("time_scale", LEAST_SCALE, LEAST_SCALE, MOST_SCALE)
 SOFTWARE = ("software_share", "software_s", "dominated_by_software")  # 1: it was, as in result.json

@@ -8,17 +8,15 @@ from typing import Any
 
 from rich.console import Console
 
-from hosts.middleware.services.superdense.options import SuperdenseOptions
 from qmn.emulated import places
 from qmn.emulated.of_time import SOFTWARE, TIME_SCALE, of_software
 from qmn.emulated.places import PLACES, RECEIVER, SENDER, are_plain, left_to_network, said_of_fibers
 from qmn.jobs import runner, superdense
-from qmn.jobs.run_options import RunOptions
-from qmn.jobs.superdense import SuperdenseRequest
-from qmn.jobs.transfer import APPLICATION_PORT, TransferError
+from qmn.jobs.transfer import TransferError
 from qmn.network.custom_topology import BadTopology
-from qmn.network.options import NetworkOptions
 from qmn.options import BadInput
+from qmn.requests.superdense import SuperdenseRequest, superdense_request
+from qmn.results.run_result import RunResult
 from qmn.sweeps import theory
 from qmn.sweeps.estimates import Estimate, proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, number
@@ -29,7 +27,6 @@ from topologies.networks.network import Signals
 from topologies.system.processes.programs import NetworkError
 from wire.parameters.network import MOST_KM
 from wire.results.figures import SentFigures
-from wire.results.run_result import RunResult
 
 # charlie's photon for alice passes two fibres to her and two more to bob, the other one two.
 FIBERS_PASSED = 6
@@ -39,8 +36,7 @@ CONTROL = (
     Parameter("control_km", 0.0, 0.0, MOST_KM, "km"),
     Parameter("control_loss", 0.0, 0.0, 0.9),
 )
-# By these names of SuperdenseOptions, and of NetworkOptions.
-SESSION, NETWORK = (RATE, FRAME_BYTES, FEC), (PRESET, TIME_SCALE, *CONTROL)
+OPTIONS = (RATE, FRAME_BYTES, FEC, PRESET, TIME_SCALE, *CONTROL)  # by these names of its request
 
 
 def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
@@ -60,24 +56,19 @@ def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
 
 def request(values: Values, seed: int, message: Path, runs: Path) -> SuperdenseRequest:
     """Return what a point asks for."""
-    session: dict[str, Any] = {each.name: values[each.name] for each in SESSION}
-    network: dict[str, Any] = {each.name: values[each.name] for each in NETWORK}
-    return SuperdenseRequest(
+    named: dict[str, Any] = {each.name: values[each.name] for each in OPTIONS}
+    return superdense_request(
         file=message,
-        sender=str(values[SENDER.name]),
-        options=SuperdenseOptions(
-            str(values[RECEIVER.name]),
-            APPLICATION_PORT,
-            interleave=values[INTERLEAVE.name] == "on",
-            **session,
-        ),
-        network=NetworkOptions(
-            seed=seed,
-            fiber=said_of_fibers(values, FIBER),
-            **places.network(values),
-            **network,
-        ),
-        run=RunOptions(runs=runs, capture=False, report=False),
+        sender=values[SENDER.name],
+        receiver=str(values[RECEIVER.name]),
+        interleave=values[INTERLEAVE.name] == "on",
+        seed=seed,
+        fiber=said_of_fibers(values, FIBER),
+        runs=runs,
+        capture=False,
+        report=False,
+        **places.network(values),
+        **named,
     )
 
 

@@ -10,18 +10,14 @@ from pathlib import Path
 
 from rich.console import Console
 
-from hosts.middleware.services.teleportation.teleport import TeleportOptions
 from qmn.emulated import places
 from qmn.emulated.of_time import SOFTWARE, TIME_SCALE, of_software
 from qmn.emulated.places import PLACES, RECEIVER, SENDER, are_plain, left_to_network, said_of_fibers
 from qmn.jobs import counted_service, runner
-from qmn.jobs.counted_service import ServiceRequest
-from qmn.jobs.run_options import RunOptions
-from qmn.jobs.service_verbs import SERVICE_PORT
 from qmn.jobs.transfer import TransferError
 from qmn.network.custom_topology import BadTopology
-from qmn.network.options import NetworkOptions
 from qmn.options import BadInput
+from qmn.requests.service import ServiceRequest, service_request
 from qmn.sweeps import theory
 from qmn.sweeps.estimates import NOTHING, Estimate, proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, SweepError, number
@@ -61,22 +57,23 @@ def request(values: Values, seed: int, runs: Path) -> ServiceRequest:
     states, state = int(values[STATES.name]), str(values[STATE.name])
     receiver = str(values[RECEIVER.name])
     times = {time.name.removeprefix("memory_"): values[time.name] for time in (T1, T2)}
-    return ServiceRequest(
-        service="teleport",
-        sender=str(values[SENDER.name]),
-        options=TeleportOptions(receiver, SERVICE_PORT, count=states, state=state),
+    return service_request(
+        "teleport",
+        sender=values[SENDER.name],
+        receiver=receiver,
+        count=states,
+        state=state,
         block_pairs=states,
-        network=NetworkOptions(
-            **places.network(values),
-            seed=seed,
-            backend="chp" if state == "random" else "dense",
-            fiber=said_of_fibers(values, [DEPOLARIZING]),
-            time_scale=number(values, TIME_SCALE.name),
-            device=tuple(f"{receiver}.memory.{name}={time}" for name, time in times.items()),
-        ),
-        run=RunOptions(
-            runs=runs, classical_mbps=number(values, RATE.name), capture=False, report=False
-        ),
+        seed=seed,
+        backend="chp" if state == "random" else "dense",
+        fiber=said_of_fibers(values, [DEPOLARIZING]),
+        time_scale=values[TIME_SCALE.name],
+        device=tuple(f"{receiver}.memory.{name}={time}" for name, time in times.items()),
+        runs=runs,
+        classical_mbps=values[RATE.name],
+        capture=False,
+        report=False,
+        **places.network(values),
     )
 
 

@@ -11,9 +11,9 @@ from mininet.topo import Topo
 
 from hosts.quantum_socket import QuantumSocketError
 from hosts.service_socket import ServiceSocket
-from qmn.jobs.service_verbs import SERVICE_PORT
 from qmn.network.custom_topology import BadTopology
 from qmn.options import BadInput
+from qmn.requests.service_verbs import SERVICE_PORT
 from qmn.results.run_folder import begin_folder
 from qmn.scripting.network import QuantumNetwork, start
 from qmn.sweeps.experiment import Experiment, SweepError

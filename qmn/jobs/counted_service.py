@@ -1,15 +1,15 @@
 """The jobs of services that are about a number of things, as states or pairs: qmn run SERVICE."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import ceil
 from pathlib import Path
 from typing import NamedTuple
 
 from rich.console import Console
 
-from controller_apps.policy.schedules import PARALLEL, SCHEDULES
-from hosts.middleware.services.ghz.options import GhzOptions
+from controller_apps.policy.schedules import PARALLEL
+from hosts.middleware.services.interception.passing import SPLIT
 from hosts.middleware.services.key_distribution.options import KeyOptions
 from hosts.middleware.services.sensing.options import SensingOptions
 from hosts.middleware.services.teleportation import qubit_states
@@ -17,80 +17,20 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.service_options import ServiceOptions
 from hosts.timeouts import MAX_BLOCK_S
 from qmn.jobs import eavesdropping, runner
-from qmn.jobs.eavesdropping import ATTACKS, RELAYED, RESEND, SPLIT, SPLITTABLE, Attack
+from qmn.jobs.eavesdropping import RELAYED, SPLITTABLE, Attack
 from qmn.jobs.policies import scheduling_policy, tapping_policy
 from qmn.jobs.run_context import RunContext
-from qmn.jobs.run_options import RunOptions
-from qmn.jobs.service_verbs import Verb, verb_of
-from qmn.network.checks import check_network, check_two_hosts
+from qmn.network.checks import FROM_TO, LINE, check_network, check_two_hosts
 from qmn.network.description import NetworkDescription, describe_network
-from qmn.network.options import NetworkOptions
+from qmn.network.light_checks import check_light
 from qmn.options import BadInput, check_ranges
+from qmn.requests.service import ServiceRequest
+from qmn.requests.service_verbs import Verb, verb_of
 from qmn.results.run_folder import begin_folder
-from topologies.networks.network import Signals, require_root
-from wire.device import MAX_LEVEL_ROUNDS
+from topologies.networks.network import Signals, require_free
 from wire.features import EMIT
 from wire.parameters.checks import remedy
-from wire.parameters.option import option
 from wire.parameters.physics import BEAM_SPLITTER, Device
-
-
-@dataclass(frozen=True, kw_only=True)
-class ServiceRequest:
-    """What is asked of a service, and in which network."""
-
-    service: str
-    options: ServiceOptions  # of its session, with the host that is asked
-    sender: str = option("alice", "that asks (alice)", flag="--from", metavar="HOST")
-    # In place of those of the session; None: such that every source can make them.
-    block_pairs: int | None = option(None, "pairs in a block", metavar="N")
-    rate_hz: int | None = option(None, "of the source", metavar="HZ")
-    eve: float | None = option(
-        None,
-        "put eve on the fibre, who attacks this fraction of the photons",
-        metavar="FRACTION",
-        range=(0.0, 1),
-    )
-    eve_attack: str = option(
-        RESEND,
-        f"what she does: measure and resend, or split photons off pulses of several ({RESEND})",
-        choices=ATTACKS,
-    )
-    eve_hides_db: float | None = option(
-        None,
-        "split: by how much less light is lost from her to a click than both ends expect (0)",
-        metavar="DB",
-        range=(0.0, 100),
-    )
-    hand_out: Path | None = option(
-        None,
-        "take keys out of both stores as they come, into files of this new folder",
-        metavar="DIR",
-    )
-    schedule: str | None = option(
-        None,
-        f"who swaps when ({PARALLEL}, or as --policy says; docs/services.md)",
-        choices=SCHEDULES,
-    )
-    purify: int | None = option(
-        None,
-        "rounds of purification of links, and of what swaps make, before they are swapped (0)",
-        metavar="ROUNDS",
-        range=(0, MAX_LEVEL_ROUNDS),
-    )
-    network: NetworkOptions
-    run: RunOptions
-
-    @property
-    def receiver(self) -> str:
-        """The host that is asked."""
-        return self.options.host
-
-    @property
-    def others(self) -> tuple[str, ...]:
-        """Further hosts that take part."""
-        names = self.options.names if isinstance(self.options, GhzOptions) else []
-        return tuple(names[2:])
 
 
 class Length(NamedTuple):
@@ -111,7 +51,7 @@ def begun(
 ) -> tuple[runner.Job, RunContext]:
     """Return the job and its context, with a folder; raise before there is one."""
     request, network = checked(request)
-    require_root()
+    require_free(network.topo)
     folder = begin_folder(request.run.runs, request.service)
     network = with_policy(request, network, folder)
     context = RunContext(network, request.run, folder, signals, console)
@@ -135,8 +75,6 @@ def with_policy(
 def job(request: ServiceRequest, network: NetworkDescription) -> runner.Job:
     """Return the use of a service."""
     service, options, verb = request.service, request.options, verb_of(request.service)
-    ends = {"sender": request.sender, "receiver": request.receiver}
-    own = dict.fromkeys(("count", "block_pairs", "rate_hz", "source", *verb.options))
     length = length_of(options, verb)
     return runner.Job(
         service=service,
@@ -144,16 +82,7 @@ def job(request: ServiceRequest, network: NetworkDescription) -> runner.Job:
         opener=request.sender,
         acceptor=request.receiver,
         others=request.others,
-        parameters={
-            **ends,
-            "eve": request.eve,
-            "eve_attack": request.eve_attack if request.eve is not None else None,
-            "eve_hides_db": request.eve_hides_db,
-            "schedule": request.schedule,
-            "purify": request.purify,
-            **_phases(request, network),
-            **{name: getattr(options, name) for name in own},
-        },
+        request=replace(request, phases_rad=_phases(request, network)),
         said=f"{service} {_between(request)}: {length.total:,} {length.unit}",
         unit=length.unit,
         total=length.total,
@@ -170,12 +99,12 @@ def length_of(options: ServiceOptions, verb: Verb) -> Length:
     return Length(verb.unit.replace("_", " "), options.count, verb.unit)
 
 
-def _phases(request: ServiceRequest, network: NetworkDescription) -> dict[str, list[float]]:
+def _phases(request: ServiceRequest, network: NetworkDescription) -> tuple[float, ...] | None:
     """Return what the hosts of a line are to find out, which they are not told."""
     if not isinstance(request.options, SensingOptions):
-        return {}
+        return None
     devices = network.parts.hosts
-    return {"phases_rad": [devices[name].sensor.phase_rad for name in request.options.names]}
+    return tuple(devices[name].sensor.phase_rad for name in request.options.names)
 
 
 def _between(request: ServiceRequest) -> str:
@@ -219,11 +148,15 @@ def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription
     if request.service == RELAYED:
         request, network = with_beam_splitter(request, network)
     ends = request.sender, request.receiver
-    check_two_hosts(*ends, network.hosts, network.dark_hosts)
+    said_by = LINE if verb_of(request.service).line else FROM_TO
+    check_two_hosts(*ends, network.hosts, network.dark_hosts, said_by)
     for name in request.others:
         if name not in network.hosts:
-            raise BadInput(f"--line {name}: {remedy(name, network.hosts)}")
+            raise BadInput(f"{LINE} {name}: {remedy(name, network.hosts)}")
     check_source(request.options, network.hosts)
+    named = verb_of(request.service).source
+    taking_part = *ends, *request.others
+    check_light(request.service, taking_part, network.parts, request.options.source, named)
     check_network(request.network)
     check_ranges(request.run)
     check_ranges(request)
@@ -246,7 +179,7 @@ def with_beam_splitter(
     request: ServiceRequest, network: NetworkDescription
 ) -> tuple[ServiceRequest, NetworkDescription]:
     """Return both with a beam splitter at the relay, if nothing is said of its analyser."""
-    relay = request.options.source or next(iter(network.parts.sources), "")
+    relay = request.options.source or network.parts.source_for(request.sender)
     said = f"{relay}.analyser.kind="
     if relay not in network.hosts or any(word.startswith(said) for word in request.network.device):
         return request, network

@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
+from hosts.middleware.services.interception.passing import RESEND, SPLIT
 from programs.ways import Ways, shortest
 from qmn.network.description import NetworkDescription
 from qmn.network.options import NetworkOptions
@@ -22,7 +23,6 @@ from wire.results.run_result import ServiceJob
 
 EVE = "eve"
 TOPOLOGY = "tapped"  # that has her
-RESEND, SPLIT = ATTACKS = ("resend", "split")
 SPLITTABLE = ("bb84",)  # services whose light a sender prepares
 OWN_LIGHT = ("bb84", "conference")  # services whose light is that of who asks
 RELAYED = "mdi"  # the service whose light both ends send to a relay
@@ -86,7 +86,7 @@ def check(ends: Collection[str], network: NetworkDescription) -> None:
 
 def sender_of_light(service: str, sender: str, network: NetworkDescription) -> str:
     """Return whose light the receiver measures: the sender's, or the pair source's."""
-    return sender if service in OWN_LIGHT else network.parts.sources[0]
+    return sender if service in OWN_LIGHT else network.parts.source_for(sender)
 
 
 def tapped_way(
@@ -97,7 +97,7 @@ def tapped_way(
     In MDI-QKD that is the light of who asks, on its way to the relay.
     """
     if service == RELAYED:
-        return ends[0], source or network.parts.sources[0]
+        return ends[0], source or network.parts.source_for(ends[0])
     return source or sender_of_light(service, ends[0], network), ends[1]
 
 

@@ -1,21 +1,22 @@
 """qmn run keys: hosts keep their key stores filled, and deliver keys by ETSI GS QKD 014."""
 
 import time
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 
 from rich.console import Console
 
 from qmn.jobs import eavesdropping, moments
 from qmn.jobs.moments import Moments
-from qmn.jobs.passing_eavesdropper import PassingEavesdropper, PassingEve
+from qmn.jobs.passing_eavesdropper import PassingEavesdropper, check_passing
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
-from qmn.jobs.run_options import RunOptions
 from qmn.network.checks import check_network
 from qmn.network.description import NetworkDescription, describe_network
-from qmn.network.key_options import KeyServiceOptions, key_service
-from qmn.network.options import NetworkOptions
+from qmn.network.key_options import key_service
+from qmn.network.light_checks import check_light
 from qmn.options import check_ranges
+from qmn.requests.keys import KeysRequest
 from qmn.results import result
 from qmn.results.run_folder import begin_folder
 from topologies.daemons.key_managers import (
@@ -24,28 +25,14 @@ from topologies.daemons.key_managers import (
     application_name,
     start_key_managers,
 )
-from topologies.networks.network import Interrupted, Network, Signals, require_root
+from topologies.networks.network import Interrupted, Network, Signals, require_free
+from topologies.system.processes.programs import Program
 from topologies.timeouts import POLL_S
-from wire.parameters.option import option
 from wire.results.moments import Moment, SessionMoment
 from wire.results.run_result import KeysJob
 
 NAME = "keys"
 PAIR = "alice:bob"  # that keeps keys if none is named
-PARAMETERS = ("key_pair", "low_mark", "high_mark", "session_bits", "key_protocol", "keys_per_s")
-
-
-@dataclass(frozen=True, kw_only=True)
-class KeysRequest:
-    """Which keys are to be kept, for how long, and who comes meanwhile."""
-
-    keys: KeyServiceOptions
-    eve: PassingEve
-    network: NetworkOptions
-    run: RunOptions
-    seconds: float | None = option(
-        None, "end after so long (when Ctrl-C comes)", metavar="S", range=(0.1, 30 * 86_400)
-    )
 
 
 def checked(request: KeysRequest) -> tuple[KeysRequest, NetworkDescription]:
@@ -61,7 +48,10 @@ def checked(request: KeysRequest) -> tuple[KeysRequest, NetworkDescription]:
     check_network(request.network)
     check_ranges(request.run)
     check_ranges(request)
-    request.eve.check(service_of(request, network).pairs[0], network)
+    service = service_of(request, network)
+    for pair in service.pairs:
+        check_light(service.link.protocol, pair, network.parts)
+    check_passing(request.eve, service.pairs[0], network)
     return request, network
 
 
@@ -75,28 +65,32 @@ def service_of(request: KeysRequest, network: NetworkDescription) -> KeyService:
 def run(request: KeysRequest, signals: Signals, console: Console) -> int:
     """Do the whole run and return its exit status."""
     request, description = checked(request)
-    require_root()
+    require_free(description.topo)
     folder = begin_folder(request.run.runs, NAME)
     service = service_of(request, description)
     way = eavesdropping.tapped_way(service.link.protocol, service.pairs[0], "", description)
     eve = PassingEavesdropper(request.eve, *way, folder)
     context = RunContext(eve.with_policy(description), request.run, folder, signals, console)
-    own = {name: getattr(request.keys, name) for name in PARAMETERS}
-    own |= vars(request.eve) if request.eve.eve is not None else {}
     hosts = list(dict.fromkeys(host for pair in service.pairs for host in pair))
     kept = KeysJob()
-    facts = known_facts(context, NAME, hosts, kept, own)
+    facts = known_facts(context, NAME, hosts, kept, request)
     with ending(folder, facts, result.complete, context.options.report) as ended:
         with running_network(context, facts) as network:
             managers = start_key_managers(network, service)
             introduce(console, managers)
-            noted = Moments(managers.programs, network.runtime.time, partial(show, console))
+            noted = moments_of(network, managers.programs, console)
             kept.moments = noted.all
             watch(network, noted, eve, request.seconds)
             kept.asking = told = moments.summary(noted.all, noted.now_s)
         facts.delivered = told.keys > 0
     result.show(console, facts, folder, ended.report)
     return 0 if facts.delivered else 1
+
+
+def moments_of(network: Network, programs: Mapping[str, Program], console: Console) -> Moments:
+    """Return what takes down the words of programs of hosts, and shows them."""
+    runtime = network.runtime
+    return Moments(programs, runtime.time, partial(show, console), runtime.clocks_ahead_s())
 
 
 def watch(

@@ -2,119 +2,51 @@
 
 import asyncio
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from hosts.middleware.services import NAMES
-from hosts.middleware.services.ghz.options import LEAST_HOSTS, MOST_HOSTS
 from hosts.middleware.session.errors import SessionError
+from qmn.jobs import load_result
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
-from qmn.jobs.run_options import RunOptions
 from qmn.network.checks import check_network
 from qmn.network.description import NetworkDescription, describe_network
-from qmn.network.options import NetworkOptions
-from qmn.options import BadInput, check_ranges, option_names
+from qmn.network.light_checks import check_source
+from qmn.options import BadInput, check_ranges
+from qmn.requests.load import LINE, OWN, LoadRequest
 from qmn.results.result import network_facts
 from qmn.results.run_folder import begin_folder
-from qmn.traffic import result
+from qmn.results.run_result import RunResult
 from qmn.traffic.driver import Driver
-from qmn.traffic.plan import MODELS, MOST_SESSIONS, BadTraffic, Planned, Traffic, plan
+from qmn.traffic.plan import BadTraffic, Planned, Traffic, plan
 from qmn.traffic.session import ACCEPTED, PAIR, Wanted
 from qmn.traffic.summary import summary
-from topologies.networks.network import Network, Signals, require_root
+from topologies.networks.network import Network, Signals, require_free
 from wire.controller_lines import read_record
 from wire.metadata.vocabulary import Service
 from wire.parameters.checks import remedy
-from wire.parameters.option import option
-from wire.results.run_result import LoadJob, RunResult
+from wire.results.run_result import LoadJob
 from wire.services import LINES, RETURNS
 
 CONTROLLER = "c0"
 BYTES = ("sdc", "sdc_return")  # services that carry some
-OWN = "own"
 MEASURED = ("distribute", "swap")  # services that leave pairs at both ends
-LINE = 3  # hosts of a session of a line
-
-
-@dataclass(frozen=True, kw_only=True)
-class LoadRequest:
-    """What traffic there is, and in which network."""
-
-    service: str = option("distribute", "that sessions are of (distribute)", choices=sorted(NAMES))
-    count: int = option(
-        30,
-        "of pairs, states or bits of a session; bytes of sdc (30)",
-        metavar="N",
-        range=(1, 1 << 20),
-    )
-    source: str = option(
-        "", f"host that makes the pairs; {OWN}: the one that asks (the network's)", metavar="HOST"
-    )
-    line: int | None = option(
-        None,
-        f"hosts of each session of {', '.join(sorted(service.name.lower() for service in LINES))}, "
-        f"drawn in the order of their links ({LINE})",
-        metavar="N",
-        range=(LEAST_HOSTS, MOST_HOSTS),
-    )
-    traffic: str = option("poisson", "model of who asks when (poisson)", choices=tuple(MODELS))
-    sessions: int = option(
-        100, "that are asked for (100); of a trace at most", metavar="N", range=(1, MOST_SESSIONS)
-    )
-    rate_per_s: float = option(
-        5.0, "sessions that are asked for in a second (5)", metavar="R", range=(1e-6, 1e6)
-    )
-    holding_s: float = option(
-        0.2,
-        "mean time that a session holds its light, when it has it (0.2)",
-        metavar="S",
-        range=(0.0, 600),
-    )
-    constant: bool = option(False, "holding times are all alike, not exponential")
-    deadline_s: float | None = option(
-        None,
-        "sessions without light so long after their request are given up (none)",
-        metavar="S",
-        range=(1e-6, 600),
-    )
-    urgent: float = option(
-        0.0,
-        "share of the sessions that have priority 1, for a policy that orders by it (0)",
-        metavar="SHARE",
-        range=(0.0, 1),
-    )
-    senders: str = option(
-        "", "hosts that ask, with commas (all but sources)", flag="--from", metavar="HOSTS"
-    )
-    receivers: str = option("", "hosts that are asked (the same)", flag="--to", metavar="HOSTS")
-    idle: bool = option(False, "choose hosts that are idle for each session")
-    on_s: float = option(
-        1.0, "mean time that a host asks, of on-off (1)", metavar="S", range=(1e-3, 1e6)
-    )
-    off_s: float = option(1.0, "mean time that it does not (1)", metavar="S", range=(1e-3, 1e6))
-    file: Path | None = option(None, "of a matrix or trace, CSV (docs/traffic.md)", metavar="FILE")
-    network: NetworkOptions
-    run: RunOptions
 
 
 def run(request: LoadRequest, signals: Signals, console: Console) -> int:
     """Do the whole run and return its exit status: 0 if every session has been answered."""
     network = describe_network(request.network)
     traffic, planned, wanted = checked(request, network)
-    require_root()
+    require_free(network.topo)
     folder = begin_folder(request.run.runs, "load")
     context = RunContext(network, request.run, folder, signals, console)
-    own = {name: getattr(request, name) for name in option_names(request)}
-    own["file"] = str(request.file) if request.file else None
     hosts = [*traffic.openers, *(each for each in traffic.acceptors if each not in traffic.openers)]
-    facts = known_facts(context, request.service, hosts, LoadJob(), own)
-    with ending(folder, facts, result.complete, context.options.report) as ended:
+    facts = known_facts(context, request.service, hosts, LoadJob(), request)
+    with ending(folder, facts, load_result.complete, context.options.report) as ended:
         _drive(request, traffic, planned, wanted, context, facts)
-    result.show(console, facts, folder, ended.report)
+    load_result.show(console, facts, folder, ended.report)
     return 0 if facts.delivered else 1
 
 
@@ -126,6 +58,8 @@ def checked(
     check_ranges(request.run)
     check_ranges(request)
     traffic = traffic_of(request, network)
+    if not request.source:
+        check_source(request.service, network.parts)
     try:
         planned = plan(request.traffic, traffic, request.network.seed, request.sessions)
     except BadTraffic as error:

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterable, Mapping
+from operator import itemgetter
 from typing import Any
 
 from qmn.jobs.transfer import Lines
@@ -10,6 +11,8 @@ from wire.application_lines import moment
 from wire.network_time import NetworkTime
 from wire.results.figures import StoredKeyFigures
 from wire.results.moments import AnyMoment, Moment, SessionMoment
+
+NOT_AHEAD: Mapping[str, float] = {}
 
 
 class Moments:
@@ -20,8 +23,13 @@ class Moments:
         programs: Mapping[str, Program],
         network_time: NetworkTime,
         tell: Callable[[Moment], None],
+        ahead_s: Mapping[str, float] = NOT_AHEAD,
     ) -> None:
-        """Read what these programs of hosts say from now on; `tell` is told each moment."""
+        """Read what these programs of hosts say from now on; `tell` is told each moment.
+
+        `ahead_s` says how far the clocks of hosts are ahead of this machine's, where they are.
+        """
+        self._ahead_s = ahead_s
         self._lines = [(host, Lines(program)) for host, program in programs.items()]
         self._scale, self._since_s, self._tell = network_time.scale, time.time(), tell
         self.all: list[AnyMoment] = []
@@ -42,12 +50,12 @@ class Moments:
     def gather(self) -> None:
         """Note what the programs have said since the last time, in the order of its times."""
         said = [
-            {**line, "host": host}
+            {**line, "host": host, "at": float(line["at"]) - self._ahead_s.get(host, 0.0)}
             for host, lines in self._lines
             for line in lines.new()
             if "event" in line and "at" in line
         ]
-        for line in sorted(said, key=lambda line: float(line["at"])):
+        for line in sorted(said, key=itemgetter("at")):
             self._note(moment(line, (line["at"] - self._since_s) / self._scale))
 
     def finish(self) -> None:

@@ -15,53 +15,26 @@ from typing import Any
 import yaml
 from rich.console import Console
 
+from qmn.jobs.carried import CarriedApplication
 from qmn.jobs.in_the_way import lost_light
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
-from qmn.jobs.run_options import RunOptions
 from qmn.jobs.transfer import TransferError, follow_all
 from qmn.network.checks import check_network
 from qmn.network.description import describe_network
-from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, check_ranges
+from qmn.requests.netqasm import NetqasmRequest
 from qmn.results import result
 from qmn.results.run_folder import begin_folder
 from qmn.timeouts import NETQASM_STALL_TIMEOUT_S
-from topologies.networks.network import Network, Signals, require_root
+from topologies.networks.network import Network, Signals, require_free
 from topologies.system.processes.programs import NetworkError, Program, python
 from wire.application_lines import Line
 from wire.parameters.checks import remedy
-from wire.parameters.option import option
-from wire.results.run_result import NetqasmJob, Parameter, Round
+from wire.results.run_result import NetqasmJob, Round
 
 PREFIX, SUFFIX = "app_", ".py"
 RANK = "rank_"  # as NetQMPI calls its roles
 MOST_SHOWN = 3  # rounds
-
-
-@dataclass(frozen=True, kw_only=True)
-class NetqasmRequest:
-    """An application, where its roles are, and what they are given."""
-
-    path: Path  # a folder, or the file of a NetQMPI program
-    ranks: int | None = option(
-        None, "hosts that run a NetQMPI program, FILE.py", metavar="N", range=(2, 1_000)
-    )
-    place: tuple[str, ...] = option(
-        (),
-        "put a role on a host (repeatable; the host of its name, or the next that is free)",
-        metavar="ROLE=HOST",
-    )
-    input: tuple[str, ...] = option(
-        (),
-        "what a program is given, as alice.x=1, beside what ROLE.yaml says (repeatable)",
-        metavar="ROLE.NAME=VALUE",
-    )
-    rounds: int = option(
-        1, "run it so many times, one after the other (1)", metavar="N", range=(1, 1_000_000)
-    )
-    looking: bool = option(True, "programs may not look at states (get_qubit_state)")
-    network: NetworkOptions
-    run: RunOptions
 
 
 @dataclass(frozen=True)
@@ -77,29 +50,41 @@ class Application:
 def run(request: NetqasmRequest, signals: Signals, console: Console) -> int:
     """Do the whole run and return its exit status."""
     description = describe_network(replace(request.network, looking=request.looking))
+    request = with_machines(request, description.hosts)
     application = checked(request, description.hosts)
-    require_root()
+    require_free(description.topo)
     folder = begin_folder(request.run.runs, "netqasm")
     context = RunContext(description, request.run, folder, signals, console)
-    own: dict[str, Parameter | None] = {
-        "application": str(application.path),
-        "rounds": application.rounds,
-        "input": list(request.input) or None,
-    }
+    request = replace(request, path=application.path)
     played = NetqasmJob(roles=dict(application.hosts))
     hosts = list(application.hosts.values())
-    facts = known_facts(context, "netqasm", hosts, played, own)
+    facts = known_facts(context, "netqasm", hosts, played, request)
+    copies = CarriedApplication(application.path, hosts, request.run.runs)
     with (
         ending(folder, facts, result.complete, context.options.report) as ended,
-        running_network(context, facts) as network,
+        running_network(context, facts, copies.prepare) as network,
         lost_light(network, console) as lost,
     ):
         console.print(f"{application.path.name}: {told(application.hosts)}")
-        play(application, network, folder, played.outputs, lost.look)
+        play(application, copies, network, folder, played.outputs, lost.look)
         facts.delivered = True
     of_every_run = result.rows_of_every_run(facts, folder, ended.report)
     result.print_rows(console, {**rows(played.outputs), **of_every_run})
     return 0
+
+
+def with_machines(request: NetqasmRequest, hosts: Sequence[str]) -> NetqasmRequest:
+    """Return the request with places of hosts on machines where those of other jobs are.
+
+    Over several machines HOST=MACHINE is a place of a host, unless a host is called MACHINE.
+    """
+    if request.run.machines == 1:
+        return request
+    ways = {word: word.partition("=") for word in request.place}
+    of_hosts = [word for word, (one, _, to) in ways.items() if one in hosts and to not in hosts]
+    of_roles = [word for word in request.place if word not in of_hosts]
+    run = replace(request.run, place=tuple(of_hosts))
+    return replace(request, place=tuple(of_roles), run=run)
 
 
 def checked(request: NetqasmRequest, hosts: Sequence[str]) -> Application:
@@ -179,6 +164,7 @@ def read_yaml(file: Path) -> dict[str, Any]:
 
 def play(
     application: Application,
+    copies: CarriedApplication,
     network: Network,
     folder: Path,
     outputs: list[Round],
@@ -195,7 +181,7 @@ def play(
             outputs.extend({} for _ in range(number + 1 - len(outputs)))
             outputs[number][roles[program.name]] = line["output"]
 
-    programs = {role: _start(role, application, network, placed) for role in addresses}
+    programs = {role: _start(role, application, copies, network, placed) for role in addresses}
     roles.update((program.name, role) for role, program in programs.items())
     try:
         follow_all(network, list(programs.values()), note, look, NETQASM_STALL_TIMEOUT_S)
@@ -203,26 +189,33 @@ def play(
         network.explain()
         raise
     finally:
-        keep_logs(
-            folder / "netqasm", map(network.runtime.written_folder, application.hosts.values())
-        )
+        kept = folder / "netqasm"
+        kept.mkdir(exist_ok=True)
+        copies.come_back(network, kept)
+        keep_logs(kept, map(network.runtime.written_folder, application.hosts.values()))
 
 
 def keep_logs(folder: Path, written: Iterable[Path]) -> None:
     """Copy what programs have logged: files, and nothing that they have linked."""
-    folder.mkdir(exist_ok=True)
     for file in (file for each in written for file in sorted(each.iterdir())):
         if file.is_file() and not file.is_symlink():
             shutil.copyfile(file, folder / file.name, follow_symlinks=False)
 
 
-def _start(role: str, application: Application, network: Network, placed: str) -> Program:
-    logs = network.runtime.written_folder(application.hosts[role])
-    command = [python(), "-m", "hosts.applications.netqasm_program", str(application.path), role]
-    command += ["--stack", network.runtime.socket(application.hosts[role]), "--placement", placed]
+def _start(
+    role: str,
+    application: Application,
+    copies: CarriedApplication,
+    network: Network,
+    placed: str,
+) -> Program:
+    host = application.hosts[role]
+    logs, path = network.runtime.written_folder(host), copies.path_on(network, host)
+    command = [python(), "-m", "hosts.applications.netqasm_program", str(path), role]
+    command += ["--stack", network.runtime.socket(host), "--placement", placed]
     command += ["--inputs", json.dumps(application.inputs[role]), "--logs", str(logs)]
     command += ["--rounds", str(application.rounds)]
-    return network.run_as_people_do(application.hosts[role], f"netqasm-{role}", command)
+    return network.run_as_people_do(host, f"netqasm-{role}", command)
 
 
 def rows(outputs: Sequence[Round]) -> dict[str, str]:

@@ -6,7 +6,6 @@ would; sessions that are open stay as they are.
 
 import math
 from collections.abc import Collection
-from dataclasses import dataclass
 from pathlib import Path
 
 from qmn.jobs import eavesdropping
@@ -15,35 +14,20 @@ from qmn.jobs.policies import tapping_policy, write_policy
 from qmn.live.controller_console import ask
 from qmn.network.description import NetworkDescription
 from qmn.options import BadInput, check_ranges
+from qmn.requests.keys import PassingEve
 from qmn.timeouts import START_TIMEOUT_S
 from topologies.networks.network import Network
 from topologies.system.processes.programs import Program, python
-from wire.parameters.option import option
-
-MOST_S = 86_400.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class PassingEve:
-    """Whether she comes, and when."""
-
-    eve: float | None = option(
-        None,
-        "put eve on the fibre, who measures this fraction of the photons and resends them",
-        metavar="FRACTION",
-        range=(0.0, 1),
-    )
-    at: float = option(10.0, "when eve comes (10)", metavar="S", range=(0.0, MOST_S))
-    until: float | None = option(None, "when she leaves (never)", metavar="S", range=(0.0, MOST_S))
-
-    def check(self, ends: Collection[str], network: NetworkDescription) -> None:
-        """Raise BadInput if she cannot come so."""
-        check_ranges(self)
-        if self.eve is None:
-            return
-        eavesdropping.check(ends, network)
-        if self.until is not None and self.until <= self.at:
-            raise BadInput(f"--until {self.until:g} is not after --at {self.at:g}")
+def check_passing(eve: PassingEve, ends: Collection[str], network: NetworkDescription) -> None:
+    """Raise BadInput if she cannot come so."""
+    check_ranges(eve)
+    if eve.eve is None:
+        return
+    eavesdropping.check(ends, network)
+    if eve.until is not None and eve.until <= eve.at:
+        raise BadInput(f"--until {eve.until:g} is not after --at {eve.at:g}")
 
 
 class PassingEavesdropper:

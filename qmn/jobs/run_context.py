@@ -4,12 +4,11 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rich.console import Console
 
-from qmn.jobs.run_options import RunOptions
 from qmn.jobs.transfer import TransferError
 from qmn.live.dispatcher_calls import status
 from qmn.live.metrics_targets import announce
@@ -20,10 +19,13 @@ from qmn.network.custom_topology import BadTopology
 from qmn.network.description import NetworkDescription
 from qmn.network.options import settings
 from qmn.network.time_scale import Scale
-from qmn.options import BadInput, option_names
+from qmn.options import BadInput
 from qmn.reports.beside import Draw, report_beside
+from qmn.requests.request import Request
+from qmn.requests.run_options import RunOptions
 from qmn.results.result import network_facts, note_files
 from qmn.results.run_folder import give_to_invoker, given_at_the_end
+from qmn.results.run_result import RunResult
 from qmn.results.software_share import note_software
 from qmn.results.timeline import timeline_of_run
 from topologies.links.causality import worst
@@ -31,26 +33,11 @@ from topologies.links.slow_copper import slow_metadata
 from topologies.networks.network import Interrupted, Network, Signals
 from topologies.system.machines.machine import Machine
 from topologies.system.processes.programs import NetworkError
-from wire.results.run_result import Approximated, EarlyNews, Job, Parameter, RunResult
-
-# Options that a result tells elsewhere, or that do not change what comes out.
-NO_PARAMETERS = {
-    "controller",
-    "seed",
-    "backend",
-    "time_scale",
-    "sabot",
-    "policy",
-    "rest",
-    "apps",
-    "keys",
-    "metrics",
-    "gnmi",
-    "history_depth",
-    "per_qubit",
-}
+from topologies.system.processes.signals import interrupted_words
+from wire.results.run_result import Approximated, EarlyNews, Job
 
 Work = Callable[[Signals, Console], int]
+Prepare = Callable[[Mapping[str, Machine]], None]
 Complete = Callable[[RunResult, Path], None]
 
 
@@ -63,7 +50,7 @@ def guarded(work: Work) -> int:
         tell(str(error), error)
         return 1
     except Interrupted as error:
-        tell(f"{error}; everything is cleaned up", error)
+        print(f"qmn: {interrupted_words(error)}", file=sys.stderr)
         return error.status
 
 
@@ -84,17 +71,10 @@ class RunContext:
 
 
 def known_facts(
-    context: RunContext,
-    service: str,
-    hosts: Sequence[str],
-    job: Job,
-    own: Mapping[str, Parameter | None],
+    context: RunContext, service: str, hosts: Sequence[str], job: Job, request: Request
 ) -> RunResult:
-    """Return the facts before the start, as if nothing came of it; `own`: the job's parameters."""
+    """Return the facts before the start, as if nothing came of it."""
     options, run = context.network.options, context.options
-    said = {name: getattr(options, name) for name in option_names(options)}
-    said = {name: value for name, value in said.items() if name not in NO_PARAMETERS}
-    said = {**own, **said, "classical_mbps": run.classical_mbps}
     return RunResult(
         service=service,
         hosts=list(hosts),
@@ -102,7 +82,7 @@ def known_facts(
         mode=os.environ.get("QMN_MODE", "native"),
         controller=options.controller,
         seed=options.seed,
-        parameters={name: value for name, value in said.items() if value is not None},
+        parameters=replace(request, network=options),
         every_fiber=context.network.every_fiber,
         devices=dict(context.network.stated_devices),
         events=run.events,
@@ -112,14 +92,19 @@ def known_facts(
 
 
 @contextmanager
-def running_network(context: RunContext, facts: RunResult) -> Iterator[Network]:
-    """Run a network with its captures, on the machines that are asked for; add to the facts."""
+def running_network(
+    context: RunContext, facts: RunResult, prepare: Prepare = lambda _places: None
+) -> Iterator[Network]:
+    """Run a network with its captures, on the machines that are asked for; add to the facts.
+
+    `prepare` is called before the start, with the machines of hosts that are not on this one; it
+    may raise.
+    """
     hosts, check = context.network.hosts, context.signals.check
-    with (
-        machines_of(context.options, hosts, context.folder, check) as places,
-        _running(context, facts, places) as network,
-    ):
-        yield network
+    with machines_of(context.options, hosts, context.folder, check) as places:
+        prepare(places)
+        with _running(context, facts, places) as network:
+            yield network
 
 
 @contextmanager

@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
@@ -15,13 +16,17 @@ from qmn.jobs.handed_out import handing_out
 from qmn.jobs.in_the_way import lost_light
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.jobs.transfer import TransferError, follow
+from qmn.options import BadInput
+from qmn.requests.request import Request
 from qmn.results import result
+from qmn.results.run_result import RunResult
 from qmn.timeouts import START_TIMEOUT_S
 from topologies.networks.network import Network
+from topologies.system.machines.machine import Machine
 from topologies.system.processes.programs import NetworkError, Program, python
 from wire.application_lines import Line, figures
 from wire.results.figures import Figures, KeyProgress
-from wire.results.run_result import Message, Parameter, RunResult, ServiceJob
+from wire.results.run_result import Message, ServiceJob
 
 
 @dataclass(frozen=True)
@@ -33,7 +38,7 @@ class Job:
     opener: str
     acceptor: str
     others: tuple[str, ...] = field(default=(), kw_only=True)  # hosts that wait, too
-    parameters: Mapping[str, Parameter | None]  # that the result keeps as such, if they are said
+    request: Request  # what was asked, checked
     said: str  # when it begins
     unit: str  # what it is about, as people call it
     total: int  # of these
@@ -55,7 +60,7 @@ def run(job: Job, context: RunContext) -> RunResult:
     """Do the whole run and return its result."""
     folder, console = context.folder, context.console
     hosts, kept = (job.opener, job.acceptor, *job.others), job.result
-    facts = known_facts(context, job.service, hosts, kept, job.parameters)
+    facts = known_facts(context, job.service, hosts, kept, job.request)
     with ending(folder, facts, result.complete, context.options.report) as ended:
         use_network(job, context, facts, kept)
     result.show(console, facts, folder, ended.report)
@@ -64,7 +69,7 @@ def run(job: Job, context: RunContext) -> RunResult:
 
 def use_network(job: Job, context: RunContext, facts: RunResult, kept: ServiceJob) -> None:
     """Start the network, do the job, and add to the facts, and to what is kept of the job."""
-    with running_network(context, facts) as network:
+    with running_network(context, facts, partial(_require_keys_here, job)) as network:
         context.console.print(job.said)
         with (
             eavesdropping.eavesdropping(network, job.eve, kept),
@@ -74,6 +79,16 @@ def use_network(job: Job, context: RunContext, facts: RunResult, kept: ServiceJo
         ):
             _use(network, job, context.folder, kept, progress, lost.look)
         facts.delivered = True
+
+
+def _require_keys_here(job: Job, places: Mapping[str, Machine]) -> None:
+    """Raise BadInput if keys are to be taken out of a store on another machine."""
+    for host in (job.opener, job.acceptor):
+        if job.hand_out is not None and host in places:
+            raise BadInput(
+                f"--hand-out {job.hand_out}: the keys of {host} are on {places[host].name}; place "
+                "it on m1, or take --keys DIR, which has them at the end"
+            )
 
 
 def _use(

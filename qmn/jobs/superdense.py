@@ -1,32 +1,29 @@
 """The job of sending a message by superdense coding."""
 
 import os
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
 from pathlib import Path
-from types import MappingProxyType
 
 from rich.console import Console
 
 from hosts.applications.carrying import CHUNK_BYTES
 from hosts.middleware.services.superdense.coding import CODES
 from hosts.middleware.services.superdense.frame_format import FrameFormat
-from hosts.middleware.services.superdense.options import DEFAULT_BLOCK_PAIRS, SuperdenseOptions
-from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_FRAME_BYTES, MIN_BLOCK_PAIRS
+from hosts.middleware.services.superdense.options import SuperdenseOptions
+from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from qmn.jobs import runner
 from qmn.jobs.run_context import RunContext
-from qmn.jobs.run_options import RunOptions
-from qmn.network.checks import check_network, check_two_hosts
+from qmn.network.checks import FROM_TO, check_network, check_two_hosts
 from qmn.network.custom_topology import short_name
 from qmn.network.description import describe_network
-from qmn.network.options import NetworkOptions
-from qmn.options import BadInput, Words, check_range, check_ranges
+from qmn.network.light_checks import check_light
+from qmn.options import BadInput, check_ranges
+from qmn.requests.superdense import SERVICE, SuperdenseRequest
 from qmn.results.run_folder import begin_folder
 from qmn.results.timeline import MERGE_AT_MOST_BYTES, WHOLE_AT_MOST_BYTES
 from topologies.networks.captures import MAX_PACKET_BYTES
-from topologies.networks.network import Signals, require_root
-from wire.metadata.vocabulary import FEC_NAMES, Service
-from wire.parameters.option import option
+from topologies.networks.network import Signals, require_free
+from wire.metadata.vocabulary import FEC_NAMES
 from wire.results.figures import Figures, SentFigures
 
 MESSAGE = Path(__file__).with_name("message.txt")
@@ -40,47 +37,6 @@ MERGED = {"framed": 1.02, "per-pair": 1.11, "sequential": 1.11}
 MERGED_HEADS = {"framed": 0.17, "per-pair": 0.9, "sequential": 0.9}
 SIZE_LIMIT = {"framed": 1 << 30, "per-pair": 1 << 16, "sequential": 1 << 16}
 TELL_ESTIMATE_ABOVE_S = 10
-# What of the session the result keeps as parameters.
-PACKETISATION = ("handshake", "frame_bytes", "block_pairs", "rate_hz", "fec", "interleave")
-SERVICE = Service.SDC.name.lower()
-
-
-@dataclass(frozen=True, kw_only=True)
-class SuperdenseRequest:
-    """What is sent, how, and in which network."""
-
-    message: str | None = option(
-        None, "text to send (default: a short text of ours)", instead_of="what"
-    )
-    file: Path | None = option(None, "file to send", instead_of="what")
-    sender: str = option("alice", "sending host (alice)", flag="--from", metavar="HOST")
-    options: SuperdenseOptions  # of its session, with the host that is sent to
-    network: NetworkOptions
-    run: RunOptions
-
-    @property
-    def receiver(self) -> str:
-        """The host that is sent to."""
-        return self.options.host
-
-
-# How the command line says the options of the session (qmn.options).
-SESSION: Mapping[str, Words] = MappingProxyType(
-    {
-        "host": {
-            "flag": "--to",
-            "default": "bob",
-            "metavar": "HOST",
-            "help": "receiving host (bob)",
-        },
-        "handshake": {"choices": sorted(EXPECTED_RATE), "help": "default: framed"},
-        "frame_bytes": {"metavar": "N", "help": "bytes under one check (256)"},
-        "block_pairs": {"metavar": "N", "help": f"pairs in a block ({DEFAULT_BLOCK_PAIRS})"},
-        "rate_hz": {"metavar": "HZ", "help": "of the source (50000000)"},
-        "fec": {"choices": FEC_NAMES, "help": "error-correction code (none)"},
-        "interleave": {"help": "spread the codewords of --fec over a frame"},
-    }
-)
 
 
 def run(request: SuperdenseRequest, signals: Signals, console: Console) -> int:
@@ -94,7 +50,8 @@ def begun(
     """Return the job and its context, with a folder; raise before there is one."""
     network = describe_network(request.network)
     size = check_input(request, network.hosts, network.dark_hosts)
-    require_root()
+    check_light(SERVICE, (request.sender, request.receiver), network.parts)
+    require_free(network.topo)
     tell_estimate(request, size, console)
     folder = begin_folder(request.run.runs, short_name(request.network.topology))
     context = RunContext(network, request.run, folder, signals, console)
@@ -114,13 +71,12 @@ def job(request: SuperdenseRequest, file: Path) -> runner.Job:
     """Return the sending of a file."""
     size = file.stat().st_size
     options, pairs = request.options, pairs_of(request.options, size)
-    ends = {"sender": request.sender, "receiver": request.receiver}
     return runner.Job(
         service=SERVICE,
         options=options,
         opener=request.sender,
         acceptor=request.receiver,
-        parameters={**ends, **{name: getattr(options, name) for name in PACKETISATION}},
+        request=request,
         said=f"sending {file.name} from {request.sender} to {request.receiver} "
         f"by superdense coding ({options.handshake})",
         unit="pairs",
@@ -141,7 +97,7 @@ def check_input(
 ) -> int:
     """Return the size of the message; raise BadInput before anything is started."""
     options = request.options
-    check_two_hosts(request.sender, request.receiver, hosts, dark)
+    check_two_hosts(request.sender, request.receiver, hosts, dark, FROM_TO)
     size = message_size(request)
     limit = SIZE_LIMIT[options.handshake]
     if size > limit:
@@ -151,9 +107,7 @@ def check_input(
         )
     check_network(request.network)
     check_ranges(request.run)
-    check_range("frame_bytes", options.frame_bytes, 1, MAX_FRAME_BYTES)
-    check_range("block_pairs", options.block_pairs, MIN_BLOCK_PAIRS, MAX_BLOCK_PAIRS)
-    check_range("rate_hz", options.rate_hz, 1, 4_000_000_000)
+    check_ranges(options)
     check_coding(options)
     return size
 

@@ -12,8 +12,6 @@ from topologies.timeouts import POLL_S
 from wire.application_lines import Line, fields_of
 from wire.controller_lines import read_record
 
-APPLICATION_PORT = 7
-
 
 class TransferError(Exception):
     """The message did not arrive, or the service failed; the text says why and what to do."""

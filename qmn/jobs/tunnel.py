@@ -13,8 +13,9 @@ from typing import Any
 from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
 
 from qmn.timeouts import START_TIMEOUT_S
-from topologies.daemons.key_managers import KeyManagers, application_name
+from topologies.daemons.key_managers import application_name, in_folder
 from topologies.networks.network import Network
+from topologies.system.certificates.authority import AUTHORITY
 from topologies.system.processes.programs import NetworkError, Program, python
 from wire.vpn import STRONGSWAN, TLS, WIREGUARD, VpnConfig
 
@@ -59,7 +60,6 @@ class MovedFile:
 
 def start_tunnel(
     network: Network,
-    managers: KeyManagers,
     hosts: tuple[str, str],
     rotate_s: float,
     lifetime_s: float,
@@ -75,7 +75,8 @@ def start_tunnel(
     ends: list[Program] = []
     for number, host in reversed(list(enumerate(hosts))):  # who follows waits for who leads
         other = 1 - number
-        files = managers.files[application_name(host)]
+        shown = network.runtime.own_folder(host)  # by the same path on every machine
+        files = in_folder(shown, application_name(host))
         config = VpnConfig(
             program=program,
             leads=number == 0,
@@ -86,7 +87,7 @@ def start_tunnel(
             other_sae=application_name(hosts[other]),
             certificate=str(files.certificate),
             key_file=str(files.private_key),
-            authority=str(managers.authority),
+            authority=str(shown / AUTHORITY),
             rotate_s=rotate_s,
             lifetime_s=lifetime_s,
             time_scale=network.runtime.time.scale,
@@ -95,6 +96,7 @@ def start_tunnel(
         )
         file = network.runtime.folder / f"vpn-{host}.json"
         config.write(file)
+        network.runtime.share(host, file)
         command = [python(), "-m", "hosts.applications.vpn", "--config", str(file)]
         end = network.run_on(host, f"vpn-{host}", command)
         with carried_by(carriers):
@@ -160,6 +162,7 @@ def start_charon(network: Network, host: str) -> Program:
     file = network.runtime.folder / f"charon-{host}.conf"
     file.touch(mode=0o600)
     file.write_text(CHARON.format(socket=charon_socket(network, host)))
+    network.runtime.share(host, file)
     command = ["env", f"STRONGSWAN_CONF={file}", "charon-systemd"]
     return network.run_on(host, f"charon-{host}", command)
 
@@ -171,9 +174,10 @@ def interface_of(host: str) -> str:
 
 def start_wireguard(network: Network, host: str) -> Program:
     """Start what carries a host's packets, in user space."""
-    remove_dead_socket(host)
-    if (path := socket_of(host)).exists():
-        raise NetworkError(f"{path} exists: another WireGuard uses this name; end it first")
+    if host not in network.runtime.places:  # else /run is the network's own
+        remove_dead_socket(host)
+        if (path := socket_of(host)).exists():
+            raise NetworkError(f"{path} exists: another WireGuard uses this name; end it first")
     command = ["env", "LOG_LEVEL=error", "wireguard-go", "-f", interface_of(host)]
     return network.run_on(host, f"wireguard-{host}", command)
 
@@ -224,6 +228,7 @@ def serve_and_download(
     shared = network.runtime.folder / "shared"
     shared.mkdir()
     os.symlink(file, shared / "file")
+    network.runtime.share(serving, shared / "file")
     place = ["--bind", INSIDE[1], "--directory", str(shared), str(HTTP_PORT)]
     server = network.run_on(serving, f"http-{serving}", [python(), "-m", "http.server", *place])
     server.wait_for("Serving HTTP", START_TIMEOUT_S, network.check)

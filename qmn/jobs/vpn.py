@@ -1,23 +1,21 @@
 """qmn run vpn: a VPN between two hosts, keyed by their photons; a file moves through it."""
 
 import os
-import shutil
 import time
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
+from shutil import which
 
 from rich.console import Console
 
-from hosts.middleware.session.service_options import MAX_COUNT
 from qmn.jobs import eavesdropping, moments
-from qmn.jobs.keys import show
+from qmn.jobs.keys import moments_of
 from qmn.jobs.moments import Moments
-from qmn.jobs.passing_eavesdropper import PassingEavesdropper, PassingEve
+from qmn.jobs.passing_eavesdropper import PassingEavesdropper, check_passing
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
-from qmn.jobs.run_options import RunOptions
 from qmn.jobs.tunnel import (
     MovedFile,
     carried_by,
@@ -27,23 +25,24 @@ from qmn.jobs.tunnel import (
     serve_and_download,
     start_tunnel,
 )
-from qmn.network.checks import check_network, check_two_hosts
+from qmn.network.checks import FROM_TO, check_network, check_two_hosts
 from qmn.network.description import NetworkDescription, describe_network
-from qmn.network.options import NetworkOptions
+from qmn.network.light_checks import check_light
 from qmn.network.time_scale import REAL
 from qmn.options import BadInput, check_ranges
+from qmn.requests.vpn import DEFAULT_S, VpnRequest
 from qmn.results import result
 from qmn.results.run_folder import begin_folder
 from topologies.daemons.key_managers import KeyService, start_key_managers
-from topologies.networks.network import Network, Signals, require_root
+from topologies.networks.network import Network, Signals, require_free
+from topologies.system.machines.machine import Machine
 from topologies.system.processes.programs import NetworkError, Program
 from topologies.timeouts import POLL_S
 from wire.key_manager import KeyLink
-from wire.parameters.option import option
 from wire.results.figures import TunnelFigures
 from wire.results.moments import ClosedMoment, HandshakeMoment, Moment
-from wire.results.run_result import KeysJob, Parameter
-from wire.vpn import PROGRAMS, STRONGSWAN, TLS, WIREGUARD
+from wire.results.run_result import KeysJob
+from wire.vpn import STRONGSWAN, TLS, WIREGUARD
 
 NAME = "vpn"
 NEEDED = {  # programs, and the Debian packages that have them
@@ -62,42 +61,7 @@ OWN_TIMERS = {
     TLS: "TCP's",
 }
 ENOUGH = 4096  # keys that are never there: sessions follow one another, and notice who listens
-DEFAULT_S = 20.0  # that the default file takes at the rate that is asked for
-
-
-@dataclass(frozen=True, kw_only=True)
-class VpnRequest:
-    """What the tunnel is made with, how often its key changes, and what goes through it."""
-
-    program: str = option(
-        WIREGUARD, "what makes the tunnel (wireguard)", flag="--with", choices=PROGRAMS
-    )
-    sender: str = option("alice", "that asks for keys (alice)", flag="--from", metavar="HOST")
-    receiver: str = option("bob", "that has the file (bob)", flag="--to", metavar="HOST")
-    rotate: float = option(2.0, "a new key so often (2)", metavar="S", range=(0.5, 3_600))
-    lifetime: float = option(
-        5.0,
-        "no key is used for longer (5)",
-        flag="--key-lifetime",
-        metavar="S",
-        range=(1.0, 86_400),
-    )
-    session_bits: int = option(
-        12_000,
-        "sifted bits of a session that makes keys (12000)",
-        metavar="N",
-        range=(1, MAX_COUNT),
-    )
-    mbit_s: float = option(4.0, "at which the file comes (4)", metavar="MBIT", range=(0.1, 1_000))
-    file: Path | None = option(
-        None, f"to move (random bytes that take {DEFAULT_S:g} s)", metavar="FILE"
-    )
-    seconds: float = option(
-        90.0, "until the file has to be there (90)", metavar="S", range=(1.0, 86_400)
-    )
-    eve: PassingEve
-    network: NetworkOptions
-    run: RunOptions
+PROTOCOL = "bb84"  # of the sessions that make keys
 
 
 def checked(request: VpnRequest) -> tuple[VpnRequest, NetworkDescription]:
@@ -108,35 +72,49 @@ def checked(request: VpnRequest) -> tuple[VpnRequest, NetworkDescription]:
     if request.eve.eve is not None:
         request = replace(request, network=eavesdropping.with_eve(request.network))
     network, ends = describe_network(request.network), (request.sender, request.receiver)
-    check_two_hosts(*ends, network.hosts, network.dark_hosts)
+    check_two_hosts(*ends, network.hosts, network.dark_hosts, FROM_TO)
+    check_light(PROTOCOL, ends, network.parts)
     check_network(request.network)
     check_ranges(request.run)
     check_ranges(request)
-    request.eve.check(ends, network)
+    check_passing(request.eve, ends, network)
     if request.lifetime <= request.rotate:
         raise BadInput(
             f"--key-lifetime {request.lifetime:g}: choose more than --rotate {request.rotate:g}"
         )
     if request.file is not None and not request.file.is_file():
         raise BadInput(f"cannot read {request.file}: it is not a file")
-    names, packages = NEEDED[request.program]
-    missing = [name for name in names if shutil.which(name) is None]
-    if missing:
-        raise BadInput(f"{missing[0]} is not installed: apt-get install {packages}")
+    if request.run.machines == 1 and not request.run.place:
+        require_installed(request, {})
     return request, network
+
+
+def require_installed(request: VpnRequest, places: Mapping[str, Machine]) -> None:
+    """Raise BadInput if the machine of an end lacks a program that makes the tunnel.
+
+    `places` are those of hosts that are not on this one.
+    """
+    names, packages = NEEDED[request.program]
+    for host in (request.sender, request.receiver):
+        machine = places.get(host)
+        missing = machine.lacks(names) if machine else [n for n in names if which(n) is None]
+        if missing:
+            where = f" on {machine.name}, where {host} is" if machine else ""
+            raise BadInput(f"{missing[0]} is not installed{where}: apt-get install {packages}")
 
 
 def run(request: VpnRequest, signals: Signals, console: Console) -> int:
     """Do the whole run and return its exit status."""
     request, description = checked(request)
-    require_root()
+    require_free(description.topo)
     folder = begin_folder(request.run.runs, NAME)
     eve = passing_eve(request, description, folder)
     context = RunContext(eve.with_policy(description), request.run, folder, signals, console)
     kept, hosts = KeysJob(), (request.sender, request.receiver)
-    facts = known_facts(context, NAME, hosts, kept, parameters(request))
+    facts = known_facts(context, NAME, hosts, kept, request)
     with ending(folder, facts, result.complete, context.options.report) as ended:
-        with no_dead_sockets(hosts), running_network(context, facts) as network:
+        prepare = partial(require_installed, request)
+        with no_dead_sockets(hosts), running_network(context, facts, prepare) as network:
             use_network(request, network, eve, context, kept)
         facts.delivered = isinstance(kept.asking, TunnelFigures) and kept.asking.file_intact
     result.show(console, facts, folder, ended.report)
@@ -147,15 +125,8 @@ def passing_eve(
     request: VpnRequest, network: NetworkDescription, folder: Path
 ) -> PassingEavesdropper:
     """Return who may come to the light."""
-    begin = eavesdropping.sender_of_light("bb84", request.sender, network)
+    begin = eavesdropping.sender_of_light(PROTOCOL, request.sender, network)
     return PassingEavesdropper(request.eve, begin, request.receiver, folder)
-
-
-def parameters(request: VpnRequest) -> dict[str, Parameter | None]:
-    """Return what the result keeps of what was asked."""
-    names = ("program", "sender", "receiver", "rotate", "lifetime", "session_bits", "mbit_s")
-    said = {name: getattr(request, name) for name in names}
-    return said | (vars(request.eve) if request.eve.eve is not None else {})
 
 
 def use_network(
@@ -177,11 +148,9 @@ def use_network(
             f"timers on the wall clock: {OWN_TIMERS[request.program]}", soft_wrap=True
         )
     watched = {host: managers.programs[host] for host in ends}
-    noted = Moments(watched, network.runtime.time, partial(show, context.console))
+    noted = moments_of(network, watched, context.console)
     kept.moments = noted.all
-    tunnel = start_tunnel(
-        network, managers, ends, request.rotate, request.lifetime, request.program
-    )
+    tunnel = start_tunnel(network, ends, request.rotate, request.lifetime, request.program)
     for host, program in zip(ends, tunnel.programs[:2], strict=True):
         noted.listen(host, program)
     file = file_of(request, context.folder)
@@ -192,6 +161,7 @@ def use_network(
         watch(network, noted, eve, [*tunnel.programs, moved.server], moved, request.seconds)
     finally:
         noted.finish()
+        network.bring_back(moved.download)
         kept.asking = counted(noted, moved, file)
 
 
@@ -218,10 +188,14 @@ def watch(
         network.check()
         noted.gather()
         eve.look(network, noted)
-        require_running(programs)
-        if not running:
-            if moved.download.status:
+        try:
+            require_running(programs)
+            if not running and moved.download.status:
                 raise died(moved.download)
+        except NetworkError:
+            network.explain()  # its host or its machine may have ended first
+            raise
+        if not running:
             return
         if noted.now_s > seconds:
             raise NetworkError(

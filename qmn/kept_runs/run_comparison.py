@@ -12,13 +12,24 @@ from wire.results.run_result import RESULT
 
 Row = tuple[str, str, str]
 TOLD = ("service", "topology", "controller", "seed", "parameters")
+DIGITS = 12  # of a digest, by which people tell messages apart
 FROM_THE_START = ("open", "create", "send", "arrive", "store", "measure", "bell-measure", "close")
 
 
 def parameters(one: Path, two: Path) -> list[Row]:
-    """Return the parameters that differ."""
-    first, second = (_plain(_result(run), TOLD) for run in (one, two))
+    """Return the parameters that differ, and what was sent."""
+    first, second = ({**_plain(_result(run), TOLD), **_sent(run)} for run in (one, two))
     return [row for row in _beside(first, second) if row[1] != row[2]]
+
+
+def _sent(run: Path) -> dict[str, str]:
+    """Return the message of a run, if it has one, in a few words."""
+    message = _result(run)["job"].get("message")
+    if not message:
+        return {}
+    digest = message.get("sha256_sent")
+    told = f"SHA-256 {digest[:DIGITS]}" if digest else Path(message["file"]).name
+    return {"message": f"{message['bytes']:,} bytes, {told}"}
 
 
 def figures(one: Path, two: Path) -> list[Row]:

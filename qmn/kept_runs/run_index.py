@@ -13,11 +13,10 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from hosts.middleware.services import NAMES
-from qmn.jobs.run_options import RunOptions
+from qmn.kept_runs.named_run import is_run
 from qmn.live.running import left_of_killed
-from qmn.network.key_options import KeyServiceOptions
 from qmn.network.options import NetworkOptions
+from qmn.requests.kinds import KEPT, job_of
 from qmn.results.run_folder import give
 from wire.results import schema
 from wire.results.run_result import BEGUN, RESULT, Head, Parameter
@@ -72,12 +71,6 @@ def runs_in(folder: Path) -> list[Run]:
     return sorted(current.values(), key=lambda run: (run.began, run.name))
 
 
-def is_run(path: Path) -> bool:
-    """Return whether a folder is that of a run: by its name, and by a log or a result in it."""
-    stamped = path.name[:8].isdecimal() and path.name[8:9] == "T"
-    return stamped and path.is_dir() and not path.is_symlink()
-
-
 def read_run(path: Path) -> Run:
     """Return what a folder tells of its run."""
     stamp = path.name[:15]
@@ -99,9 +92,7 @@ def read_run(path: Path) -> Run:
 
 def differing(head: Head) -> dict[str, Parameter]:
     """Return the parameters of a run that say something: those that are not the default."""
-    defaults = {
-        each.name: each.default for kind in _kinds(head) for each in fields(kind) if each.init
-    }
+    defaults = _defaults(head)
     told = {"controller": head.controller, "seed": head.seed, **head.parameters}
     return {
         name: value
@@ -113,26 +104,12 @@ def differing(head: Head) -> dict[str, Parameter]:
     }
 
 
-def _kinds(head: Head) -> Iterator[type[Any]]:
-    """Yield the dataclasses of what a run could be told."""
-    yield from (NetworkOptions, RunOptions)
-    # Jobs take a moment to load.
-    if "load" in head.job:
-        from qmn.jobs.load import LoadRequest
-
-        yield LoadRequest
-    elif head.service == "vpn":
-        from qmn.jobs.vpn import VpnRequest
-
-        yield VpnRequest
-    elif head.service == "netqasm":
-        from qmn.jobs.netqasm import NetqasmRequest
-
-        yield NetqasmRequest
-    elif head.service == "keys":
-        yield KeyServiceOptions
-    elif kind := NAMES.get(head.service or ""):
-        yield kind.options
+def _defaults(head: Head) -> dict[str, Any]:
+    """Return the defaults of what a run could be told, by name."""
+    known = {each.name: each for each in fields(NetworkOptions)}
+    if kept := KEPT.get(job_of(head.service or "", head.job)):
+        known |= kept.fields
+    return {name: each.default for name, each in known.items()}
 
 
 def outcome(head: Head) -> str:

@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from qmn.results import schema
 from qmn.sweeps.estimates import SIGMAS, Estimate, mean_of_draws
 from qmn.sweeps.experiment import Outcome
-from wire.results import schema
-from wire.results.run_result import RunResult
 
 
 @dataclass(frozen=True)
@@ -146,7 +145,7 @@ class Run:
     @property
     def job(self) -> Any:
         """What a `qmn run` says of its job, by attributes (wire.results.run_result, figures)."""
-        return schema.read(RunResult, self.result).job
+        return schema.read_run(self.result).job
 
     def times_s(self, kind: str) -> list[float]:
         """Return when events of a kind were, by the event log, in seconds of the network.

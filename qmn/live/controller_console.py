@@ -1,6 +1,5 @@
 """Asks the controller of the network that runs on this machine, over its console."""
 
-import socket
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -8,12 +7,11 @@ from typing import Any
 
 from rich.console import Console
 
-from qmn.timeouts import CONSOLE_TIMEOUT_S
+from topologies.system.runs.console import answer_of
 from topologies.system.runs.runtime import CONSOLE, NONE_RUNS, RUNTIME_ROOT, folders_of_running
-from wire.controller_lines import ConsoleError, decode_answer, encode_request
+from wire.controller_lines import ConsoleError
 from wire.malformed import MalformedPacket
 
-CHUNK = 1 << 16
 WIDTH = 200  # where it is not a terminal's
 
 
@@ -25,11 +23,7 @@ def ask(command: str, **fields: Any) -> Any:
     """Return the controller's answer; raise NoAnswer if there is none."""
     path = find_console()
     try:
-        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as console:
-            console.settimeout(CONSOLE_TIMEOUT_S)
-            console.connect(str(path))
-            console.sendall(encode_request(command, **fields))
-            return decode_answer(b"".join(iter(lambda: console.recv(CHUNK), b"")))
+        return answer_of(path, command, **fields)
     except PermissionError as error:
         raise NoAnswer("the network belongs to root: run it with sudo") from error
     except ConsoleError as error:

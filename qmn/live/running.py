@@ -7,6 +7,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from qmn.results.run_result import NetworkResult
+from topologies.networks.heard_orders import patience_s
 from topologies.system.processes.owners import gone, this_process
 from topologies.system.processes.programs import NetworkError
 from topologies.system.runs.runtime import (
@@ -18,7 +20,7 @@ from topologies.system.runs.runtime import (
 )
 from wire.config import BadConfig, DispatcherConfig
 from wire.results import schema
-from wire.results.run_result import BEGUN, RESULT, NetworkResult
+from wire.results.run_result import BEGUN, RESULT
 
 NETWORK = "network.json"  # in the private folder of a network
 KILLED = "its runner was killed"
@@ -34,6 +36,8 @@ class RunningNetwork:
     time_scale: float
     stacks: dict[str, str]  # socket of each host's
     network: dict[str, Any]  # as results keep it
+    datapath_ids: dict[str, int]  # of the quantum switches that our controller programs
+    heard_in_s: float  # at most, until it has heard of a link
 
 
 def announce_network(runtime: Runtime, facts: NetworkResult) -> None:
@@ -42,7 +46,13 @@ def announce_network(runtime: Runtime, facts: NetworkResult) -> None:
     facts.write_begun(runtime.logs, str(this_process()))
     stacks = {host: runtime.socket(host) for host in runtime.addresses}
     told = RunningNetwork(
-        str(runtime.logs), time.time_ns(), runtime.time_scale, stacks, facts.network.to_dict()
+        str(runtime.logs),
+        time.time_ns(),
+        runtime.time_scale,
+        stacks,
+        facts.network.to_dict(),
+        runtime.own_datapath_ids,
+        patience_s(runtime),
     )
     (runtime.folder / NETWORK).write_text(json.dumps(asdict(told)))
 

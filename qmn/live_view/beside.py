@@ -9,7 +9,6 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -20,19 +19,9 @@ from qmn.timeouts import LIVE_START_S
 from topologies.system.processes import owners
 from topologies.system.processes.programs import Program, python
 from topologies.system.runs.runtime import LIVE_PAGES
-from wire.parameters.option import option
 
 Say = Callable[[str], None]
 SAY = partial(print, flush=True)
-
-
-@dataclass(frozen=True, kw_only=True)
-class LiveOptions:
-    """What every verb that starts networks can be told of a page."""
-
-    live: bool = option(
-        False, "serve a page of the network, or of each in its turn, and say where (`qmn live`)"
-    )
 
 
 @contextmanager

@@ -8,7 +8,9 @@ from pathlib import Path
 from controller_apps.policy.reading import BadPolicy, read_policy
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, check_ranges
-from wire.parameters.checks import remedy
+from wire.parameters.checks import NEAR, remedy
+
+FROM_TO, LINE = "--from and --to", "--line"  # by which a user says who takes part
 
 
 def check_network(options: NetworkOptions) -> None:
@@ -56,10 +58,18 @@ def check_module(name: str) -> None:
 
 
 def check_two_hosts(
-    sender: str, receiver: str, hosts: Sequence[str], dark: Collection[str] = ()
+    sender: str,
+    receiver: str,
+    hosts: Sequence[str],
+    dark: Collection[str] = (),
+    said_by: str = "",
 ) -> None:
-    """Raise BadInput unless both are of these hosts, and not the same; `dark` have no light."""
-    choice = f"choose sender and receiver (--from, --to) of {', '.join(hosts)}"
+    """Raise BadInput unless both are of these hosts, and not the same; `dark` have no light.
+
+    `said_by` names the options by which a user says them, if there are any.
+    """
+    by = f" by {said_by}" if said_by else ""
+    choice = f"choose two of {', '.join(hosts)}{by}"
     if not hosts:
         choice = "there is none here: see examples/my_net.py"
     for name in (sender, receiver):
@@ -68,6 +78,7 @@ def check_two_hosts(
                 f"host {name!r} has no light: only a host of cls=QuantumHost has; {choice}"
             )
         if name not in hosts:
-            raise BadInput(f"unknown host {name!r}: {remedy(name, hosts)}")
+            near = remedy(name, hosts)
+            raise BadInput(f"unknown host {name!r}: {near if near.startswith(NEAR) else choice}")
     if sender == receiver:
         raise BadInput(f"sender and receiver are both {sender}: choose two hosts")

@@ -20,6 +20,7 @@ from qmn.network.topologies import builder
 from topologies.catalogue.presets import preset
 from topologies.description.clashes import refuse_clashes
 from topologies.description.description import Description, describe
+from topologies.description.reach import refuse_unreachable
 from topologies.fabric import fiber_of
 from topologies.links.copper_lengths import assign_copper_lengths, longest_way_s
 from topologies.links.copper_link import delay_s
@@ -93,6 +94,7 @@ def _described(
     topo = words.built(build)
     parts = describe(topo)
     refuse_clashes(topo)
+    refuse_unreachable(topo)
     own = every is None or is_custom(options.topology)
     base = base_device(options.node, words.preset)
     named = {host: parts.hosts[host] for host in words.named_hosts}

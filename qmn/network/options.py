@@ -111,6 +111,11 @@ class TimeOptions:
 class NetworkOptions(ShapeOptions, LightOptions, TimeOptions, NetworkSettings):
     """What can be said of a network: its settings, and which nodes and fibres it has."""
 
+    # Of a run's result, which tells them elsewhere, or of which they do not change what comes out.
+    NOT_KEPT: ClassVar = (
+        *("controller", "seed", "backend", "time_scale", "sabot", "policy", "rest", "apps"),
+        *("keys", "metrics", "gnmi", "history_depth", "per_qubit"),
+    )
     topology: str = ""  # its name, or FILE.py:CLASS; empty: a script's own
     usual_topology: str = ""  # of a job, where neither a topology nor a map is named
 

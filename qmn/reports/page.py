@@ -12,10 +12,11 @@ from qmn.reports.light_paths import fiber_name, light_paths, photons_by_port
 from qmn.reports.markup import table
 from qmn.reports.run_facts import RunFacts, read_run
 from qmn.results.result import said_size
+from qmn.results.run_result import RunResult
 from qmn.results.service_result import number_text
 from wire.device import OF_LIGHT, setting_name
 from wire.results.figures import Figures, SentFigures
-from wire.results.run_result import KeysJob, LoadJob, RunResult
+from wire.results.run_result import KeysJob, LoadJob
 
 REPORT = "report.html"
 MOST_FIBERS = 24  # whose table is seen at once
@@ -134,7 +135,7 @@ def _parameters(result: RunResult) -> str:
     rows = [[name, _said(getattr(result, name))] for name in (*names, *of_time)]
     met = result.approximations
     rows += [[f"approximated: {each.name}", said_size(each)] for each in met]
-    rows += [[name, _said(value)] for name, value in result.parameters.items()]
+    rows += [[name, _said(value)] for name, value in result.told_parameters.items()]
     if isinstance(result.asking, SentFigures):
         used = {name: getattr(result.asking, name) for name in OF_LIGHT}
         rows += [[f"in use: {name}", _said(setting_name(name, used[name]))] for name in used]

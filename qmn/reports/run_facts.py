@@ -8,14 +8,15 @@ from numpy.typing import NDArray
 
 from qmn.live.event_sources import recorded
 from qmn.live.running import left_of_killed
+from qmn.results import schema
+from qmn.results.run_result import NetworkResult, RunResult
 from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.application_lines import fields_of, figures
 from wire.controller_lines import read_record
 from wire.dispatcher_pb2 import Event
-from wire.results import schema
 from wire.results.figures import ReceiverFigures, SentFigures
 from wire.results.network_facts import NetworkFacts
-from wire.results.run_result import RESULT, NetworkResult, RunResult, ServiceJob
+from wire.results.run_result import RESULT, ServiceJob
 
 SENDER_LOG = "asking.log"
 TELLING = ("result", "done")  # events that tell figures

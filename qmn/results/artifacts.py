@@ -6,16 +6,16 @@ One timeline with its dissectors, and result.json: topology, parameters, seed, h
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
 from pathlib import Path
 
 from qmn.network.options import NetworkOptions
 from qmn.results.run_folder import PRIVATE
+from qmn.results.run_result import NetworkResult
 from qmn.results.timeline import timeline_of_run
 from topologies.networks.network import Interrupted
 from topologies.system.processes.programs import NetworkError
 from wire.controller_lines import EARLIER, RECORD
-from wire.results.run_result import RESULT, NetworkResult
+from wire.results.run_result import RESULT
 
 
 @contextmanager
@@ -53,11 +53,10 @@ def _forget_earlier(folder: Path) -> None:
 
 def beginning(options: NetworkOptions) -> NetworkResult:
     """Return what is known before the start."""
-    given = {name: value for name, value in asdict(options).items() if value not in (None, (), "")}
     return NetworkResult(
-        topology=given.pop("topology", None),  # None: a script's own
+        topology=options.topology or None,  # None: a script's own
         mode=os.environ.get("QMN_MODE", "native"),
-        controller=given.pop("controller"),
-        seed=given.pop("seed"),
-        parameters=given,
+        controller=options.controller,
+        seed=options.seed,
+        parameters=options,
     )

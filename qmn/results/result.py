@@ -8,6 +8,7 @@ from typing import Any
 from rich.console import Console
 
 from qmn.results import service_result, software_share
+from qmn.results.run_result import NetworkResult, RunResult
 from qmn.results.service_result import RECEIVED as RECEIVED
 from topologies.links.fiber import FiberLink
 from topologies.networks.network import Network
@@ -16,15 +17,7 @@ from wire.controller_lines import read_record
 from wire.dispatcher_record import has_ended
 from wire.metadata.vocabulary import Reason
 from wire.results.network_facts import NetworkFacts
-from wire.results.run_result import (
-    Approximated,
-    NetworkResult,
-    RunResult,
-    ServiceJob,
-    Sessions,
-    SetUpTimes,
-    WatchedLight,
-)
+from wire.results.run_result import Approximated, ServiceJob, Sessions, SetUpTimes, WatchedLight
 
 EXACTNESS = {True: "exact", False: "with approximations", None: "exactness unknown"}
 MOST_IDS = 100  # of sessions

@@ -4,9 +4,10 @@ from collections.abc import Iterable
 from math import inf
 
 from qmn.network.time_scale import SHARE, Scale
+from qmn.results.run_result import NetworkResult
 from wire.dispatcher_pb2 import SoftwareTime
 from wire.parameters.physics import Device
-from wire.results.run_result import NetworkResult, ShortestTime
+from wire.results.run_result import ShortestTime
 
 DOMINATED = 0.5  # of a wait
 MATTERS = 0.01  # of the shortest time in which waiting does something

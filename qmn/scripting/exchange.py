@@ -9,7 +9,8 @@ from typing import Any
 
 from hosts.applications.carrying import CHUNK_BYTES
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
-from qmn.jobs.transfer import APPLICATION_PORT, TransferError, with_elements
+from qmn.jobs.transfer import TransferError, with_elements
+from qmn.requests.service_verbs import APPLICATION_PORT
 from qmn.scripting.tables import Tabular
 from qmn.timeouts import STALL_TIMEOUT_S
 from topologies.networks.network import Network

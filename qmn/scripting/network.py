@@ -79,6 +79,7 @@ class Held(Tabular):
 class HostState(Tabular):
     """A host: what the controller knows of its device, and the blocks it holds.
 
+    The device is as the host has last reported it, the blocks are as they are: `state` says when.
     As a table a row for each block, behind what is told of the device; one if it holds none.
     """
 
@@ -171,7 +172,12 @@ class QuantumNetwork(Network):
         return TableOf(fiber_state(fiber, statistics, up) for fiber in self.runtime.fibers)
 
     def state(self, host: str) -> HostState:
-        """Return the state of a host; raise BadInput if there is none of this name."""
+        """Return the state of a host; raise BadInput if there is none of this name.
+
+        Its blocks are those of this moment. Its device is as it has last told the controller, which
+        asks once a second unless the policy says otherwise, counts of pairs, too: `heard_s_ago`
+        says how long ago that was.
+        """
         if host not in self.quantum_hosts:
             raise BadInput(f"unknown host {host!r}: {remedy(host, self.quantum_hosts)}")
         device = next(device for device in ask("devices") if device["name"] == host)

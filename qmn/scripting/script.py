@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from types import TracebackType
 
-from topologies.system.processes.signals import Interrupted
+from topologies.system.processes.signals import Interrupted, interrupted_words
 
 INTERRUPTED = 128 + signal.SIGINT
 
@@ -23,10 +23,10 @@ def main() -> int:
     try:
         runpy.run_path(file, run_name="__main__")
     except Interrupted as error:
-        print(f"qmn: {error}; everything is cleaned up", file=sys.stderr)
+        print(f"qmn: {interrupted_words(error)}", file=sys.stderr)
         return error.status
-    except KeyboardInterrupt:
-        print("qmn: interrupted; everything is cleaned up", file=sys.stderr)
+    except KeyboardInterrupt as error:
+        print(f"qmn: {interrupted_words(error)}", file=sys.stderr)
         return INTERRUPTED
     return 0
 

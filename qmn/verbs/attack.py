@@ -14,8 +14,8 @@ OFF, ON = "off", "on"
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     from qmn.attacks.laboratory import ATTACKS
-    from qmn.live_view.beside import LiveOptions
     from qmn.options import add_options
+    from qmn.requests.run_options import LiveOptions
 
     text = "try an attack on an emulated network"
     parser = verbs.add_parser("attack", help=text, description=__doc__)

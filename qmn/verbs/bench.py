@@ -31,6 +31,7 @@ from qmn.timeouts import MEASURE_TIMEOUT_S, RUN_TIMEOUT_S
 from topologies.networks.network import Interrupted, Network, Signals, require_root
 from topologies.sdc import SdcTopo
 from topologies.system.processes.programs import NetworkError, python
+from topologies.system.processes.signals import interrupted_words
 from topologies.system.runs.runtime import Runtime
 from topologies.tree import LEAST_HOSTS, MOST_HOSTS
 
@@ -86,7 +87,7 @@ def call(arguments: argparse.Namespace) -> int:
             for name, text in many_hosts_benchmarks(Path(folder), arguments.hosts, signals):
                 show(name, text)
     except Interrupted as error:
-        print(f"qmn: {error}; everything is cleaned up", file=sys.stderr)
+        print(f"qmn: {interrupted_words(error)}", file=sys.stderr)
         return error.status
     except NetworkError as error:
         print(f"qmn: {error}", file=sys.stderr)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from qmn.live.metrics_targets import urls
-from qmn.live_view.beside import LiveOptions, live_view
+from qmn.live_view.beside import live_view
 from qmn.machines.options import MachineOptions
 from qmn.network.checks import check_network
 from qmn.network.custom_topology import BadTopology, short_name
@@ -21,15 +21,16 @@ from qmn.network.q0_options import Q0Options, ip_over_light, with_both_ways
 from qmn.network.topologies import TOPOLOGIES, topology_name
 from qmn.options import BadInput, add_options, read
 from qmn.parser import listed
-from qmn.results import software_share
+from qmn.requests.run_options import LiveOptions
+from qmn.results import schema, software_share
 from qmn.results.run_folder import begin_folder, give_to_invoker
 from qmn.scripting.network import QuantumNetwork, running
 from topologies.daemons.ip_over_light import IpOverLight, start_ip_over_light
 from topologies.daemons.key_managers import KeyService, start_key_managers
-from topologies.networks.network import Interrupted, require_root
+from topologies.networks.network import Interrupted, require_free
 from topologies.system.processes.programs import NetworkError
+from topologies.system.processes.signals import interrupted_words
 from wire.parameters.option import WRITTEN, option
-from wire.results import schema
 
 INTERRUPTED = 130  # status of a script that Ctrl-C has ended, as of a shell
 
@@ -65,10 +66,10 @@ def call(arguments: argparse.Namespace) -> int:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
     except Interrupted as error:
-        print(f"qmn: {error}; everything is cleaned up", file=sys.stderr)
+        print(f"qmn: {interrupted_words(error)}", file=sys.stderr)
         return error.status
-    except KeyboardInterrupt:
-        print("qmn: interrupted; everything is cleaned up", file=sys.stderr)
+    except KeyboardInterrupt as error:
+        print(f"qmn: {interrupted_words(error)}", file=sys.stderr)
         return INTERRUPTED
 
 
@@ -96,7 +97,7 @@ def start_and_obey(
     check_network(options)
     description = describe_network(options)
     service = key_service(keys, description.hosts)
-    require_root()
+    require_free(description.topo)
     folder = begin_folder(extras.runs, short_name(options.topology))
     try:
         print(f"starting the network; its logs and quantum events: {folder}", flush=True)

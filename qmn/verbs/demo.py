@@ -11,9 +11,9 @@ from typing import Any
 
 from qmn.emulated.catalogue import DEMOS
 from qmn.emulated.of_time import TIME_SCALE
-from qmn.live_view.beside import LiveOptions
 from qmn.network.time_scale import REAL
 from qmn.options import add_options, read
+from qmn.requests.run_options import LiveOptions
 from qmn.verbs import sweep
 from wire.parameters.option import option
 

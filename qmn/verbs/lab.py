@@ -19,8 +19,9 @@ from qmn.jobs.run_context import guarded
 from qmn.labs import catalogue, runs_done
 from qmn.labs.lab import Lab, Run
 from qmn.labs.networks import carry_out
-from qmn.live_view.beside import LiveOptions, page_of_command
+from qmn.live_view.beside import page_of_command
 from qmn.options import BadInput, add_options, read
+from qmn.requests.run_options import LiveOptions
 from qmn.results.run_folder import give_tree, make_folder
 from qmn.sweeps.lines import BadTable
 from topologies.networks.network import Interrupted, Signals, require_root

@@ -1,16 +1,20 @@
 """qmn link NODE NODE down|up: cut all fibres and copper between two nodes, or mend them.
 
-As Mininet's command `link`, from another terminal. A fibre is cut at its switch.
+As Mininet's command `link`, from another terminal. A fibre is cut at its switch; the command ends
+when the controller has heard of it, so that the next session finds it so.
 """
 
 import argparse
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from qmn.live.controller_console import NoAnswer, ask
 from qmn.live.running import announced_network
 from qmn.timeouts import ORDER_TIMEOUT_S
+from topologies.networks.heard_orders import ends_between, until_heard
 from topologies.system.processes.programs import NetworkError
 from wire.parameters.checks import remedy
 from wire.results.network_facts import NetworkFacts
@@ -31,12 +35,15 @@ def call(arguments: argparse.Namespace) -> int:
     """Cut or mend; turn what is wrong into one line and an exit status."""
     a, b, state = arguments.a, arguments.b, arguments.state
     try:
-        facts = NetworkFacts.from_dict(announced_network().network)
+        network = announced_network()
+        facts = NetworkFacts.from_dict(network.network)
         names = switch_ends(facts, a, b)
-        for name in names:
-            command = ["ip", "link", "set", name, state]
-            subprocess.run(command, check=True, capture_output=True, timeout=ORDER_TIMEOUT_S)
-    except NetworkError as error:
+        ends = ends_between(a, b, facts.fibers, network.datapath_ids)
+        with until_heard(partial(ask, "paths"), ends, state == "up", network.heard_in_s):
+            for name in names:
+                command = ["ip", "link", "set", name, state]
+                subprocess.run(command, check=True, capture_output=True, timeout=ORDER_TIMEOUT_S)
+    except (NetworkError, NoAnswer) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
     except subprocess.TimeoutExpired:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from qmn.kept_runs.named_run import add_run
 from qmn.live.running import KILLED, announced_network, dispatcher_of_running_network
 from qmn.live_view.address import Place, place_given, say
 from qmn.live_view.handshakes import drawn_handshake
@@ -40,8 +41,7 @@ class LiveOptions:
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     parser = verbs.add_parser("live", help="see it in the browser", description=__doc__)
-    text = "folder of a run, such as runs/latest (default: the network that runs)"
-    parser.add_argument("run", type=Path, nargs="?", metavar="RUN", help=text)
+    add_run(parser, "default: the network that runs")
     add_options(parser, LiveOptions)
     parser.set_defaults(call=call, needs_root=lambda arguments: arguments.run is None)
 

@@ -6,13 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from qmn.jobs import netqasm
-from qmn.jobs.netqasm import NetqasmRequest
 from qmn.jobs.run_context import guarded
-from qmn.jobs.run_options import RunOptions
-from qmn.machines.options import MACHINES
 from qmn.network.options import KEYS, NetworkOptions
 from qmn.network.topologies import add_topology
 from qmn.options import add_options, read
+from qmn.requests.netqasm import NetqasmRequest
+from qmn.requests.run_options import RunOptions
 from wire.parameters.option import WRITTEN
 
 
@@ -27,7 +26,7 @@ def add_parser(verbs: Any) -> None:
     add_options(parser, NetqasmRequest, group="the application")
     add_topology(parser)
     add_options(parser, NetworkOptions, leave_out=KEYS)
-    add_options(parser, RunOptions, leave_out=MACHINES, group=WRITTEN)
+    add_options(parser, RunOptions, leave_out=["place"], group=WRITTEN)
     parser.set_defaults(call=_call, needs_root=True)
 
 
@@ -37,9 +36,4 @@ def _call(arguments: argparse.Namespace) -> int:
 
 def request_of(arguments: argparse.Namespace) -> NetqasmRequest:
     """Return what the command line asks for."""
-    return read(
-        NetqasmRequest,
-        arguments,
-        network=read(NetworkOptions, arguments),
-        run=read(RunOptions, arguments, place=()),  # its own are of roles
-    )
+    return read(NetqasmRequest, arguments)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, TextIO, cast
 
 from dispatcher.replay import NamesCode, replay
+from qmn.kept_runs.named_run import add_run
 from wire.dispatcher_record import BadRecord, has_ended
 
 RECORD = "dispatcher.record"
@@ -57,7 +58,7 @@ def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     text = "do again what a run's dispatcher did, and compare"
     parser = verbs.add_parser("replay", help=text, description=__doc__)
-    parser.add_argument("run", type=Path, metavar="RUN", help="its folder, as runs/latest")
+    add_run(parser)
     text = "run the noise models of one's own that the record names, from their files"
     parser.add_argument("--allow-code", action="store_true", help=text)
     parser.set_defaults(call=call)

@@ -2,16 +2,16 @@
 
 import argparse
 import sys
-from pathlib import Path
 from typing import Any
 
+from qmn.kept_runs.named_run import add_run
 from qmn.reports.report_file import NoReport, made_report
 
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     parser = verbs.add_parser("report", help="make a run's report anew", description=__doc__)
-    parser.add_argument("run", type=Path, metavar="RUN", help="its folder, as runs/latest")
+    add_run(parser)
     parser.set_defaults(call=call)
 
 

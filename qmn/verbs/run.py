@@ -8,25 +8,25 @@ from hosts.middleware.services import NAMES
 from hosts.middleware.services.superdense.options import SuperdenseOptions
 from hosts.timeouts import MAX_BLOCK_S
 from qmn.jobs import counted_service, keys, load, superdense, vpn
-from qmn.jobs.counted_service import ServiceRequest
-from qmn.jobs.keys import KeysRequest
-from qmn.jobs.load import LoadRequest
-from qmn.jobs.passing_eavesdropper import PassingEve
 from qmn.jobs.run_context import guarded
-from qmn.jobs.run_options import RunOptions
-from qmn.jobs.service_verbs import SERVICE_PORT, VERBS, Verb, verb_of
-from qmn.jobs.superdense import SuperdenseRequest
-from qmn.jobs.transfer import APPLICATION_PORT
-from qmn.jobs.vpn import VpnRequest
-from qmn.machines.options import MACHINES
 from qmn.network.key_options import KeyServiceOptions
 from qmn.network.options import KEYS, NETWORK, NetworkOptions
 from qmn.network.topologies import TOPOLOGIES, add_topology, topology_name
 from qmn.options import add_options, read, titled
 from qmn.parser import Parser
+from qmn.requests.keys import KeysRequest, PassingEve
+from qmn.requests.load import LoadRequest
+from qmn.requests.run_options import RunOptions
+from qmn.requests.service import ServiceRequest, ends_of_line
+from qmn.requests.service_verbs import APPLICATION_PORT, SERVICE_PORT, VERBS, Verb
+from qmn.requests.superdense import SuperdenseRequest
+from qmn.requests.vpn import VpnRequest
 from wire.parameters.option import WRITTEN
 
 JOB = "the job"  # the group of its own options
+HOST = {"flag": "--to", "default": "bob", "metavar": "HOST", "help": "that is asked (bob)"}
+# Of a service's session: its request has them, such that every source can make them.
+OF_LIGHT = ("block_pairs", "rate_hz")
 
 
 def add_parser(verbs: Any) -> None:
@@ -65,8 +65,7 @@ def _call_load(arguments: argparse.Namespace) -> int:
 
 def load_request(arguments: argparse.Namespace) -> LoadRequest:
     """Return what the command line asks for."""
-    network, run = read(NetworkOptions, arguments), read(RunOptions, arguments)
-    return read(LoadRequest, arguments, network=network, run=run)
+    return read(LoadRequest, arguments)
 
 
 def _add_superdense(jobs: Any, name: str, what: str) -> None:
@@ -78,7 +77,13 @@ def _add_superdense(jobs: Any, name: str, what: str) -> None:
 
 def _describe_superdense(parser: Parser, name: str) -> None:
     add_options(parser, SuperdenseRequest, group=JOB)
-    add_options(parser, SuperdenseOptions, words=superdense.SESSION, group=JOB)
+    add_options(
+        parser,
+        SuperdenseOptions,
+        leave_out=("source",),
+        words={"host": {**HOST, "help": "receiving host (bob)"}},
+        group=JOB,
+    )
     add_options(parser, NetworkOptions, leave_out=KEYS)
     add_options(parser, RunOptions, group=WRITTEN)
     parser.set_defaults(call=_call_superdense)
@@ -98,13 +103,7 @@ def _call_superdense(arguments: argparse.Namespace) -> int:
 
 def superdense_request(arguments: argparse.Namespace) -> SuperdenseRequest:
     """Return what the command line asks for."""
-    return read(
-        SuperdenseRequest,
-        arguments,
-        options=read(SuperdenseOptions, arguments, port=APPLICATION_PORT),
-        network=read(NetworkOptions, arguments),
-        run=read(RunOptions, arguments),
-    )
+    return read(SuperdenseRequest, arguments, port=APPLICATION_PORT)
 
 
 def _add_service(jobs: Any, name: str, verb: Verb) -> None:
@@ -122,10 +121,15 @@ def _describe_service(parser: Parser, name: str, verb: Verb) -> None:
             "--protocol", dest="service", choices=verb.protocols, default=name, help=text
         )
     kind = NAMES[name].options
-    session = kind(host="", port=SERVICE_PORT)
-    add_options(parser, kind, words=_session_words(session, verb), group=JOB)
-    rate = f"of the source ({session.rate_hz}, or as fast as the slowest source can)"
-    block = f"pairs in a block ({session.block_pairs}, or what is made in {MAX_BLOCK_S:g} s)"
+    add_options(
+        parser,
+        kind,
+        leave_out=(*OF_LIGHT, *(() if verb.source else ("source",))),
+        words={} if verb.line else {"host": HOST},
+        group=JOB,
+    )
+    rate = f"of the source ({kind.rate_hz}, or as fast as the slowest source can)"
+    block = f"pairs in a block ({kind.block_pairs}, or what is made in {MAX_BLOCK_S:g} s)"
     absent = dict.fromkeys(("eve", "eve_attack", "eve_hides_db"), not verb.eavesdropper)
     absent["schedule"] = absent["purify"] = not verb.scheduled
     absent["sender"], absent["hand_out"] = verb.line, not verb.protocols
@@ -141,46 +145,15 @@ def _describe_service(parser: Parser, name: str, verb: Verb) -> None:
     add_options(parser, RunOptions, group=WRITTEN)
 
 
-def _session_words(session: Any, verb: Verb) -> dict[str, Any]:
-    """Return how the options of a service's session are said."""
-    words = {
-        "host": {
-            "flag": "--to",
-            "default": "bob",
-            "metavar": "HOST",
-            "help": "that is asked (bob)",
-        },
-        "count": {"metavar": "N", "help": f"{verb.unit.replace('_', ' ')} ({session.count})"},
-        **verb.options,
-    }
-    if verb.line:
-        del words["host"]
-    if verb.source:
-        text = "host that makes the pairs, perhaps the one that asks (the network's)"
-        words["source"] = {"metavar": "HOST", "help": text}
-    return words
-
-
 def _call_service(arguments: argparse.Namespace) -> int:
     return guarded(partial(counted_service.run, service_request(arguments)))
 
 
 def service_request(arguments: argparse.Namespace) -> ServiceRequest:
     """Return what the command line asks for."""
-    kind, ends = NAMES[arguments.service].options, {}
-    if verb_of(arguments.service).line:
-        first, second, *_others = f"{arguments.line},".split(",")
-        arguments, ends = (
-            argparse.Namespace(**{**vars(arguments), "sender": first}),
-            {"host": second},
-        )
-    return read(
-        ServiceRequest,
-        arguments,
-        options=read(kind, arguments, port=SERVICE_PORT, **ends),
-        network=read(NetworkOptions, arguments),
-        run=read(RunOptions, arguments),
-    )
+    ends = ends_of_line(arguments.service, getattr(arguments, "line", ""))
+    kinds = {"options": NAMES[arguments.service].options}
+    return read(ServiceRequest, arguments, kinds, port=SERVICE_PORT, **ends)
 
 
 def _add_keys(jobs: Any) -> None:
@@ -196,7 +169,7 @@ def _describe_keys(parser: Parser) -> None:
         add_options(parser, kind, group=JOB)
     add_topology(parser)
     add_options(parser, NetworkOptions)
-    add_options(parser, RunOptions, leave_out=MACHINES, group=WRITTEN)
+    add_options(parser, RunOptions, group=WRITTEN)
 
 
 def _call_keys(arguments: argparse.Namespace) -> int:
@@ -205,14 +178,7 @@ def _call_keys(arguments: argparse.Namespace) -> int:
 
 def keys_request(arguments: argparse.Namespace) -> KeysRequest:
     """Return what the command line asks for."""
-    return read(
-        KeysRequest,
-        arguments,
-        keys=read(KeyServiceOptions, arguments),
-        eve=read(PassingEve, arguments),
-        network=read(NetworkOptions, arguments),
-        run=read(RunOptions, arguments),
-    )
+    return read(KeysRequest, arguments)
 
 
 def _add_vpn(jobs: Any) -> None:
@@ -228,7 +194,7 @@ def _describe_vpn(parser: Parser) -> None:
         add_options(parser, kind, group=JOB)
     add_topology(parser)
     add_options(parser, NetworkOptions)
-    add_options(parser, RunOptions, leave_out=MACHINES, group=WRITTEN)
+    add_options(parser, RunOptions, group=WRITTEN)
 
 
 def _call_vpn(arguments: argparse.Namespace) -> int:
@@ -237,10 +203,4 @@ def _call_vpn(arguments: argparse.Namespace) -> int:
 
 def vpn_request(arguments: argparse.Namespace) -> VpnRequest:
     """Return what the command line asks for."""
-    return read(
-        VpnRequest,
-        arguments,
-        eve=read(PassingEve, arguments),
-        network=read(NetworkOptions, arguments),
-        run=read(RunOptions, arguments),
-    )
+    return read(VpnRequest, arguments)

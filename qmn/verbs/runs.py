@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from qmn.kept_runs import run_comparison
+from qmn.kept_runs.named_run import RUNS, UnknownRun, find_run
 from qmn.kept_runs.run_archive import BadArchive, exported, imported
 from qmn.kept_runs.run_index import Run, runs_in
 from qmn.live.controller_console import wide_console
@@ -42,14 +43,16 @@ def add_parser(verbs: Any) -> None:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    folder = {"type": Path, "default": Path("runs"), "metavar": "DIR", "help": "of runs (runs)"}
+    folder = {"type": Path, "default": RUNS, "metavar": "DIR", "help": "of runs (runs)"}
     parser.add_argument("--runs", **folder)
     parser.add_argument("--json", action="store_true", help="the list for programs")
     parser.set_defaults(call=call, act=show)
     acts = parser.add_subparsers(metavar="ACT")
     comparing = acts.add_parser("compare", help="two runs side by side")
     for name in ("one", "two"):
-        comparing.add_argument(name, metavar="RUN", help="its name or folder, as latest")
+        comparing.add_argument(
+            name, metavar="RUN", help="its name, a part of it, or its folder, as latest"
+        )
     comparing.set_defaults(act=compare)
     pruning = acts.add_parser("prune", help="remove old runs")
     add = pruning.add_argument
@@ -58,7 +61,9 @@ def add_parser(verbs: Any) -> None:
     add("--dry-run", action="store_true", help="say what would go, and remove nothing")
     pruning.set_defaults(act=prune)
     exporting = acts.add_parser("export", help="a run as one file")
-    exporting.add_argument("run", metavar="RUN", help="its name or folder, as latest")
+    exporting.add_argument(
+        "run", metavar="RUN", help="its name, a part of it, or its folder, as latest"
+    )
     exporting.add_argument("file", type=Path, metavar="FILE.zip")
     text = "with what is secret in it, readable by you alone"
     exporting.add_argument("--whole", action="store_true", help=text)
@@ -80,7 +85,7 @@ def call(arguments: argparse.Namespace) -> int:
     """Do what is asked; turn what is wrong into one line and an exit status."""
     try:
         arguments.act(arguments)
-    except (BadRequest, BadArchive) as error:
+    except (BadRequest, BadArchive, UnknownRun) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
     except OSError as error:
@@ -153,11 +158,11 @@ def compare(arguments: argparse.Namespace) -> None:
 
 
 def find(runs: Path, name: str) -> Path:
-    """Return the folder of a run that is named, or whose path is given; raise BadRequest."""
-    for path in (Path(name), runs / name):
-        if (path / "result.json").is_file():
-            return path.resolve()
-    raise BadRequest(f"{name}: no result of a run that has ended; `qmn runs` lists them")
+    """Return the folder of a run that has ended, by its name or path; raise UnknownRun."""
+    path = find_run(name, runs)
+    if (path / "result.json").is_file():
+        return path.resolve()
+    raise UnknownRun(f"{name}: no result of a run that has ended; `qmn runs` lists them")
 
 
 def prune(arguments: argparse.Namespace) -> None:

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from qmn.kept_runs.named_run import add_run
 from qmn.kept_runs.shared_copy import CannotShare, share
 
 
@@ -17,7 +18,7 @@ def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     text = "copy a run without what is secret in it"
     parser = verbs.add_parser("share", help=text, description=__doc__)
-    parser.add_argument("run", type=Path, metavar="RUN", help="its folder, as runs/latest")
+    add_run(parser)
     parser.add_argument("copy", type=Path, metavar="COPY", help="a folder that does not exist yet")
     parser.set_defaults(call=call)
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from hosts.quantum_socket import STACK_VARIABLE
+from qmn.kept_runs.named_run import add_run
 from qmn.live.event_sources import attached, recorded, single, through_stack
 from qmn.live.running import dispatcher_of_running_network
 from qmn.live.unread_events import dropped
@@ -45,13 +46,7 @@ class BadFilter(Exception):
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     parser = verbs.add_parser("spy", help="show what happens to the qubits", description=__doc__)
-    parser.add_argument(
-        "run",
-        type=Path,
-        nargs="?",
-        metavar="RUN",
-        help="folder of a run, such as runs/latest (default: what happens now; on a host, there)",
-    )
+    add_run(parser, "default: what happens now; on a host, there")
     add = parser.add_argument
     add("--node", action="append", metavar="NAME", help="only this node (more than once)")
     add(

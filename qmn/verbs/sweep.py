@@ -24,9 +24,10 @@ from rich.progress import (
 )
 
 from qmn.emulated.catalogue import EMULATED
-from qmn.live_view.beside import LiveOptions, page_of_command
+from qmn.live_view.beside import page_of_command
 from qmn.options import add_options, read, titled
 from qmn.parser import listed
+from qmn.requests.run_options import LiveOptions
 from qmn.results.run_folder import give_tree
 from qmn.sweeps import grid as grids
 from qmn.sweeps.catalogue import EXPERIMENTS

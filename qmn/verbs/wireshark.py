@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from qmn.kept_runs.named_run import add_run
 from qmn.results.run_folder import give
 from qmn.results.timeline import TIMELINE, NoCaptures, merge
 from wire.dissection.dissectors import SCRIPT, install, search_path
@@ -30,14 +31,7 @@ def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     text = "look at a run in Wireshark"
     parser = verbs.add_parser("wireshark", help=text, description=__doc__)
-    parser.add_argument(
-        "run",
-        type=Path,
-        nargs="?",
-        default=Path("runs/latest"),
-        metavar="RUN",
-        help="folder of a run (runs/latest)",
-    )
+    add_run(parser, "latest", default="latest")
     parser.add_argument(
         "--whole", action="store_true", help="packets as captured, also of a long run"
     )

@@ -3,6 +3,7 @@
 import os
 import re
 import signal
+import subprocess
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -132,5 +133,10 @@ def fiber(_runner: int, random: Random) -> Strike | None:
     if not fibers:
         return None
     name = random.choice(fibers)
-    machine.run("ip", "link", "set", name, "down")
+    try:
+        machine.run("ip", "link", "set", name, "down")
+    except subprocess.CalledProcessError:
+        if Path("/sys/class/net", name).exists():
+            raise
+        return None  # it has just gone with its run
     return Strike(f"fibre {name}", "down", ())

@@ -105,6 +105,19 @@ def test_light_is_not_moved_to_where_it_is_turned_differently(tmp_path: Path) ->
         assert switches_on_the_way(network, "alice-q0") == way
 
 
+def test_the_session_after_a_cut_or_mended_fibre_finds_it_so(tmp_path: Path) -> None:
+    with running(partial(ChainTopo, switches=2), tmp_path) as network:
+        for _ in range(3):
+            network.net.configLinkStatus("q1", "q2", "down")
+            refused = Session(network, "alice", "bob")
+            with pytest.raises(QuantumSocketError, match="fibre q1-q2"):
+                refused.open()
+            refused.close()
+            network.net.configLinkStatus("q1", "q2", "up")
+            with session(network, "alice", "bob") as opened:
+                assert opened.carry(b"hello") == b"hello"
+
+
 @pytest.mark.parametrize("framework", ["ryu", "os-ken"])
 def test_a_session_outlives_the_agent_of_its_switch(tmp_path: Path, framework: str) -> None:
     with (

@@ -2,6 +2,8 @@
 
 import base64
 import json
+import os
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -18,6 +20,9 @@ from topologies.daemons.key_managers import KeyManagers, KeyService, start_key_m
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
 from topologies.system.certificates.authority import CertificateFiles
+from topologies.system.confinement.confinement import children
+from topologies.system.processes import shells
+from topologies.system.processes.programs import NetworkError
 from wire.key_delivery import KEY_DELIVERY_PORT
 from wire.key_manager import KeyLink
 
@@ -57,6 +62,18 @@ class Scene:
     def stored(self) -> int:
         _status, said = self.curl("alice", "sae-bob/status")
         return int(said["stored_key_count"])
+
+
+@pytest.mark.usefixtures("_open_vswitch")
+def test_key_managers_wait_for_no_stopped_shell_for_ever(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shells, "COMMAND_TIMEOUT_S", 0.5)
+    with nothing_left(), running(SdcTopo, tmp_path) as network:
+        (shell,) = children(network.host("bob").shell.pid)
+        os.kill(shell, signal.SIGSTOP)
+        with pytest.raises(NetworkError, match=r"^bob did not end .*: a signal has stopped its"):
+            start_key_managers(network, KeyService())
 
 
 @pytest.fixture(scope="module")

@@ -105,6 +105,8 @@ def test_one_sees_and_acts(tmp_path: Path) -> None:
         assert refused["status"] == 1
         assert "is cut" in refused["said"]
         assert act(url, act="link", a="q1", b="alice", state="up")["status"] == 0
+        done = act(url, act="send", **{"from": "alice", "to": "bob", "text": "again"})
+        assert (done["status"], "bob received 'again'" in done["said"]) == (0, True), done
         wait_until(lambda: reader.has("controller", **{**cut, "up": True}), "the mended fibre")
         done = act(url, act="tap", a="alice", b="q1", fraction="1")
         assert (done["status"], done["said"][:7]) == (0, "1 fibre")
@@ -112,7 +114,15 @@ def test_one_sees_and_acts(tmp_path: Path) -> None:
     reader.join(DEADLINE_S)
     assert reader.ended
     noted = [json.loads(line) for line in (tmp_path / "latest" / ACTS).read_text().splitlines()]
-    assert [each["command"][0] for each in noted] == ["send", "link", "send", "link", "tap", "tap"]
+    assert [each["command"][0] for each in noted] == [
+        "send",
+        "link",
+        "send",
+        "link",
+        "send",
+        "tap",
+        "tap",
+    ]
 
 
 def test_a_run_has_its_page_as_long_as_it_lasts(tmp_path: Path) -> None:

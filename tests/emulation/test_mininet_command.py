@@ -58,6 +58,12 @@ def test_its_command_line_sends_by_superdense_coding(tmp_path: Path) -> None:
     assert got.read_text() == "hello\n"
 
 
+def test_a_link_is_down_or_up_when_the_controller_has_heard_of_it() -> None:
+    last = 'sh grep \'"event": "port"\' /run/qmn/*/controller.jsonl | tail -1'
+    output = mn(commands=f"link alice q1 down\n{last}\nlink alice q1 up\n{last}\nexit\n")
+    assert re.findall(r'"up": (\w+)}', output) == ["false", "true"]
+
+
 AT_ONCE = """
 import time
 from topologies.networks import disk

@@ -219,8 +219,8 @@ def tunnelled(tmp_path: Path, program: str) -> Iterator[Network]:
     """Start a tunnel whose key stays as it is."""
     pairs, link = [("alice", "bob")], KeyLink("", True, low=2, high=4, options={"count": 12_000})
     with running(SdcTopo, tmp_path) as network:
-        managers = start_key_managers(network, KeyService(pairs, link))
-        tunnel = start_tunnel(network, managers, ("alice", "bob"), 500.0, 600.0, program)
+        start_key_managers(network, KeyService(pairs, link))
+        tunnel = start_tunnel(network, ("alice", "bob"), 500.0, 600.0, program)
         log = tunnel.programs[0].log
         wait_until(lambda: '"handshake"' in log.read_text(), "the first handshake", 30.0)
         yield network

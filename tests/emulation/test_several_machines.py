@@ -1,7 +1,4 @@
-"""qmn run --machines: hosts on another machine, here network, processes and /run of their own.
-
-this one, m1: 192.0.2.1 ---- 192.0.2.2: m2, with a worker
-"""
+"""qmn run --machines: hosts on another machine (machine_scene.py)."""
 
 import json
 import os
@@ -12,17 +9,14 @@ import sys
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 from conftest import ROOT, wait_until
-from distributed import LocalCluster
+from machine_scene import ON_SECOND, THERE, SecondMachine, second_machine
 from test_tls import firsts
 
-from qmn.sweeps.cluster import HTTP_ADDRESS
-from topologies.system.confinement.apart import OWN_NAMESPACES, inside
 from topologies.system.confinement.confinement import descendants
 from topologies.system.kernel.interfaces import TUN
 from topologies.system.machines.tunnel import NO_SUCH_KIND, TUNNELS
@@ -30,90 +24,22 @@ from topologies.system.machines.user_space import MAY_NOT
 from wire.config import DISPATCHER_PORT
 from wire.pcapng import PcapReader
 
-HERE, THERE, PORT = "192.0.2.1", "192.0.2.2", 8786
-SCHEDULER = f"tcp://{HERE}:{PORT}"
-WORKER = f"exec {sys.executable} -m qmn worker {SCHEDULER} --name m2"
 SEED, BYTES = 7, 20_000
 NOISY = ("--depolarizing", "0.0005", "--loss-db-per-km", "0.02", "--frame-bytes", "32")
 LOST_WITHIN_S = 20.0  # 5 s until a machine is lost that says nothing, and the end of a network
 
 
-@dataclass
-class SecondMachine:
-    """The other machine."""
-
-    keeper: int  # the process that keeps its namespaces, by its id here
-    worker: subprocess.Popen[str]
-
-    def says(self, *command: str) -> str:
-        """Return what a command says there."""
-        enter = ["nsenter", f"--target={self.keeper}", "--all", *command]
-        return subprocess.run(enter, capture_output=True, text=True, check=True, timeout=10).stdout
-
-    def things(self) -> tuple[list[str], list[str], str]:
-        """Return its processes but the worker, its interfaces, and what is in /run."""
-        listed = self.says("ps", "-e", "-o", "args=").splitlines()
-        found = sorted(each for each in listed if "ps -e" not in each and "qmn worker" not in each)
-        links = sorted(each["ifname"] for each in json.loads(self.says("ip", "-json", "link")))
-        return found, links, self.says("ls", "/run")
-
-
 @pytest.fixture
 def second(tmp_path: Path) -> Iterator[SecondMachine]:
-    """Join this machine with another, on which a worker is ready."""
-    ip("link add under1 type veth peer name under2")
-    pipe = subprocess.PIPE
-    with subprocess.Popen([OWN_NAMESPACES, "sleep", "600"], stdin=pipe) as holder:
-        wait_until(lambda: len(inside(holder.pid)) == 2, "namespaces")
-        keeper = inside(holder.pid)[0]
-        enter = ["nsenter", f"--target={keeper}", "--all"]
-        ip(f"addr add {HERE}/24 dev under1", "link set under1 up")
-        ip(f"link set under2 netns {keeper}")
-        for words in (f"addr add {THERE}/24 dev under2", "link set under2 up"):
-            subprocess.run([*enter, "ip", *words.split()], check=True, timeout=10)
-        log = tmp_path / "worker.log"
-        try:
-            with (
-                LocalCluster(
-                    n_workers=0,
-                    protocol="tcp",
-                    host=HERE,
-                    scheduler_port=PORT,
-                    dashboard_address=HTTP_ADDRESS,
-                    scheduler_kwargs={"dashboard": False},
-                ),
-                log.open("w") as output,
-                subprocess.Popen(
-                    [*enter, f"--wd={ROOT}", "bash", "-c", WORKER],
-                    stdout=output,
-                    stderr=output,
-                    text=True,
-                    env={**os.environ, "PYTHONPATH": str(ROOT)},
-                ) as worker,
-            ):
-                try:
-                    wait_until(lambda: "ready" in log.read_text(), f"ready: {log}", 40)
-                    yield SecondMachine(keeper, worker)
-                finally:
-                    for pid in descendants(worker.pid):
-                        os.kill(pid, signal.SIGKILL)
-        finally:
-            ip("link delete under1")
-            holder.kill()
-
-
-def ip(*commands: str) -> None:
-    for words in commands:
-        subprocess.run(["ip", *words.split()], check=True, timeout=10)
+    """Give another machine, on which a worker is ready."""
+    with second_machine(tmp_path) as machine:
+        yield machine
 
 
 def command(runs: Path, file: Path, *words: str) -> list[str]:
     """Return that of a run with noise, whose bytes are those of a file."""
     job = ["run", "sdc", "--file", str(file), "--seed", str(SEED), "--runs", str(runs)]
     return [sys.executable, "-m", "qmn", *job, *NOISY, *words]
-
-
-ON_SECOND = ("--machines", "2", "--place", "bob=m2", "--scheduler", SCHEDULER)
 
 
 def message(folder: Path, size: int) -> Path:

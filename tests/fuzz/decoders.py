@@ -15,6 +15,7 @@ import netqasm_samples
 import of_programs
 import test_device_messages
 import test_metadata
+import test_packed_folder
 import test_pcapng
 import test_qkd
 from scapy.layers.inet6 import IPv6, IPv6ExtHdrFragment, IPv6ExtHdrHopByHop
@@ -40,6 +41,7 @@ from wire import (
     key_relay,
     machine_channel,
     optical,
+    packed_folder,
     pcapng,
     qkd,
     record_pb2,
@@ -287,6 +289,9 @@ TARGETS: dict[str, Target] = {
         _of_machine,
         lambda message: machine_channel.encode(*message),
         canonical=False,  # JSON, and what comes behind
+    ),
+    "packed folder": Target(
+        [test_packed_folder.GOLDEN], packed_folder.decode, packed_folder.encode
     ),
     "line of an application": Target(
         _key_texts({"event": "key", "key_ID": str(IDS[0]), "seconds": 0.5}),

@@ -2,7 +2,7 @@
 
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 
 from topologies.networks.network import Network
@@ -97,8 +97,9 @@ def start_key_managers(network: Network, service: KeyService) -> KeyManagers:
     managers = KeyManagers(
         programs, urls, saes, {sae: files[sae] for sae in saes}, folder / AUTHORITY
     )
-    for host, node in nodes.items():
-        tell_shell(node, managers, host)
+    with runtime.time_limit():
+        for host, node in nodes.items():
+            tell_shell(node, managers, host)
     return managers
 
 
@@ -139,9 +140,7 @@ def made(
 
 def given(folder: Path, names: Sequence[str]) -> dict[str, CertificateFiles]:
     """Return the files of a folder; NetworkError if one is missing."""
-    files = {
-        name: CertificateFiles(folder / f"{name}.pem", folder / f"{name}.key") for name in names
-    }
+    files = {name: in_folder(folder, name) for name in names}
     needed = [path for each in files.values() for path in (each.certificate, each.private_key)]
     for path in (folder / AUTHORITY, *needed):
         if not path.is_file():
@@ -152,21 +151,29 @@ def given(folder: Path, names: Sequence[str]) -> dict[str, CertificateFiles]:
     return files
 
 
+def in_folder(folder: Path, name: str) -> CertificateFiles:
+    """Return where a certificate and its private key are in a folder of some."""
+    return CertificateFiles(folder / f"{name}.pem", folder / f"{name}.key")
+
+
 def tell_shell(node: QuantumHost, managers: KeyManagers, host: str) -> None:
     """Let commands in a host's shell find its key manager, and prove who they are.
 
     Certificates and private keys of the host's applications are in the folder that it is shown.
     """
     folder = node.network.own_folder(host)
+    authority = folder / AUTHORITY
+    copies = [(managers.authority, authority)]
     for sae in (sae for sae, place in managers.saes.items() if place == host):
-        shutil.copy(managers.files[sae].certificate, folder / f"{sae}.pem")
-        shutil.copy(managers.files[sae].private_key, folder / f"{sae}.key")
-    shutil.copy(managers.authority, folder / AUTHORITY)
-    own = application_name(host)
+        copies += zip(astuple(managers.files[sae]), astuple(in_folder(folder, sae)), strict=True)
+    for given, shown in copies:
+        shutil.copy(given, shown)
+    node.network.share(host, *(shown for _given, shown in copies))
+    own = in_folder(folder, application_name(host))
     words = {
         "KME": managers.urls[host],
-        "SAE_CERT": folder / f"{own}.pem",
-        "SAE_KEY": folder / f"{own}.key",
-        "KME_CA": folder / AUTHORITY,
+        "SAE_CERT": own.certificate,
+        "SAE_KEY": own.private_key,
+        "KME_CA": authority,
     }
     node.cmd("export " + " ".join(f'{name}="{value}"' for name, value in words.items()))

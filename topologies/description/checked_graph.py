@@ -8,7 +8,7 @@ Nodes and links of a user's own classes are checked when they are made.
 """
 
 import string
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from functools import wraps
 from typing import Any
 
@@ -61,6 +61,7 @@ class CheckedGraph(MultiGraph):
 
     def add_node(self, node: str, attr_dict: Info | None = None, **attrs: Any) -> None:
         """Add a node."""
+        check_new(node, self.node)
         check_node(node, {**(attr_dict or {}), **attrs})
         super().add_node(node, attr_dict, **attrs)
 
@@ -78,12 +79,18 @@ class CheckedGraph(MultiGraph):
         return number
 
 
+def check_new(name: str, there: Container[str]) -> None:
+    """Raise BadParameter for a second node of a name, of which Mininet would make one."""
+    if name in there:
+        raise BadParameter(f"there is a node {name} already: give each a name of its own")
+
+
 def check_node(name: str, info: Info) -> None:
     """Raise BadParameter for a node that cannot be made."""
     kind: Any = info.get("cls")
     if is_made(info, ClassicalSwitch):
         check_dpid(name, info.get("dpid") or kind.dpid_of(name))
-    if not _is_ours(kind):
+    if not is_ours(kind):
         return
     refuse_unknown(name, info, kind, also=SWITCH_OPTICS if is_made(info, OpticalSwitch) else ())
     if is_made(info, QuantumHost):
@@ -106,7 +113,7 @@ def check_dpid(name: str, dpid: object) -> None:
 def check_link(one: str, other: str, info: Info) -> None:
     """Raise BadParameter for a link that cannot be made."""
     kind = info.get("cls") or CopperLink
-    if not _is_ours(kind):
+    if not is_ours(kind):
         return
     given = info.keys() - OF_LINKS
     if is_made(info, FiberLink):
@@ -117,5 +124,6 @@ def check_link(one: str, other: str, info: Info) -> None:
         refuse_unknown(f"copper {one} to {other}", given, kind, Intf)
 
 
-def _is_ours(kind: object) -> bool:
+def is_ours(kind: object) -> bool:
+    """Whether a class of nodes or links is of this program, and not of a user or of Mininet."""
     return isinstance(kind, type) and kind.__module__.split(".")[0] == "topologies"

@@ -1,5 +1,6 @@
 """Refusals of what no network can be: nodes that could not be told apart, fibres into the dark."""
 
+import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from ipaddress import AddressValueError, IPv4Interface, NetmaskValueError
@@ -13,11 +14,13 @@ from topologies.nodes import ClassicalSwitch, OpticalSwitch, QuantumHost
 from topologies.nodes.classical_host import DEFAULT_PREFIX_LENGTH
 from wire.parameters.physics import BadParameter
 
+MAC = re.compile("[0-9a-f]{2}(:[0-9a-f]{2}){5}")
+OF_GROUPS = 1  # bit of the first octet (IEEE 802-2014, 8.2.2)
 MOST_LETTERS = 15  # of an interface's name: IFNAMSIZ of netdevice(7) less its end
 
 
 def refuse_clashes(topo: Topo) -> None:
-    """Raise BadParameter for nodes with one address or datapath ID, too long names, dark fibres."""
+    """Raise BadParameter for nodes with one address or ID, for too long names, for dark fibres."""
     nodes = {name: topo.nodeInfo(name) for name in topo.nodes()}
     addresses = {
         name: str(interface_of(name, nodes[name]["ip"]).ip)
@@ -25,6 +28,8 @@ def refuse_clashes(topo: Topo) -> None:
         if nodes[name].get("ip")
     }
     _refuse_same("address", "an ip", addresses)
+    macs = {name: mac for name in topo.hosts() if (mac := mac_of(name, nodes[name].get("mac")))}
+    _refuse_same("MAC address", "a mac", macs)
     dpids = {
         name: f"{_dpid(name, nodes[name]):x}"
         for name in topo.switches()
@@ -70,6 +75,19 @@ def interface_of(name: str, text: str) -> IPv4Interface:
     except (AddressValueError, NetmaskValueError) as error:
         text = f"{name}: ip {text!r} is not an address: write ADDRESS/BITS"
         raise BadParameter(f"{text} ({error})") from error
+
+
+def mac_of(name: str, text: object) -> str:
+    """Return a host's hardware address, "" if it has none of its own; raise BadParameter."""
+    if text is None:
+        return ""
+    digits = str(text).lower()
+    if not MAC.fullmatch(digits) or int(digits[:2], 16) & OF_GROUPS:
+        raise BadParameter(
+            f"{name}: mac {text!r} is not that of one host: write six pairs of hexadecimal digits, "
+            "as 02:00:00:00:00:01"
+        )
+    return digits
 
 
 def _dpid(name: str, info: Mapping[str, Any]) -> int:

@@ -4,7 +4,7 @@ Ours, one of a user's own file and what `mn --custom` is given are Mininet's Top
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from mininet.topo import Topo
@@ -39,6 +39,11 @@ class Description:
     switches: Mapping[str, QuantumSwitch]
     fibers: tuple[LaidFiber, ...]
     sources: tuple[str, ...]  # of these hosts, those that make pairs for others
+    pairs_from: Mapping[str, str] = field(default_factory=dict)  # of hosts that name their source
+
+    def source_for(self, host: str) -> str:
+        """Return the host that makes pairs for what one asks, if it names none; "" if none does."""
+        return self.pairs_from.get(host) or next(reversed(self.sources), "")
 
 
 def describe(topo: Topo) -> Description:
@@ -55,6 +60,7 @@ def describe(topo: Topo) -> Description:
             if is_made(info, FiberLink)
         ),
         sources=tuple(name for name in hosts if nodes[name].get("source")),
+        pairs_from={name: nodes[name].get("pairs_from", "") for name in hosts},
     )
 
 

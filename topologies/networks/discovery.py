@@ -36,13 +36,8 @@ class Discovery:
 
         Raise NetworkError if it is not found in time, or cannot be: a fibre that is cut.
         """
-        # Each of some messages may wait for the one before it, over the management network.
-        way_s = max(self._runtime.copper.values(), default=0.0)
-        limit_s = DISCOVERY_TIMEOUT_S + MESSAGES_OF_A_START * self._runtime.time.wall_s(way_s)
-        limit_s += len(self._fibers) / LEAST_FIBERS_PER_S
-        limit_s /= (
-            1 - self._runtime.settings.control_loss
-        ) ** 4  # TCP waits longer after each loss
+        least_s = DISCOVERY_TIMEOUT_S + len(self._fibers) / LEAST_FIBERS_PER_S
+        limit_s = self._runtime.patience_s(least_s, MESSAGES_OF_A_START)
         with closing(NewFacts(self._runtime.logs)) as facts:
             self._wait(facts, limit_s, check)
 

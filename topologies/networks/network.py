@@ -4,7 +4,7 @@ import os
 import resource
 import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -31,12 +31,14 @@ from topologies.system.kernel.memory_share import groups_of_gone
 from topologies.system.machines import user_space
 from topologies.system.machines.errand import Errand
 from topologies.system.machines.node import NodeElsewhere
+from topologies.system.machines.packing import unpacked
 from topologies.system.open_vswitch import openvswitch
 from topologies.system.processes import owners
 from topologies.system.processes.owners import Owner
 from topologies.system.processes.programs import NetworkError, Program, stop_all
 from topologies.system.processes.shells import ShellWatcher
 from topologies.system.processes.signals import Interrupted as Interrupted
+from topologies.system.processes.signals import NotCleanedUp
 from topologies.system.processes.signals import Signals as Signals
 from topologies.system.runs import runtime
 from topologies.system.runs.runtime import DISPATCHER, Runtime, folders_of_gone, only_run
@@ -49,6 +51,7 @@ from topologies.timeouts import (
     STOPPED_TIMEOUT_S,
 )
 from wire.config import BadConfig
+from wire.packed_folder import Entry
 from wire.parameters.checks import remedy
 from wire.parameters.physics import BadParameter
 
@@ -83,6 +86,7 @@ class Network:
         self._stopped: dict[str, float] = {}  # what a signal has stopped, since when
         self._look_again_at = 0.0
         self._applications: list[Program] = []
+        self._errands: dict[Program, Errand] = {}  # of those on other machines
         self._struck: Program | None = None  # of these, as the last look has found
 
     def __enter__(self) -> Self:
@@ -111,9 +115,10 @@ class Network:
             with self._signals.deferred():
                 self._cleanup.close()
         except NetworkError as error:
+            uncleaned = NotCleanedUp(error)
             if cause is None:
-                raise
-            cause.add_note(f"cleaning up: {error}")
+                raise uncleaned from error
+            cause.add_note(str(uncleaned))
 
     def _start(self) -> None:
         require_root()
@@ -150,6 +155,7 @@ class Network:
         if self.runtime.settings.tls:
             self._cleanup.callback(openvswitch.forget_certificate, self.runtime.name.__eq__)
         self._cleanup.callback(end_processes_of, self.runtime.name)
+        self._cleanup.callback(self.runtime.from_elsewhere.close)
         self._cleanup.callback(self.net.stop)
         self._cleanup.callback(self._stop_programs)
         self._cleanup.callback(openvswitch.revive_if_ours, self.runtime.name)
@@ -218,6 +224,7 @@ class Network:
             return self._run(name, command, node.pid)
         program = self._application(name)
         errand = Errand(self.runtime.places[host], self.runtime.folder / name, command)
+        self._errands[program] = errand
         self._cleanup.callback(errand.bring_back)
         self._cleanup.callback(program.stop)
         errand.start(program, node.pid_there)
@@ -234,6 +241,22 @@ class Network:
         self._cleanup.callback(program.stop)
         self.host(host).start_program(program, command)
         return program
+
+    def share_folder(self, host: str, packed: bytes, name: str) -> Path:
+        """Let a host on another machine have a folder that was packed; return where it is there."""
+        folder = self.runtime.folder / name
+        self.runtime.places[host].put_folder(packed, folder)
+        return folder
+
+    def bring_folder(self, host: str, folder: Path) -> list[Entry]:
+        """Return what is in a folder of a host on another machine; nothing if that is lost."""
+        machine = self.runtime.places[host]
+        return [] if machine.lost else unpacked(machine.get_folder(folder))
+
+    def bring_back(self, program: Program) -> None:
+        """Write here what an application has written so far, if it is on another machine."""
+        if program in self._errands:
+            self._errands[program].bring_back()
 
     def run_beside(self, name: str, command: list[str]) -> Program:
         """Start a program on this machine itself; it ends with the network at the latest."""
@@ -314,7 +337,7 @@ class Network:
         self.captures.bound()
         programs = (*self.runtime.programs, *self.captures.programs)
         if not all(program.running for program in programs):
-            self._require_daemons_for(DAEMON_END_TIMEOUT_S)
+            self._require_others_for(DAEMON_END_TIMEOUT_S)
             # What ends because the dispatcher does was started later, and may have ended before.
             first = next(program for program in programs if not program.running)
             raise NetworkError(f"{first.name} died in mid-run: {first.end()}")
@@ -330,13 +353,16 @@ class Network:
             self._look_again_at = time.monotonic() + STOPPED_LOOK_S
             self._require_none_stopped(STOPPED_TIMEOUT_S)
 
-    def _require_daemons_for(self, duration_s: float) -> None:
-        """Raise if a daemon of Open vSwitch ends within so long.
+    def _require_others_for(self, duration_s: float) -> None:
+        """Raise if a daemon of Open vSwitch ends, or another machine is lost, within so long.
 
-        A daemon's sockets close before it has ended, and programs end because of that.
+        A daemon's sockets close before it has ended, and programs end because of that. What is on
+        a machine may end before who tells of it.
         """
         deadline = time.monotonic() + duration_s
         while time.monotonic() < deadline:
+            for machine in self.runtime.machines:
+                machine.check()
             openvswitch.require_alive(self._daemons)
             time.sleep(POLL_S)
 
@@ -382,6 +408,17 @@ def require_root() -> None:
     """Raise NetworkError for an ordinary user."""
     if os.geteuid():
         raise NetworkError("network namespaces and Open vSwitch need root: run it with sudo")
+
+
+def require_free(topo: Topo) -> None:
+    """Raise NetworkError, before a run makes a folder, for what it would be refused for at once.
+
+    An ordinary user, another network that runs, bridges of other programs with its switches' names.
+    """
+    require_root()
+    only_run().close()
+    if openvswitch.installed() and openvswitch.running():
+        refuse_bridges(topo, set(openvswitch.bridges()) - set(bridges_of_gone()))
 
 
 def sweep() -> None:
@@ -453,14 +490,19 @@ def require_certificates(topo: Topo, network: Runtime) -> None:
         network.authority().check(name)
 
 
-def refuse_taken_names(topo: Topo) -> None:
-    """Raise NetworkError before Mininet would delete somebody else's bridge."""
-    taken = sorted(set(openvswitch.bridges()) & set(topo.switches()))
+def refuse_bridges(topo: Topo, there: Iterable[str]) -> None:
+    """Raise NetworkError for a switch whose name is that of a bridge that is there."""
+    taken = sorted(set(there) & set(topo.switches()))
     if taken:
         raise NetworkError(
             f"bridge {taken[0]} exists already and is not ours; "
             f"remove it with `ovs-vsctl del-br {taken[0]}` or rename it"
         )
+
+
+def refuse_taken_names(topo: Topo) -> None:
+    """Raise NetworkError before Mininet would delete somebody else's bridge."""
+    refuse_bridges(topo, openvswitch.bridges())
     for interface in [name for switch in topo.switches() for name in interfaces_of(switch)]:
         raise NetworkError(
             f"interface {interface} exists already and is not ours; "

@@ -3,12 +3,16 @@
 What topologies.networks.network.Network does for `qmn` around a network, this does here.
 """
 
+from mininet.log import error
+
 from topologies.networks.disk import DiskKeeper
+from topologies.networks.heard_orders import HeardOrders
 from topologies.networks.iperf import IperfMininet
+from topologies.system.processes.programs import NetworkError
 from topologies.system.runs import runtime
 
 
-class StockMininet(IperfMininet):
+class StockMininet(HeardOrders, IperfMininet):
     """Mininet whose `iperf` ends, whose nodes' commands have deadlines, and whose logs are bounded.
 
     People's own commands, between its start and its end, may take as long as they like.
@@ -28,6 +32,14 @@ class StockMininet(IperfMininet):
         """Start controllers and switches."""
         with runtime.current().time_limit():
             super().start()
+        self.hears = True
+
+    def configLinkStatus(self, src: str, dst: str, status: str) -> None:  # noqa: N802 (Mininet's)
+        """Cut or mend the links between two nodes; what goes wrong is told, as `mn` does."""
+        try:
+            super().configLinkStatus(src, dst, status)
+        except NetworkError as fault:
+            error(f"{fault}\n")
 
     def stop(self) -> None:
         """Stop everything; a shell that does not answer is killed, and the rest goes on."""

@@ -16,9 +16,11 @@ Refusal = Callable[[str], Exception]  # makes the error of a text
 
 def remedy(name: str, known: Collection[str], listed: Collection[str] = ()) -> str:
     """Return what may be meant by a name that is not known: the nearest one, or else any listed."""
-    for each in get_close_matches(name, known):
-        if each[0] == name[0]:  # pens rarely slip at once: alice is not one for charlie
-            return f"{NEAR} {each}?"
+    alike = [each for each in known if each.lower() == name.lower()]
+    near = get_close_matches(name, known)
+    # Pens rarely slip at once: alice is not one for charlie.
+    for each in (*alike, *(each for each in near if each[0] == name[0])):
+        return f"{NEAR} {each}?"
     choices = listed or known
     return f"choose one of {', '.join(choices)}" if choices else "there are none"
 

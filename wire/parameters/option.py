@@ -10,7 +10,7 @@ A class whose options are shown together, under a title, has it as its GROUP.
 from dataclasses import field, fields
 from typing import Any
 
-from wire.parameters.checks import check_choice, check_number
+from wire.parameters.checks import Refusal, check_choice, check_number
 
 # Titles of groups that several classes have.
 CONTROL = "copper and control"
@@ -31,13 +31,14 @@ def option(default: Any, help: str, **words: Any) -> Any:  # noqa: A002 (argpars
     return field(default=default, metadata={"help": help, **words})
 
 
-def check_options(options: Any) -> None:
-    """Raise ValueError for a field of a dataclass that is outside its range or its choices."""
+def check_options(options: Any, refusal: Refusal = ValueError) -> None:
+    """Refuse a field of a dataclass that is outside its range or its choices."""
     for each in fields(options):
         value, words = getattr(options, each.name), each.metadata
         if value is None and each.default is None:
             continue
         if "choices" in words:
-            check_choice(each.name, value, words["choices"])
+            check_choice(each.name, value, words["choices"], refusal)
         if "range" in words:
-            check_number(each.name, value, *words["range"])
+            least, most = words["range"]
+            check_number(each.name, value, least, most, refusal)

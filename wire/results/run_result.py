@@ -1,18 +1,10 @@
-"""The result of a network or a run as result.json keeps it: what is the same of all, and the job.
+"""The parts of the result of a network or a run, as result.json keeps it (qmn.results.run_result).
 
-A network of `qmn cli` or of a script, on which more than one thing is done, leaves a NetworkResult;
-a run of `qmn run` a RunResult, with what is of its kind of job alone in `job`. Times and rates are
-those of the network if nothing else is said.
+Times and rates are those of the network if nothing else is said.
 """
 
-import json
-from dataclasses import dataclass, field, fields
-from pathlib import Path
-from typing import Any, cast
+from dataclasses import dataclass, field
 
-from wire.parameters.fiber import FiberOptics
-from wire.parameters.network import NetworkSettings
-from wire.parameters.physics import Device
 from wire.results.figures import (
     EveFigures,
     Figures,
@@ -22,7 +14,6 @@ from wire.results.figures import (
     TunnelFigures,
 )
 from wire.results.moments import AnyMoment
-from wire.results.network_facts import NetworkFacts
 
 RESULT = "result.json"  # file of a run's folder, written when it has ended
 BEGUN = "begun.json"  # there until then, from the start of the network on
@@ -112,60 +103,6 @@ class Head:
     delivered: bool | None = None
     error: str | None = None
     job: dict[str, object] = field(default_factory=dict)  # by the names of its parts
-
-
-@dataclass(kw_only=True)
-class NetworkResult:
-    """What every network leaves."""
-
-    topology: str | None  # None: a script's own
-    mode: str  # native or docker
-    controller: str
-    seed: int
-    parameters: dict[str, Parameter]  # as the command line has them, by name
-    error: str | None = None  # that ended it
-    captures: list[str] = field(default_factory=list)  # files
-    timeline: str = ""  # file, or why there is none
-    packets_not_captured: int = 0
-    files_ended: list[str] = field(default_factory=list)  # that became too long (--file-gib)
-    network: NetworkFacts | None = None  # None: it did not start
-    machines: dict[str, MachineFacts] = field(default_factory=dict)
-    metrics: dict[str, str] = field(default_factory=dict)  # program to URL
-    gnmi: dict[str, str] = field(default_factory=dict)  # quantum switch to address
-    time_scale: float | None = None  # seconds here for one of the network; None: it did not start
-    time_scale_because: str | None = None
-    acausal: EarlyNews | None = None  # what can outrun light most; None: nothing can
-    software_share: float | None = None  # of the wait in memory of which it was the largest part
-    software_s: float | None = None
-    software_share_of_run: float | None = None
-    dominated_by_software: bool = False
-    shortest_time: ShortestTime | None = None
-    software_of_shortest: float | None = None  # software_s as a share of it
-    # Whether that is less than `auto` means; None: nothing waited, or no auto.
-    time_scale_kept: bool | None = None
-
-    @property
-    def settings(self) -> NetworkSettings:
-        """Those of the network's programs, of the parameters; what is not told is as always."""
-        told = {**self.parameters, "controller": self.controller, "seed": self.seed}
-        named = {
-            each.name: told[each.name] for each in fields(NetworkSettings) if each.name in told
-        }
-        as_set = {name: tuple(v) if isinstance(v, list) else v for name, v in named.items()}
-        return NetworkSettings(**cast("Any", as_set))
-
-    def write(self, folder: Path) -> None:
-        """Write result.json into the folder of the network."""
-        (folder / RESULT).write_text(json.dumps(vars(self), indent=2, default=_plain) + "\n")
-        (folder / BEGUN).unlink(missing_ok=True)
-
-    def write_begun(self, folder: Path, runner: str) -> None:
-        """Write what is known by now; `runner` is the process that will write the result."""
-        (folder / BEGUN).write_text(json.dumps([runner, vars(self)], default=_plain))
-
-
-def _plain(value: Any) -> dict[str, Any]:
-    return value.to_dict() if isinstance(value, Device) else vars(value)
 
 
 @dataclass(frozen=True)
@@ -301,39 +238,3 @@ class LoadJob:
 
 
 Job = ServiceJob | KeysJob | NetqasmJob | LoadJob
-
-
-@dataclass(kw_only=True)
-class RunResult(NetworkResult):
-    """What `qmn run` leaves: the same of every job, and the figures of the job in `job`."""
-
-    service: str
-    hosts: list[str]  # that take part, the one that asks first
-    delivered: bool = False  # every byte is right, or the service was done
-    sessions: Sessions = field(default_factory=Sessions)
-    pairs_made: int | None = None  # by sources; None: the network did not come to say it
-    photons_lost: int | None = None
-    photons_lost_waiting: int | None = None  # of these, in delay lines, for the other half
-    elapsed_s: float | None = None  # of the job, as the host that asks says it; None: it does not
-    emulation: dict[str, float] = field(default_factory=dict)  # elapsed_s and rates by the wall
-    path_setup_ms: SetUpTimes = field(default_factory=SetUpTimes)
-    packet_in_count: int = 0
-    every_fiber: FiberOptics | None = None  # None: fibres are as the topology says
-    # Of hosts that are named, and of "every" other; the file has what of them is not ideal.
-    devices: dict[str, Device] = field(default_factory=dict)
-    events: bool = True  # whether what happened to qubits was written
-    backend: str
-    exact: bool | None = None  # None: the network did not come to say it
-    approximations: list[Approximated] = field(default_factory=list)  # why it is not exact
-    watched: WatchedLight | None = None  # None: no light was
-    job: Job
-
-    @property
-    def asking(self) -> Figures:
-        """What the host that asks has said at the end; of NetQASM programs nothing."""
-        return Figures() if isinstance(self.job, NetqasmJob) else self.job.asking
-
-    @property
-    def message(self) -> Message | None:
-        """The bytes that its service has carried; None: it carries none."""
-        return self.job.message if isinstance(self.job, ServiceJob) else None

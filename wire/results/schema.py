@@ -1,12 +1,6 @@
-"""The JSON of result.json: its schema, as programs read it, and how a result is read back.
-
-python -m wire.results.schema > docs/result.schema.json
-
-Both follow from the dataclasses of wire.results.run_result.
-"""
+"""The JSON of dataclasses: its schema, as programs read it, and how one is read back."""
 
 import json
-import sys
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
@@ -16,59 +10,55 @@ from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 from wire.parameters.physics import Device
 from wire.results.figures import Figures
 from wire.results.network_facts import NetworkFacts
-from wire.results.run_result import BEGUN, RESULT, Head, NetworkResult, RunResult
+from wire.results.run_result import BEGUN, RESULT, Head
 
 Schema = dict[str, Any]
 T = TypeVar("T")
-DIALECT = "https://json-schema.org/draft/2020-12/schema"
 PARTS = tuple(type(part.default) for part in fields(Device))
-PLAIN = {str: "string", bool: "boolean", int: "integer", float: "number", NoneType: "null"}
+NOTHING: Mapping[str, Schema] = {}
+PLAIN = {
+    str: "string",
+    Path: "string",
+    bool: "boolean",
+    int: "integer",
+    float: "number",
+    NoneType: "null",
+}
 
 
-def json_schema() -> Schema:
-    """Return the JSON Schema of result.json."""
-    told: Schema = {}
-    one_of = [_schema_of(kind, told) for kind in (RunResult, NetworkResult)]
-    return {"$schema": DIALECT, "title": "result.json", "oneOf": one_of, "$defs": told}
+def schema_of(kind: Any, told: Schema, known: Mapping[str, Schema] = NOTHING) -> Schema:
+    """Return the JSON Schema of a type; dataclasses are added to those that have been told.
 
-
-def _schema_of(kind: Any, told: Schema) -> Schema:
-    """Return the JSON Schema of a type; dataclasses are added to those that have been told."""
+    `known` are schemas of fields of it that do not follow from their types.
+    """
     if kind in (Any, object):
         return {}
     if kind in PLAIN:
         return {"type": PLAIN[kind]}
     if isinstance(kind, UnionType):
-        return {"anyOf": [_schema_of(each, told) for each in get_args(kind)]}
+        return {"anyOf": [schema_of(each, told) for each in get_args(kind)]}
     if get_origin(kind) in (list, tuple):
-        return {"type": "array", "items": _schema_of(get_args(kind)[0], told)}
+        return {"type": "array", "items": schema_of(get_args(kind)[0], told)}
     if get_origin(kind) is dict:
-        return {"type": "object", "additionalProperties": _schema_of(get_args(kind)[1], told)}
+        return {"type": "object", "additionalProperties": schema_of(get_args(kind)[1], told)}
     if kind.__name__ not in told:
         told[kind.__name__] = {}  # keeps its place
-        told[kind.__name__] = _schema_of_dataclass(kind, told)
+        told[kind.__name__] = _schema_of_dataclass(kind, told, known)
     return {"$ref": f"#/$defs/{kind.__name__}"}
 
 
-def _schema_of_dataclass(kind: Any, told: Schema) -> Schema:
+def _schema_of_dataclass(kind: Any, told: Schema, known: Mapping[str, Schema]) -> Schema:
     hints = get_type_hints(kind)
+    names = [each.name for each in fields(kind)]
     return {
         "type": "object",
         "description": " ".join((kind.__doc__ or "").split()),
-        "properties": {each.name: _schema_of(hints[each.name], told) for each in fields(kind)},
+        "properties": {
+            name: known[name] if name in known else schema_of(hints[name], told) for name in names
+        },
         "required": sorted(each.name for each in fields(kind) if _is_there(kind, each)),
         "additionalProperties": False,
     }
-
-
-def read_left(folder: Path) -> NetworkResult:
-    """Return what a network has left in its folder; raise as reading a file and `read` do."""
-    return of_either_kind(json.loads((folder / RESULT).read_text()))
-
-
-def of_either_kind(given: Any) -> NetworkResult:
-    """Return the result of a run or of a network; raise as `read` does."""
-    return read(RunResult if "service" in given else NetworkResult, given)
 
 
 def read_begun(folder: Path) -> tuple[str, dict[str, Any]]:
@@ -97,6 +87,8 @@ def read(kind: type[T], given: Any) -> T:
 
 
 def _read(kind: Any, given: Any) -> Any:
+    if is_dataclass(given):  # read already
+        return given
     if isinstance(kind, UnionType):
         return None if given is None else _read(_fitting(get_args(kind), given), given)
     if get_origin(kind) is list:
@@ -135,12 +127,3 @@ def _is_there(kind: Any, field: Any) -> bool:
 
 def _is_needed(field: Any) -> bool:
     return field.default is MISSING and field.default_factory is MISSING
-
-
-def text() -> str:
-    """Return the schema as its file has it."""
-    return json.dumps(json_schema(), indent=2) + "\n"
-
-
-if __name__ == "__main__":
-    sys.stdout.write(text())

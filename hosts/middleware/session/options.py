@@ -1,6 +1,5 @@
 """Options of a session, checked before anything is sent."""
 
-from collections.abc import Collection
 from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
@@ -9,12 +8,13 @@ from hosts.timeouts import MAX_BLOCK_S
 from wire.device import OF_LIGHT, DeviceSettings
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Reason
-from wire.parameters import checks
 from wire.parameters.checks import check_names, check_number
+from wire.parameters.option import check_options
 
 MAX_FRAME_BYTES = 1 << 16
 MAX_BLOCK_PAIRS = 1 << 18
 MIN_BLOCK_PAIRS = 4
+MAX_RATE_HZ = 4_000_000_000
 
 
 def unsupported(text: str) -> SessionError:
@@ -39,15 +39,15 @@ class Options:
         return options
 
     def check(self) -> None:
-        """Raise SessionError for a value out of range."""
+        """Raise SessionError for a value out of its range, or not among its choices."""
+        check_options(self, unsupported)
 
 
-def check_where_and_how_fast(host: Any, port: Any, rate_hz: Any) -> None:
-    """Raise SessionError unless these are the name of a host, a port, and a rate of a source."""
+def check_where(host: Any, port: Any) -> None:
+    """Raise SessionError unless these are the name of a host, and a port."""
     if not isinstance(host, str):
         raise SessionError(Reason.UNSUPPORTED, f"host {host!r} is not a name")
-    check_whole("port", port, 1, 65_535)
-    check_whole("rate_hz", rate_hz, 1, 4_000_000_000)
+    check_number("port", port, 1, 65_535, unsupported)
 
 
 def check_block_time(pairs: int, block_pairs: int, rate_hz: int) -> None:
@@ -58,21 +58,6 @@ def check_block_time(pairs: int, block_pairs: int, rate_hz: int) -> None:
             f"block_pairs {block_pairs} at rate_hz {rate_hz} take more than "
             f"{MAX_BLOCK_S:g} s: choose smaller blocks or a higher rate",
         )
-
-
-def check_whole(name: str, value: Any, least: int, most: int) -> None:
-    """Raise SessionError unless the value is a whole number in this range."""
-    check_number(name, value, least, most, unsupported)
-
-
-def check_share(name: str, value: Any, least: float, most: float) -> None:
-    """Raise SessionError unless the value is a number in this range."""
-    check_number(name, value, float(least), most, unsupported)
-
-
-def check_choice(name: str, value: Any, choices: Collection[str]) -> None:
-    """Raise SessionError unless the value is one of these words."""
-    checks.check_choice(name, value, choices, unsupported)
 
 
 def overridden(setup: Setup, settings: DeviceSettings) -> Setup:

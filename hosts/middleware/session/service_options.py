@@ -1,17 +1,18 @@
 """Options of every session, checked before anything is sent."""
 
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from dataclasses import dataclass, field
+from typing import Any
 
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.options import (
     MAX_BLOCK_PAIRS,
+    MAX_RATE_HZ,
     Options,
     check_block_time,
-    check_where_and_how_fast,
-    check_whole,
+    check_where,
 )
 from wire.metadata.vocabulary import Handshake, Reason
+from wire.parameters.option import option
 
 MAX_COUNT = 100_000_000
 MOST_PRIORITY = 255
@@ -22,13 +23,23 @@ LATEST_MS = 3_600_000
 class SessionOptions(Options):
     """Address and light of a session; a service adds its own."""
 
-    host: str
+    host: str = field(metadata={"kept": "receiver"})  # as users call who is asked
     port: int
-    block_pairs: int = 16_384  # in a block at most
-    rate_hz: int = 50_000_000  # of the source
-    source: str = ""  # host that makes the pairs, perhaps the one that asks; "": the network's
-    priority: int = 0  # among those that wait for light, if the controller's policy heeds it
-    deadline_ms: int = 0  # of the network, until light is wanted at the latest; 0: no deadline
+    block_pairs: int = option(
+        16_384, "pairs in a block (16384)", metavar="N", range=(1, MAX_BLOCK_PAIRS)
+    )
+    rate_hz: int = option(
+        50_000_000, "of the source (50000000)", metavar="HZ", range=(1, MAX_RATE_HZ)
+    )
+    source: str = option(
+        "",
+        "host that makes the pairs, perhaps the one that asks (the network's)",
+        metavar="HOST",
+    )
+    # Among those that wait for light, if the controller's policy heeds it.
+    priority: int = field(default=0, metadata={"range": (0, MOST_PRIORITY)})
+    # Of the network, until light is wanted at the latest; 0: no deadline.
+    deadline_ms: int = field(default=0, metadata={"range": (0, LATEST_MS)})
 
     def asked(self) -> dict[str, Any]:
         """Return the fields of the set-up message that say this."""
@@ -44,12 +55,10 @@ class SessionOptions(Options):
 
     def check(self) -> None:
         """Raise SessionError for a value out of range."""
-        check_whole("block_pairs", self.block_pairs, 1, MAX_BLOCK_PAIRS)
-        check_whole("priority", self.priority, 0, MOST_PRIORITY)
-        check_whole("deadline_ms", self.deadline_ms, 0, LATEST_MS)
+        super().check()
         if not isinstance(self.source, str):
             raise SessionError(Reason.UNSUPPORTED, f"source {self.source!r} is not a name")
-        check_where_and_how_fast(self.host, self.port, self.rate_hz)
+        check_where(self.host, self.port)
         check_block_time(self.pairs_at_a_time, self.block_pairs, self.rate_hz)
 
     @property
@@ -62,8 +71,12 @@ class SessionOptions(Options):
 class ServiceOptions(SessionOptions):
     """Those of a session that is about a number of things."""
 
-    MOST: ClassVar[int] = MAX_COUNT  # of these in one session
-    count: int = 10_000  # of what the service is about, as states or pairs
+    count: int = option(
+        10_000,
+        "of what the service is about, as states or pairs (10000)",
+        metavar="N",
+        range=(1, MAX_COUNT),
+    )
 
     @property
     def fidelity_ppm(self) -> int:
@@ -73,11 +86,6 @@ class ServiceOptions(SessionOptions):
     def asked(self) -> dict[str, Any]:
         """Return the fields of the set-up message that say this."""
         return {**super().asked(), "fidelity_ppm": self.fidelity_ppm}
-
-    def check(self) -> None:
-        """Raise SessionError for a value out of range."""
-        check_whole("count", self.count, 1, self.MOST)
-        super().check()
 
     @property
     def pairs_at_a_time(self) -> int:

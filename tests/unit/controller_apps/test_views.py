@@ -49,3 +49,21 @@ def test_fibers_are_shown_with_both_kinds_of_ends_and_cuts() -> None:
     assert (fibers[here, 9]["to"], fibers[there, 1]["to"]) == (f"{there}:1", f"{here}:9")
     assert (fibers[here, 2]["to"], fibers[here, 2]["up"]) == ("bob-q0", False)
     assert len(fibers) == 7
+
+
+def test_a_fibre_between_switches_is_whole_again_when_both_ends_were_heard() -> None:
+    network, here, there = arbiter().network, SwitchPort(Q1, 9), SwitchPort(3, 1)
+
+    def whole() -> list[bool]:
+        fibers = {(int(each["dpid"], 16), each["port"]): each for each in fibers_view(network)}
+        assert (fibers[here]["to"], fibers[there]["to"]) == (f"{3:016x}:1", f"{Q1:016x}:9")
+        return [fibers[end]["up"] for end in (here, there)]
+
+    network.add_link(here, there)
+    assert whole() == [True, True]
+    network.set_fiber(here, False)
+    assert whole() == [False, False]
+    network.set_fiber(here, True)
+    assert whole() == [False, False]  # no light is sent there yet
+    network.add_link(here, there)
+    assert whole() == [True, True]

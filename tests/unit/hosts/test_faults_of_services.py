@@ -377,7 +377,8 @@ def test_an_application_that_goes_in_mid_session_ends_it_for_both(
     sockets: Sockets = {}
 
     async def close(message: Message) -> Message:
-        (await takes_part(gone, sockets)).close()
+        # In a thread: it waits for the stack, which is of this loop.
+        await asyncio.to_thread((await takes_part(gone, sockets)).close)
         return message
 
     async def run() -> tuple[Told, Told]:

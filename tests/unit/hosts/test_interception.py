@@ -21,7 +21,8 @@ from hosts.hardware.qnic import Received
 from hosts.middleware.qkd.alice import Alice
 from hosts.middleware.qkd.bob import Bob
 from hosts.middleware.qkd.sifting import Record
-from hosts.middleware.services.interception.passing import MAX_RATE_HZ, rate_of
+from hosts.middleware.services.interception.passing import rate_of
+from hosts.middleware.session.options import MAX_RATE_HZ
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 

@@ -81,7 +81,7 @@ def test_a_state_that_a_detector_missed_tells_nothing(tmp_path: Path) -> None:
 
 def test_probes_that_are_not_known_are_refused() -> None:
     options = SensingOptions("bob", 9, probes="squeezed")
-    with pytest.raises(SessionError, match="probes 'squeezed': choose ghz or separate"):
+    with pytest.raises(SessionError, match="probes 'squeezed': choose one of ghz, separate"):
         options.check()
 
 

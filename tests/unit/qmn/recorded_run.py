@@ -12,7 +12,10 @@ from scapy.utils import PcapWriter
 
 from dispatcher.layer.history import EventCapture
 from hosts.applications.carrying import sent_figures
+from qmn.requests.kinds import KEPT
+from qmn.requests.request import Request
 from qmn.results.result import complete
+from qmn.results.run_result import RunResult
 from wire.config import PathOptics, QuantumSwitch
 from wire.controller_lines import RECORD
 from wire.dispatcher_pb2 import BlockId, Event
@@ -28,12 +31,7 @@ from wire.results.figures import (
     TeleportFigures,
 )
 from wire.results.network_facts import NetworkFacts
-from wire.results.run_result import (
-    Approximated,
-    Message,
-    RunResult,
-    ServiceJob,
-)
+from wire.results.run_result import Approximated, Message, ServiceJob
 
 START_NS = 1_700_000_000 * 10**9
 SESSION = 0xABC
@@ -144,13 +142,7 @@ def record_run(folder: Path, captured: bool = True, delivered: bool = True) -> P
     (folder / "asking.log").write_text(f"{json.dumps({'event': 'said'})}\n{json.dumps(done)}\n")
     facts = message_run(folder, b"two bits" if delivered else b"", told, received(CONFUSION))
     facts.topology = "chain"
-    facts.parameters = {
-        "sender": "alice",
-        "handshake": "framed",
-        "fec": "none <&>",
-        "loss_budget_db": 30.0,
-        "openflow_port": 6653,
-    }
+    facts.parameters = asked("sdc", {"receiver": "bob", "fec": "none <&>"}, "chain")
     facts.every_fiber = FiberOptics(length_km=5.0)
     facts.devices = {"every": Device(), "bob": Device(detectors=Detectors(efficiency=0.8))}
     facts.exact = False
@@ -205,6 +197,11 @@ def teleported(**told: Any) -> TeleportFigures:
     return TeleportFigures(**(known | told))
 
 
+def asked(job: str, parameters: dict[str, Any], topology: str = "sdc") -> Request:
+    """Return a request as a result that keeps these parameters has it."""
+    return KEPT[job].read(parameters, topology=topology)
+
+
 def run_of(service: str, job: ServiceJob, time_scale: float) -> RunResult:
     """Return what is known of a run between alice and bob."""
     return RunResult(
@@ -214,7 +211,7 @@ def run_of(service: str, job: ServiceJob, time_scale: float) -> RunResult:
         mode="native",
         controller="ryu",
         seed=1,
-        parameters={},
+        parameters=asked(service, {"receiver": "bob"}),
         backend="chp",
         time_scale=time_scale,
         job=job,

@@ -18,11 +18,11 @@ from wire.parameters.physics import Memory
 ROOT = Path(__file__).resolve().parents[3]
 MY_NET = f"{ROOT}/examples/my_net.py:MyNet"
 PARTS = """
-from mininet.topo import Topo
 from topologies.nodes import QuantumHost
+from topologies.quantum_topo import QuantumTopo
 from wire.parameters.physics import Memory
 
-class Parts(Topo):
+class Parts(QuantumTopo):
     def build(self):
         self.addHost("h1", cls=QuantumHost, ip="10.0.0.1/24", memory=Memory(t2_s=0.5))
         self.addHost("plain", ip="10.0.0.2/24")
@@ -79,6 +79,7 @@ def test_what_there_is_not_is_refused(
         describe_network(parse("--topology", f"{tmp_path}/{name}", *options))
 
 
+MAC = 'self.addHost("m%d", mac="%s")'
 SLIPS = """
 from mininet.topo import Topo
 from topologies.links import FiberLink
@@ -115,6 +116,11 @@ class Slip(Topo):
             'self.addSwitch("s", cls=ClassicalSwitch)',
             's has no dpid: give one of its own, as dpid="1"',
         ),
+        (
+            'self.addHost("h1", cls=QuantumHost, ip="10.0.0.9/24")',
+            "there is a node h1 already: give each a name of its own",
+        ),
+        ('self.addHost("q1", cls=QuantumHost)', "there is a node q1 already: give each a name"),
         ("1 / 0", "ZeroDivisionError: division by zero; this shows all of it: PYTHONPATH="),
         ('int("zz")', "ValueError: invalid literal for int() with base 10: 'zz'; this shows"),
     ],
@@ -152,7 +158,9 @@ def test_keywords_that_an_own_class_takes_apart_are_its_own(tmp_path: Path) -> N
     own = "class Own(QuantumHost):\n    def __init__(self, name, **params):\n"
     own += "        self.colour = params.pop('colour')\n        super().__init__(name, **params)\n"
     slip = 'self.addHost("h2", cls=Own, ip="10.0.0.2/24", colour="red")'
-    file.write_text(SLIPS.replace("SLIP", slip).replace("class Slip", f"{own}\nclass Slip"))
+    text = SLIPS.replace("SLIP", slip).replace("class Slip", f"{own}\nclass Slip")
+    quantum = "from topologies.quantum_topo import QuantumTopo as Topo"  # with s1 and ed
+    file.write_text(text.replace("from mininet.topo import Topo", quantum))
     assert describe_network(parse("--topology", f"{file}:Slip")).hosts == ["h1", "h2"]
 
 
@@ -185,6 +193,12 @@ def test_what_is_of_all_fibres_can_be_said_of_some(tmp_path: Path) -> None:
             'self.addLink(self.addHost("h2", ip="10.0.0.2/24"), "q1", cls=FiberLink)',
             "fibre h2 to q1: h2 has no light; make it of cls=QuantumHost",
         ),
+        (
+            f"{MAC % (1, 'aa:00:00:00:00:01')}; {MAC % (2, 'AA:00:00:00:00:01')}",
+            "m1 and m2 have one MAC address, aa:00:00:00:00:01: give each a mac",
+        ),
+        (MAC % (1, "hello"), "m1: mac 'hello' is not that of one host: write six pairs of hex"),
+        (MAC % (1, "01:00:5e:00:00:01"), "m1: mac '01:00:5e:00:00:01' is not that of one host"),
         (
             'self.addHost("h2", cls=QuantumHost, ip="10.0.0.300/24")',
             "h2: ip '10.0.0.300/24' is not an address: write ADDRESS/BITS",

@@ -7,9 +7,10 @@ import pytest
 from controller_apps.policy.policy import Tap
 from controller_apps.policy.reading import DEFAULT, read_policy
 from qmn.__main__ import described
-from qmn.jobs.counted_service import ServiceRequest, attack_of, checked, with_policy
+from qmn.jobs.counted_service import attack_of, checked, with_policy
 from qmn.jobs.eavesdropping import Attack
 from qmn.options import BadInput
+from qmn.requests.service import ServiceRequest
 from qmn.verbs.run import service_request
 
 

@@ -84,7 +84,11 @@ def test_what_starts_or_steers_a_network_needs_root(words: str) -> None:
 
 
 @pytest.mark.parametrize("words", LOOKS.split("|"))
-def test_what_looks_at_files_or_computes_does_not(words: str) -> None:
+def test_what_looks_at_files_or_computes_does_not(
+    words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "runs" / "latest").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path)
     assert not needs_root(described(words.split()).parse_args(words.split()))
 
 
@@ -123,15 +127,15 @@ def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def completions(prefix: Path, *words: str) -> set[str]:
+def completions(prefix: Path, *words: str, where: Path = ROOT) -> set[str]:
     """Return how bash would complete the last word."""
     script = 'source "$1"; shift; COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); _shtab_qmn; '
     script += "printf '%s\\n' \"${COMPREPLY[@]}\""
     file = prefix / "share/bash-completion/completions/qmn"
-    return set(said("bash", "-c", script, "bash", file, "qmn", *words, cwd=ROOT).stdout.split())
+    return set(said("bash", "-c", script, "bash", file, "qmn", *words, cwd=where).stdout.split())
 
 
-def test_installed_it_runs_and_is_completed(prefix: Path) -> None:
+def test_installed_it_runs_and_is_completed(prefix: Path, tmp_path: Path) -> None:
     usage = said(prefix / "bin" / "qmn", "--help").stdout
     assert usage.startswith("usage: qmn [-h] [--version] VERB")
     assert completions(prefix, "--ver") == {"--version"}
@@ -139,6 +143,11 @@ def test_installed_it_runs_and_is_completed(prefix: Path) -> None:
     assert completions(prefix, "run", "tele") == {"teleport"}
     assert completions(prefix, "run", "sdc", "--controller", "") == {"ryu", "os-ken"}
     assert completions(prefix, "report", "READ") == {"README.md"}
+    (tmp_path / "runs" / "20260101T100000-sdc").mkdir(parents=True)
+    name = "20260101T100000-sdc"
+    assert completions(prefix, "report", "2026", where=tmp_path) == {name}
+    assert completions(prefix, "runs", "compare", "2026", where=tmp_path) == {name}
+    assert completions(prefix, "spy", "runs/20", where=tmp_path) == {f"runs/{name}"}
     page = (prefix / "share/man/man1/qmn.1").read_text()
     assert "qmn \\- the Mininet for programmable quantum networks" in page
     assert "qmn run teleport" in page

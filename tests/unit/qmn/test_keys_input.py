@@ -18,10 +18,10 @@ def asked(*words: str) -> KeyService:
 
 
 def test_options_reach_the_key_managers() -> None:
-    words = "--key-pair alice:bob --key-pair bob:charlie --low-mark 3 --high-mark 4 --sae web=bob"
+    words = "--key-pair alice:bob --key-pair bob:alice --low-mark 3 --high-mark 4 --sae web=bob"
     more = "--session-bits 12000 --key-protocol bbm92 --keys-per-s 2.5 --withhold"
     service = asked(*words.split(), *more.split())
-    assert service.pairs == [("alice", "bob"), ("bob", "charlie")]
+    assert service.pairs == [("alice", "bob"), ("bob", "alice")]
     link = KeyLink("", True, 3, 4, protocol="bbm92", options={"count": 12_000})
     assert service.link == link
     assert (service.saes, service.keys_per_s, service.withhold) == ({"web": "bob"}, 2.5, True)

@@ -1,14 +1,17 @@
 """The input of `qmn netqasm`, of a folder and of the command line, before anything is started."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import netqasm.examples.apps
 import pytest
 
-from qmn.jobs.netqasm import checked, placement
+from qmn.jobs.carried import new_of
+from qmn.jobs.netqasm import checked, placement, with_machines
 from qmn.options import BadInput
 from qmn.verbs.netqasm import add_parser, request_of
+from wire.packed_folder import Entry, Kind
 
 APPS = Path(netqasm.examples.apps.__file__).parent
 HOSTS = ["alice", "bob", "charlie"]
@@ -96,3 +99,31 @@ def test_what_is_no_application_is_refused(tmp_path: Path) -> None:
     (tmp_path / "alice.yaml").write_text("- 1\n")
     with pytest.raises(BadInput, match="does not say values by name"):
         application(tmp_path)
+
+
+def test_over_several_machines_places_are_also_of_hosts() -> None:
+    parser = argparse.ArgumentParser()
+    add_parser(parser.add_subparsers())
+    places = ["sender=bob", "bob=m2", "receiver=charlie", "alice=bob", "eve=m2"]
+    words = [word for place in places for word in ("--place", place)]
+    command = ["netqasm", str(APPS / "teleport"), *words]
+    request = with_machines(request_of(parser.parse_args([*command, "--machines", "2"])), HOSTS)
+    assert request.run.place == ("bob=m2",)
+    assert request.place == ("sender=bob", "receiver=charlie", "alice=bob", "eve=m2")
+    assert request.run.machines == 2
+    alone = with_machines(request_of(parser.parse_args(command)), HOSTS)
+    assert (alone.run.place, alone.place) == ((), tuple(places))
+
+
+def test_of_a_copy_only_what_is_new_comes_back_with_the_folders_that_it_is_in() -> None:
+    before = [
+        Entry("a", Kind.FOLDER),
+        Entry("a/b", Kind.FOLDER),
+        Entry("a/b/same", Kind.FILE, 1, b"1"),
+        Entry("c", Kind.FOLDER),
+        Entry("c/changed", Kind.FILE, 1, b"1"),
+    ]
+    changed, new = Entry("c/changed", Kind.FILE, 2, b"2"), Entry("a/new", Kind.FILE, 2, b"")
+    after = [*before[:2], replace(before[2], changed_ns=2), new, before[3], changed]
+    assert new_of(after, before) == [before[0], new, before[3], changed]
+    assert new_of(before, before) == []

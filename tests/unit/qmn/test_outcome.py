@@ -13,12 +13,13 @@ from rich.console import Console
 from hosts.middleware.services.superdense.options import SuperdenseOptions
 from qmn.jobs import runner, superdense
 from qmn.jobs.run_context import RunContext
-from qmn.jobs.run_options import RunOptions
-from qmn.jobs.superdense import SuperdenseRequest
 from qmn.network.options import NetworkOptions
+from qmn.requests.run_options import RunOptions
+from qmn.requests.superdense import SuperdenseRequest
 from qmn.results.result import complete, show
+from qmn.results.run_result import RunResult
 from topologies.networks.network import Signals
-from wire.results.run_result import Approximated, RunResult, ServiceJob
+from wire.results.run_result import Approximated, ServiceJob
 
 
 def shown(folder: Path, **facts: Any) -> list[str]:
@@ -91,7 +92,7 @@ def test_the_status_is_that_of_the_bytes(
             (context.folder / "received").write_bytes(received)
 
     monkeypatch.setattr(runner, "use_network", leave)
-    monkeypatch.setattr(superdense, "require_root", lambda: None)
+    monkeypatch.setattr(superdense, "require_free", lambda _topo: None)
     request = SuperdenseRequest(
         message="two bits",
         options=SuperdenseOptions("bob", 7),

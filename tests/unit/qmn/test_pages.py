@@ -33,7 +33,15 @@ def understood(words: list[str]) -> bool:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_qmn_command_is_one(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_qmn_command_is_one(
+    name: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for run in ("latest", "20261122T015233-sdc"):
+        (tmp_path / "runs" / run).mkdir(parents=True)
+    monkeypatch.chdir(tmp_path)
     for words in commands(name, "qmn"):
         assert understood(words), f"qmn {' '.join(words)}: {capsys.readouterr().err}"
 

@@ -19,11 +19,11 @@ from wire.parameters.physics import Memory
 
 MY_NET = f"{Path(__file__).resolve().parents[3]}/examples/my_net.py:MyNet"
 WITH_MEMORY = """
-from mininet.topo import Topo
 from topologies.nodes import QuantumHost
+from topologies.quantum_topo import QuantumTopo
 from wire.parameters.physics import Memory, PairSource
 
-class WithMemory(Topo):
+class WithMemory(QuantumTopo):
     def build(self):
         source = PairSource(fidelity=0.9)
         self.addHost("h1", cls=QuantumHost, ip="10.0.0.1/24", memory=Memory(t2_s=0.5))

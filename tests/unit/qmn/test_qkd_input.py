@@ -6,8 +6,9 @@ import pytest
 
 from hosts.middleware.services.key_distribution.options import KeyOptions
 from qmn.__main__ import described
-from qmn.jobs.counted_service import ServiceRequest, checked
+from qmn.jobs.counted_service import checked
 from qmn.options import BadInput
+from qmn.requests.service import ServiceRequest
 from qmn.verbs.run import service_request
 
 

@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Any, cast
 
 import pytest
-from recorded_run import message_run, sent, service_run, teleported
+from recorded_run import asked, message_run, sent, service_run, teleported
 
+from qmn.results import schema
 from qmn.results.result import (
     complete,
     note_controller,
@@ -17,14 +18,8 @@ from qmn.results.result import (
 )
 from qmn.results.service_result import coding
 from wire.controller_lines import RECORD, read_record
-from wire.results import schema
 from wire.results.figures import LoadFigures
-from wire.results.run_result import (
-    RunResult,
-    Sessions,
-    SetUpTimes,
-    WatchedLight,
-)
+from wire.results.run_result import Sessions, SetUpTimes, WatchedLight
 
 
 def test_percentiles_of_nothing_of_one_and_of_many() -> None:
@@ -44,7 +39,7 @@ def test_delivered_means_that_the_bytes_are_the_same(
     complete(facts, tmp_path)
     assert facts.delivered is delivered
     left = json.loads((tmp_path / "result.json").read_text())
-    again = schema.read(RunResult, left)
+    again = schema.read_run(left)
     assert asdict(again) == asdict(facts)
 
 
@@ -95,13 +90,14 @@ def test_rates_and_counts_come_from_sender_and_controller(tmp_path: Path) -> Non
     }
 
 
-def test_settings_of_a_result_are_those_of_its_network() -> None:
+def test_settings_of_a_result_are_those_of_its_network(tmp_path: Path) -> None:
     facts = service_run()
-    facts.parameters = {"loss_budget_db": 3.0, "apps": ["ryu.app.ofctl_rest"], "length_km": 2.0}
+    facts.parameters = asked("teleport", {"receiver": "bob", "loss_budget_db": 3.0})
     facts.controller, facts.seed = "os-ken", 7
-    used = facts.settings
+    facts.write(tmp_path)
+    used = schema.read_left(tmp_path).settings
     assert (used.loss_budget_db, used.controller, used.seed) == (3.0, "os-ken", 7)
-    assert (used.apps, used.openflow_port) == (("ryu.app.ofctl_rest",), 6653)
+    assert (used.apps, used.openflow_port) == ((), 6653)
 
 
 def test_sessions_are_counted_once_each_whatever_they_were_told() -> None:

@@ -9,12 +9,13 @@ import pytest
 from json_schema import problems
 from recorded_run import record_run, service_run, teleported
 
+from qmn.results import schema
 from qmn.results.result import complete
+from qmn.results.run_result import RunResult
 from topologies.system.processes.programs import ROOT
 from wire.application_lines import figures, moment
 from wire.parameters.fiber import FiberOptics
 from wire.parameters.physics import Detectors, Device, Memory, PairSource, Sensor
-from wire.results import schema
 from wire.results.figures import Figures, PairFigures, ServiceFigures
 from wire.results.moments import (
     ClosedMoment,
@@ -27,7 +28,6 @@ from wire.results.moments import (
     NoKeyMoment,
     SessionMoment,
 )
-from wire.results.run_result import RunResult
 
 FILE = ROOT / "docs" / "result.schema.json"
 
@@ -45,7 +45,7 @@ def of_message(folder: Path) -> dict[str, Any]:
 
 
 def test_the_schema_in_docs_is_that_of_the_code() -> None:
-    """Made anew by: python -m wire.results.schema > docs/result.schema.json."""
+    """Made anew by: python -m qmn.results.schema > docs/result.schema.json."""
     assert FILE.read_text() == schema.text()
 
 

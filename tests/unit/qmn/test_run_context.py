@@ -11,9 +11,9 @@ from rich.console import Console
 
 from qmn.jobs.run_context import ending, guarded
 from qmn.reports.run_facts import BadRun, read_result
+from qmn.results.run_result import RunResult
 from topologies.networks.network import Interrupted, Signals
 from topologies.system.processes.programs import NetworkError
-from wire.results.run_result import RunResult
 
 FAULTS = pytest.mark.parametrize(
     ("make", "status", "words"),  # made anew: notes stay with an error

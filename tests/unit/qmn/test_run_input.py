@@ -2,23 +2,28 @@
 
 import os
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from qmn.__main__ import described
 from qmn.jobs import superdense
-from qmn.jobs.run_context import NO_PARAMETERS
-from qmn.jobs.superdense import SuperdenseRequest
 from qmn.network.custom_topology import BadTopology
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.topologies import TOPOLOGIES
-from qmn.options import BadInput, option_names
+from qmn.options import BadInput
+from qmn.requests.superdense import SuperdenseRequest
 from qmn.results.run_folder import make_folder, point_latest
 from qmn.verbs.run import superdense_request
 from topologies.catalogue.node_kinds import ION_TRAP
 from topologies.catalogue.presets import PRESETS
 from topologies.links.fiber import FiberLink
+from topologies.networks.network import Signals
+from topologies.system.open_vswitch import openvswitch
+from topologies.system.processes.programs import NetworkError
+from topologies.system.runs import runtime
 from wire.parameters.fiber import FiberOptics
 from wire.parameters.physics import Device, Gates
 
@@ -38,6 +43,46 @@ def network(*words: str) -> NetworkDescription:
 def checked(*words: str) -> int:
     """Return the size of the message."""
     return superdense.check_input(parse(*words), network(*words).hosts)
+
+
+MY_NET = f"{Path(__file__).resolve().parents[3]}/examples/my_net.py:MyNet"
+
+
+def test_hosts_that_a_topology_of_ones_own_does_not_have_are_to_be_named() -> None:
+    with pytest.raises(BadInput) as caught:
+        checked("--topology", MY_NET)
+    words = "unknown host 'alice': choose two of h1, h2, src by --from and --to"
+    assert str(caught.value) == words
+    with pytest.raises(BadInput, match=r"^unknown host 'srk': did you mean src\?$"):
+        checked("--topology", MY_NET, "--from", "srk", "--to", "h1")
+
+
+def test_a_run_that_is_refused_for_another_one_leaves_no_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(runtime, "RUNTIME_ROOT", tmp_path / "run")
+    monkeypatch.setattr("topologies.networks.network.require_root", lambda: None)
+    runs = tmp_path / "runs"
+    before = make_folder(runs, "sdc")
+    point_latest(before)
+    request = parse("--runs", str(runs))
+    lock, console = runtime.only_run(), Console(file=StringIO())
+    with Signals() as signals:
+        with lock, pytest.raises(NetworkError, match="another qmn network is running"):
+            superdense.begun(request, signals, console)
+        assert {path.name for path in runs.iterdir()} == {"latest", before.name}
+        assert (runs / "latest").resolve() == before
+        monkeypatch.setattr(openvswitch, "installed", lambda: True)
+        monkeypatch.setattr(openvswitch, "running", lambda: True)
+        bridges = {"s1": "", "q1": "4194304-1-00000000"}  # of somebody else, and of a run that died
+        monkeypatch.setattr(openvswitch, "bridges", lambda: list(bridges))
+        monkeypatch.setattr(openvswitch, "runs_of_bridges", lambda: bridges)
+        with pytest.raises(NetworkError, match=r"^bridge s1 exists already and is not ours"):
+            superdense.begun(request, signals, console)
+        assert (runs / "latest").resolve() == before
+        del bridges["s1"]
+        _job, context = superdense.begun(request, signals, console)
+        assert (runs / "latest").resolve() == context.folder != before
 
 
 @pytest.mark.parametrize(
@@ -93,7 +138,7 @@ def checked(*words: str) -> int:
         (["--rate-hz", "0"], "--rate-hz 0"),
         (
             ["--to", "ed"],
-            "unknown host 'ed': choose one of alice, bob, c",
+            "unknown host 'ed': choose two of alice, bob, c",
         ),
         (["--from", "bob"], "sender and receiver are both bob"),
         (["--policy", "/nowhere.toml"], "cannot read the policy /nowhere.toml: No such file"),
@@ -112,7 +157,7 @@ def checked(*words: str) -> int:
         ),
         (
             ["--map", "abilene"],
-            "unknown host 'alice': choose one of atlam5, a",
+            "unknown host 'alice': choose two of atlam5, a",
         ),
         (["--map", "abilene", "--length-km", "3"], "the map says how long fibres are"),
         (["--map", "abilene", "--switches", "3"], "--switches is of chain, ring, tree, not of map"),
@@ -210,7 +255,3 @@ def test_a_message_and_a_file_are_not_sent_together(capsys: pytest.CaptureFixtur
     with pytest.raises(SystemExit):
         parse("--message", "hello", "--file", "letter")
     assert "--file: not allowed with argument --message" in capsys.readouterr().err
-
-
-def test_a_result_leaves_out_only_options_that_there_are() -> None:
-    assert set(option_names(network().options)) > NO_PARAMETERS

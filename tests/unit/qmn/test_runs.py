@@ -16,10 +16,10 @@ from qmn.kept_runs import run_index
 from qmn.kept_runs.run_archive import BadArchive, imported
 from qmn.kept_runs.run_index import INDEX, Run, runs_in
 from qmn.reports.run_facts import BadRun, read_result
+from qmn.results import schema
 from qmn.verbs import runs as verb
 from qmn.verbs.live import shown
 from topologies.system.processes.owners import owner, this_process
-from wire.results import schema
 from wire.results.run_result import BEGUN
 
 OLD, NEW = "20260101T100000-chain", "20260301T100000-chain-1"
@@ -77,7 +77,7 @@ def test_what_is_usual_of_a_job_is_not_listed(
     runs: Path, service: str, usual: dict[str, Any]
 ) -> None:
     """The values are those that `qmn run JOB --help` names as defaults."""
-    change(runs / NEW, service=service, fec="", handshake="", **usual)
+    change(runs / NEW, service=service, parameters=usual)
     (new,) = (run for run in runs_in(runs) if run.name == NEW)
     assert new.parameters == {}
 
@@ -195,9 +195,32 @@ def test_two_runs_are_compared(runs: Path, capsys: pytest.CaptureFixture[str]) -
     assert not any(words[:1] == ["fec"] for words in told)
 
 
+def test_runs_that_have_sent_different_bytes_differ(
+    runs: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The digests are those of `sha256sum` of "one" and "two"."""
+    digests = {
+        OLD: "7692c3ad3540bb803c020b3aee66cd8887123234ea0c6e7143c0add73ff431ed",
+        NEW: "3fc4ccfe745870e2c0d99f71f30ff0656c8dedd41cc1d7d3d376b0dbe685e2f3",
+    }
+    for run, digest in digests.items():
+        job = json.loads((runs / run / "result.json").read_text())["job"]
+        sent = {"file": "message", "bytes": 3, "sha256_sent": digest, "sha256_received": digest}
+        change(runs / run, job={**job, "message": sent})
+    assert called(runs, "compare", OLD, NEW) == 0
+    told = [line.split() for line in capsys.readouterr().out.splitlines()]
+    first, second = (["3", "bytes,", "SHA-256", digest[:12]] for digest in digests.values())
+    assert ["message", *first, *second] in told
+    assert called(runs, "compare", OLD, OLD) == 0
+    assert "SHA-256" not in capsys.readouterr().out
+
+
 def test_what_cannot_be_compared_is_named(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert called(runs, "compare", OLD, "nothing") == 1
-    assert "nothing: no result of a run" in capsys.readouterr().err
+    assert f"there is no run 'nothing': choose one of {NEW}, {OLD}" in capsys.readouterr().err
+    (runs / OLD / "result.json").unlink()
+    assert called(runs, "compare", OLD, NEW) == 1
+    assert f"{OLD}: no result of a run" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

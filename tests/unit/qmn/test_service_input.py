@@ -6,9 +6,10 @@ from hosts.middleware.services.distribution.options import DistributeOptions
 from hosts.middleware.services.teleportation.teleport import TeleportOptions
 from hosts.middleware.session.service_options import ServiceOptions
 from qmn.__main__ import described
-from qmn.jobs.counted_service import ServiceRequest, checked
+from qmn.jobs.counted_service import checked
 from qmn.network.custom_topology import BadTopology
 from qmn.options import BadInput
+from qmn.requests.service import ServiceRequest
 from qmn.verbs.run import service_request
 
 

@@ -7,8 +7,9 @@ import pytest
 from controller_apps.policy.reading import DEFAULT, read_policy
 from controller_apps.policy.schedules import SCHEDULES, Purification
 from qmn.__main__ import described
-from qmn.jobs.counted_service import ServiceRequest, checked, with_policy
+from qmn.jobs.counted_service import checked, with_policy
 from qmn.options import BadInput
+from qmn.requests.service import ServiceRequest
 from qmn.verbs.run import service_request
 
 

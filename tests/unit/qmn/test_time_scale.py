@@ -11,12 +11,13 @@ from qmn.network.description import describe_network
 from qmn.network.options import NetworkOptions
 from qmn.network.time_scale import SHARE, SOFTWARE_S, Scale, scale, scale_of
 from qmn.options import add_options, read
+from qmn.results.run_result import RunResult
 from qmn.results.software_share import note_software, rows
 from topologies.description.description import describe
 from topologies.sdc import SdcTopo
 from wire.dispatcher_pb2 import SoftwareTime
 from wire.parameters.physics import Device, Memory
-from wire.results.run_result import RunResult, ShortestTime
+from wire.results.run_result import ShortestTime
 
 LIGHT_M_PER_S = 2.04e8
 

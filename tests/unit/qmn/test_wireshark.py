@@ -76,4 +76,6 @@ def test_a_folder_without_captures_is_said(
 ) -> None:
     assert verb(tmp_path) == 1
     assert "name the folder of a run" in capsys.readouterr().err
-    assert verb(tmp_path / "none") == 1
+    with pytest.raises(SystemExit, match="2"):
+        verb(tmp_path / "none")
+    assert f"there is no run '{tmp_path / 'none'}'" in capsys.readouterr().err

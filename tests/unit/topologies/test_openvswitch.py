@@ -1,5 +1,7 @@
 """Open vSwitch that is missing or will not start."""
 
+import os
+import subprocess
 import time
 from pathlib import Path
 
@@ -7,7 +9,7 @@ import pytest
 
 from topologies.system.open_vswitch import openvswitch
 from topologies.system.processes import commands
-from topologies.system.processes.owners import Owner, this_process
+from topologies.system.processes.owners import Owner, owner, this_process
 from topologies.system.processes.programs import NetworkError
 from topologies.timeouts import VSCTL_TIMEOUT_S
 
@@ -26,6 +28,7 @@ def test_one_that_cannot_start_says_why(tmp_path: Path, monkeypatch: pytest.Monk
     control.chmod(0o755)
     monkeypatch.setattr(openvswitch, "CONTROL", str(control))
     monkeypatch.setattr(openvswitch, "RUN_FOLDER", tmp_path)  # whatever runs on this machine
+    monkeypatch.setattr(openvswitch, "RUNTIME_ROOT", tmp_path)
     monkeypatch.setattr(openvswitch, "_watched_over", set)
     monkeypatch.setattr(openvswitch, "running", lambda: False)
     with pytest.raises(NetworkError, match=r"ovs-ctl start .* failed: no room for the database"):
@@ -110,7 +113,55 @@ def test_who_has_started_it_is_known_until_it_has_stopped(
     monkeypatch.setattr(openvswitch, "bridges", list)
     here = this_process()
     monkeypatch.setattr(openvswitch, "daemons", lambda: {openvswitch.DATABASE: here})
+    monkeypatch.setattr(openvswitch, "_mark_of", {here: "run"}.get)
     (tmp_path / openvswitch.STARTED).write_text(f"run\n{here}")
     with pytest.raises(NetworkError, match=r"ovs-ctl stop failed"):
         openvswitch.stop_if_ours("run")
     assert openvswitch.starter() == "run"
+
+
+GONE, OTHER = "4194304-1-00000000", "4194303-1-00000000"  # no process has these ids
+
+
+@pytest.mark.parametrize(
+    ("mark", "noted", "starter"),
+    [
+        ("run", "run", "run"),
+        ("run", "another", "run"),  # a note that has been left, or put back
+        ("run", GONE, "run"),
+        (GONE, "run", "run"),  # which has taken them over
+        ("", "run", ""),  # the machine's own, started beside a run
+        (GONE, "", GONE),
+    ],
+)
+def test_the_mark_of_living_daemons_says_who_has_started_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mark: str, noted: str, starter: str
+) -> None:
+    environment = {"PATH": os.environ["PATH"], **({openvswitch.STARTER: mark} if mark else {})}
+    pipe = subprocess.PIPE
+    with subprocess.Popen(["cat"], 0, env=environment, stdin=pipe, stdout=pipe) as daemon:
+        try:
+            assert daemon.stdin
+            assert daemon.stdout
+            daemon.stdin.write(b"x")
+            assert daemon.stdout.read(1) == b"x"  # it runs, and has its environment
+            found = owner(daemon.pid)
+            assert found
+            monkeypatch.setattr(openvswitch, "RUNTIME_ROOT", tmp_path)
+            monkeypatch.setattr(openvswitch, "daemons", lambda: {openvswitch.DATABASE: found})
+            if noted:
+                (tmp_path / openvswitch.STARTED).write_text(f"{noted}\n{found}")
+            assert openvswitch.starter() == starter
+        finally:
+            daemon.kill()
+
+
+def test_a_note_about_other_daemons_says_nothing_of_these(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = this_process()
+    monkeypatch.setattr(openvswitch, "RUNTIME_ROOT", tmp_path)
+    monkeypatch.setattr(openvswitch, "daemons", lambda: {openvswitch.DATABASE: here})
+    monkeypatch.setattr(openvswitch, "_mark_of", {here: GONE}.get)
+    (tmp_path / openvswitch.STARTED).write_text(f"run\n{OTHER}")
+    assert openvswitch.starter() == GONE

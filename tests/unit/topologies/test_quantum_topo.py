@@ -160,6 +160,14 @@ def test_a_quantum_switch_and_one_of_copper_of_one_number_do_not_clash() -> None
 
 
 def test_a_name_that_is_needed_for_another_is_refused() -> None:
+    class Twice(QuantumTopo):
+        def build(self) -> None:
+            self.addHost("h1", cls=QuantumHost)
+            self.addSwitch("h1", cls=OpticalSwitch)
+
+    with pytest.raises(BadParameter, match="there is a node h1 already"):
+        Twice()
+
     class Taken(QuantumTopo):
         def build(self) -> None:
             self.addHost("ed", cls=QuantumHost)

@@ -1,8 +1,10 @@
 """The traces of a network on the machine."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Barrier
 
 import pytest
 
@@ -65,3 +67,22 @@ def test_a_file_of_an_earlier_network_begins_anew_and_is_kept_from_then_on(
     assert network.private_file("controller.jsonl").read_text() == "now\n"
     (tmp_path / RECORD).write_text("earlier\n")
     assert not network.begun_anew(RECORD).exists()  # the dispatcher writes over no record
+
+
+@pytest.mark.parametrize("shared", [Runtime.authority, Runtime.forks])
+def test_hosts_that_start_at_once_share_what_the_first_of_them_needs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shared: Callable[[Runtime], object]
+) -> None:
+    monkeypatch.setattr(runtime, "RUNTIME_ROOT", tmp_path / "qmn")
+    network, hosts = Runtime(), 8
+    together = Barrier(hosts)
+
+    def ask(_host: int) -> object:
+        together.wait(10)
+        return shared(network)
+
+    with ThreadPoolExecutor(hosts) as pool:
+        assert len(set(pool.map(ask, range(hosts)))) == 1
+    for program in network.programs:
+        program.stop()
+    network.remove()

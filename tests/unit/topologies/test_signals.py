@@ -11,7 +11,12 @@ from contextlib import suppress
 
 import pytest
 
-from topologies.system.processes.signals import Interrupted, Signals
+from topologies.system.processes.signals import (
+    Interrupted,
+    NotCleanedUp,
+    Signals,
+    interrupted_words,
+)
 
 
 @pytest.mark.parametrize("number", Signals.NUMBERS)
@@ -39,6 +44,33 @@ def test_what_fails_because_of_a_signal_is_reported_as_the_signal() -> None:
     with pytest.raises(Interrupted, match="SIGINT") as caught, Signals():
         fail()
     assert isinstance(caught.value.__cause__, OSError)
+
+
+@pytest.mark.parametrize("signalled", [False, True])
+def test_who_is_interrupted_hears_of_what_could_not_be_cleaned_up(signalled: bool) -> None:
+    why = NotCleanedUp("ovsdb-server does not answer")
+
+    def fail() -> None:
+        if signalled:
+            os.kill(os.getpid(), signal.SIGTERM)
+        raise why
+
+    with pytest.raises((Interrupted, NotCleanedUp)) as caught, Signals():
+        fail()
+    if signalled:
+        assert isinstance(caught.value, Interrupted)
+        assert interrupted_words(caught.value) == (
+            "interrupted by SIGTERM\ncleaning up: ovsdb-server does not answer"
+        )
+    else:
+        assert caught.value is why
+
+
+def test_who_interrupts_hears_that_all_is_cleaned_up() -> None:
+    assert interrupted_words(KeyboardInterrupt()) == "interrupted; everything is cleaned up"
+    assert interrupted_words(Interrupted(signal.SIGHUP)) == (
+        "interrupted by SIGHUP; everything is cleaned up"
+    )
 
 
 def test_what_fails_without_a_signal_stays_what_it_is() -> None:

@@ -55,6 +55,8 @@ def test_the_nearest_name_is_offered_and_else_all() -> None:
     check_names("it", ["b", "a"], ["a", "b"])
     with pytest.raises(ValueError, match=r"^it has no lenght: did you mean length\?$"):
         check_names("it", ["lenght", "loss"], ["length", "loss"])
+    with pytest.raises(ValueError, match=r"^it has no LOSS: did you mean loss\?$"):
+        check_names("it", ["LOSS"], ["length", "loss"])
     with pytest.raises(ValueError, match=r"^it has no x: choose one of length, loss$"):
         check_names("it", {"x": 1}, ["length", "loss"])
 

@@ -20,6 +20,7 @@ import time
 from collections.abc import Awaitable, Callable, Coroutine, Sequence
 from contextlib import suppress
 from pathlib import Path
+from shutil import which
 from tempfile import TemporaryDirectory
 from types import SimpleNamespace
 from typing import Any
@@ -27,6 +28,7 @@ from typing import Any
 from topologies.system.confinement.confinement import ruled_here
 from topologies.system.kernel import interfaces
 from topologies.system.kernel.user_namespace import NoUserNamespace, UserNamespace
+from topologies.system.machines.agent_files import AgentFiles
 from topologies.system.machines.relays import Stream, join
 from topologies.system.machines.source import fingerprint
 from topologies.system.machines.tunnel import TunnelEnd
@@ -40,10 +42,11 @@ from topologies.system.processes.programs import (
 )
 from topologies.system.processes.shells import LOCAL_FLAGS, PROMPT, shell_command
 from topologies.timeouts import AGENT_CONNECT_TIMEOUT_S
-from wire.machine_channel import MOST_BODY_BYTES, Header, encode, receive
+from wire.machine_channel import Header, encode, receive
 
 MODULE = "topologies.system.machines.agent"
 CHUNK_BYTES = 1 << 16
+BESIDE = "pack", "unpack"  # what is done while other things are: it can take seconds
 Connect = Callable[[], Awaitable[Stream]]  # to the runner
 WITHIN = {
     each.__name__: each
@@ -58,7 +61,7 @@ WITHIN = {
 }
 
 
-class Agent:
+class Agent(AgentFiles):
     """Programs of a runner on this machine, and what else it asks."""
 
     def __init__(self, connect: Connect, stream: Stream) -> None:
@@ -71,47 +74,34 @@ class Agent:
     async def serve(self) -> None:
         """Do what is asked, one thing after the other, until the runner ends."""
         while (message := await receive(self._reader)) is not None:
-            header, body = message
-            answer: Header = {"answer": header["ask"]}
-            try:
-                said, data = await getattr(self, f"do_{header['do']}")(header, body)
-                answer["said"] = said
-            except (NetworkError, OSError) as error:
-                answer["error"], data = str(error), b""
-            self._writer.write(encode(answer, data))
-            await self._writer.drain()
+            answering = self._answer(*message)
+            if message[0]["do"] in BESIDE:
+                self._begin(answering)
+            else:
+                await answering
+
+    async def _answer(self, header: Header, body: bytes) -> None:
+        answer: Header = {"answer": header["ask"]}
+        try:
+            said, data = await getattr(self, f"do_{header['do']}")(header, body)
+            answer["said"] = said
+        except (NetworkError, OSError) as error:
+            answer["error"], data = str(error), b""
+        self._writer.write(encode(answer, data))
+        await self._writer.drain()
 
     async def do_clock(self, _header: Header, _body: bytes) -> tuple[Any, bytes]:
         """Say what the clock says that captures use."""
         return time.time_ns(), b""
 
-    async def do_put(self, header: Header, body: bytes) -> tuple[Any, bytes]:
-        """Write a file, or go on with it, which its owner alone can read."""
-        path = Path(header["path"])
-        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600), "wb") as file:
-            if not header["goes_on"]:
-                file.truncate(0)
-            file.write(body)
-        return None, b""
-
-    async def do_folder(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
-        """Make a private folder."""
-        Path(header["path"]).mkdir(mode=0o700, parents=True, exist_ok=True)
-        return None, b""
+    async def do_lacks(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
+        """Say which of some programs are not installed on this machine."""
+        where = callers_environment().get("PATH")
+        return [name for name in header["programs"] if which(name, path=where) is None], b""
 
     async def do_ruled(self, _header: Header, _body: bytes) -> tuple[Any, bytes]:
         """Say by what root rules the kernel of this machine."""
         return [str(path) for path in ruled_here()], b""
-
-    async def do_get(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
-        """Send what a file has from somewhere on."""
-        path = Path(header["path"])
-        if not path.exists():
-            return False, b""
-        with path.open("rb") as file:
-            file.seek(header["offset"])
-            return True, file.read(MOST_BODY_BYTES)
 
     async def do_within(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
         """Set up an interface in the network namespace of a process."""

@@ -21,7 +21,9 @@ from topologies.system.processes.programs import NetworkError
 from topologies.timeouts import AGENT_ANSWER_TIMEOUT_S, BEAT_PERIOD_S, LOST_TIMEOUT_S
 from wire.machine_channel import MOST_BODY_BYTES, Header, encode, receive
 from wire.malformed import MalformedPacket
+from wire.packed_folder import MOST_BYTES
 
+PACKED = ".packed"  # how the file is called that a folder is packed into
 CLOCK_TRIES = 21
 NOWHERE = -1  # as a process id: of none on this machine
 LOST_STATUS = -signal.SIGKILL
@@ -122,11 +124,11 @@ class Machine:
         self._send({"ask": next(self._numbers), "do": do, **words}, body)
 
     def _asked(self, number: int, do: str, body: bytes = b"", **words: Any) -> tuple[Any, bytes]:
-        self.check()
         answer: Future[tuple[Any, bytes]] = Future()
-        self._answers[number] = answer
-        self._send({"ask": number, "do": do, **words}, body)
+        self._answers[number] = answer  # before the check: what is lost from here on ends it
         try:
+            self.check()
+            self._send({"ask": number, "do": do, **words}, body)
             return answer.result(AGENT_ANSWER_TIMEOUT_S)
         except TimeoutError as error:
             raise NetworkError(
@@ -141,12 +143,15 @@ class Machine:
 
     def put(self, path: Path | str, data: bytes, there: Path | str | None = None) -> None:
         """Let it have a private file of these bytes, by the same path or another."""
+        target = str(there or path)
+        under_way = f"{target}.{next(self._numbers)}"  # hosts put what they share at once
         for offset in range(0, max(len(data), 1), MOST_BODY_BYTES):
-            chunk = data[offset : offset + MOST_BODY_BYTES]
-            self.ask("put", chunk, path=str(there or path), goes_on=offset > 0)
+            end = offset + MOST_BODY_BYTES
+            words = {"path": target, "under_way": under_way, "is_last": end >= len(data)}
+            self.ask("put", data[offset:end], **words)
 
-    def get(self, path: Path | str) -> bytes | None:
-        """Return what is in a file there, None if there is none."""
+    def get(self, path: Path | str, most_bytes: int | None = None) -> bytes | None:
+        """Return what is in a file there, None if there is none; NetworkError if it is longer."""
         found = bytearray()
         while True:
             is_there, data = self._asked(
@@ -155,8 +160,30 @@ class Machine:
             found += data
             if not is_there:
                 return None
+            if most_bytes is not None and len(found) > most_bytes:
+                raise NetworkError(f"{self.name}: {path} has more than {most_bytes:,} bytes")
             if len(data) < MOST_BODY_BYTES:
                 return bytes(found)
+
+    def put_folder(self, packed: bytes, folder: Path | str) -> None:
+        """Let it have a private folder with what was packed (packing.pack)."""
+        file = f"{folder}{PACKED}"
+        self.put(file, packed)
+        self.ask("unpack", path=file, folder=str(folder))
+
+    def get_folder(self, folder: Path | str) -> bytes:
+        """Return a folder there, packed: its files and folders, and nothing that is a link."""
+        file = f"{folder}{PACKED}"
+        self.ask("pack", folder=str(folder), path=file)
+        packed = self.get(file, MOST_BYTES)
+        self.ask("remove", path=file)
+        if packed is None:
+            raise NetworkError(f"{self.name}: {file} is gone")
+        return packed
+
+    def lacks(self, programs: Sequence[str]) -> list[str]:
+        """Return which of some programs are not installed there."""
+        return list(map(str, self.ask("lacks", programs=list(programs))))
 
     def within(self, pid: int, function: str, arguments: Sequence[Any]) -> Any:
         """Set up an interface in the namespace of a process there."""
@@ -282,9 +309,9 @@ class Machine:
         if self.lost:
             return
         self.lost = why
-        for process in self._processes.values():
+        for process in list(self._processes.values()):  # other threads ask meanwhile
             process.end(LOST_STATUS)
-        for answer in self._answers.values():
+        for answer in list(self._answers.values()):
             if not answer.done():
                 answer.set_exception(NetworkError(f"{self.name} was lost: {why}"))
         self._relays.close()

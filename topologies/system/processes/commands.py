@@ -1,6 +1,7 @@
 """Commands of other packages: each has a deadline, and what it says is told where it fails."""
 
 import os
+import shutil
 import signal
 import subprocess
 import time
@@ -8,6 +9,8 @@ from collections.abc import Callable, Iterable, Mapping
 
 from topologies.system.processes.programs import NetworkError
 from topologies.timeouts import COMMAND_LOOK_S, COMMAND_TIMEOUT_S, INTERFACE_S
+
+WITH_THIS_PROCESS = "setpriv", "--pdeathsig", "KILL"  # ends what follows with who starts it
 
 
 def ip(commands: Iterable[str]) -> None:
@@ -29,21 +32,20 @@ def run(
 
     It reads what is given. Meanwhile `check` is called, every `look_s` seconds, which raises if
     something else makes the wait useless. What it has started and waits for itself ends with it.
+    It ends if this process is killed: what it would go on with, the next run has removed by then.
     """
-    try:
-        # In a session of its own: a Ctrl-C must not leave half of what it does undone.
-        process = subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            env=environment,
-            start_new_session=True,
-        )
-    except FileNotFoundError as error:
-        raise NetworkError(f"{command[0]} is not installed; run `make setup`") from error
-    with process:
+    if shutil.which(command[0]) is None:
+        raise NetworkError(f"{command[0]} is not installed; run `make setup`")
+    # In a session of its own: a Ctrl-C must not leave half of what it does undone.
+    with subprocess.Popen(
+        [*WITH_THIS_PROCESS, *command],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+        start_new_session=True,
+    ) as process:
         try:
             deadline = time.monotonic() + timeout_s
             said, wrong = _end_of_command(process, given, deadline, check, look_s)

@@ -196,7 +196,8 @@ class ShellWatcher:
             if (self.time_limited or self.ending) and time.monotonic() > self._deadline:
                 late = f"{self.name} did not end {self.lastCmd!r} in {COMMAND_TIMEOUT_S:g} s"
                 if not self.ending:
-                    raise NetworkError(late)
+                    why = ": a signal has stopped its shell" if self.shell_stopped else ""
+                    raise NetworkError(f"{late}{why}")
                 warn(f"{late}: its shell is killed\n")
                 self._kill_shell()
         output: str = super().monitor(timeoutms, findPid)  # type: ignore[misc]

@@ -9,7 +9,10 @@ from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Self
 
+from topologies.system.processes.programs import NetworkError
 from topologies.timeouts import AGAIN_S
+
+UNCLEANED = "cleaning up: "  # a note of what has ended a run, or the words of NotCleanedUp
 
 
 class Interrupted(Exception):
@@ -18,6 +21,22 @@ class Interrupted(Exception):
     def __init__(self, number: int) -> None:
         super().__init__(f"interrupted by {signal.Signals(number).name}")
         self.status = 128 + number
+
+
+class NotCleanedUp(NetworkError):
+    """Not all that a network has made could be taken away again; the words say why."""
+
+    def __init__(self, why: object) -> None:
+        super().__init__(f"{UNCLEANED}{why}")
+
+
+def interrupted_words(error: Interrupted | KeyboardInterrupt) -> str:
+    """Return who has ended the run, and whether all is cleaned up or why not, line by line."""
+    notes: list[str] = getattr(error, "__notes__", [])
+    ended = str(error) or "interrupted"
+    if not any(note.startswith(UNCLEANED) for note in notes):
+        ended = f"{ended}; everything is cleaned up"
+    return "\n".join([ended, *notes])
 
 
 class Signals:
@@ -93,7 +112,10 @@ class Signals:
     def _check_cause(self, error: Exception) -> None:
         """A terminal's Ctrl-C also ends the commands that run just then: say so instead."""
         if self._received is not None:
-            raise Interrupted(self._received) from error
+            interrupted = Interrupted(self._received)
+            if isinstance(error, NotCleanedUp):
+                interrupted.add_note(str(error))
+            raise interrupted from error
 
 
 def force_end(number: int) -> None:

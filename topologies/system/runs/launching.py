@@ -4,7 +4,7 @@ import os
 import socket
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import astuple, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +12,9 @@ from mininet.node import Node
 
 from topologies.system.machines.machine import Machine
 from topologies.system.processes.programs import NetworkError, Program, python
+from topologies.system.runs.elsewhere import carried
 from topologies.system.runs.runtime import Runtime, metrics_listener
-from wire.config import Config, ControllerConfig, HostConfig, MeasuredConfig
-from wire.credentials import secret_file
+from wire.config import Config, ControllerConfig, MeasuredConfig
 
 
 def launch(
@@ -43,20 +43,10 @@ def launch(
 def launch_elsewhere(
     network: Runtime, name: str, module: str, config: Config, host: Any, machine: Machine
 ) -> Program:
-    """Start the stack of a host that is on another machine, which gets the files that it needs."""
-    if not isinstance(config, HostConfig):
-        raise NetworkError(f"{name} runs on the first machine alone: place {host.name} there")
-    if config.qnic:
-        raise NetworkError(f"{name}: hardware of one's own is on the first machine alone")
-    path, shared = write(network, name, config, {}), Path(config.pair_secrets)
-    needed = [secret_file(shared, name, other) for other in network.addresses if other != name]
-    if config.credentials is not None:
-        needed += map(Path, astuple(config.credentials))
-    for file in (path, Path(config.hosts_file), *needed):
-        machine.put(file, file.read_bytes())
-    for folder in (Path(config.socket).parent, shared, config.keys):
-        machine.ask("folder", path=str(folder))
-    machine.relay(config.socket)
+    """Start a program of a host that is on another machine, which gets the files that it needs."""
+    config = carried(network, name, config, host.name, machine)
+    path = write(network, name, config, {})
+    machine.put(path, path.read_bytes())
     program = network.program(name)
     program.start_elsewhere(machine, ["-m", module, "--config", str(path)], host.pid_there)
     return program

@@ -73,6 +73,7 @@ class Runtime:
     programs: list[Program] = field(default_factory=list)
     fork_server: ForkServer | None = None  # which starts most of them
     places: dict[str, Machine] = field(default_factory=dict)  # of hosts that are not here
+    from_elsewhere: ExitStack = field(default_factory=ExitStack)  # brings back what is there
     tokens: dict[str, str] = field(default_factory=dict)
     prefix_length: int = 24  # of the hosts' network
     device_keys: dict[str, str] = field(default_factory=dict)  # of the hosts' node agents
@@ -83,7 +84,8 @@ class Runtime:
     gnmi_addresses: dict[str, str] = field(default_factory=dict)  # by quantum switch: where
 
     def __post_init__(self) -> None:
-        self._hosts_written, self._writing_hosts = 0, Lock()
+        self._hosts_written = 0
+        self._making = Lock()  # what all share is made for the first who asks; hosts ask at once
         self._begun: set[str] = set()  # private files
         self._authority: CertificateAuthority | GivenCertificates | None = None
         self.time = NetworkTime(self.time_scale, time.time_ns())
@@ -117,12 +119,28 @@ class Runtime:
         finally:
             self.time_limited = before
 
+    @property
+    def own_datapath_ids(self) -> dict[str, int]:
+        """Return the datapath IDs of the quantum switches that c0 programs."""
+        elsewhere = self.programmed_elsewhere
+        return {name: dpid for name, dpid in self.datapath_ids.items() if name not in elsewhere}
+
+    def patience_s(self, least_s: float, messages: int) -> float:
+        """Return how long to wait, by the wall, for so many messages of the management network.
+
+        Each may wait for the one before it, and TCP longer after each loss.
+        """
+        way_s = self.time.wall_s(max(self.copper.values(), default=0.0))
+        patience_s: float = (least_s + messages * way_s) / (1 - self.settings.control_loss) ** 4
+        return patience_s
+
     def rest_token(self) -> str:
         """Return the secret that HTTP clients of the controller have read from its file."""
         file = self.folder / REST_TOKEN
-        if not file.exists():
-            file.touch(mode=0o600)
-            file.write_text(secrets.token_hex(16))
+        with self._making:
+            if not file.exists():
+                file.touch(mode=0o600)
+                file.write_text(secrets.token_hex(16))
         return file.read_text()
 
     @property
@@ -132,16 +150,17 @@ class Runtime:
 
     def authority(self) -> "CertificateAuthority | GivenCertificates":
         """Return who signs, or has, the certificates of this run's programs."""
-        if self._authority is None:
-            from topologies.system.certificates import authority, given  # they take a while to load
+        from topologies.system.certificates import authority, given  # they take a while to load
 
-            folder, theirs = self.folder / "tls", self.settings.tls_from
-            self._authority = (
-                given.GivenCertificates(folder, Path(theirs))
-                if theirs
-                else authority.CertificateAuthority(folder, f"qmn run {self.name}")
-            )
-        return self._authority
+        with self._making:
+            if self._authority is None:
+                folder, theirs = self.folder / "tls", self.settings.tls_from
+                self._authority = (
+                    given.GivenCertificates(folder, Path(theirs))
+                    if theirs
+                    else authority.CertificateAuthority(folder, f"qmn run {self.name}")
+                )
+            return self._authority
 
     def device_key(self, host: str) -> str:
         """Return the secret that a host's node agent shares with the controller."""
@@ -156,7 +175,7 @@ class Runtime:
     def hosts_file(self) -> str:
         """Return the path of the file of all hosts that there are now, one for all of them."""
         file = self.folder / "hosts.json"
-        with self._writing_hosts:
+        with self._making:
             if len(self.addresses) != self._hosts_written:
                 self._hosts_written = len(self.addresses)
                 unfinished = file.with_suffix(".new")
@@ -165,11 +184,33 @@ class Runtime:
         return str(file)
 
     def key_folder(self, host: str) -> str:
-        """Return the path of the folder for the keys of a host; it is private."""
-        folder = Path(self.settings.keys) if self.settings.keys else self.folder / "keys"
+        """Return the path of the folder for the keys of a host, on its machine; it is private."""
+        return str(
+            self._keys_in(self.folder / "keys", host)
+            if host in self.places
+            else self.kept_keys(host)
+        )
+
+    def kept_keys(self, host: str) -> Path:
+        """Return the folder of this machine for the keys of a host, when the network has ended."""
+        kept = self.settings.keys
+        return self._keys_in(Path(kept) if kept else self.folder / "keys", host)
+
+    def _keys_in(self, folder: Path, host: str) -> Path:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         (folder / host).mkdir(mode=0o700, exist_ok=True)
-        return str(folder / host)
+        return folder / host
+
+    def share(self, host: str, *files: Path) -> None:
+        """Let the machine of a host have private files of the run, by the same paths."""
+        if (machine := self.places.get(host)) is not None:
+            for file in files:
+                machine.put(file, file.read_bytes())
+
+    def clocks_ahead_s(self) -> dict[str, float]:
+        """Measure how far the clocks of hosts on other machines are ahead."""
+        ahead_s = {machine: machine.clock_offset().offset_s for machine in self.machines}
+        return {host: ahead_s[machine] for host, machine in self.places.items()}
 
     def private_file(self, name: str) -> Path:
         """Return the path of a file beside the logs that only its owner can read.
@@ -220,9 +261,10 @@ class Runtime:
 
     def forks(self) -> ForkServer:
         """Return what forks programs off; the first time, it begins to load what they need."""
-        if self.fork_server is None:
-            self.fork_server = ForkServer(self.program("fork-server"))
-        return self.fork_server
+        with self._making:
+            if self.fork_server is None:
+                self.fork_server = ForkServer(self.program("fork-server"))
+            return self.fork_server
 
     def remove(self) -> None:
         """Remove the private folder with its tokens and sockets, and cables that nobody took."""

@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 from hosts.middleware.services.ghz.options import GhzOptions
-from hosts.middleware.services.key_distribution.options import BOUNDS
+from hosts.middleware.services.key_distribution.options import bound_option
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.options import check_choice, check_whole
 from wire.metadata.vocabulary import Reason
+from wire.parameters.option import option
 
 MAX_STATES = 1_000_000  # of one key: the seed of its privacy amplification is one message
 
@@ -15,17 +15,17 @@ MAX_STATES = 1_000_000  # of one key: the seed of its privacy amplification is o
 class ConferenceOptions(GhzOptions):
     """`count` states that all hosts have seen, of which one key is distilled."""
 
-    count: int = 100_000
-    test_fraction: float = 0.1  # of the states, in X, and as many in Z
-    max_qber: float = 0.1  # of any test: no key above
-    epsilon: float = 1e-10  # the key is secret but for this probability
-    bound: str = "finite"
+    count: int = option(100_000, "states (100000)", metavar="N", range=(1, MAX_STATES))
+    test_fraction: float = option(
+        0.1, "of the states, tested in X, and as many in Z (0.1)", metavar="F"
+    )
+    max_qber: float = option(0.1, "no key above this error rate of any test (0.1)", metavar="Q")
+    epsilon: float = option(1e-10, "that the key is not secret, at most (1e-10)", metavar="P")
+    bound: str = bound_option()
 
     def check(self) -> None:
         """Raise SessionError for a value out of range."""
         super().check()
-        check_whole("count", self.count, 1, MAX_STATES)
-        check_choice("bound", self.bound, tuple(BOUNDS))
         for name, most in (("test_fraction", 0.5), ("max_qber", 0.5), ("epsilon", 1)):
             value = getattr(self, name)
             if not isinstance(value, float) or not 0 < value < most:

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 from hosts.middleware.services.distribution.purification import Protocol
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.options import check_choice, check_share, check_whole
 from hosts.middleware.session.service_options import ServiceOptions
 from wire.metadata.vocabulary import Reason
+from wire.parameters.option import option
 
 PROTOCOLS = tuple(protocol.name.lower() for protocol in Protocol)  # what users call them
 MAX_COUNT = 1_000_000
@@ -18,10 +18,21 @@ MAX_SAMPLE = 0.9
 class DistributeOptions(ServiceOptions):
     """`count` pairs of this fidelity to Phi+ at least."""
 
-    fidelity: float = 0.0  # 0: any
-    sample: float = 0.1  # share of the pairs that is sacrificed for the estimate
-    purification: str = "dejmps"
-    rounds: int | None = None  # of purification; None: as many as the fidelity needs
+    fidelity: float = option(0.0, "at least, to Phi+ (0: any)", metavar="F", range=(0.0, 1))
+    sample: float = option(
+        0.1,
+        "of the pairs, sacrificed for the estimate (0.1)",
+        metavar="SHARE",
+        range=(0.0, MAX_SAMPLE),
+    )
+    purification: str = option("dejmps", "where it is needed (dejmps)", choices=PROTOCOLS)
+    rounds: int | None = option(
+        None,
+        "of purification (as many as the fidelity needs)",
+        metavar="N",
+        range=(0, MAX_ROUNDS),
+    )
+    count: int = option(10_000, "pairs (10000)", metavar="N", range=(1, MAX_COUNT))
 
     @property
     def fidelity_ppm(self) -> int:
@@ -31,12 +42,6 @@ class DistributeOptions(ServiceOptions):
     def check(self) -> None:
         """Raise SessionError for a value out of range."""
         super().check()
-        check_whole("count", self.count, 1, MAX_COUNT)
-        check_share("fidelity", self.fidelity, 0, 1)
-        check_share("sample", self.sample, 0, MAX_SAMPLE)
-        check_choice("purification", self.purification, PROTOCOLS)
-        if self.rounds is not None:
-            check_whole("rounds", self.rounds, 0, MAX_ROUNDS)
         if self.rounds and self.purification == "none":
             text = f"rounds is {self.rounds} and purification none: choose bbpssw or dejmps"
             raise SessionError(Reason.UNSUPPORTED, text)

@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.service_options import ServiceOptions
+from hosts.middleware.session.service_options import MAX_COUNT, ServiceOptions
 from wire.metadata.vocabulary import Reason
+from wire.parameters.option import option
 
 LEAST_HOSTS, MOST_HOSTS = 2, 16  # of two it is a Bell pair
 
@@ -13,7 +14,13 @@ LEAST_HOSTS, MOST_HOSTS = 2, 16  # of two it is a Bell pair
 class GhzOptions(ServiceOptions):
     """`count` states of all hosts, measured to tell how good they are."""
 
-    line: str = "alice,bob,charlie"  # hosts by their links: who asks, who is asked, others
+    # Who asks, who is asked, others.
+    line: str = option(
+        "alice,bob,charlie",
+        "hosts in the order of their links: each makes pairs with the next (alice,bob,charlie)",
+        metavar="A,B,C",
+    )
+    count: int = option(10_000, "states (10000)", metavar="N", range=(1, MAX_COUNT))
 
     @property
     def names(self) -> list[str]:

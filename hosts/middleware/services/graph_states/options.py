@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from hosts.middleware.services.ghz.options import GhzOptions
 from hosts.middleware.services.graph_states.graph import NAMED, Graph, read_graph
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.options import check_choice
 from wire.metadata.vocabulary import Reason
+from wire.parameters.option import option
 
 SHAPES = tuple(NAMED)
 STABILISERS, COLOURS = WITNESSES = ("stabilisers", "colours")
@@ -16,9 +16,22 @@ STABILISERS, COLOURS = WITNESSES = ("stabilisers", "colours")
 class GraphOptions(GhzOptions):
     """`count` graph states of all hosts, measured to tell how good they are."""
 
-    graph: str = "line"  # a name of SHAPES, or edges as A-B,B-C
-    hub: str = ""  # a host that fuses pairs, and is measured out; "": none
-    witness: str = STABILISERS
+    graph: str = option(
+        "line",
+        f"{', '.join(SHAPES)} (of the first host with all others), or edges",
+        metavar="NAME|A-B,B-C",
+    )
+    hub: str = option(
+        "",
+        "a host of the line that fuses pairs, and is measured out: it joins its neighbours (none)",
+        metavar="HOST",
+    )
+    witness: str = option(
+        STABILISERS,
+        "the fidelity by stabilisers drawn of all, or a bound of it by a few settings, as many as "
+        f"the graph has colours ({STABILISERS})",
+        choices=WITNESSES,
+    )
 
     @property
     def edges(self) -> Graph:
@@ -31,7 +44,6 @@ class GraphOptions(GhzOptions):
     def check(self) -> None:
         """Raise SessionError for a value out of range."""
         super().check()
-        check_choice("witness", self.witness, WITNESSES)
         if not isinstance(self.graph, str):
             text = f"graph {self.graph!r}: write {', '.join(SHAPES)}, or edges as A-B,B-C"
             raise SessionError(Reason.UNSUPPORTED, text)

@@ -1,6 +1,6 @@
 """The protocol of an eavesdropper: blocks that come are attacked and sent on."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from hosts.hardware.operations import BlockName
@@ -12,7 +12,7 @@ from hosts.middleware.services.interception.attacks import (
     Way,
 )
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.options import Options, check_choice, check_share, check_whole
+from hosts.middleware.session.options import MAX_RATE_HZ, Options
 from hosts.middleware.session.protocol import Steps, do
 from hosts.timeouts import RESENT_TIMEOUT_S
 from wire.metadata.setup import Setup
@@ -21,7 +21,6 @@ from wire.optical import WAVELENGTHS_PM
 from wire.results.figures import EveFigures
 
 FIBERS = 2
-MAX_RATE_HZ = 4_000_000_000
 MAX_DB = 1_000.0
 RESEND, SPLIT = ATTACKS = ("resend", "split")
 
@@ -30,19 +29,18 @@ RESEND, SPLIT = ATTACKS = ("resend", "split")
 class InterceptionOptions(Options):
     """What an application chooses."""
 
-    fraction: float = 1.0  # of the photons; the others are only sent on
-    attack: str = RESEND
+    # Of the photons; the others are only sent on.
+    fraction: float = field(default=1.0, metadata={"range": (0.0, 1)})
+    attack: str = field(default=RESEND, metadata={"choices": ATTACKS})
     # Of splitting: what light loses from here to a click, as both ends expect it, and as it is.
-    expected_db: float = 0.0
-    onward_db: float = 0.0
-    wavelength_pm: int = Setup.wavelength_pm  # at which light is sent on
+    expected_db: float = field(default=0.0, metadata={"range": (0.0, MAX_DB)})
+    onward_db: float = field(default=0.0, metadata={"range": (0.0, MAX_DB)})
+    # At which light is sent on.
+    wavelength_pm: int = field(default=Setup.wavelength_pm, metadata={"range": WAVELENGTHS_PM})
 
     def check(self) -> None:
         """Raise SessionError for a value out of range."""
-        check_choice("attack", self.attack, ATTACKS)
-        for name, most in (("fraction", 1), ("expected_db", MAX_DB), ("onward_db", MAX_DB)):
-            check_share(name, getattr(self, name), 0, most)
-        check_whole("wavelength_pm", self.wavelength_pm, *WAVELENGTHS_PM)
+        super().check()
         if self.attack == SPLIT and self.fraction != 1:
             raise refused(f"fraction is {self.fraction!r}: {SPLIT} is of every pulse, choose 1")
         if self.attack == RESEND and (self.expected_db or self.onward_db):

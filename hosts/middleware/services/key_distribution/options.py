@@ -1,14 +1,15 @@
 """Options of key distribution."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 from hosts.middleware.qkd.parameters import Parameters
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.options import check_choice, check_whole
+from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.middleware.session.service_options import ServiceOptions
 from hosts.timeouts import MAX_BLOCK_S
 from wire.metadata.vocabulary import Reason
+from wire.parameters.option import option
 from wire.qkd import Bound, Reconciliation
 
 CORRECTIONS = {kind.name.lower(): kind for kind in Reconciliation}  # what users call them
@@ -18,6 +19,12 @@ MAX_SECONDS = 366 * 86_400.0
 MAX_SIFTED_PER_KEY = 1_000_000  # the last block may bring some more: wire.qkd.MAX_KEY_BITS
 
 
+def bound_option() -> Any:
+    """Return the option of the bound that lengths of keys keep to, of every service with keys."""
+    text = "of the key's length: proven, or that of endless keys (finite)"
+    return option("finite", text, choices=tuple(BOUNDS))
+
+
 @dataclass(frozen=True)
 class KeyOptions(ServiceOptions):
     """`count` sifted bits at least, of which keys are distilled one after another.
@@ -25,26 +32,48 @@ class KeyOptions(ServiceOptions):
     Or keys for some seconds of the network, however many bits they are of.
     """
 
-    MOST: ClassVar[int] = MAX_SIFTED
-    count: int = 500_000
-    seconds: float = 0.0  # instead of a count: no key is begun later than that; 0: by the count
-    sifted_per_key: int = MAX_SIFTED_PER_KEY  # at most; keys are alike in that
-    block_pairs: int = 131_072
-    correction: str = "cascade"
-    max_qber: float = 0.1  # of the disclosed sample: no key above
-    test_fraction: float = 0.1  # of the sifted bits, disclosed to estimate the error rate
-    epsilon: float = 1e-10  # the key is secret but for this probability
-    bound: str = "finite"
-    chsh_fraction: float = 0.2  # of E91: of the acceptor's photons, for the CHSH test
-    chsh_margin: float = 0.1  # of E91: S has to be above 2 by this, or by five standard errors
+    count: int = option(
+        500_000,
+        "sifted bits (500,000)",
+        metavar="N",
+        range=(1, MAX_SIFTED),
+        instead_of="length",
+    )
+    # No key is begun later than that; 0: by the count.
+    seconds: float = option(
+        0.0,
+        "of the network: make keys for so long, however many bits that takes",
+        metavar="S",
+        instead_of="length",
+    )
+    # Keys are alike in that.
+    sifted_per_key: int = option(
+        MAX_SIFTED_PER_KEY,
+        f"sifted bits that one key is distilled of, at most ({MAX_SIFTED_PER_KEY:,})",
+        metavar="N",
+        range=(1, MAX_SIFTED_PER_KEY),
+    )
+    block_pairs: int = option(
+        131_072, "pairs in a block (131072)", metavar="N", range=(1, MAX_BLOCK_PAIRS)
+    )
+    correction: str = option("cascade", "of errors (cascade)", choices=tuple(CORRECTIONS))
+    max_qber: float = option(0.1, "no key above this error rate (0.1)", metavar="Q")
+    test_fraction: float = option(0.1, "of the sifted bits, disclosed (0.1)", metavar="F")
+    epsilon: float = option(1e-10, "that the key is not secret, at most (1e-10)", metavar="P")
+    bound: str = bound_option()
+    chsh_fraction: float = option(
+        0.2, "e91: of the receiver's photons, for the CHSH test (0.2)", metavar="F"
+    )
+    chsh_margin: float = option(
+        0.1,
+        "e91: no key unless S is above 2 by this, or by five standard errors (0.1)",
+        metavar="M",
+    )
 
     def check(self) -> None:
         """Raise SessionError for a value out of range."""
         super().check()
         check_seconds(self.seconds)
-        check_whole("sifted_per_key", self.sifted_per_key, 1, MAX_SIFTED_PER_KEY)
-        check_choice("correction", self.correction, tuple(CORRECTIONS))
-        check_choice("bound", self.bound, tuple(BOUNDS))
         if self.block_pairs / self.rate_hz > MAX_BLOCK_S:
             raise SessionError(
                 Reason.UNSUPPORTED,

@@ -15,7 +15,7 @@ from hosts.middleware.services.key_distribution.light import (
 from hosts.middleware.services.sealing.sequential_test import Question, SequentialTest
 from hosts.middleware.session.blocks import LOST
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.options import check_share
+from hosts.middleware.session.options import MAX_BLOCK_PAIRS, MAX_RATE_HZ
 from hosts.middleware.session.protocol import (
     Emit,
     HostSide,
@@ -26,43 +26,54 @@ from hosts.middleware.session.protocol import (
     do,
     hear,
 )
-from hosts.middleware.session.service_options import ServiceOptions
+from hosts.middleware.session.service_options import MAX_COUNT, ServiceOptions
 from wire.metadata.values import Topic
 from wire.metadata.vocabulary import Reason
 from wire.outcomes import NO_COINCIDENCE
+from wire.parameters.option import option
 from wire.results.figures import SealedFigures, SealFigures
 
 MOST_DARK = 5  # blocks in a row of which no pair can be compared
-RANGES = {
-    "whole_error": (1e-6, 0.2),
-    "fraction": (0.001, 1.0),
-    "false_alarm": (1e-15, 0.1),
-    "missed": (1e-15, 0.1),
-}
 
 
 @dataclass(frozen=True)
 class SealOptions(ServiceOptions):
     """Watch with `count` pairs that are compared, or until an alarm."""
 
-    count: int = 10_000
-    block_pairs: int = 1024
-    rate_hz: int = 100_000
-    whole_error: float = 0.01  # part of the pairs that differ though nobody is there, at most
-    fraction: float = 0.25  # of the photons that an intruder measures, who is to be found
-    false_alarm: float = 1e-6  # of a test, at most
-    missed: float = 0.01  # that a test takes such an intruder for nobody, at most
+    count: int = option(10_000, "compared (10000)", metavar="N", range=(1, MAX_COUNT))
+    block_pairs: int = option(
+        1024, "pairs in a block (1024)", metavar="N", range=(1, MAX_BLOCK_PAIRS)
+    )
+    rate_hz: int = option(100_000, "of the source (100000)", metavar="HZ", range=(1, MAX_RATE_HZ))
+    whole_error: float = option(
+        0.01,
+        "part of the pairs that differ though nobody is there, at most (0.01)",
+        metavar="P",
+        range=(1e-6, 0.2),
+    )
+    fraction: float = option(
+        0.25,
+        "of the photons that an intruder measures, who is to be found (0.25)",
+        metavar="F",
+        range=(0.001, 1.0),
+    )
+    false_alarm: float = option(
+        1e-6,
+        "that a test of a whole fibre ends in an alarm, at most (1e-06)",
+        metavar="P",
+        range=(1e-15, 0.1),
+    )
+    missed: float = option(
+        0.01,
+        "that a test takes such an intruder for nobody, at most (0.01)",
+        metavar="P",
+        range=(1e-15, 0.1),
+    )
 
     @property
     def question(self) -> Question:
         """Return what the tests are to tell apart."""
         return Question(self.whole_error, self.fraction, self.false_alarm, self.missed)
-
-    def check(self) -> None:
-        """Raise SessionError for a value out of range."""
-        super().check()
-        for name, (least, most) in RANGES.items():
-            check_share(name, getattr(self, name), least, most)
 
 
 class Watch:

@@ -9,13 +9,12 @@ from hosts.middleware.session.options import (
     MAX_BLOCK_PAIRS,
     MAX_FRAME_BYTES,
     MIN_BLOCK_PAIRS,
-    check_choice,
-    check_whole,
 )
 from hosts.middleware.session.service_options import SessionOptions
 from hosts.timeouts import MAX_BLOCK_S
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import FEC_NAMES, Handshake, Reason, Service
+from wire.parameters.option import option
 
 DEFAULT_BLOCK_PAIRS = 131_072
 SEQUENTIAL = "sequential"
@@ -31,11 +30,20 @@ HANDSHAKES = {
 class SuperdenseOptions(SessionOptions):
     """Packetisation of a session that carries bytes."""
 
-    block_pairs: int = DEFAULT_BLOCK_PAIRS  # or what slower light makes in MAX_BLOCK_S
-    handshake: str = "framed"
-    frame_bytes: int = 256
-    fec: str = "none"  # error-correction code, one of FEC_NAMES
-    interleave: bool = False  # let the bits of its codewords travel far from each other
+    # Or what slower light makes in MAX_BLOCK_S.
+    block_pairs: int = option(
+        DEFAULT_BLOCK_PAIRS,
+        f"pairs in a block ({DEFAULT_BLOCK_PAIRS})",
+        metavar="N",
+        range=(MIN_BLOCK_PAIRS, MAX_BLOCK_PAIRS),
+    )
+    handshake: str = option("framed", "default: framed", choices=sorted(HANDSHAKES))
+    frame_bytes: int = option(
+        256, "bytes under one check (256)", metavar="N", range=(1, MAX_FRAME_BYTES)
+    )
+    fec: str = option("none", "error-correction code (none)", choices=FEC_NAMES)
+    # Lets the bits of a codeword travel far from each other.
+    interleave: bool = option(False, "spread the codewords of --fec over a frame")
 
     def asked(self) -> dict[str, Any]:
         """Return the fields of the set-up message that say this."""
@@ -57,14 +65,10 @@ class SuperdenseOptions(SessionOptions):
 
     def check(self) -> None:
         """Raise SessionError for a value out of range."""
-        check_choice("handshake", self.handshake, HANDSHAKES)
-        check_choice("fec", self.fec, FEC_NAMES)
+        super().check()
         if not isinstance(self.interleave, bool):
             text = f"interleave {self.interleave!r}: choose True or False"
             raise SessionError(Reason.UNSUPPORTED, text)
-        check_whole("frame_bytes", self.frame_bytes, 1, MAX_FRAME_BYTES)
-        check_whole("block_pairs", self.block_pairs, MIN_BLOCK_PAIRS, MAX_BLOCK_PAIRS)
-        super().check()
 
 
 def sent_half(setup: Setup) -> int:

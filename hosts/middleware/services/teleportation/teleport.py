@@ -12,15 +12,23 @@ from dataclasses import dataclass
 from hosts.middleware.services.teleportation import protocol, qubit_states
 from hosts.middleware.services.teleportation.qubit_states import RANDOM
 from hosts.middleware.session.ends import AcceptorEnd, OpenerEnd, ServiceKind
-from hosts.middleware.session.service_options import ServiceOptions
+from hosts.middleware.session.service_options import MAX_COUNT, ServiceOptions
 from wire.metadata.vocabulary import Service
+from wire.parameters.option import option
 
 
 @dataclass(frozen=True)
 class TeleportOptions(ServiceOptions):
     """`count` states, each the same or at random: a name or angles, as qubit_states has them."""
 
-    state: str = RANDOM
+    state: str = option(
+        RANDOM,
+        f"each of them: {', '.join(qubit_states.NAMES)} or random (of these six); on --backend "
+        "dense also haar (random on the Bloch sphere) or angles in rad, as 1.2,0.5 or pi/3,-pi/4 "
+        "(random)",
+        metavar="NAME|THETA,PHI",
+    )
+    count: int = option(10_000, "states (10000)", metavar="N", range=(1, MAX_COUNT))
 
     def check(self) -> None:
         """Raise SessionError for a value out of range."""

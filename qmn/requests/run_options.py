@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
-from qmn.live_view.beside import LiveOptions
-from qmn.machines.options import MachineOptions
+from qmn.machines.options import MACHINES, MachineOptions
 from topologies.networks.captures import HEADERS_BYTES, MAX_PACKET_BYTES
 from wire.parameters.network import LEAST_MBPS, MOST_MBPS
 from wire.parameters.option import CONTROL, option
@@ -14,9 +14,22 @@ CAPTURES = {"full": MAX_PACKET_BYTES, "headers": HEADERS_BYTES, "none": 0}
 
 
 @dataclass(frozen=True, kw_only=True)
+class LiveOptions:
+    """What every verb that starts networks can be told of a page."""
+
+    live: bool = option(
+        False, "serve a page of the network, or of each in its turn, and say where (`qmn live`)"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class RunOptions(LiveOptions, MachineOptions):
     """What every run can be told beside its network and its job."""
 
+    NOT_KEPT: ClassVar = (
+        *("runs", "qasm", "captures", "capture", "events", "record", "report", "live"),
+        *MACHINES,
+    )
     runs: Path = option(Path("runs"), "folder for what runs leave (runs)", metavar="DIR")
     classical_mbps: float | None = option(
         None,

@@ -1,0 +1,81 @@
+"""The run that a user means: by the path of its folder, or by its name as `qmn runs` lists it."""
+
+import argparse
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from wire.parameters.checks import remedy
+
+RUNS = Path("runs")
+HERE = (".", "..")
+SHOWN = 5  # names in an error, at most
+
+
+class UnknownRun(Exception):
+    """No run, or more than one, is of this name; the text says which there are."""
+
+
+def is_run(path: Path) -> bool:
+    """Return whether a folder is that of a run, by its name."""
+    stamped = path.name[:8].isdecimal() and path.name[8:9] == "T"
+    return stamped and path.is_dir() and not path.is_symlink()
+
+
+def find_run(said: str, runs: Path = RUNS) -> Path:
+    """Return the path that is said, or that of the run of this name in the folder of runs.
+
+    A part of the name will do if only one run has it. Raise UnknownRun, or OSError.
+    """
+    path = Path(said)
+    named = said not in HERE and path.name == said
+    if named and (runs / said).exists():
+        return runs / said
+    if path.exists():
+        return path
+    folder = runs if named else path.parent
+    names = _newest_first(folder)
+    meant = [name for name in names if named and said in name]
+    if len(meant) == 1:
+        return runs / meant[0]
+    if meant:
+        raise UnknownRun(f"{said!r} is of {len(meant)} runs: choose one of {_some(meant)}")
+    if not names:
+        remedy_words = "make one, as by `qmn run sdc`, or name the folder of a run"
+        raise UnknownRun(f"there is no run {said!r}, and none in {folder}: {remedy_words}")
+    raise UnknownRun(f"there is no run {said!r}: {remedy(path.name, names, [_some(names)])}")
+
+
+def _newest_first(folder: Path) -> list[str]:
+    """Return the names of the runs in a folder."""
+    found = folder.iterdir() if folder.is_dir() else ()
+    return sorted((path.name for path in found if is_run(path)), reverse=True)
+
+
+def _some(names: Iterable[str]) -> str:
+    """Return the first few of these names, and how many more there are."""
+    first, rest = [*names][:SHOWN], [*names][SHOWN:]
+    return ", ".join(first) + (f" ({len(rest)} more: `qmn runs` lists them)" if rest else "")
+
+
+def run_given(said: str) -> Path:
+    """Return the path of the run that an argument means; raise ArgumentTypeError for none."""
+    try:
+        return find_run(said)
+    except UnknownRun as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+    except OSError as error:
+        raise argparse.ArgumentTypeError(f"{error.filename}: {error.strerror}") from error
+
+
+def add_run(
+    parser: argparse.ArgumentParser, otherwise: str = "", default: str | None = None
+) -> None:
+    """Describe the argument RUN; `otherwise` says what is meant without it, if it may be left out.
+
+    `default` names the run that is meant then, if one is.
+    """
+    text = "its name, a part of it, or its folder, as latest"
+    optional: dict[str, Any] = {"nargs": "?", "default": default} if otherwise else {}
+    help_text = f"{text} ({otherwise})" if otherwise else text
+    parser.add_argument("run", type=run_given, metavar="RUN", help=help_text, **optional)

@@ -1,0 +1,103 @@
+"""Checks whether a network can have the light that a job needs: who makes its pairs, and ways.
+
+charlie ===== q1 ===== bob      sdc: a source that is neither end, two fibres at bob, and ways of
+              `------- alice    fibres and quantum switches between all three
+"""
+
+from collections.abc import Collection, Sequence
+from itertools import pairwise
+
+from programs.ways import Ways, shortest
+from qmn.options import BadInput
+from topologies.description.description import Description
+from wire.features import HERALD
+from wire.metadata.vocabulary import Service
+from wire.services import HERALDED_LIGHT, Making, Role, beams, fibers_needed, uses_source
+
+THIRD = {Service.MDI: "a relay between both ends"}
+SOURCE = "a third host that makes pairs"
+
+
+def check_light(
+    service: str, hosts: Sequence[str], parts: Description, source: str = "", named: bool = False
+) -> None:
+    """Raise BadInput if light cannot be had for a service between these hosts, each and the next.
+
+    `source` makes the pairs, if a user names it, which `named` says that one can.
+    """
+    asked = Service[service.upper()]
+    for opener, acceptor in pairwise(hosts):
+        maker = source or parts.source_for(opener)
+        by = _making(asked, opener, maker, parts)
+        ends = {Role.OPENER: opener, Role.ACCEPTOR: acceptor}
+        if uses_source(asked, by):
+            _refuse_source(service, ends.values(), maker, named)
+            ends[Role.SOURCE] = maker
+        for role, host in ends.items():
+            _refuse_too_few(service, host, fibers_needed(asked, role, by), parts)
+        for start, end in beams(asked, by):
+            _refuse_dark(service, ends[start.role], ends[end.role], parts, parts.switches)
+        if asked == Service.SWAP:  # by way of other hosts, too
+            _refuse_dark(service, opener, acceptor, parts, {*parts.switches, *parts.hosts})
+
+
+def check_source(service: str, parts: Description) -> None:
+    """Raise BadInput if nobody makes the pairs of a service that needs a third host for them."""
+    if uses_source(Service[service.upper()]):
+        _refuse_source(service, (), next(reversed(parts.sources), ""), True)
+
+
+def _making(service: Service, opener: str, source: str, parts: Description) -> Making:
+    """Return who makes the pairs of a session, as its opener's stack chooses."""
+    if opener == source:
+        return Making.OPENER
+    station = source in parts.hosts and parts.hosts[source].is_station
+    if station and service in HERALDED_LIGHT and HERALD in parts.hosts[opener].features:
+        return Making.STATION
+    return Making.SOURCE
+
+
+def _refuse_source(service: str, ends: Collection[str], source: str, named: bool) -> None:
+    """Raise BadInput for no source, and for one that is an end of the session."""
+    other = " (or name another, --source)" if named else ""
+    needed = THIRD.get(Service[service.upper()], SOURCE)
+    remedy = f"source=True and two fibres{other}"
+    if not source:
+        raise BadInput(f"{service} needs {needed}, and none is one here: give a host {remedy}")
+    if source in ends:
+        text = f"{service} needs {needed}, and {source} is one of its ends"
+        raise BadInput(f"{text}: give another host {remedy}")
+
+
+def _refuse_too_few(service: str, host: str, needed: int, parts: Description) -> None:
+    """Raise BadInput for a host with fewer fibres than its role takes."""
+    count = sum(host in (fiber.a, fiber.b) for fiber in parts.fibers)
+    if count < needed:
+        fibers = "1 fibre" if count == 1 else f"{count} fibres"
+        raise BadInput(
+            f"{host} has {fibers}, and {service} needs {needed} there: lay more (alice has two in "
+            "a ready topology with --both-ways)"
+        )
+
+
+def _refuse_dark(
+    service: str, one: str, other: str, parts: Description, passing: Collection[str]
+) -> None:
+    """Raise BadInput if light cannot come from one host to another over nodes that pass it on."""
+    ways: Ways = {}
+    for fiber in parts.fibers:
+        for near, far in ((fiber.a, fiber.b), (fiber.b, fiber.a)):
+            if near == one or near in passing:
+                ways.setdefault(near, {})[far] = 0.0
+    if other not in shortest(ways, one):
+        raise BadInput(
+            f"{service} needs light between {one} and {other}, and no way of fibres and quantum "
+            f"switches leads there: join {_beside(one, parts)} and {_beside(other, parts)}, as by "
+            "addFibers"
+        )
+
+
+def _beside(host: str, parts: Description) -> str:
+    """Return a node to which a fibre of a host leads."""
+    ends = ({fiber.a, fiber.b} - {host} for fiber in parts.fibers if host in (fiber.a, fiber.b))
+    return min(next(ends, {host}))

@@ -1,0 +1,66 @@
+"""The requests that there are, and which one a result keeps, by its service and its job."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+from hosts.middleware.services import NAMES
+from qmn.requests.keeping import kept_fields, read_kept
+from qmn.requests.keys import KeysRequest
+from qmn.requests.load import LoadRequest
+from qmn.requests.netqasm import NetqasmRequest
+from qmn.requests.request import Request
+from qmn.requests.service import ServiceRequest
+from qmn.requests.service_verbs import APPLICATION_PORT, SERVICE_PORT, VERBS
+from qmn.requests.superdense import SERVICE, SuperdenseRequest
+from qmn.requests.vpn import VpnRequest
+
+LOAD = "load"  # a job, whatever its sessions are of
+
+
+@dataclass(frozen=True)
+class Kept:
+    """The class of a request, and what is needed to read one back that a result has kept."""
+
+    kind: type[Any]
+    known: Mapping[str, Any] = field(default_factory=dict)  # fields that are not kept
+    kinds: Mapping[str, type[Any]] = field(default_factory=dict)  # of its parts
+
+    def read(self, given: Mapping[str, Any], **told: Any) -> Request:
+        """Return the request; `told` is what a result tells elsewhere.
+
+        Raise TypeError for a name that no such request has.
+        """
+        request: Request = read_kept(self.kind, given, self.kinds, **self.known, **told)
+        return request
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        """Its kept fields, by name."""
+        return kept_fields(self.kind, self.kinds)
+
+
+KEPT: Mapping[str, Kept] = MappingProxyType(
+    {
+        SERVICE: Kept(SuperdenseRequest, {"port": APPLICATION_PORT}),
+        "keys": Kept(KeysRequest),
+        "vpn": Kept(VpnRequest),
+        LOAD: Kept(LoadRequest),
+        "netqasm": Kept(NetqasmRequest),
+        **{
+            service: Kept(
+                ServiceRequest,
+                {"service": service, "port": SERVICE_PORT},
+                {"options": NAMES[service].options},
+            )
+            for name, verb in VERBS.items()
+            for service in verb.protocols or (name,)
+        },
+    }
+)
+
+
+def job_of(service: str, parts: Collection[str]) -> str:
+    """Return by which name KEPT has what a result keeps: its service, and the parts of its job."""
+    return LOAD if LOAD in parts else service

@@ -1,0 +1,103 @@
+"""The request of a service that is about a number of things, as states or pairs."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar
+
+from controller_apps.policy.schedules import PARALLEL, SCHEDULES
+from hosts.middleware.services import NAMES
+from hosts.middleware.services.ghz.options import GhzOptions
+from hosts.middleware.services.interception.passing import ATTACKS, RESEND
+from hosts.middleware.session.service_options import ServiceOptions
+from qmn.network.options import NetworkOptions
+from qmn.options import from_keywords
+from qmn.requests.run_options import RunOptions
+from qmn.requests.service_verbs import SERVICE_PORT, verb_of
+from wire.device import MAX_LEVEL_ROUNDS
+from wire.parameters.option import option
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServiceRequest:
+    """What is asked of a service, and in which network."""
+
+    NOT_KEPT: ClassVar = ("block_pairs", "rate_hz", "hand_out")  # those of the session are
+    service: str
+    sender: str = option("alice", "that asks (alice)", flag="--from", metavar="HOST")
+    # In place of those of the session; None: such that every source can make them.
+    block_pairs: int | None = option(None, "pairs in a block", metavar="N")
+    rate_hz: int | None = option(None, "of the source", metavar="HZ")
+    eve: float | None = option(
+        None,
+        "put eve on the fibre, who attacks this fraction of the photons",
+        metavar="FRACTION",
+        range=(0.0, 1),
+    )
+    eve_attack: str = option(
+        RESEND,
+        f"what she does: measure and resend, or split photons off pulses of several ({RESEND})",
+        choices=ATTACKS,
+        of="eve",
+    )
+    eve_hides_db: float | None = option(
+        None,
+        "split: by how much less light is lost from her to a click than both ends expect (0)",
+        metavar="DB",
+        range=(0.0, 100),
+    )
+    hand_out: Path | None = option(
+        None,
+        "take keys out of both stores as they come, into files of this new folder",
+        metavar="DIR",
+    )
+    schedule: str | None = option(
+        None,
+        f"who swaps when ({PARALLEL}, or as --policy says; docs/services.md)",
+        choices=SCHEDULES,
+    )
+    purify: int | None = option(
+        None,
+        "rounds of purification of links, and of what swaps make, before they are swapped (0)",
+        metavar="ROUNDS",
+        range=(0, MAX_LEVEL_ROUNDS),
+    )
+    # Not asked for: what hosts are to find out, by their devices; None: nothing.
+    phases_rad: tuple[float, ...] | None = field(default=None, metadata={"kept": "phases_rad"})
+    options: ServiceOptions  # of its session, with the host that is asked
+    network: NetworkOptions
+    run: RunOptions
+
+    @property
+    def receiver(self) -> str:
+        """The host that is asked."""
+        return self.options.host
+
+    @property
+    def others(self) -> tuple[str, ...]:
+        """Further hosts that take part."""
+        names = self.options.names if isinstance(self.options, GhzOptions) else []
+        return tuple(names[2:])
+
+
+def ends_of_line(service: str, line: str) -> dict[str, str]:
+    """Return who asks and who is asked, of a service whose hosts are a line; else nothing."""
+    if not verb_of(service).line:
+        return {}
+    sender, host, *_others = f"{line},".split(",")
+    return {"sender": sender, "host": host}
+
+
+def service_request(
+    service: str, receiver: str = "bob", topology: str = "", **given: Any
+) -> ServiceRequest:
+    """Return the request that options fill, by their names; raise BadInput for one there is not."""
+    return from_keywords(
+        ServiceRequest,
+        given,
+        {"options": NAMES[service].options},
+        service=service,
+        port=SERVICE_PORT,
+        topology=topology,
+        usual_topology=verb_of(service).topology,
+        **{"host": receiver, **ends_of_line(service, given.get("line", GhzOptions.line))},
+    )

@@ -1,0 +1,84 @@
+"""The services that `qmn run` has; what each can be told are the options of its session."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+APPLICATION_PORT, SERVICE_PORT = 7, 9  # of messages, of other services
+
+
+@dataclass(frozen=True)
+class Verb:
+    """A service as the command line has it."""
+
+    help: str
+    unit: str  # what --count counts
+    protocols: tuple[str, ...] = ()  # services that do it; none: the one of the verb's name
+    topology: str = "sdc"  # by default
+    eavesdropper: bool = False  # whether eve may be put on the fibre
+    source: bool = False  # whether the host that makes pairs can be chosen
+    scheduled: bool = False  # whether repeaters take turns
+    keys: bool = False  # whether it leaves keys
+    line: bool = False  # whether its hosts are named together, in an order
+
+
+VERBS: Mapping[str, Verb] = MappingProxyType(
+    {
+        "distribute": Verb(
+            "put pairs of a wanted fidelity into the memories of two hosts",
+            "pairs",
+            source=True,
+        ),
+        "swap": Verb(
+            "put pairs into the memories of two hosts by way of repeaters",
+            "pairs",
+            topology="repeaters",
+            scheduled=True,
+        ),
+        "ghz": Verb(
+            "make GHZ states of several hosts, and tell their fidelity",
+            "states",
+            line=True,
+        ),
+        "graph": Verb(
+            "make graph states of several hosts, and tell their fidelity",
+            "states",
+            line=True,
+        ),
+        "conference": Verb(
+            "agree on one secret key of several hosts, by GHZ states",
+            "states",
+            eavesdropper=True,
+            keys=True,
+            line=True,
+        ),
+        "sense": Verb(
+            "tell the sum of phases at several hosts, by GHZ states or by separate probes",
+            "states",
+            line=True,
+        ),
+        "teleport": Verb(
+            "teleport states",
+            "states",
+            source=True,
+        ),
+        "qkd": Verb(
+            "distribute secret keys",
+            "sifted_bits",
+            ("bb84", "bbm92", "e91", "mdi"),
+            eavesdropper=True,
+            keys=True,
+        ),
+        "seal": Verb(
+            "watch a fibre by entangled pairs",
+            "compared",
+            eavesdropper=True,
+            source=True,
+        ),
+    }
+)
+
+
+def verb_of(service: str) -> Verb:
+    """Return how the command line has a service."""
+    return next(verb for name, verb in VERBS.items() if service in (name, *verb.protocols))

@@ -1,0 +1,50 @@
+"""The request of a message by superdense coding."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar
+
+from hosts.middleware.services.superdense.options import SuperdenseOptions
+from qmn.network.options import NetworkOptions
+from qmn.options import from_keywords
+from qmn.requests.run_options import RunOptions
+from qmn.requests.service_verbs import APPLICATION_PORT
+from wire.metadata.vocabulary import Service
+from wire.parameters.option import option
+
+SERVICE = Service.SDC.name.lower()
+
+
+@dataclass(frozen=True, kw_only=True)
+class SuperdenseRequest:
+    """What is sent, how, and in which network."""
+
+    NOT_KEPT: ClassVar = ("message", "file")  # a result tells of the file
+    message: str | None = option(
+        None, "text to send (default: a short text of ours)", instead_of="what"
+    )
+    file: Path | None = option(None, "file to send", instead_of="what")
+    sender: str = option("alice", "sending host (alice)", flag="--from", metavar="HOST")
+    # Of its session, with the host that is sent to.
+    options: SuperdenseOptions = field(metadata={"not_kept": ("source",)})
+    network: NetworkOptions
+    run: RunOptions
+
+    @property
+    def receiver(self) -> str:
+        """The host that is sent to."""
+        return self.options.host
+
+
+def superdense_request(
+    receiver: str = "bob", topology: str = "", **given: Any
+) -> SuperdenseRequest:
+    """Return the request that options fill, by their names; raise BadInput for one there is not."""
+    return from_keywords(
+        SuperdenseRequest,
+        given,
+        host=receiver,
+        port=APPLICATION_PORT,
+        topology=topology,
+        usual_topology="sdc",
+    )

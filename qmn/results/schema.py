@@ -1,0 +1,116 @@
+"""The JSON of result.json: its schema, as programs read it, and how a result is read back.
+
+python -m qmn.results.schema > docs/result.schema.json
+
+Both follow from the dataclasses of qmn.results.run_result and qmn.requests.
+"""
+
+import json
+import sys
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, get_args
+
+from qmn.network.options import NetworkOptions
+from qmn.requests.keeping import kept_fields
+from qmn.requests.run_options import RunOptions
+from qmn.results.run_result import TOLD, UNSAID, NetworkResult, RunResult
+from wire.results import schema
+from wire.results.run_result import RESULT
+from wire.results.schema import Schema
+
+COMMON, OF_JOB = "parameters of every job", "parameters of "
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def json_schema() -> Schema:
+    """Return the JSON Schema of result.json."""
+    told: Schema = {}
+    one_of = []
+    for kind, asked in ((RunResult, _requests(told)), (NetworkResult, _network(told))):
+        one_of.append(schema.schema_of(kind, told, {"parameters": asked}))
+    return {"$schema": DIALECT, "title": "result.json", "oneOf": one_of, "$defs": told}
+
+
+def _requests(told: Schema) -> Schema:
+    """Return the schema of what runs keep of requests; each one is added to those told.
+
+    Of every job there are the parameters of the network, and those that are its own.
+    """
+    from qmn.requests.kinds import KEPT  # requests take a moment to load
+
+    common = {**kept_fields(NetworkOptions), **kept_fields(RunOptions)}
+    told[COMMON] = _object(common, NetworkOptions, told, (None,))
+    for name, kept in KEPT.items():
+        own = {name: each for name, each in kept.fields.items() if name not in common}
+        told[OF_JOB + name] = {
+            **_object(own, kept.kind, told, (None,)),
+            "allOf": [{"$ref": f"#/$defs/{COMMON}"}],
+            "unevaluatedProperties": False,
+        }
+    return {"anyOf": [{"$ref": f"#/$defs/{OF_JOB}{name}"} for name in KEPT]}
+
+
+def _network(told: Schema) -> Schema:
+    """Return the schema of what networks of scripts keep."""
+    kept = {each.name: each for each in fields(NetworkOptions) if each.name not in TOLD}
+    return {**_object(kept, NetworkOptions, told, UNSAID), "additionalProperties": False}
+
+
+def _object(
+    kept: Mapping[str, Any], kind: type[Any], told: Schema, unsaid: tuple[object, ...]
+) -> Schema:
+    """Return the schema of fields by name, of which values that are unsaid are not there."""
+    always = (name for name, each in kept.items() if each.default not in unsaid)
+    return {
+        "type": "object",
+        "description": " ".join((kind.__doc__ or "").split()),
+        "properties": {name: schema.schema_of(_there(f.type), told) for name, f in kept.items()},
+        "required": sorted(name for name in always if "of" not in kept[name].metadata),
+    }
+
+
+def _there(kind: Any) -> Any:
+    """Return what a value is of that is there: None is not kept."""
+    if isinstance(kind, UnionType):
+        kinds = [each for each in get_args(kind) if each is not NoneType]
+        return kinds[0] if len(kinds) == 1 else kind
+    return kind
+
+
+def read_left(folder: Path) -> NetworkResult:
+    """Return what a network has left in its folder; raise as reading a file and `read` do."""
+    return of_either_kind(json.loads((folder / RESULT).read_text()))
+
+
+def of_either_kind(given: Any) -> NetworkResult:
+    """Return the result of a run or of a network; raise TypeError or KeyError for anything else."""
+    return read_run(given) if "service" in given else _read_network(given)
+
+
+def read_run(given: dict[str, Any]) -> RunResult:
+    """Return the result of a run as decoded JSON says it; raise TypeError or KeyError."""
+    from qmn.requests.kinds import KEPT, job_of
+
+    told = {name: given[name] for name in (*TOLD, "backend")}
+    kept = KEPT[job_of(given["service"], given["job"])]
+    asked = kept.read(given["parameters"], **told)
+    return schema.read(RunResult, {**given, "parameters": asked})
+
+
+def _read_network(given: dict[str, Any]) -> NetworkResult:
+    told = {name: given[name] for name in TOLD if given[name] is not None}
+    listed = {n: tuple(v) if isinstance(v, list) else v for n, v in given["parameters"].items()}
+    asked = NetworkOptions(**{**listed, **told})
+    return schema.read(NetworkResult, {**given, "parameters": asked})
+
+
+def text() -> str:
+    """Return the schema as its file has it."""
+    return json.dumps(json_schema(), indent=2) + "\n"
+
+
+if __name__ == "__main__":
+    sys.stdout.write(text())

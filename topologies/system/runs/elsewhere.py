@@ -1,0 +1,90 @@
+"""The files of a run that go to another machine, for a host that is there, and come back.
+
+Programs of the host read and write there what is in the run's private folder, by the same paths.
+"""
+
+from dataclasses import astuple, replace
+from pathlib import Path
+
+from mininet.log import warn
+
+from topologies.system.machines.machine import Machine
+from topologies.system.machines.packing import unpack
+from topologies.system.processes.programs import NetworkError
+from topologies.system.runs.runtime import Runtime
+from wire.config import Config, HostConfig
+from wire.credentials import secret_file
+from wire.key_manager import KeyManagerConfig
+
+
+def carried(network: Runtime, name: str, config: Config, host: str, machine: Machine) -> Config:
+    """Let the machine of a host have the files that a program needs; return what it is told there.
+
+    Raise NetworkError for a program that is on the first machine alone.
+    """
+    if isinstance(config, HostConfig):
+        return _of_stack(network, name, config, machine)
+    if isinstance(config, KeyManagerConfig):
+        return _of_key_manager(network, name, config, machine)
+    raise NetworkError(f"{name} runs on the first machine alone: place {host} there")
+
+
+def _of_stack(network: Runtime, name: str, config: HostConfig, machine: Machine) -> HostConfig:
+    if config.qnic:
+        raise NetworkError(f"{name}: hardware of one's own is on the first machine alone")
+    shared = Path(config.pair_secrets)
+    needed = [secret_file(shared, name, other) for other in network.addresses if other != name]
+    if config.credentials is not None:
+        needed += map(Path, astuple(config.credentials))
+    for file in (Path(config.hosts_file), *needed):
+        machine.put(file, file.read_bytes())
+    for folder in (Path(config.socket).parent, shared, Path(config.keys)):
+        machine.ask("folder", path=str(folder))
+    _bring_keys(network, name, Path(config.keys), machine)
+    machine.relay(config.socket)
+    return config
+
+
+def _bring_keys(network: Runtime, host: str, there: Path, machine: Machine) -> None:
+    """Bring a host's keys here when it has ended, if keys are to stay."""
+    here = network.kept_keys(host)
+
+    def bring() -> None:
+        if machine.lost:
+            warn(f"the keys of {host} were on {machine.name}, and are lost with it\n")
+        else:
+            unpack(machine.get_folder(there), here)
+
+    if network.settings.keys:
+        network.from_elsewhere.callback(bring)
+
+
+def _of_key_manager(
+    network: Runtime, name: str, config: KeyManagerConfig, machine: Machine
+) -> KeyManagerConfig:
+    """Give it its certificate; what Wireshark reads by comes back at the end."""
+    folder = network.folder / name
+
+    def put(given: str) -> str:
+        there = folder / Path(given).name
+        machine.put(there, Path(given).read_bytes())
+        return str(there)
+
+    told = replace(
+        config,
+        certificate=put(config.certificate),
+        private_key=put(config.private_key),
+        authority=put(config.authority),
+    )
+    if not config.key_log:
+        return told
+    there, here = folder / "key-log", Path(config.key_log)
+    machine.put(there, b"")
+    network.from_elsewhere.callback(_bring, machine, there, here)
+    return replace(told, key_log=str(there))
+
+
+def _bring(machine: Machine, there: Path, here: Path) -> None:
+    """Write into a file here what is in one there, unless the machine is lost."""
+    if not machine.lost and (data := machine.get(there)) is not None:
+        here.write_bytes(data)
