@@ -128,6 +128,28 @@ def test_a_database_that_ends_while_all_is_to_end_leaves_no_switch_daemon(
 
 
 @pytest.mark.usefixtures("no_open_vswitch")
+def test_a_database_that_its_monitor_has_started_again_is_stopped_all_the_same(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    openvswitch.start("tests")
+    crashed, asked = openvswitch.daemons()[openvswitch.DATABASE], openvswitch.bridges
+
+    def is_another() -> bool:
+        return openvswitch.daemons().get(openvswitch.DATABASE, crashed) != crashed
+
+    def bridges() -> list[str]:
+        if crashed.alive:
+            crashed.signal(signal.SIGSEGV)
+            wait_until(is_another, "its monitor has started another")
+            openvswitch.require_alive({openvswitch.DATABASE: crashed})
+        return asked()
+
+    monkeypatch.setattr(openvswitch, "bridges", bridges)
+    openvswitch.stop_if_ours("tests")
+    assert not openvswitch.daemons()
+
+
+@pytest.mark.usefixtures("no_open_vswitch")
 def test_a_daemon_that_ends_while_it_is_started_is_named_and_nothing_waits_for_it() -> None:
     def strike() -> None:
         wait_until(openvswitch.daemons, "the database runs")
@@ -174,6 +196,71 @@ def test_a_daemon_of_somebody_else_is_not_started_again(tmp_path: Path) -> None:
         openvswitch.start("tests")
 
 
+@pytest.mark.usefixtures("no_open_vswitch")
+def test_a_database_that_has_crashed_at_the_start_and_comes_back_later_is_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After the second crash its monitor waits for 10 s, in which nothing says whose it is."""
+    control = tmp_path / "ovs-ctl"
+    pid = openvswitch.RUN_FOLDER / f"{openvswitch.DATABASE}.pid"
+    control.write_text(
+        f"""#!/bin/bash
+        {openvswitch.CONTROL} start --no-ovs-vswitchd
+        first=$(cat {pid})
+        kill -SEGV $first
+        while [[ $(cat {pid}) == $first ]]; do sleep 0.01; done
+        kill -SEGV $(cat {pid})
+        while [[ -e /proc/$(cat {pid}) ]]; do sleep 0.01; done
+        echo 'ovs-vsctl: database connection failed' >&2
+        exit 1
+        """
+    )
+    control.chmod(0o755)
+    with monkeypatch.context() as patch:
+        patch.setattr(openvswitch, "CONTROL", str(control))
+        with pytest.raises(NetworkError, match="ovsdb-server does not answer: "):
+            openvswitch.start("tests")
+    assert not openvswitch.daemons()
+    openvswitch.stop_if_ours("tests")
+    assert not openvswitch.daemons()
+    assert not openvswitch._watched_over()
+
+
+@pytest.mark.usefixtures("no_open_vswitch")
+def test_what_never_came_is_not_started_to_be_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    control = tmp_path / "ovs-ctl"
+    control.write_text(f"#!/bin/sh\necho $1 >>{tmp_path}/asked\nexit 1\n")
+    control.chmod(0o755)
+    monkeypatch.setattr(openvswitch, "CONTROL", str(control))
+    with pytest.raises(NetworkError):
+        openvswitch.start("tests")
+    openvswitch.stop_if_ours("tests")
+    assert (tmp_path / "asked").read_text() == "start\n"
+    assert openvswitch.starter() == ""
+
+
+@pytest.mark.usefixtures("no_open_vswitch")
+def test_a_database_of_somebody_else_that_comes_back_is_not_made_whole() -> None:
+    """Its monitor starts it only 10 s after the crash before: until then nothing runs."""
+    subprocess.run([openvswitch.CONTROL, "start"], check=True, capture_output=True)
+    try:
+        first = openvswitch.daemons()
+        first[openvswitch.DATABASE].signal(signal.SIGSEGV)
+        wait_until(lambda: not first[openvswitch.DATABASE].alive, "it has ended")
+        wait_until(lambda: openvswitch.daemons().keys() == first.keys(), "it has come back")
+        second = openvswitch.daemons()
+        second[openvswitch.DATABASE].signal(signal.SIGSEGV)
+        second[openvswitch.SWITCH_DAEMON].signal(signal.SIGTERM)
+        wait_until(lambda: not openvswitch.daemons(), "all have ended")
+        with pytest.raises(NetworkError, match="in part: ovs-vswitchd does not run"):
+            openvswitch.start("tests")
+        assert openvswitch.daemons().keys() == {openvswitch.DATABASE}
+    finally:
+        subprocess.run([openvswitch.CONTROL, "stop"], check=True, capture_output=True)
+
+
 def test_bridges_that_cannot_be_removed_are_named_and_go_later(tmp_path: Path) -> None:
     output = struck(tmp_path, openvswitch.DATABASE, signal.SIGTERM)
     try:
@@ -184,6 +271,17 @@ def test_bridges_that_cannot_be_removed_are_named_and_go_later(tmp_path: Path) -
     owner = openvswitch.owner_of("q1")
     assert (run := from_words(owner)) is not None
     assert not run.alive
+    assert qmn("--message", "x", runs=tmp_path).returncode == 0
+    assert openvswitch.bridges() == []
+
+
+def test_bridges_that_the_switch_daemon_still_has_are_not_taken_for_new_ones(
+    tmp_path: Path,
+) -> None:
+    """Its database comes back and loses them before it asks again, which it does ever less often."""
+    struck(tmp_path, openvswitch.DATABASE, signal.SIGTERM)
+    openvswitch.start("tests")
+    openvswitch.vsctl(openvswitch.NO_WAIT, "del-br", "q1", "--", "del-br", "s1")
     assert qmn("--message", "x", runs=tmp_path).returncode == 0
     assert openvswitch.bridges() == []
 

@@ -85,6 +85,7 @@ def _lay_under(local: str) -> None:
     nic = _interface_of(local)
     made = []
     for bridge in BRIDGES:
+        openvswitch.await_end(bridge)
         settings = ["datapath_type=netdev", "fail_mode=secure", f"{OWNER}={owner}"]
         made += ["--", "add-br", bridge, "--", "set", "bridge", bridge, *settings]
     mac = Path("/sys/class/net", nic, "address").read_text().strip()

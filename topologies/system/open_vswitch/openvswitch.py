@@ -183,11 +183,7 @@ def start(owner: str) -> None:
     """
     if not Path(CONTROL).exists():
         raise NetworkError("Open vSwitch is not installed; run `make setup`")
-    first = starter()
-    if first and (first == owner or owners.gone(first)):
-        _let_go_on()
-    else:
-        _refuse_half(daemons())
+    _let_go_on_or_refuse(owner)
     deadline = time.monotonic() + OPENVSWITCH_TIMEOUT_S
     # ovs-ctl takes a daemon that is just ending for one that runs, and stands in the way of a
     # monitor that starts one again.
@@ -198,8 +194,19 @@ def start(owner: str) -> None:
         if missing & _watched_over():
             time.sleep(POLL_S)
             continue
+        _let_go_on_or_refuse(owner)  # the monitor may have been somebody else's
+        _note_starter(owner)  # what crashes at once, and comes back, is this run's to stop
         _start_missing(owner)
     _note_starter(owner)
+
+
+def _let_go_on_or_refuse(owner: str) -> None:
+    """Let daemons of ours go on; raise NetworkError where half of it runs that is not ours."""
+    first = starter()
+    if first and (first == owner or owners.gone(first)):
+        _let_go_on()
+    else:
+        _refuse_half(daemons())
 
 
 def _start_missing(owner: str) -> None:
@@ -307,16 +314,21 @@ def stop_if_ours(owner: str) -> None:
     global _ours_are_to_end
     if starter() != owner:
         return
+    if not _noted()[1:] and not daemons() and not _watched_over():  # none has ever come
+        (RUNTIME_ROOT / STARTED).unlink(missing_ok=True)
+        return
     _let_go_on()
     try:
         if not _database_answers():
             revive_if_ours(owner)
         for tries_left in reversed(range(TRIES)):
+            database = daemons().get(DATABASE)
             try:
                 _stop(owner)
                 return
             except NetworkError:
-                if not tries_left or DATABASE in daemons():
+                # Where it has ended, its monitor may have started it again by now.
+                if not tries_left or (database is not None and database.alive):
                     raise
                 revive_if_ours(owner)
     finally:
@@ -344,17 +356,25 @@ def _let_go_on() -> None:
 def starter() -> str:
     """Return which run has started the daemons that run, "" if none of ours did.
 
-    Where both have ended, the run that started the last ones: it can start them again.
+    They carry its mark, also when their monitors have started them again; a note says who has taken
+    them over since that run is gone. Where both have ended, the run that has noted it last: it can
+    start them again.
     """
     found = daemons().values()
+    noted, *named = _noted()
+    if not found:
+        return noted
+    marked = next((words for daemon in found if (words := _mark_of(daemon))), "")
+    taken_over = owners.gone(marked) and set(map(str, found)) & set(named)
+    return noted if taken_over else marked
+
+
+def _noted() -> list[str]:
+    """Return which run has noted that it starts the daemons, "" if none, and those that came."""
     try:
-        owner, *started = (RUNTIME_ROOT / STARTED).read_text().splitlines()
-    except (OSError, ValueError):
-        owner, started = "", []
-    if not found or set(map(str, found)) & set(started):
-        return owner
-    # A run that was killed before it had noted it, or their monitors have started them again.
-    return next((words for daemon in found if (words := _mark_of(daemon))), "")
+        return (RUNTIME_ROOT / STARTED).read_text().splitlines() or [""]
+    except OSError:
+        return [""]
 
 
 def _mark_of(daemon: Owner) -> str:
@@ -424,6 +444,40 @@ def _certified_for() -> str | None:
 def management(bridge: str) -> Path:
     """Return the socket by which programs ask for a bridge by its name, as ovs-ofctl does."""
     return RUN_FOLDER / f"{bridge}.mgmt"
+
+
+def _snoop(bridge: str) -> Path:
+    """Return the other socket that a bridge has, whose name nobody else takes."""
+    return RUN_FOLDER / f"{bridge}.snoop"
+
+
+def await_end(bridge: str) -> None:
+    """Wait until the switch daemon, too, has no bridge of this name, which the database has not.
+
+    It asks a database that has ended again only some seconds after that has come back, and has
+    until then what was deleted meanwhile: a new bridge of this name would be merged with it. Raise
+    NetworkError if it keeps it.
+    """
+    if not any(socket.exists() for socket in (management(bridge), _snoop(bridge))):
+        return
+    watched, deadline = daemons(), time.monotonic() + OPENVSWITCH_TIMEOUT_S
+    while bridge in _bridges_of_the_switch_daemon(watched):
+        if time.monotonic() > deadline:
+            raise NetworkError(
+                f"{SWITCH_DAEMON} did not forget bridge {bridge}, which was deleted, in "
+                f"{OPENVSWITCH_TIMEOUT_S:g} s: {RESTART}"
+            )
+        time.sleep(POLL_S)
+
+
+def _bridges_of_the_switch_daemon(watched: Mapping[str, Owner]) -> set[str]:
+    """Return the bridges that the switch daemon has, whatever the database says."""
+    said = run(
+        *("ovs-appctl", "-t", SWITCH_DAEMON, "ofproto/list"),
+        timeout_s=OPENVSWITCH_COMMAND_TIMEOUT_S,
+        check=lambda: require_alive(watched),
+    )
+    return set(said.split())
 
 
 def require_made(bridges: Iterable[str]) -> None:
