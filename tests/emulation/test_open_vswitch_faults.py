@@ -278,7 +278,7 @@ def test_bridges_that_cannot_be_removed_are_named_and_go_later(tmp_path: Path) -
 def test_bridges_that_the_switch_daemon_still_has_are_not_taken_for_new_ones(
     tmp_path: Path,
 ) -> None:
-    """Its database comes back and loses them before it asks again, which it does ever less often."""
+    """Its database comes back and loses them before it asks again, which it does more rarely."""
     struck(tmp_path, openvswitch.DATABASE, signal.SIGTERM)
     openvswitch.start("tests")
     openvswitch.vsctl(openvswitch.NO_WAIT, "del-br", "q1", "--", "del-br", "s1")
