@@ -6,6 +6,7 @@ from contextlib import ExitStack
 from mininet.node import Host, Switch
 
 from topologies.links.fiber import channels_of
+from topologies.networks.heard_orders import HeardOrders
 from topologies.networks.iperf import IperfMininet
 from topologies.nodes import ClassicalSwitch, OpticalSwitch, QuantumController
 from topologies.system.kernel import interfaces
@@ -16,7 +17,7 @@ from topologies.system.runs import runtime
 AT_ONCE = 4  # hosts: their shells do most of it, and wait for the kernel
 
 
-class ParallelMininet(IperfMininet):
+class ParallelMininet(HeardOrders, IperfMininet):
     """Starts programs before it waits for the first, and removes all links by one command."""
 
     def configHosts(self) -> None:  # noqa: N802 (Mininet's name)
@@ -54,6 +55,7 @@ class ParallelMininet(IperfMininet):
         for switch in self.switches:
             if switch not in ours and hasattr(switch, "batchStartup"):
                 switch.batchStartup([switch])  # what it has put off, as Mininet would
+        self.hears = True
 
     def stop(self) -> None:
         """Stop everything; go on where one thing fails, and raise that at the end.
