@@ -3,6 +3,7 @@
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -12,11 +13,15 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT, interfaces, our_processes, qmn, verb, wait_until
+from fabric_scene import running
+from mininet.node import Controller
 from test_faults import long_run, read_until, run_to_kill
 
+from topologies.nodes import OpticalSwitch
+from topologies.sdc import SdcTopo
 from topologies.system.open_vswitch import openvswitch
 from topologies.system.processes.owners import from_words
-from topologies.system.processes.programs import NetworkError
+from topologies.system.processes.programs import NetworkError, Program
 from topologies.system.runs.runtime import RUNTIME_ROOT
 from topologies.timeouts import OPENVSWITCH_TIMEOUT_S
 
@@ -57,6 +62,34 @@ def test_a_daemon_that_ends_is_named_and_nothing_of_it_stays(
     assert not interfaces() & {"s1", "q1"}
 
 
+@pytest.mark.usefixtures("no_open_vswitch")
+def test_a_switch_daemon_that_ends_as_an_agent_starts_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The agent ends first: the daemon's sockets close a moment before it has ended itself."""
+    launch, daemon = OpticalSwitch.launch, openvswitch.SWITCH_DAEMON
+
+    def end_after(agent: Program) -> None:
+        wait_until(lambda: not agent.running, "the agent has ended")
+        openvswitch.daemons()[daemon].signal(signal.SIGKILL)
+
+    def struck(switch: OpticalSwitch, controllers: list[Controller]) -> None:
+        if switch.program is None:
+            (listens_no_more := openvswitch.management(switch.name)).unlink()
+            with socket.socket(socket.AF_UNIX) as closed:
+                closed.bind(str(listens_no_more))
+            launch(switch, controllers)
+            threading.Thread(target=end_after, args=(switch.program,)).start()
+
+    monkeypatch.setattr(OpticalSwitch, "launch", struck)
+    with (
+        pytest.raises(NetworkError, match=r"^ovs-vswitchd died in mid-run: .*killed"),
+        running(SdcTopo, tmp_path),
+    ):
+        pytest.fail("it has started")
+
+
+@pytest.mark.waits
 @pytest.mark.usefixtures("no_open_vswitch")
 @pytest.mark.parametrize("daemon", openvswitch.DAEMONS)
 def test_a_daemon_that_a_signal_has_stopped_is_named(tmp_path: Path, daemon: str) -> None:
@@ -196,6 +229,7 @@ def test_a_daemon_of_somebody_else_is_not_started_again(tmp_path: Path) -> None:
         openvswitch.start("tests")
 
 
+@pytest.mark.waits
 @pytest.mark.usefixtures("no_open_vswitch")
 def test_a_database_that_has_crashed_at_the_start_and_comes_back_later_is_stopped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -241,6 +275,7 @@ def test_what_never_came_is_not_started_to_be_stopped(
     assert openvswitch.starter() == ""
 
 
+@pytest.mark.waits
 @pytest.mark.usefixtures("no_open_vswitch")
 def test_a_database_of_somebody_else_that_comes_back_is_not_made_whole() -> None:
     """Its monitor starts it only 10 s after the crash before: until then nothing runs."""
