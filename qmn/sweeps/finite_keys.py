@@ -5,6 +5,7 @@ and each number of bits in that basis, by the bounds that a key session takes. E
 are taken of the light that is detected: "eta_ch" in the paper would make them 5 %.
 """
 
+from collections.abc import Iterator
 from math import log2
 
 import numpy as np
@@ -32,13 +33,7 @@ SOME = 100.0  # above whatever is not a key
 
 def best_rate(block: float, length_km: float) -> float:
     """Return the secret bits of a pulse where so many bits of basis X are sifted; 0: no key."""
-    starts = np.random.default_rng(1).uniform(LEAST, MOST, (STARTS, len(FAR)))
-
-    def less(x: Floats) -> float:
-        return -_merit(block, length_km, x)
-
-    found = [minimize(less, x, method="Nelder-Mead").fun for x in np.append(starts, [FAR], axis=0)]
-    best = -float(min(found))
+    best = max(_best_merits(block, length_km))
     return 2 ** (best - SOME) if best > 0 else 0.0
 
 
@@ -47,8 +42,20 @@ def reach(block: float) -> float:
     near, far = 0.0, FARTHEST_KM
     while far - near > 0.1:
         middle = (near + far) / 2
-        near, far = (middle, far) if best_rate(block, middle) else (near, middle)
+        has_key = any(merit > 0 for merit in _best_merits(block, middle))
+        near, far = (middle, far) if has_key else (near, middle)
     return near
+
+
+def _best_merits(block: float, length_km: float) -> Iterator[float]:
+    """Yield the highest merit that each start leads to."""
+
+    def less(x: Floats) -> float:
+        return -_merit(block, length_km, x)
+
+    others = np.random.default_rng(1).uniform(LEAST, MOST, (STARTS, len(FAR)))
+    for start in (np.array(FAR), *others):
+        yield -float(minimize(less, start, method="Nelder-Mead").fun)
 
 
 def _merit(block: float, length_km: float, x: Floats) -> float:
