@@ -504,6 +504,7 @@ def refuse_bridges(topo: Topo, there: Iterable[str]) -> None:
 def refuse_taken_names(topo: Topo) -> None:
     """Raise NetworkError before Mininet would delete somebody else's bridge."""
     refuse_bridges(topo, openvswitch.bridges())
+    openvswitch.await_end(topo.switches())
     for interface in [name for switch in topo.switches() for name in interfaces_of(switch)]:
         raise NetworkError(
             f"interface {interface} exists already and is not ours; "

@@ -110,7 +110,6 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
         ports = [port for port in self.intfList() if self.ports[port] and not port.IP()]
         columns = {str(port): self._columns(port) for port in ports}
         options = shlex.split(self.bridgeOpts())
-        openvswitch.await_end(self.name)
         openvswitch.change(*bridge_words(self.name, options, columns))
         for port in self.intfList():
             self.TCReapply(port)  # Open vSwitch has overwritten it

@@ -83,9 +83,9 @@ def _lay_under(local: str) -> None:
     if not openvswitch.running():
         openvswitch.start(owner)
     nic = _interface_of(local)
+    openvswitch.await_end(BRIDGES)
     made = []
     for bridge in BRIDGES:
-        openvswitch.await_end(bridge)
         settings = ["datapath_type=netdev", "fail_mode=secure", f"{OWNER}={owner}"]
         made += ["--", "add-br", bridge, "--", "set", "bridge", bridge, *settings]
     mac = Path("/sys/class/net", nic, "address").read_text().strip()

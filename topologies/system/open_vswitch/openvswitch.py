@@ -451,20 +451,22 @@ def _snoop(bridge: str) -> Path:
     return RUN_FOLDER / f"{bridge}.snoop"
 
 
-def await_end(bridge: str) -> None:
-    """Wait until the switch daemon, too, has no bridge of this name, which the database has not.
+def await_end(bridges: Iterable[str]) -> None:
+    """Wait until the switch daemon, too, has no bridges of these names, which the database has not.
 
     It asks a database that has ended again only some seconds after that has come back, and has
-    until then what was deleted meanwhile: a new bridge of this name would be merged with it. Raise
-    NetworkError if it keeps it.
+    until then what was deleted meanwhile: new bridges of these names would be merged with it, and
+    as it forgets old ports, it would shut new interfaces of their names. Raise NetworkError if it
+    keeps one.
     """
-    if not any(socket.exists() for socket in (management(bridge), _snoop(bridge))):
+    doubtful = {name for name in bridges if management(name).exists() or _snoop(name).exists()}
+    if not doubtful:
         return
     watched, deadline = daemons(), time.monotonic() + OPENVSWITCH_TIMEOUT_S
-    while bridge in _bridges_of_the_switch_daemon(watched):
+    while kept := doubtful & _bridges_of_the_switch_daemon(watched):
         if time.monotonic() > deadline:
             raise NetworkError(
-                f"{SWITCH_DAEMON} did not forget bridge {bridge}, which was deleted, in "
+                f"{SWITCH_DAEMON} did not forget bridge {min(kept)}, which was deleted, in "
                 f"{OPENVSWITCH_TIMEOUT_S:g} s: {RESTART}"
             )
         time.sleep(POLL_S)
