@@ -15,12 +15,13 @@ AS_ROOT = $(if $(filter-out 0,$(shell id -u)),sudo env PYTHONDONTWRITEBYTECODE=1
 PYTEST := env PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -p no:cacheprovider -p progress -p garbage
 # More processes than processors, as long as all has room, because tests wait for time or other
 # processes. Of unit tests half as many more: each process imports and collects everything, which takes
-# it as long as hundreds of tests. Of those that emulate networks twice as many: three times as many
-# saved nothing, and the deadlines of networks are of a machine that has time for them. They have
-# namespaces of their own, as a network has fixed names and addresses.
+# it as long as hundreds of tests. Of those that emulate networks three times as many, of which a third
+# begins with tests that mostly wait: more would be too many for the deadlines of networks, which are
+# of a machine that has time for them. They have namespaces of their own, as a network has fixed names
+# and addresses.
 PROCESSES = $(shell n=$$(getconf _NPROCESSORS_ONLN); echo $$(( n < 8 ? n : 8 )))
 AT_A_TIME = $$(( (3 * $(PROCESSES) + 1) / 2 ))
-NETWORKS = $$(( 2 * $(PROCESSES) ))
+NETWORKS = $$(( 3 * $(PROCESSES) ))
 IN_PARALLEL = --numprocesses=$(AT_A_TIME) --dist=worksteal
 # Half of collecting is to compile tests, unless they leave their byte code for the next time.
 WITH_BYTE_CODE = env PYTHONDONTWRITEBYTECODE=

@@ -31,6 +31,26 @@ MARK = ("QMN_TESTS", secrets.token_hex(8))
 os.environ.update([MARK])
 
 
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Let every third worker begin with tests that mostly wait, and the others with the rest.
+
+    Together they use the processors as well as they can; those that have nothing left to do take
+    over what others have, from its end. The first of n workers gets the first nth of all tests.
+    """
+    workers = getattr(config, "workerinput", {}).get("workercount", 1)
+    waiting = [item for item in items if item.get_closest_marker("waits")]
+    busy = [item for item in items if item not in waiting]
+    if not (patient := workers // 3):
+        return
+    items.clear()
+    for first in range(patient):
+        begin = waiting[first::patient]
+        rest = (len(waiting) + len(busy)) // workers - len(begin)
+        items += [*begin, *busy[:rest]]
+        del busy[:rest]
+    items += busy
+
+
 def wait_until(condition: Callable[[], object], what: str, timeout_s: float = 10.0) -> None:
     """Wait for a condition; fail naming it when the deadline passes."""
     deadline = time.monotonic() + timeout_s

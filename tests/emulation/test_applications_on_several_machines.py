@@ -62,6 +62,7 @@ def stored(folder: Path) -> dict[str, tuple[bytes, int]]:
     }
 
 
+@pytest.mark.waits
 def test_keys_of_a_host_on_a_second_machine_are_those_of_one_machine_and_come_back(
     second: SecondMachine, tmp_path: Path
 ) -> None:
@@ -119,6 +120,7 @@ def test_both_ends_of_a_key_link_between_machines_deliver_the_same_key_once(
         assert json.loads(bob.cmd(f"{web}/sae-alice/enc_keys"))["keys"]
 
 
+@pytest.mark.waits
 @pytest.mark.parametrize(
     ("program", "places"), [("wireguard", ("bob=m2", "eve=m2")), ("tls", ("alice=m2",))]
 )

@@ -28,6 +28,7 @@ def conducted(name: str) -> Attack:
     return attack
 
 
+@pytest.mark.waits
 @pytest.mark.parametrize("defended", [False, True])
 def test_attacks_succeed_without_their_defence_alone(tmp_path: Path, defended: bool) -> None:
     """Undefended each attempt succeeds, as ARP, learning switches, TCP and LLDP have it.
@@ -48,6 +49,7 @@ def test_attacks_succeed_without_their_defence_alone(tmp_path: Path, defended: b
             )
 
 
+@pytest.mark.waits
 @pytest.mark.parametrize("tls", [False, True])
 def test_impostors_are_obeyed_without_tls_alone(tmp_path: Path, tls: bool) -> None:
     """Nothing in OpenFlow itself says who speaks (version 1.4.0, 6.3.3)."""

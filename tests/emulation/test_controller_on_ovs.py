@@ -72,6 +72,7 @@ def test_a_set_up_opens_light_paths_and_a_fin_closes_them(
     assert len(controller.record("stopped")) == 1
 
 
+@pytest.mark.waits
 def test_a_session_ends_with_its_switch(controller: Controller, bridges: dict[str, Wire]) -> None:
     connect(controller)
     assert set_up(controller, bridges).verdict == Verdict.GRANTED

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import pytest
 from conftest import ROOT, qmn_command, wait_until
 
 from dispatcher.layer.history import WATCHED_PHOTONS
@@ -40,6 +41,7 @@ def spied(*arguments: str) -> list[dict[str, Any]]:
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 
+@pytest.mark.waits
 def test_a_run_and_a_spy_tell_of_as_many_single_photons_as_were_asked_for(tmp_path: Path) -> None:
     command = [*qmn_command(tmp_path), *MESSAGE, *PACE, "--per-qubit", str(WRITTEN_PHOTONS)]
     pipe = subprocess.PIPE

@@ -131,6 +131,7 @@ def test_a_program_that_dies_in_mid_run_is_named(tmp_path: Path, module: str, na
     assert result["delivered"] is False
 
 
+@pytest.mark.waits
 @pytest.mark.parametrize("role", ["asking", "asked"])
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_an_application_that_a_signal_strikes_in_mid_run_is_named(

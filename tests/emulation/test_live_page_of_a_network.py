@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import pytest
 from conftest import qmn, verb, wait_until
 from loaded import Running, running_qmn
 
@@ -133,6 +134,7 @@ def test_a_run_has_its_page_as_long_as_it_lasts(tmp_path: Path) -> None:
     assert not answers(found[1])
 
 
+@pytest.mark.waits
 def test_networks_apart_have_their_pages_at_one_address(tmp_path: Path) -> None:
     long = ["--message-bytes", "5000", "--rate-hz", "4000"]  # 20,000 pairs: 5 s of light
     grid = ["--emulate", "--workers", "2", "--depolarizing", "0,0.001", *long]

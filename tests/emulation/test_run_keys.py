@@ -7,6 +7,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import pytest
 from conftest import wait_until
 from fabric_scene import running
 from loaded import run_qmn
@@ -27,6 +28,7 @@ def run_keys(runs: Path, *words: str) -> tuple[subprocess.CompletedProcess[str],
     return done, json.loads((runs / "latest" / "result.json").read_text())
 
 
+@pytest.mark.waits
 def test_an_eavesdropper_comes_and_leaves_on_one_time_line(tmp_path: Path) -> None:
     # The marks are never reached, so that sessions follow one another.
     marks = ("--low-mark", "4000", "--high-mark", "4000", "--session-bits", "12000")

@@ -32,6 +32,7 @@ def holders_of_trunk(run: Path) -> dict[str, list[str]]:
     return found
 
 
+@pytest.mark.waits
 def test_light_is_handed_out_in_slots_and_none_is_given_too_late(tmp_path: Path) -> None:
     """Six ask at once for two fibres; of slots of half a second, two or three begin in 1.2 s."""
     policy, trace = tmp_path / "policy.toml", tmp_path / "trace.csv"
@@ -57,6 +58,7 @@ def test_light_is_handed_out_in_slots_and_none_is_given_too_late(tmp_path: Path)
     assert "Who waited for whom" in (tmp_path / "latest" / "report.html").read_text()
 
 
+@pytest.mark.waits
 @pytest.mark.parametrize(
     ("service", "count", "parts"),
     [

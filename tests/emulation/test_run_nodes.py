@@ -99,6 +99,7 @@ def test_spins_that_emit_take_in_no_light_of_another_source(tmp_path: Path) -> N
     assert "(feature absorb): let a station herald pairs" in done.stderr
 
 
+@pytest.mark.waits
 def test_heralds_for_ion_traps_come_the_slower_the_longer_the_fibres(tmp_path: Path) -> None:
     """Two clicks: an attempt is heralded with eta^2 / 2, and takes a round trip to the station."""
     length_km, count = 100.0, 4

@@ -95,6 +95,7 @@ def messages_of(capture: Path, layer: type[UDP | TCP], port: int) -> list[tuple[
         ]
 
 
+@pytest.mark.waits
 @pytest.mark.parametrize(
     ("program", "layer", "port", "scale"),
     [

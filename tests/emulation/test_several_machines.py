@@ -143,6 +143,7 @@ def copper_of_bob(run: Path) -> str:
     return str(name)
 
 
+@pytest.mark.waits
 def test_heavy_traffic_of_a_host_on_a_second_machine_is_that_of_one_machine(
     second: SecondMachine, tmp_path: Path
 ) -> None:

@@ -26,7 +26,6 @@ from wire.metadata.header import METADATA_PORT
 LIGHT_M_PER_S = 2.04e8
 ECHO_REQUEST, ECHO_REPLY = 8, 0
 SLOW_S = 150
-BUSY_PROCESSES = 4
 STATES, RATE_HZ = 8000, 50_000_000
 
 CONNECT = f"""
@@ -129,6 +128,7 @@ def test_light_lost_at_a_far_switch_is_known_when_news_is_back(tmp_path: Path) -
     assert back_s <= min(waited_s) < 2 * back_s
 
 
+@pytest.mark.waits
 @pytest.mark.timeout(2 * SLOW_S)
 def test_tcp_lives_through_the_slowest_network_that_auto_chooses(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -179,7 +179,7 @@ def test_what_auto_means_is_held_against_what_the_run_was(tmp_path: Path, mbit_s
 def busy_machine() -> Iterator[None]:
     """Keep all processors busy."""
     command = [sys.executable, "-c", "while True: pass"]
-    loops = [subprocess.Popen(command) for _ in range(BUSY_PROCESSES)]
+    loops = [subprocess.Popen(command) for _ in range(os.cpu_count() or 1)]
     try:
         yield
     finally:
