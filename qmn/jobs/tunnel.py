@@ -99,18 +99,22 @@ def start_tunnel(
         network.runtime.share(host, file)
         command = [python(), "-m", "hosts.applications.vpn", "--config", str(file)]
         end = network.run_on(host, f"vpn-{host}", command)
-        with carried_by(carriers):
+        with carried_by(network, carriers):
             end.wait_for("ready", START_TIMEOUT_S, network.check)
         ends.insert(0, end)
     return RunningTunnel([*ends, *carriers], hosts)
 
 
 @contextmanager
-def carried_by(programs: Sequence[Program]) -> Iterator[None]:
-    """Name a program that has ended where something failed that needs it."""
+def carried_by(network: Network, programs: Sequence[Program]) -> Iterator[None]:
+    """Name what has ended where something failed that needs it: these programs at last.
+
+    Their host or its machine may have ended first.
+    """
     try:
         yield
     except NetworkError:
+        network.explain()
         require_running(programs)
         raise
 

@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from hashlib import sha256
@@ -154,7 +154,7 @@ def use_network(
     for host, program in zip(ends, tunnel.programs[:2], strict=True):
         noted.listen(host, program)
     file = file_of(request, context.folder)
-    with carried_by(tunnel.programs):
+    with carried_by(network, tunnel.programs):
         moved = serve_and_download(network, tunnel, file, context.folder, request.mbit_s)
     noted.listen(request.sender, moved.download)
     try:
@@ -199,10 +199,18 @@ def watch(
             return
         if noted.now_s > seconds:
             raise NetworkError(
-                f"the file was not there in {seconds:g} s: the tunnel was closed for "
-                f"{closed_s(noted.all, noted.now_s):.1f} s; give it more --seconds"
+                f"the file was not there in {seconds:g} s: {hindrance(noted.all, noted.now_s)}"
             )
         time.sleep(POLL_S)
+
+
+def hindrance(all_moments: Sequence[Moment], until_s: float) -> str:
+    """Return what has kept a tunnel from its file until now, or what to do."""
+    last = next(reversed(moments.sessions(all_moments)), None)
+    if last is not None and last.event == "failed":
+        return f"no keys, as {last.host}'s last session failed: {last.text}"
+    closed = closed_s(all_moments, until_s)
+    return f"the tunnel was closed for {closed:.1f} s; give it more --seconds"
 
 
 def counted(noted: Moments, moved: MovedFile, file: Path) -> TunnelFigures:

@@ -1,5 +1,6 @@
 """Outcomes of strikes at a run: whether all was right, in words, and counted."""
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
@@ -8,6 +9,7 @@ from strikes import RUNNER, Strike
 from under_way import PHASES, Moment
 
 NO_LIGHT = "no light: "
+FAILED = re.compile(r"s  \w+: failed: .*? \((.+)\)$")  # as qmn.jobs.moments.words says it
 NAMED_S, STALLED_NAMED_S = 5.0, 30.0
 
 
@@ -101,10 +103,16 @@ def from_fields(fields: dict[str, Any]) -> Outcome:
 def first_told(said: Iterable[tuple[float, str]], cause: str, ended: float) -> float:
     """Return when a run has first told what it ended by: what its light was lost by, it says then.
 
-    It goes on for a while, and ends if its light is not back.
+    It goes on for a while, and ends if its light is not back. So does a tunnel without keys.
     """
-    lost = ((at, line.removeprefix(NO_LIGHT)) for at, line in said if line.startswith(NO_LIGHT))
-    return min((at for at, element in lost if element in cause), default=ended)
+    told = ((at, reason) for at, line in said if (reason := _reason(line)))
+    return min((at for at, reason in told if reason in cause), default=ended)
+
+
+def _reason(line: str) -> str:
+    """Return why there is no light, or why a session for keys has failed, if a line says it."""
+    failed = FAILED.search(line)
+    return failed[1] if failed else line.removeprefix(NO_LIGHT) if line.startswith(NO_LIGHT) else ""
 
 
 def bad(outcome: Outcome) -> bool:

@@ -130,7 +130,7 @@ def test_a_tunnel_between_machines_closes_while_eve_listens_and_the_file_arrives
     file = tmp_path / "file"
     file.write_bytes(random.Random(SEED).randbytes(4_000_000))
     words = ["run", "vpn", "--with", program, "--file", str(file), "--rotate", "1"]
-    words += ["--key-lifetime", "2", "--eve", "0.5", "--at", "2", "--until", "8", "--no-events"]
+    words += ["--key-lifetime", "2", "--eve", "0.6", "--at", "2", "--until", "8", "--no-events"]
     words += ["--machines", "2", "--scheduler", SCHEDULER]
     words += [word for place in places for word in ("--place", place)]
     result = run(tmp_path / "runs", *words, timeout_s=120)
@@ -143,7 +143,7 @@ def test_a_tunnel_between_machines_closes_while_eve_listens_and_the_file_arrives
     assert [f"{host}=m2" for host in hosts] == sorted(places)
     alarms = [each for each in result["job"]["moments"] if each["event"] == "alarm"]
     assert alarms
-    assert all(abs(each["qber"] - 0.125) < 5 * (0.125 * 0.875 / 1200) ** 0.5 for each in alarms)
+    assert all(abs(each["qber"] - 0.15) < 5 * (0.15 * 0.85 / 1200) ** 0.5 for each in alarms)
     alice, bob = (
         [each["key_ID"] for each in lines_of(folder / f"vpn-{host}.log") if each["event"] == "key"]
         for host in ("alice", "bob")

@@ -8,6 +8,10 @@ from outcomes import Made, Outcome, bad, first_told, told, too_few
 from strikes import Strike
 from under_way import Moment
 
+from qmn.jobs.moments import words
+from wire.application_lines import moment
+
+KEYS = {"peer": "bob", "opened": True, "qber": None, "mine": 0, "theirs": 0, "withheld": True}
 KILLED_BOB = Strike("bob", "SIGKILL", ("bob",))
 KILLED_C0 = Strike("c0", "SIGTERM", ("c0",))
 CUT = Strike("fibre q1-eth2", "down", ())
@@ -54,6 +58,16 @@ def test_a_cut_fibre_is_named_when_the_run_tells_of_it_and_not_when_it_ends() ->
     assert first_told(said, "ending: bob died in mid-run", ended=12.0) == 12.0
     assert bad(outcome(cause, (CUT, 0.5), at_s=12.0))
     assert not bad(outcome(cause, (CUT, 0.5), at_s=2.0))
+
+
+def test_what_a_session_for_keys_failed_by_is_told_before_the_run_ends() -> None:
+    why = "no light path from alice to bob: fibre alice-q1 (alice-q0) is cut"
+    line = words(moment({"event": "failed", "host": "alice", "keys": 0, "text": why, **KEYS}, 1.0))
+    cause = (
+        f"ending: the file was not there in 60 s: no keys, as alice's last session failed: {why}"
+    )
+    assert first_told([(2.0, line), (60.0, cause)], cause, ended=60.0) == 2.0
+    assert first_told([(2.0, line)], "ending: bob died in mid-run", ended=60.0) == 60.0
 
 
 def test_fewer_strikes_than_were_asked_for_are_a_fault() -> None:

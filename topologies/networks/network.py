@@ -349,6 +349,8 @@ class Network:
         before = self._struck
         self._struck = next((each for each in self._applications if each.struck_down), None)
         if self._struck is not None and self._struck is before:
+            if self.runtime.machines:
+                self._require_others_for(DAEMON_END_TIMEOUT_S)
             raise NetworkError(f"{before.name} died in mid-run: {before.end()}")
         if time.monotonic() > self._look_again_at:
             self._look_again_at = time.monotonic() + STOPPED_LOOK_S

@@ -3,7 +3,7 @@
 import re
 from typing import Any
 
-from qmn.jobs.vpn import closed_s
+from qmn.jobs.vpn import closed_s, hindrance
 from qmn.reports.key_timeline import key_timeline, spans
 from wire.application_lines import moment
 from wire.results.moments import AnyMoment, SessionMoment
@@ -42,6 +42,14 @@ def test_the_tunnel_is_closed_while_it_is_at_either_end() -> None:
     assert closed_s(STORY, 10.0) == 9.25 - 6.0
     assert closed_s(STORY[:5], 10.0) == 10.0 - 6.0
     assert closed_s(STORY[:3], 10.0) == 0.0
+
+
+def test_what_kept_a_file_is_why_the_last_session_failed_or_the_closed_tunnel() -> None:
+    cut = {"event": "failed", **STORE, "keys": 0, "qber": None, "text": "fibre a is cut"}
+    failed = [*STORY[:3], at(4.0, "alice", cut)]
+    assert hindrance(failed, 10.0) == "no keys, as alice's last session failed: fibre a is cut"
+    assert hindrance([*failed, at(5.0, "alice", SESSION)], 10.0).startswith("the tunnel was closed")
+    assert hindrance(STORY, 10.0) == "the tunnel was closed for 3.2 s; give it more --seconds"
 
 
 def test_rows_are_drawn_for_what_there_was() -> None:
