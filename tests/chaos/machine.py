@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 COMMAND_TIMEOUT_S = 70.0
+ENDING_S = 1.0  # that a daemon may take to end
 SETTLE_S = 6.0  # that processes may take to go once their run has ended
 CONTROL = "/usr/share/openvswitch/scripts/ovs-ctl"
 PID_FILES = Path("/var/run/openvswitch")
@@ -103,7 +104,8 @@ def monitors() -> dict[str, int]:
 def start_open_vswitch() -> None:
     """Start both daemons, or the one that is missing; let one go on that was stopped.
 
-    Where the monitor of one that has crashed starts it just now, ovs-ctl fails.
+    Where the monitor of one that has crashed starts it just now, ovs-ctl fails. One that is just
+    ending, as it writes its memory to the disk, it takes for one that runs.
     """
     deadline = time.monotonic() + COMMAND_TIMEOUT_S
     while True:
@@ -117,7 +119,10 @@ def start_open_vswitch() -> None:
                 raise RuntimeError(f"Open vSwitch does not start: {error.stderr}") from error
             time.sleep(0.1)
         else:
-            return
+            started = daemons()
+            time.sleep(ENDING_S)
+            if len(started) == len(DAEMONS) and daemons() == started:
+                return
 
 
 def stop_open_vswitch() -> None:
