@@ -321,6 +321,21 @@ def test_bridges_that_the_switch_daemon_still_has_are_not_taken_for_new_ones(
     assert openvswitch.bridges() == []
 
 
+@pytest.mark.usefixtures("no_open_vswitch")
+def test_a_switch_daemon_that_has_not_seen_its_database_has_no_bridges(tmp_path: Path) -> None:
+    """Sockets of bridges are left by one that was killed; this one does not know the question."""
+    left = openvswitch.RUN_FOLDER / "q7.snoop"
+    left.touch()
+    command = ["ovs-vswitchd", f"unix:{tmp_path}/no-database", "--pidfile", "--no-chdir"]
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
+        try:
+            wait_until(lambda: openvswitch.SWITCH_DAEMON in openvswitch.daemons(), "it runs")
+            openvswitch.await_end(["q7"])
+        finally:
+            process.kill()
+            left.unlink()
+
+
 def test_a_killed_run_s_programs_that_are_stopped_are_ended_by_the_next(tmp_path: Path) -> None:
     """Told to end with the runner, a stopped one does not."""
     others = our_processes()

@@ -473,12 +473,20 @@ def await_end(bridges: Iterable[str]) -> None:
 
 
 def _bridges_of_the_switch_daemon(watched: Mapping[str, Owner]) -> set[str]:
-    """Return the bridges that the switch daemon has, whatever the database says."""
-    said = run(
-        *("ovs-appctl", "-t", SWITCH_DAEMON, "ofproto/list"),
-        timeout_s=OPENVSWITCH_COMMAND_TIMEOUT_S,
-        check=lambda: require_alive(watched),
-    )
+    """Return the bridges that the switch daemon has, whatever the database says.
+
+    One that has just started knows of the question only from its first look at the database on.
+    """
+    try:
+        said = run(
+            *("ovs-appctl", "-t", SWITCH_DAEMON, "ofproto/list"),
+            timeout_s=OPENVSWITCH_COMMAND_TIMEOUT_S,
+            check=lambda: require_alive(watched),
+        )
+    except NetworkError as error:
+        if "is not a valid command" in str(error):
+            return set()
+        raise
     return set(said.split())
 
 
