@@ -74,11 +74,11 @@ run-sdc: ## Send a message from alice to bob by superdense coding
 	@setup/run-sdc $(value ARGS)
 
 test: setup ## Run all checks and tests natively
-	@echo 'test: style and types, then tests: about 10 minutes on two processors'
+	@echo 'test: style and types, then tests: about 14 minutes on two processors'
 	@$(MAKE) --no-print-directory lint types
-	@echo 'test: unit tests; about 9 minutes left'
+	@echo 'test: unit tests; about 13 minutes left'
 	@$(MAKE) --no-print-directory unit
-	@echo 'test: tests in emulated networks; about 6 minutes left'
+	@echo 'test: tests in emulated networks; about 9 minutes left'
 	@$(MAKE) --no-print-directory emulation
 
 test-docker: ## Run the emulation tests inside the image (DEBIAN=13: of Debian 13)

@@ -19,6 +19,7 @@ from topologies.system.confinement.apart import OWN_NAMESPACES
 from topologies.system.machines.agent import MODULE
 from topologies.system.machines.gathering import gathered
 from topologies.system.machines.machine import Machine
+from topologies.system.processes.commands import WITH_THIS_PROCESS
 from topologies.system.processes.programs import ROOT, NetworkError, python
 from wire.parameters.checks import remedy
 
@@ -32,7 +33,7 @@ def begin_agent(name: str, runner: str, certificates: dict[str, str]) -> None:
     """Begin one; it ends with this worker at the latest, with all that it has started."""
     command = [str(OWN_NAMESPACES), "--network-of-machine", python(), "-P", "-m", MODULE]
     process = subprocess.Popen(
-        ["setpriv", "--pdeathsig", "KILL", *command, name, runner],
+        [*WITH_THIS_PROCESS, *command, name, runner],
         stdin=subprocess.PIPE,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         text=True,

@@ -130,7 +130,10 @@ def stop_open_vswitch() -> None:
 
     A monitor waits for up to 10 s between two crashes: a database would come in the next run.
     """
+    deadline = time.monotonic() + COMMAND_TIMEOUT_S
     while found := monitors():
+        if time.monotonic() > deadline:
+            raise RuntimeError(f"{', '.join(found)} does not end in {COMMAND_TIMEOUT_S:g} s")
         for pid in found.values():
             with suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)

@@ -109,7 +109,7 @@ def test_each_of_three_nodes_shares_pairs_with_the_others(tmp_path: Path) -> Non
 
 def test_three_nodes_have_as_noisy_pairs_as_their_ways_are_long(tmp_path: Path) -> None:
     """Charlie makes the pairs: light to him passes no fibre, to another two, each with p."""
-    p, rounds = 0.6, 38
+    p, rounds = 0.6, 40
     run(tmp_path, "three_nodes", "--rounds", str(rounds), "--depolarizing", str(p))
     for peers, differ in differing(tmp_path).items():
         wrong = (1 - (1 - p) ** (2 if "charlie" in peers else 4)) / 2

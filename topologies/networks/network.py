@@ -180,7 +180,8 @@ class Network:
             for node in self._watched():
                 if node.shell_ended and node.name not in str(error).split():
                     raise NetworkError(f"{node.name} died at its start: {error}") from error
-            self._require_others_for(DAEMON_END_TIMEOUT_S)
+            if not all(program.running for program in self.runtime.programs):
+                self._require_others_for(DAEMON_END_TIMEOUT_S)
             raise
         except Interrupted:
             raise

@@ -1,6 +1,5 @@
 """Orders about links wait until the controller has heard of what they did."""
 
-from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -17,29 +16,29 @@ ENDS = {
 }
 
 
-def console(*told: tuple[bool, bool]) -> Callable[[], Any]:
-    """Return a controller that says of both ends what is told, one after the other."""
-    left = list(told)
+class Console:
+    """A controller that says of both ends what is told, one after the other."""
 
-    def ask() -> Any:
-        both = zip(ENDS, left.pop(0), strict=True)
+    def __init__(self, *told: tuple[bool, bool]) -> None:
+        self.left = list(told)
+
+    def ask(self) -> Any:
+        """Return what is next."""
+        both = zip(ENDS, self.left.pop(0), strict=True)
         return {"fibers": [{"dpid": end.dpid, "port": end.port, "up": up} for end, up in both]}
-
-    ask.left = left  # type: ignore[attr-defined]
-    return ask
 
 
 @pytest.mark.parametrize("up", [True, False])
 def test_an_order_is_over_when_both_ends_were_heard_of(up: bool) -> None:
     before, half, done = (not up, not up), (up, not up), (up, up)
-    ask = console(before, before, before, half, done, done)
-    with until_heard(ask, ENDS, up, 20.0):
+    console = Console(before, before, before, half, done, done)
+    with until_heard(console.ask, ENDS, up, 20.0):
         pass
-    assert ask.left == [done]  # type: ignore[attr-defined]
+    assert console.left == [done]
 
 
 def test_what_is_never_heard_of_is_named() -> None:
-    ask = console((False, False), (True, False))
+    ask = Console((False, False), (True, False)).ask
     words = "not heard in 0 s that somebody has mended q2-eth4: .*qmn devices"
     with pytest.raises(NetworkError, match=words), until_heard(ask, ENDS, True, 0.0):
         pass

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 from topologies.system.confinement.confinement import descendants
+from topologies.system.processes.commands import WITH_THIS_PROCESS
 from topologies.system.processes.programs import ROOT
 
 OWN_NAMESPACES = ROOT / "topologies" / "own_namespaces"
@@ -16,7 +17,7 @@ def apart(command: Sequence[str]) -> list[str]:
     All that it has started there ends at once with the process that this starts, also if that is
     killed, and that one with the thread that has started it. What the kernel held for them goes.
     """
-    return ["setpriv", "--pdeathsig", "KILL", str(OWN_NAMESPACES), *command]
+    return [*WITH_THIS_PROCESS, str(OWN_NAMESPACES), *command]
 
 
 def inside(pid: int) -> list[int]:
