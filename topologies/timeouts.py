@@ -41,6 +41,7 @@ RECONNECT_MS = 1000  # between a bridge's attempts to find its controller, at mo
 AGENT_CONNECT_TIMEOUT_S = 20.0  # until agents have connected to the runner
 AGENT_ANSWER_TIMEOUT_S = 15.0  # until one has done what it was asked
 AGENT_END_TIMEOUT_S = 5.0  # until the channels to them are closed
+CHANNEL_CLOSE_TIMEOUT_S = 1.0  # until an agent has closed its side; then it is not asked
 BEAT_PERIOD_S = 1.0  # between two questions whether a machine is still there
 LOST_TIMEOUT_S = 5.0  # that it may say nothing
 

@@ -12,6 +12,7 @@ from urllib.parse import urlsplit
 
 import dask
 from distributed import Client
+from mininet.log import warn
 
 from qmn.options import BadInput
 from qmn.timeouts import AGENT_END_TIMEOUT_S, CLUSTER_TIMEOUT_S, WORKERS_TIMEOUT_S
@@ -46,7 +47,10 @@ def begin_agent(name: str, runner: str, certificates: dict[str, str]) -> None:
 
 
 async def end_agent(runner: str) -> bool:
-    """Wait until one has ended, as it does when its runner has gone; return whether it has."""
+    """Wait until one has ended, as it does when its runner has gone; return whether it has.
+
+    One that has not in time is killed, with all that it has started.
+    """
     process = _agents.pop(runner, None)
     if process is None:
         return True
@@ -54,6 +58,7 @@ async def end_agent(runner: str) -> bool:
         await asyncio.to_thread(process.wait, AGENT_END_TIMEOUT_S)
     except subprocess.TimeoutExpired:
         process.kill()
+        process.wait()  # or it would stay as a process that nobody asks how it ended
         return False
     return True
 
@@ -91,8 +96,11 @@ def on_machines(
         finally:
             there = client.scheduler_info(n_workers=-1)["workers"]
             for name, runner in begun.items():
-                if workers[name] in there:
-                    client.run(end_agent, runner, workers=[workers[name]])
+                if workers[name] not in there:
+                    continue
+                ended = client.run(end_agent, runner, workers=[workers[name]])
+                if not all(ended.values()):
+                    warn(f"{name}: its agent had not ended after {AGENT_END_TIMEOUT_S:g} s\n")
 
 
 @contextmanager

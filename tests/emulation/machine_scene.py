@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -44,6 +45,13 @@ class SecondMachine:
         found = sorted(each for each in listed if "ps -e" not in each and "qmn worker" not in each)
         links = sorted(each["ifname"] for each in json.loads(self.says("ip", "-json", "link")))
         return found, links, self.says("ls", "/run")
+
+    def require_only(self, before: tuple[list[str], list[str], str]) -> None:
+        """Check that soon nothing is there but what was there before."""
+        deadline = time.monotonic() + 10
+        while (now := self.things()) != before and time.monotonic() < deadline:
+            time.sleep(0.02)
+        assert now == before
 
 
 @contextmanager

@@ -14,11 +14,13 @@ from typing import Any
 
 import pytest
 from conftest import ROOT, wait_until
-from machine_scene import ON_SECOND, THERE, SecondMachine, second_machine
+from machine_scene import ON_SECOND, SCHEDULER, THERE, SecondMachine, second_machine
 from test_tls import firsts
 
+from qmn.machines.workers import on_machines
 from topologies.system.confinement.confinement import descendants
 from topologies.system.kernel.interfaces import TUN
+from topologies.system.machines.agent import MODULE as AGENT
 from topologies.system.machines.tunnel import NO_SUCH_KIND, TUNNELS
 from topologies.system.machines.user_space import MAY_NOT
 from wire.config import DISPATCHER_PORT
@@ -216,7 +218,29 @@ def test_a_worker_that_is_killed_ends_the_run_by_name_and_leaves_nothing(
         _said, complaint = run.communicate(timeout=LOST_WITHIN_S)
     assert run.returncode == 1
     assert f"the machine m2 ({THERE}) was lost" in complaint
-    wait_until(lambda: second.things() == before, "nothing is left there", 5)
+    second.require_only(before)
+
+
+@pytest.mark.waits
+def test_an_agent_that_does_not_end_is_named_killed_and_waited_for(
+    second: SecondMachine, caplog: pytest.LogCaptureFixture
+) -> None:
+    before = second.things()
+    with on_machines(2, ["bob=m2"], SCHEDULER, ["alice", "bob"], None, lambda: None) as machines:
+        assert list(machines) == ["bob"]
+        (agent,) = (
+            pid
+            for pid in descendants(second.worker.pid)
+            if arguments(pid)[1:4] == ["-P", "-m", AGENT]
+        )
+        os.kill(agent, signal.SIGSTOP)
+    said = [each.getMessage() for each in caplog.records if each.name == "mininet"]
+    assert said == ["m2: its agent had not ended after 5 s\n"]
+    assert second.things() == before
+
+
+def arguments(pid: int) -> list[str]:
+    return Path(f"/proc/{pid}/cmdline").read_text().split("\0")
 
 
 COMMANDS = """

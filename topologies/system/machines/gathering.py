@@ -135,8 +135,7 @@ class Gathering:
         """Let all agents end."""
         for server in self._servers:
             server.close()
-        for machine in self.found.values():
-            await machine.close()
+        await asyncio.gather(*(machine.close() for machine in self.found.values()))
 
 
 def trust(authority: Path, own: CertificateFiles) -> ssl.SSLContext:

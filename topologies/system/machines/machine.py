@@ -8,6 +8,7 @@ import subprocess
 import time
 from collections.abc import Callable, Coroutine, Sequence
 from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Event
@@ -18,7 +19,12 @@ from mininet.log import warn
 from topologies.system.kernel.user_namespace import without_user_namespaces
 from topologies.system.machines.relays import Relays, Stream
 from topologies.system.processes.programs import NetworkError
-from topologies.timeouts import AGENT_ANSWER_TIMEOUT_S, BEAT_PERIOD_S, LOST_TIMEOUT_S
+from topologies.timeouts import (
+    AGENT_ANSWER_TIMEOUT_S,
+    BEAT_PERIOD_S,
+    CHANNEL_CLOSE_TIMEOUT_S,
+    LOST_TIMEOUT_S,
+)
 from wire.machine_channel import MOST_BODY_BYTES, Header, encode, receive
 from wire.malformed import MalformedPacket
 from wire.packed_folder import MOST_BYTES
@@ -324,5 +330,8 @@ class Machine:
             self._lose("the network has ended")
             for task in self._tasks:
                 task.cancel()
+            self._loop.call_later(CHANNEL_CLOSE_TIMEOUT_S, self._writer.transport.abort)
+            with suppress(OSError):  # it may end as it likes
+                await self._writer.wait_closed()
 
         return end()
