@@ -3,8 +3,6 @@
 from functools import partial
 from operator import itemgetter
 
-from scipy.optimize import brentq
-
 from hosts.middleware.qkd.key_length import binary_entropy, secret_share
 from qmn.labs.lab import Published, PublishedRow
 from qmn.sweeps import theory
@@ -22,6 +20,8 @@ WEAK_AT_40_KM, WEAK = 0.12, 0.05  # photons a pulse
 
 def threshold() -> Estimate:
     """Return the error rate beyond which BB84 has no key."""
+
+    from scipy.optimize import brentq  # takes a second, which few need
 
     def left(qber: float) -> float:
         return secret_share(qber) - binary_entropy(qber)

@@ -11,7 +11,6 @@ from math import e, exp, log, log2, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from hosts.middleware.qkd.key_length import binary_entropy
 
@@ -120,6 +119,8 @@ class Rounds:
 
     def key_bits(self) -> int:
         """Return the longest key; 0 where there is none. Free parameters are searched for."""
+        from scipy.optimize import minimize  # takes a second, which few need
+
         best = np.array(STARTS)
         for _ in range(ROUNDS):
             best = minimize(lambda x: -self._left(x), best, method="Nelder-Mead").x

@@ -10,7 +10,6 @@ from math import log2
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from hosts.middleware.qkd.decoy import TERMS, Decoys, Sifted, bounds
 from hosts.middleware.qkd.key_length import binary_entropy
@@ -49,6 +48,8 @@ def reach(block: float) -> float:
 
 def _best_merits(block: float, length_km: float) -> Iterator[float]:
     """Yield the highest merit that each start leads to."""
+
+    from scipy.optimize import minimize  # takes a second, which few need
 
     def less(x: Floats) -> float:
         return -_merit(block, length_km, x)

@@ -17,7 +17,6 @@ from itertools import pairwise
 
 import networkx
 import numpy as np
-from scipy.stats import nbinom
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import HostPort
@@ -53,6 +52,8 @@ class Pairs:
 
     def window(self, links: int) -> int:
         """Return the fewest slots in which the share of the packets is made."""
+        from scipy.stats import nbinom  # takes a second, which few need
+
         return self.packet + int(nbinom.ppf(self.share, self.packet, self.chance(links)))
 
 

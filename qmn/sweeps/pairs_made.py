@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binom
 
 from dispatcher.laboratory import Laboratory, LaboratoryHost
 from dispatcher.refusal import Refusal
@@ -183,6 +182,8 @@ def _mean(wanted: int, share_: float, passes: float) -> float:
 @cache
 def _binomial(size: int, passes: float) -> list[tuple[int, float]]:
     """Return how many of so many come, and how likely, without what hardly ever happens."""
+    from scipy.stats import binom  # takes a second, which few need
+
     come = enumerate(binom.pmf(np.arange(size + 1), size, passes).tolist())
     return [(k, chance) for k, chance in come if chance > UNLIKELY]
 

@@ -9,7 +9,6 @@ the limit. Keys are endless.
 from math import exp
 
 import numpy as np
-from scipy.optimize import brentq
 
 from hosts.middleware.qkd.decoy import Decoys, Sifted, bounds
 from hosts.middleware.qkd.key_length import binary_entropy
@@ -54,6 +53,8 @@ def key(length_km: float, single: Single) -> float:
 
 def reach(weak: float | None) -> float:
     """Return how many kilometres leave a key; weak None: with endlessly many intensities."""
+
+    from scipy.optimize import brentq  # takes a second, which few need
 
     def left(length_km: float) -> float:
         return key(length_km, endless(length_km) if weak is None else with_decoys(length_km, weak))
