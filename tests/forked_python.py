@@ -101,14 +101,8 @@ class _Server:
 
     def fork(self, request: dict[str, Any], files: list[int]) -> int:
         """Return the process id of a new child of this process."""
-        from topologies.system.processes.forks import adopt_orphans
-
-        adopt_orphans(True)
-        try:
-            socket.send_fds(self._channel, [json.dumps(request).encode()], files)
-            return int(self._channel.recv(64))
-        finally:
-            adopt_orphans(False)
+        socket.send_fds(self._channel, [json.dumps(request).encode()], files)
+        return int(self._channel.recv(64))
 
 
 @functools.cache
@@ -118,26 +112,22 @@ def _server() -> _Server:
 
 def serve(channel: socket.socket) -> dict[str, Any] | None:
     """Fork for each request; return it in the child, and None when there are no more."""
+    from topologies.system.processes.fork_server import fork_sibling  # the path is that of a server
+
     while True:
         data, files, _flags, _address = socket.recv_fds(channel, REQUEST_BYTES, FILES)
         if not data:
             return None
-        reader, writer = os.pipe()
-        parent = os.fork()
-        if not parent:
-            if child := os.fork():
-                os.write(writer, str(child).encode())
-                os._exit(0)
+        child = fork_sibling()
+        if not child:
             for place, file in enumerate(files):
                 os.dup2(file, place)
-            os.closerange(FILES, 1 + max(reader, writer, channel.fileno(), *files))
+            os.closerange(FILES, 1 + max(channel.fileno(), *files))
             request: dict[str, Any] = json.loads(data)
             return request
-        for end in (writer, *files):
-            os.close(end)
-        os.waitpid(parent, 0)  # then the child is one of who asks
-        with open(reader) as told:
-            channel.send(told.read().encode())
+        for file in files:
+            os.close(file)
+        channel.send(str(child).encode())
 
 
 def become(request: dict[str, Any]) -> None:

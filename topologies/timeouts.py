@@ -13,8 +13,6 @@ AGAIN_S = 0.5  # from which on a signal is another one: `timeout` and others sen
 # Programs that are forked
 FORK_TIMEOUT_S = 20.0  # until the fork server has started a program
 FORK_WAITS = 3  # for so long, at most, for a server that is at work
-PARENT_TIMEOUT_S = 5.0  # until the runner is a program's parent
-PARENT_POLL_S = 0.0005  # between two looks who the parent is
 
 # Nodes
 SHELL_TIMEOUT_S = 20.0  # until a node's shell has a prompt

@@ -74,14 +74,16 @@ class LastingForkServer(ForkServer):
 
 
 class Loaded(ForkServer):
-    """The fork servers of these tests, as one; each is started when it is needed first.
+    """The fork servers of these tests, as one.
 
-    One has loaded all but the controller; the others are forks of it, and have loaded that, too.
+    One has loaded all but the controller; the others are forks of it when they are needed first,
+    and have loaded that, too. All they fork off ends with the thread that makes this.
     """
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._starting = folder, Lock()
-        self._base: LastingForkServer | None = None
+        program = LastingProgram("fork-server", folder / "fork-server.log")
+        self._base = LastingForkServer(program, [*MODULES, QMN, ON_FRAMEWORK])
         self._on: dict[str, LastingForkServer] = {}  # by framework
 
     @property
@@ -90,7 +92,7 @@ class Loaded(ForkServer):
         return {server.program.pid for server in self._servers()}
 
     def _servers(self) -> list[LastingForkServer]:
-        return [*self._on.values(), *([self._base] if self._base else [])]
+        return [*self._on.values(), self._base]
 
     def close(self) -> None:
         """Stay, for the next network."""
@@ -121,7 +123,7 @@ class Loaded(ForkServer):
         """Fork off what has loaded a command; with `qmn`, the controller that it will start."""
         module = {"qmn": QMN, "controller_apps": CONTROLLER}.get(command[2])
         if module is None:
-            return self._loaded().fork(asked, files)
+            return self._base.fork(asked, files)
         return self._on_framework(command).fork(asked | {"module": module}, files)
 
     def run(
@@ -168,19 +170,12 @@ class Loaded(ForkServer):
             process = self._fork(command, asked, [*files.values()])
             return Running(process, os.fdopen(ours), stdin)
 
-    def _loaded(self) -> LastingForkServer:
-        with self._starting:  # nodes start at the same time
-            if self._base is None:
-                program = LastingProgram("fork-server", self._folder / "fork-server.log")
-                self._base = LastingForkServer(program, [*MODULES, QMN, ON_FRAMEWORK])
-            return self._base
-
     def _on_framework(self, command: Sequence[str]) -> LastingForkServer:
         """Return what has loaded the framework that a command names, or else takes."""
-        name, base = "os-ken" if "os-ken" in command else "ryu", self._loaded()
-        with self._starting:
+        name = "os-ken" if "os-ken" in command else "ryu"
+        with self._starting:  # nodes start at the same time
             if name not in self._on:
-                program = FurtherProgram(self._folder / f"{name}.log", name, base)
+                program = FurtherProgram(self._folder / f"{name}.log", name, self._base)
                 self._on[name] = LastingForkServer(program, [*MODULES, QMN, CONTROLLER])
             return self._on[name]
 

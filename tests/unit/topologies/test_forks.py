@@ -54,6 +54,27 @@ try:
 finally:
     print("clean-up of", os.getpid())
 """
+# A parent of its own whose child forks siblings: each says who its parent is, and what is random.
+SIBLINGS = """
+import os, random, secrets, ssl
+from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
+from topologies.system.processes.fork_server import fork_sibling
+def draw():
+    key = X25519PrivateKey.generate().private_bytes_raw()
+    return random.random(), secrets.token_hex(), ssl.RAND_bytes(16).hex(), key.hex()
+draw()
+if not os.fork():
+    for _ in range(3):
+        if not fork_sibling():
+            break
+    else:
+        os._exit(0)
+    print(os.getppid(), *draw(), flush=True)
+    os._exit(0)
+for _ in range(4):
+    os.wait()
+print(os.getpid())
+"""
 
 
 @pytest.fixture(scope="module")
@@ -104,6 +125,21 @@ def test_what_is_forked_is_a_child_of_the_runner_in_a_session_of_its_own(
     assert re.search(r"PPid:\t(\d+)", proc(pid, "status"))[1] == str(os.getpid())  # type: ignore[index]
     assert os.getsid(pid) == pid
     assert os.readlink(f"/proc/{pid}/cwd") == str(ROOT)
+
+
+def test_siblings_are_their_parents_own_children_and_share_nothing_random() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", SIBLINGS],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=DEADLINE_S,
+    )
+    *siblings, parent = done.stdout.splitlines()
+    parents, *drawn = zip(*map(str.split, siblings), strict=True)
+    assert parents == (parent,) * 3
+    assert [len({*each}) for each in drawn] == [3] * 4
 
 
 def test_it_is_named_and_marked_and_has_the_environment_of_our_programs(

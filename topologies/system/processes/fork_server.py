@@ -15,14 +15,11 @@ import os
 import signal
 import socket
 import sys
-import time
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NoReturn
-
-from topologies.timeouts import PARENT_POLL_S, PARENT_TIMEOUT_S
 
 REQUEST_BYTES = 1 << 16
 MOST_FILES = 250  # that one message can carry, in Linux
@@ -32,7 +29,11 @@ NAMESPACES = "net", "mnt"
 COMMAND_BEGIN, COMMAND_END = 45, 46  # fields of /proc/PID/stat after the name and the state
 RUNNERS_SIGNALS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP  # that it waits for
 STATE = 1  # number of the first of these fields
+CLONE = {"aarch64": 220, "x86_64": 56}  # number of the system call, by machine
+NO_CALL = -1  # number of none: the kernel says that it is not implemented
+CLONE_PARENT = 1 << 15
 LIBC = ctypes.CDLL(None, use_errno=True)
+PYTHON = ctypes.PyDLL(None, use_errno=True)  # the same, called without that another thread runs
 
 Main = Callable[[], int | None]
 
@@ -101,31 +102,38 @@ def receive(channel: socket.socket) -> tuple[dict[str, Any], list[int]] | None:
 
 
 def fork(programs: dict[str, Main], request: dict[str, Any], files: Sequence[int]) -> int:
-    """Return the process id of a new child of the runner, which runs the program.
-
-    Its grandparent takes it in as soon as its parent has ended: so it has asked the kernel
-    (PR_SET_CHILD_SUBREAPER), and so it can wait for it, as for what it starts itself.
-    """
-    reader, writer = os.pipe()
-    parent = os.fork()
-    if not parent:
-        child = os.fork()
-        if not child:
-            become(request, files)
-            status = programs[request["module"]]()
-            sys.stdout.flush()
-            # All is closed: to take the interpreter apart as well would take longer than to end.
-            os._exit(status or 0)
-        os.write(writer, str(child).encode())
-        os._exit(0)
-    os.close(writer)
-    with open(reader) as told:
-        pid = told.read()
-    os.waitpid(parent, 0)
+    """Return the process id of a new child of the runner, which runs the program."""
+    try:
+        pid = fork_sibling()
+    except OSError as error:
+        sys.exit(f"fork server: it cannot fork: {error.strerror}")
+    if not pid:
+        become(request, files)
+        status = programs[request["module"]]()
+        sys.stdout.flush()
+        # All is closed: to take the interpreter apart as well would take longer than to end.
+        os._exit(status or 0)
     for file in files:
         os.close(file)
-    if not pid:
-        sys.exit("fork server: it cannot fork; the kernel's reason is in its log")
+    return pid
+
+
+def fork_sibling() -> int:
+    """Do what os.fork does, but give a child to the parent of this process, the runner.
+
+    So that can wait for it, as for what it starts itself (CLONE_PARENT in clone(2)). This process
+    must have one thread: the C library's own preparations are passed over, which are for others.
+    """
+    PYTHON.PyOS_BeforeFork()
+    number = CLONE.get(os.uname().machine, NO_CALL)
+    pid = PYTHON.syscall(*map(ctypes.c_long, (number, CLONE_PARENT | signal.SIGCHLD, 0, 0, 0, 0)))
+    error = ctypes.get_errno()
+    if pid:
+        PYTHON.PyOS_AfterFork_Parent()
+    else:
+        PYTHON.PyOS_AfterFork_Child()
+    if pid < 0:
+        raise OSError(error, os.strerror(error))
     return int(pid)
 
 
@@ -141,14 +149,7 @@ def become(request: dict[str, Any], files: Sequence[int]) -> None:
 
 
 def follow_runner(runner: int) -> None:
-    """Wait until the runner is the parent, and ask for a signal when it dies."""
-    deadline = time.monotonic() + PARENT_TIMEOUT_S
-    while os.getppid() != runner:
-        if time.monotonic() > deadline:
-            sys.exit(
-                f"process {runner}, which was to be the parent, is not in {PARENT_TIMEOUT_S} s"
-            )
-        time.sleep(PARENT_POLL_S)
+    """Ask for a signal when the runner, the parent of this process, dies."""
     if LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGTERM):
         raise OSError(ctypes.get_errno(), "prctl(PR_SET_PDEATHSIG)")
     if os.getppid() != runner:

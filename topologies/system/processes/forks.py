@@ -1,6 +1,5 @@
 """The fork server of a run, which starts its Python programs in the time that a fork takes."""
 
-import ctypes
 import json
 import os
 import select
@@ -29,8 +28,6 @@ MODULES = (
 SERVER = "topologies.system.processes.fork_server"
 PADDING = " " * 400  # where the commands of its children will be for `ps` to see
 ANSWER_BYTES = 64
-PR_SET_CHILD_SUBREAPER = 36
-LIBC = ctypes.CDLL(None, use_errno=True)
 
 
 class Forked:
@@ -119,7 +116,6 @@ class ForkServer:
         with self._one_at_a_time:
             if self._fault:
                 raise NetworkError(self._fault)
-            adopt_orphans(True)
             try:
                 socket.send_fds(self._channel, [json.dumps(asked).encode()], files)
                 answer = self._answer()
@@ -130,8 +126,6 @@ class ForkServer:
                 raise NetworkError(self._fault) from error
             except ConnectionError:
                 answer = b""
-            finally:
-                adopt_orphans(False)
         if not answer:
             self._await_end()
             raise NetworkError(f"{self._program.name} died in mid-run: {self._program.end()}")
@@ -211,9 +205,3 @@ def may_fork(modules: Sequence[str]) -> bool:
     imported = all(fork_server.runnable(name) in sys.modules for name in modules)
     alike = os.environ.items() >= ENVIRONMENT.items()
     return (imported or (is_qmn and alike)) and fork_server.threads() == 1
-
-
-def adopt_orphans(yes: bool) -> None:
-    """Let a descendant whose parent ends become a child of this process, or no more."""
-    if LIBC.prctl(PR_SET_CHILD_SUBREAPER, int(yes)):
-        raise OSError(ctypes.get_errno(), "prctl(PR_SET_CHILD_SUBREAPER)")
