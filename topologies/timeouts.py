@@ -24,7 +24,7 @@ IPERF_TIMEOUT_S = 10.0  # until iperf3 listens, and ends beyond the time that wa
 
 # Open vSwitch
 OPENVSWITCH_TIMEOUT_S = 30.0  # until it is there, or gone
-VSCTL_ANSWER_S = 2  # whole ones, until ovs-vsctl says that no database answers
+DATABASE_ANSWER_S = 2.0  # until its database has answered whether it is there
 OPENVSWITCH_COMMAND_TIMEOUT_S = 15.0  # until another command of Open vSwitch has ended
 VSCTL_TIMEOUT_S = 10.0  # until ovs-vsctl has ended
 INTERFACE_S = 0.1  # more, of each interface that it may add or take away: in quiet it takes 0.02 s

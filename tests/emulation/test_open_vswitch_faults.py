@@ -136,24 +136,40 @@ def test_a_daemon_that_a_signal_stops_while_it_is_to_end_ends_in_order(
 
 
 @pytest.mark.usefixtures("no_open_vswitch")
-@pytest.mark.parametrize("asked", ["list-br", "init"])
-def test_a_database_that_ends_while_all_is_to_end_leaves_no_switch_daemon(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, asked: str
+def test_a_database_that_ends_as_it_is_asked_for_bridges_leaves_no_switch_daemon(
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """It is asked for bridges, or by ovs-ctl when it has been started again to end in order."""
+    openvswitch.start("tests")
+    struck, asked = openvswitch.daemons()[openvswitch.DATABASE], openvswitch.bridges
+
+    def bridges() -> list[str]:
+        struck.signal(signal.SIGTERM)
+        wait_until(lambda: not struck.alive, "it has ended")
+        return asked()
+
+    monkeypatch.setattr(openvswitch, "bridges", bridges)
+    openvswitch.stop_if_ours("tests")
+    assert not struck.alive
+    assert not openvswitch.daemons()
+
+
+@pytest.mark.usefixtures("no_open_vswitch")
+def test_a_database_that_ends_as_it_is_started_again_leaves_no_switch_daemon(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is started to end in order, and ends when ovs-ctl asks it first."""
     command, struck = tmp_path / "ovs-vsctl", tmp_path / "struck"
     pid = openvswitch.RUN_FOLDER / f"{openvswitch.DATABASE}.pid"
     command.write_text(
         f"""#!/bin/sh
-        case "$*" in *{asked}*) [ -e {struck} ] || {{ touch {struck}; kill $(cat {pid}); }};; esac
+        case "$*" in *init*) [ -e {struck} ] || {{ touch {struck}; kill $(cat {pid}); }};; esac
         exec {shutil.which("ovs-vsctl")} "$@"
         """
     )
     command.chmod(0o755)
     openvswitch.start("tests")
-    if asked == "init":
-        openvswitch.daemons()[openvswitch.DATABASE].signal(signal.SIGTERM)
-        wait_until(lambda: openvswitch.DATABASE not in openvswitch.daemons(), "it is gone")
+    openvswitch.daemons()[openvswitch.DATABASE].signal(signal.SIGTERM)
+    wait_until(lambda: openvswitch.DATABASE not in openvswitch.daemons(), "it is gone")
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
     openvswitch.stop_if_ours("tests")
     assert struck.exists()
@@ -513,7 +529,7 @@ def test_a_run_with_certificates_ends_well_with_an_open_vswitch_of_its_own(tmp_p
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_runs_of_bridges_are_told_by_one_command() -> None:
+def test_runs_of_bridges_are_told_by_one_question() -> None:
     add("s7", "s8")
     openvswitch.vsctl("set", "bridge", "s8", f"{openvswitch.OWNER}=1-2-abc")
     try:

@@ -6,6 +6,7 @@ start another network than the one that was described.
 
 import inspect
 from collections.abc import Iterable, Iterator
+from functools import cache
 
 from wire.parameters.checks import remedy
 from wire.parameters.physics import BadParameter
@@ -37,8 +38,12 @@ def _is_mininets(kind: type) -> bool:
 def _taken(kinds: Iterable[type]) -> Iterator[str]:
     """Yield the keywords that classes name in their own signatures."""
     for each in kinds:
-        for function in ("__init__", "config"):
-            method = vars(each).get(function)
-            if inspect.isfunction(method):
-                parameters = [*inspect.signature(method).parameters.values()][1:]
-                yield from (one.name for one in parameters if one.kind in NAMED)
+        yield from _taken_by(each)
+
+
+@cache
+def _taken_by(kind: type) -> list[str]:
+    methods = (vars(kind).get(name) for name in ("__init__", "config"))
+    signatures = [inspect.signature(each) for each in methods if inspect.isfunction(each)]
+    named = [one for each in signatures for one in [*each.parameters.values()][1:]]
+    return [one.name for one in named if one.kind in NAMED]

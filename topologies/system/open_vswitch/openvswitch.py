@@ -1,6 +1,5 @@
 """Open vSwitch on this machine: is it running, which datapath has it, who started it."""
 
-import json
 import os
 import re
 import shutil
@@ -9,25 +8,29 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from topologies.system.kernel import interfaces, packet_sockets
+from topologies.system.open_vswitch import database
+from topologies.system.open_vswitch.database import UNREACHABLE
 from topologies.system.processes import owners
 from topologies.system.processes.commands import run
 from topologies.system.processes.owners import RUNTIME_ROOT, Owner
 from topologies.system.processes.programs import NetworkError, callers_environment
 from topologies.timeouts import (
+    DATABASE_ANSWER_S,
     INTERFACE_S,
     LAST_WORDS_TIMEOUT_S,
     OPENVSWITCH_COMMAND_TIMEOUT_S,
     OPENVSWITCH_TIMEOUT_S,
     POLL_S,
-    VSCTL_ANSWER_S,
     VSCTL_GRACE_S,
     VSCTL_TIMEOUT_S,
 )
 
 CONTROL = "/usr/share/openvswitch/scripts/ovs-ctl"
 RUN_FOLDER = Path("/var/run/openvswitch")
+SOCKET = "db.sock"  # of the database, in there
 LOG_FOLDER = Path("/var/log/openvswitch")
 DATABASE, SWITCH_DAEMON = "ovsdb-server", "ovs-vswitchd"
 DAEMONS = (DATABASE, SWITCH_DAEMON)
@@ -37,7 +40,6 @@ STARTER = "QMN_STARTED_OPEN_VSWITCH"  # in the environment of daemons: the run t
 # In user space it asks for a piece of memory for each port, and gives it back, whenever anything
 # happens: half of its time with a thousand ports, unless the C library keeps them at hand.
 FAST_MEMORY = {"GLIBC_TUNABLES": "glibc.malloc.tcache_count=60000"}
-UNREACHABLE = "database connection failed"  # as ovs-vsctl says it
 NO_WAIT = "--no-wait"  # for the switch daemon: what is only asked for is in the database
 OWNER_KEY = "qmn"
 OWNER = f"external_ids:{OWNER_KEY}"  # which run has made a bridge
@@ -47,16 +49,32 @@ RESTART = "restart Open vSwitch, as by `systemctl restart openvswitch-switch`"
 
 def vsctl(*arguments: str) -> str:
     """Run ovs-vsctl; raise NetworkError with its words, or those of a daemon, if it fails."""
+    with _waited_for(*arguments) as (limit_s, check):
+        return run(
+            *("ovs-vsctl", f"--timeout={limit_s:.0f}", *arguments),
+            timeout_s=limit_s + VSCTL_GRACE_S,
+            check=check,
+        )
+
+
+def _selected(table: str, *columns: str) -> list[dict[str, Any]]:
+    """Return rows of the database; raise NetworkError as vsctl does."""
+    with _waited_for(NO_WAIT) as (limit_s, check):
+        return database.select(RUN_FOLDER / SOCKET, table, [*columns], limit_s, check)
+
+
+@contextmanager
+def _waited_for(*arguments: str) -> Iterator[tuple[float, Callable[[], None]]]:
+    """Give how long to wait for what ovs-vsctl does for these arguments, and a check meanwhile.
+
+    If that fails, raise NetworkError with the words of a daemon that is the reason.
+    """
     limit_s = VSCTL_TIMEOUT_S + INTERFACE_S * len(interfaces.all_here())
     # The switch daemon may end beside a command that does not need it.
     needed = (DATABASE,) if NO_WAIT in arguments else DAEMONS
     watched = {name: daemon for name, daemon in daemons().items() if name in needed}
     try:
-        return run(
-            *("ovs-vsctl", f"--timeout={limit_s:.0f}", *arguments),
-            timeout_s=limit_s + VSCTL_GRACE_S,
-            check=lambda: _require_useful(watched, arguments),
-        )
+        yield limit_s, lambda: _require_useful(watched, arguments)
     except NetworkError as error:
         require_alive(watched)
         found = daemons()
@@ -128,14 +146,11 @@ def running() -> bool:
 
 
 def _database_answers() -> bool:
+    if shutil.which("ovs-vsctl") is None:
+        raise NetworkError("Open vSwitch is not installed; run `make setup`")
     try:
-        run(
-            *("ovs-vsctl", f"--timeout={VSCTL_ANSWER_S}", NO_WAIT, "show"),
-            timeout_s=OPENVSWITCH_COMMAND_TIMEOUT_S,
-        )
+        database.ask(RUN_FOLDER / SOCKET, "echo", [], DATABASE_ANSWER_S)
     except NetworkError:
-        if shutil.which("ovs-vsctl") is None:
-            raise NetworkError("Open vSwitch is not installed; run `make setup`") from None
         return False
     return True
 
@@ -390,7 +405,7 @@ def _mark_of(daemon: Owner) -> str:
 
 def bridges() -> list[str]:
     """Return the names of all bridges, ours or not."""
-    return vsctl(NO_WAIT, "list-br").split()
+    return [*runs_of_bridges()]
 
 
 def owner_of(bridge: str) -> str:
@@ -399,10 +414,15 @@ def owner_of(bridge: str) -> str:
 
 
 def runs_of_bridges() -> dict[str, str]:
-    """Return the run that made each bridge, by one command; "" for what none of ours made."""
-    said = vsctl(NO_WAIT, "--format=json", "--columns=name,external_ids", "list", "Bridge")
-    rows = json.loads(said)["data"] if said.strip() else []
-    return {name: dict(ids[1]).get(OWNER_KEY, "") for name, ids in rows}
+    """Return the run that made each bridge, by one question; "" for what none of ours made."""
+    rows = _selected("Bridge", "name", "external_ids")
+    return {row["name"]: _owner_in(row) for row in rows}
+
+
+def _owner_in(row: Mapping[str, Any]) -> str:
+    """Return which run has made what a row of the database is about, "" if none of ours did."""
+    _map, pairs = row["external_ids"]
+    return str(dict(pairs).get(OWNER_KEY, ""))
 
 
 def add(bridge: str, owner: str, controller: str) -> None:
@@ -436,9 +456,7 @@ def forget_certificate(is_ours: Callable[[str], bool]) -> None:
 
 def _certified_for() -> str | None:
     """Return which run has set the certificate, "" if none of ours has, None if there is none."""
-    if not vsctl(NO_WAIT, "--bare", "--columns=_uuid", "list", "SSL").strip():
-        return None
-    return vsctl(NO_WAIT, "--if-exists", "get", "SSL", ".", OWNER).strip('"\n ')
+    return next(map(_owner_in, _selected("SSL", "external_ids")), None)
 
 
 def management(bridge: str) -> Path:

@@ -9,6 +9,7 @@ import re
 import signal
 import time
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -148,5 +149,6 @@ def _namespace() -> str:
     return os.readlink(PROC / "self" / "ns" / "pid")
 
 
+@cache
 def _boot() -> str:
     return BOOT_ID.read_text()[:8]
