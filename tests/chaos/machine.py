@@ -101,11 +101,18 @@ def monitors() -> dict[str, int]:
     }
 
 
+def dumps_core(pid: int) -> bool:
+    """Whether a process has crashed and still writes its memory to the disk."""
+    with suppress(OSError):
+        return "CoreDumping:\t1" in Path(f"/proc/{pid}/status").read_text()
+    return False
+
+
 def start_open_vswitch() -> None:
     """Start both daemons, or the one that is missing; let one go on that was stopped.
 
     Where the monitor of one that has crashed starts it just now, ovs-ctl fails. One that is just
-    ending, as it writes its memory to the disk, it takes for one that runs.
+    ending it takes for one that runs.
     """
     deadline = time.monotonic() + COMMAND_TIMEOUT_S
     while True:
@@ -121,6 +128,8 @@ def start_open_vswitch() -> None:
         else:
             started = daemons()
             time.sleep(ENDING_S)
+            if any(map(dumps_core, started.values())):
+                continue
             if len(started) == len(DAEMONS) and daemons() == started:
                 return
 

@@ -23,7 +23,7 @@ from topologies.system.open_vswitch import openvswitch
 from topologies.system.processes.owners import from_words
 from topologies.system.processes.programs import NetworkError, Program
 from topologies.system.runs.runtime import RUNTIME_ROOT
-from topologies.timeouts import OPENVSWITCH_TIMEOUT_S
+from topologies.timeouts import OPENVSWITCH_TIMEOUT_S, VSCTL_TIMEOUT_S
 
 SAID_IN_S = 20  # with clean-up; the wait ends much sooner
 
@@ -99,6 +99,24 @@ def test_a_daemon_that_a_signal_has_stopped_is_named(tmp_path: Path, daemon: str
         output = process.finish(40)
     assert process.returncode == 1
     assert f"qmn: {daemon} does not answer: a signal has stopped it (SIGSTOP)" in output
+
+
+@pytest.mark.parametrize("daemon", openvswitch.DAEMONS)
+def test_nobody_waits_long_for_a_daemon_that_a_signal_has_stopped(daemon: str) -> None:
+    words = rf"^{daemon} does not answer: a signal has stopped it"
+    stopped, began = openvswitch.daemons()[daemon], time.monotonic()
+    stopped.signal(signal.SIGSTOP)
+    try:
+        if daemon == openvswitch.DATABASE:
+            with pytest.raises(NetworkError, match=words):
+                openvswitch.bridges()
+        with pytest.raises(NetworkError, match=words):
+            openvswitch.vsctl("add-br", "s7")
+    finally:
+        took_s = time.monotonic() - began
+        stopped.signal(signal.SIGCONT)
+        openvswitch.vsctl("--if-exists", "del-br", "s7")
+    assert took_s < VSCTL_TIMEOUT_S
 
 
 @pytest.mark.usefixtures("no_open_vswitch")

@@ -24,6 +24,7 @@ from topologies.timeouts import (
     OPENVSWITCH_COMMAND_TIMEOUT_S,
     OPENVSWITCH_TIMEOUT_S,
     POLL_S,
+    STOPPED_DAEMON_S,
     VSCTL_GRACE_S,
     VSCTL_TIMEOUT_S,
 )
@@ -73,8 +74,19 @@ def _waited_for(*arguments: str) -> Iterator[tuple[float, Callable[[], None]]]:
     # The switch daemon may end beside a command that does not need it.
     needed = (DATABASE,) if NO_WAIT in arguments else DAEMONS
     watched = {name: daemon for name, daemon in daemons().items() if name in needed}
+    stopped: dict[str, float] = {}  # since when
+
+    def check() -> None:
+        _require_useful(watched, arguments)
+        now = time.monotonic()
+        for name, daemon in watched.items():
+            if not daemon.stopped:
+                stopped.pop(name, None)
+            elif now - stopped.setdefault(name, now) > STOPPED_DAEMON_S:
+                raise NetworkError(f"{name} {_silence(watched, name)}")
+
     try:
-        yield limit_s, lambda: _require_useful(watched, arguments)
+        yield limit_s, check
     except NetworkError as error:
         require_alive(watched)
         found = daemons()
