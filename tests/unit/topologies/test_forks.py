@@ -69,7 +69,8 @@ if not os.fork():
             break
     else:
         os._exit(0)
-    print(os.getppid(), *draw(), flush=True)
+    line = " ".join(map(str, [os.getppid(), *draw()]))
+    os.write(1, f"{line}\\n".encode())  # at once: all write into one pipe
     os._exit(0)
 for _ in range(4):
     os.wait()
