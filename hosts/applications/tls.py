@@ -27,6 +27,8 @@ MTU = 1400
 LENGTH = struct.Struct("!H")
 CIPHER, CIPHER_NUMBER = "TLS_AES_256_GCM_SHA384", b"\x13\x02"
 INTEGER, OCTETS, SEQUENCE = 0x02, 0x04, 0x30  # tags of DER
+TIMEOUT = 0xA2  # another, of OpenSSL's field [2]
+LASTS_S = 86_400  # that a key waits for the other end
 TLS_1_3 = b"\x03\x04"
 ARMOUR = "-----{} SSL SESSION PARAMETERS-----\n"
 ASKING = LENGTH.pack(0)
@@ -153,10 +155,12 @@ def session(key: bytes) -> str:
     """Return an SSL_SESSION with a preshared key, in PEM, as OpenSSL's -psk_session reads it.
 
     In a file, nobody sees it among the arguments of programs. Its parts are those of OpenSSL's
-    i2d_SSL_SESSION: format 1, version of TLS, cipher suite, no session ID, the key.
+    i2d_SSL_SESSION: format 1, version of TLS, cipher suite, no session ID, the key, and how long it
+    is good for from when it is read: OpenSSL takes 3 s for one that does not say so.
     """
     parts = [(INTEGER, b"\x01"), (INTEGER, TLS_1_3), (OCTETS, CIPHER_NUMBER), (OCTETS, b"")]
-    body = _der(SEQUENCE, b"".join(_der(*part) for part in [*parts, (OCTETS, key)]))
+    parts += [(OCTETS, key), (TIMEOUT, _der(INTEGER, LASTS_S.to_bytes(3, "big")))]
+    body = _der(SEQUENCE, b"".join(_der(*part) for part in parts))
     text = base64.b64encode(body).decode()
     return f"{ARMOUR.format('BEGIN')}{text}\n{ARMOUR.format('END')}"
 

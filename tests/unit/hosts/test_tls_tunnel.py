@@ -2,14 +2,16 @@
 
 import io
 import subprocess
+import time
 from pathlib import Path
 from uuid import UUID
 
 import pytest
 
-from hosts.applications.tls import LENGTH, Tls, read_frame, session
+from hosts.applications.tls import LENGTH, PORT, Tls, read_frame, session
 
 KEY = bytes(range(32))
+LISTENS = f"0100007F:{PORT:04X} 00000000:0000 0A"  # on the loopback, as the kernel writes it
 
 
 def test_openssl_reads_the_key_out_of_the_file(tmp_path: Path) -> None:
@@ -20,6 +22,35 @@ def test_openssl_reads_the_key_out_of_the_file(tmp_path: Path) -> None:
     assert f"Resumption PSK: {KEY.hex().upper()}" in said
     assert "TLSv1.3" in said
     assert "TLS_AES_256_GCM_SHA384" in said
+
+
+def test_a_key_is_good_for_who_comes_late(tmp_path: Path) -> None:
+    """OpenSSL by itself takes none that it has read more than 3 s before."""
+    file = tmp_path / "key.pem"
+    file.write_text(session(KEY))
+    pipe, local = subprocess.PIPE, ("127.0.0.1", "127.0.0.1")
+    serving, asking = (
+        Tls("tls0", str(file), local, ("192.168.77.1", "192.168.77.2"), 24, begins)._command(
+            UUID(int=5)
+        )
+        for begins in (False, True)
+    )
+    with subprocess.Popen(serving, stdin=pipe, stdout=pipe) as server:
+        try:
+            deadline = time.monotonic() + 20
+            while LISTENS not in Path("/proc/net/tcp").read_text():
+                assert time.monotonic() < deadline, "OpenSSL does not listen"
+                time.sleep(0.02)
+            time.sleep(3.5)
+            with subprocess.Popen(asking, stdin=pipe, stdout=pipe) as client:
+                assert client.stdin is not None
+                assert server.stdout is not None
+                client.stdin.write(b"late\n")
+                client.stdin.flush()
+                assert server.stdout.read(5) == b"late\n"
+                client.kill()
+        finally:
+            server.kill()
 
 
 @pytest.mark.parametrize("begins", [True, False])
