@@ -18,7 +18,7 @@ from typing import IO
 from uuid import UUID
 
 from hosts.ip_over_light.tun import Tun
-from hosts.timeouts import COMMAND_TIMEOUT_S
+from hosts.timeouts import COMMAND_TIMEOUT_S, TLS_KEY_S
 from wire.ip_packet import decode
 from wire.malformed import MalformedPacket
 
@@ -28,7 +28,6 @@ LENGTH = struct.Struct("!H")
 CIPHER, CIPHER_NUMBER = "TLS_AES_256_GCM_SHA384", b"\x13\x02"
 INTEGER, OCTETS, SEQUENCE = 0x02, 0x04, 0x30  # tags of DER
 TIMEOUT = 0xA2  # another, of OpenSSL's field [2]
-LASTS_S = 86_400  # that a key waits for the other end
 TLS_1_3 = b"\x03\x04"
 ARMOUR = "-----{} SSL SESSION PARAMETERS-----\n"
 ASKING = LENGTH.pack(0)
@@ -159,7 +158,7 @@ def session(key: bytes) -> str:
     is good for from when it is read: OpenSSL takes 3 s for one that does not say so.
     """
     parts = [(INTEGER, b"\x01"), (INTEGER, TLS_1_3), (OCTETS, CIPHER_NUMBER), (OCTETS, b"")]
-    parts += [(OCTETS, key), (TIMEOUT, _der(INTEGER, LASTS_S.to_bytes(3, "big")))]
+    parts += [(OCTETS, key), (TIMEOUT, _der(INTEGER, TLS_KEY_S.to_bytes(3, "big")))]
     body = _der(SEQUENCE, b"".join(_der(*part) for part in parts))
     text = base64.b64encode(body).decode()
     return f"{ARMOUR.format('BEGIN')}{text}\n{ARMOUR.format('END')}"
