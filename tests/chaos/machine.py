@@ -128,10 +128,11 @@ def start_open_vswitch() -> None:
         else:
             started = daemons()
             time.sleep(ENDING_S)
-            if any(map(dumps_core, started.values())):
-                continue
-            if len(started) == len(DAEMONS) and daemons() == started:
+            stays = daemons() == started and not any(map(dumps_core, started.values()))
+            if stays and len(started) == len(DAEMONS):
                 return
+            if time.monotonic() > deadline:
+                raise RuntimeError(f"of Open vSwitch only {[*started]} stay")
 
 
 def stop_open_vswitch() -> None:

@@ -48,7 +48,7 @@ class SecondMachine:
 
     def require_only(self, before: tuple[list[str], list[str], str]) -> None:
         """Check that soon nothing is there but what was there before."""
-        deadline = time.monotonic() + 10
+        deadline = time.monotonic() + 5
         while (now := self.things()) != before and time.monotonic() < deadline:
             time.sleep(0.02)
         assert now == before

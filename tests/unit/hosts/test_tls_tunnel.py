@@ -4,6 +4,7 @@ import io
 import subprocess
 import time
 from pathlib import Path
+from select import select
 from uuid import UUID
 
 import pytest
@@ -47,6 +48,7 @@ def test_a_key_is_good_for_who_comes_late(tmp_path: Path) -> None:
                 assert server.stdout is not None
                 client.stdin.write(b"late\n")
                 client.stdin.flush()
+                assert select([server.stdout], [], [], 20)[0], "nothing comes, nor the end"
                 assert server.stdout.read(5) == b"late\n"
                 client.kill()
         finally:

@@ -23,7 +23,9 @@ def select(
 ) -> list[dict[str, Any]]:
     """Return these columns of all rows of a table, as RFC 7047 writes them (section 5.1)."""
     chosen = {"op": "select", "table": table, "where": [], "columns": columns}
-    (answer,) = ask(path, "transact", [NAME, chosen], timeout_s, check)
+    answer, *_ = ask(path, "transact", [NAME, chosen], timeout_s, check)
+    if "rows" not in answer:
+        raise NetworkError(f"{path}: {table} cannot be read: {answer}")
     rows: list[dict[str, Any]] = answer["rows"]
     return rows
 
