@@ -9,13 +9,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from topologies.system.processes import forks
-from topologies.system.processes.forks import ForkServer
+from topologies.system.processes.forks import Forked, ForkServer
 from topologies.system.processes.owners import marked, this_process
 from topologies.system.processes.programs import ENVIRONMENT, ROOT, NetworkError, Program, python
 
@@ -200,6 +201,20 @@ def test_one_that_is_killed_is_said_to_be(dispatcher: Program) -> None:
     os.kill(pid_of(dispatcher), signal.SIGKILL)
     wait_until(lambda: not dispatcher.running, "it has ended")
     assert dispatcher.end() == "killed by SIGKILL"
+
+
+def test_how_one_ended_is_told_to_all_threads_that_ask() -> None:
+    """The kernel tells it once (waitpid(2))."""
+
+    def told(child: Forked) -> int:
+        while (status := child.poll()) is None:
+            pass
+        return status
+
+    with ThreadPoolExecutor(4) as pool:
+        for _attempt in range(50):
+            pid = os.posix_spawn("/bin/sh", ["sh", "-c", "exit 3"], {})
+            assert [*pool.map(told, [Forked(pid)] * 4)] == [3] * 4
 
 
 @pytest.mark.parametrize(

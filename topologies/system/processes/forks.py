@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
-from threading import Lock
+from threading import Lock, RLock
 from typing import Any
 
 from topologies.system.processes import fork_server
@@ -36,19 +36,22 @@ class Forked:
     def __init__(self, pid: int) -> None:
         self.pid = pid
         self._status: int | None = None
+        self._one_at_a_time = RLock()  # the kernel tells a status once
 
     def poll(self) -> int | None:
         """Return the exit status, None while it runs."""
-        if self._status is None:
-            ended, status = os.waitpid(self.pid, os.WNOHANG)
-            self._status = os.waitstatus_to_exitcode(status) if ended else None
-        return self._status
+        with self._one_at_a_time:
+            if self._status is None:
+                ended, status = os.waitpid(self.pid, os.WNOHANG)
+                self._status = os.waitstatus_to_exitcode(status) if ended else None
+            return self._status
 
     def wait(self, timeout: float) -> int:
         """Wait until it has ended; raise subprocess.TimeoutExpired if it has not by then."""
-        if (status := self.poll()) is not None:
-            return status
-        end, poll = os.pidfd_open(self.pid), select.poll()
+        with self._one_at_a_time:
+            if (status := self.poll()) is not None:
+                return status
+            end, poll = os.pidfd_open(self.pid), select.poll()
         poll.register(end, select.POLLIN)
         try:
             poll.poll(1e3 * timeout)
@@ -60,8 +63,9 @@ class Forked:
 
     def send_signal(self, number: int) -> None:
         """Send it a signal, unless it has ended: then nobody else can have its id yet."""
-        if self.poll() is None:
-            os.kill(self.pid, number)
+        with self._one_at_a_time:
+            if self.poll() is None:
+                os.kill(self.pid, number)
 
     def kill(self) -> None:
         """End it at once."""
