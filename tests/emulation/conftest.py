@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from fabric_scene import light_paths, running
+from limits import SOON_S
 from loaded import forks, run_qmn, serving
 
 from topologies.networks.network import Network
@@ -51,7 +52,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items += busy
 
 
-def wait_until(condition: Callable[[], object], what: str, timeout_s: float = 10.0) -> None:
+def wait_until(condition: Callable[[], object], what: str, timeout_s: float = SOON_S) -> None:
     """Wait for a condition; fail naming it when the deadline passes."""
     deadline = time.monotonic() + timeout_s
     while not condition():
@@ -187,7 +188,7 @@ def typed(page: str, number: int, run: Path) -> str:
         capture_output=True,
         text=True,
         check=True,
-        timeout=60,
+        timeout=SOON_S,
     )
     assert "Traceback" not in done.stderr, done.stderr
     return done.stdout

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from limits import SOON_S
 from loaded import forks
 from scapy.contrib.lldp import (
     LLDPDUChassisID,
@@ -30,7 +31,7 @@ from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Handshake, Service
 
 CLASSICAL, QUANTUM = "cat-s1", "cat-q1"
-DEADLINE_S = 15.0
+DEADLINE_S = 30.0
 HOSTS = {"alice": "10.0.0.1", "bob": "10.0.0.2", "charlie": "10.0.0.3"}
 FIBERS = ["alice-q0", "bob-q0", "bob-q1", "charlie-q0", "charlie-q1"]
 MACS = {"alice": "02:00:00:00:00:01", "bob": "02:00:00:00:00:02"}
@@ -38,7 +39,9 @@ SESSION = session_number(HOSTS["alice"], 1)
 
 
 def run(*command: str) -> str:
-    return subprocess.run(command, check=True, capture_output=True, text=True, timeout=30).stdout
+    return subprocess.run(
+        command, check=True, capture_output=True, text=True, timeout=SOON_S
+    ).stdout
 
 
 def wait_for(what: str, condition: Callable[[], object]) -> None:

@@ -1,11 +1,13 @@
 """Copper beside fibres: ports of veth on bridges, and a bridge that is plain Open vSwitch."""
 
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from agent_scene import BRIDGE, Controller, run
 
 PLAIN = f"{BRIDGE}p"
+PATIENCE_MS = 300_000
 
 
 @contextmanager
@@ -18,11 +20,23 @@ def plain_open_vswitch() -> Iterator[Controller]:
         run("ovs-vsctl", "set-controller", PLAIN, f"tcp:127.0.0.1:{controller.port}")
         controller.accept()
         controller.agree()
+        have_patience(BRIDGE, PLAIN)
         yield controller
     finally:
         controller.socket.close()
         controller.listener.close()
         run("ovs-vsctl", "--if-exists", "del-br", PLAIN)
+
+
+def have_patience(*bridges: str) -> None:
+    """Let bridges not leave a controller that is silent, as a test is until it is its turn.
+
+    Open vSwitch would after 10 s. It takes the setting for a connection that there is already.
+    """
+    asked = [f"-- get Bridge {bridge} controller" for bridge in bridges]
+    rows = re.findall(r"[0-9a-f-]{36}", run("ovs-vsctl", *" ".join(asked).split()))
+    told = [f"-- set Controller {row} inactivity_probe={PATIENCE_MS}" for row in rows]
+    run("ovs-vsctl", *" ".join(told).split())
 
 
 @contextmanager

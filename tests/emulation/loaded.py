@@ -14,6 +14,8 @@ from tempfile import TemporaryFile
 from threading import Lock, Thread
 from typing import IO, Any
 
+from limits import PROGRAM_S
+
 from topologies.system.processes.forks import MODULES, Forked, ForkServer, request
 from topologies.system.processes.programs import ENVIRONMENT, ROOT, Program, python
 
@@ -251,7 +253,7 @@ def running_qmn(
 
 
 def run_qmn(
-    *words: str, cwd: Path = ROOT, commands: str = "", timeout_s: float = 100.0
+    *words: str, cwd: Path = ROOT, commands: str = "", timeout_s: float = PROGRAM_S
 ) -> subprocess.CompletedProcess[str]:
     """Run `qmn` to its end, with such lines to read; return what it printed, and its status."""
     return forks().run(words, cwd, commands, timeout_s)

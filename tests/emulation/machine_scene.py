@@ -16,6 +16,7 @@ from pathlib import Path
 
 from conftest import ROOT, wait_until
 from distributed import LocalCluster
+from limits import SOON_S
 
 from qmn.sweeps.cluster import HTTP_ADDRESS
 from topologies.system.confinement.apart import OWN_NAMESPACES, inside
@@ -37,7 +38,9 @@ class SecondMachine:
     def says(self, *command: str) -> str:
         """Return what a command says there."""
         enter = ["nsenter", f"--target={self.keeper}", "--all", *command]
-        return subprocess.run(enter, capture_output=True, text=True, check=True, timeout=10).stdout
+        return subprocess.run(
+            enter, capture_output=True, text=True, check=True, timeout=SOON_S
+        ).stdout
 
     def things(self) -> tuple[list[str], list[str], str]:
         """Return its processes but the worker, its interfaces, and what is in /run."""
@@ -66,7 +69,7 @@ def second_machine(folder: Path) -> Iterator[SecondMachine]:
         ip(f"addr add {HERE}/24 dev under1", "link set under1 up")
         ip(f"link set under2 netns {keeper}")
         for words in (f"addr add {THERE}/24 dev under2", "link set under2 up"):
-            subprocess.run([*enter, "ip", *words.split()], check=True, timeout=10)
+            subprocess.run([*enter, "ip", *words.split()], check=True, timeout=SOON_S)
         log = folder / "worker.log"
         try:
             with (
@@ -88,7 +91,7 @@ def second_machine(folder: Path) -> Iterator[SecondMachine]:
                 ) as worker,
             ):
                 try:
-                    wait_until(lambda: "ready" in log.read_text(), f"ready: {log}", 40)
+                    wait_until(lambda: "ready" in log.read_text(), f"ready: {log}")
                     yield SecondMachine(keeper, worker)
                 finally:
                     for pid in descendants(worker.pid):
@@ -100,4 +103,4 @@ def second_machine(folder: Path) -> Iterator[SecondMachine]:
 
 def ip(*commands: str) -> None:
     for words in commands:
-        subprocess.run(["ip", *words.split()], check=True, timeout=10)
+        subprocess.run(["ip", *words.split()], check=True, timeout=SOON_S)

@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 from conftest import ROOT, wait_until
+from limits import PROGRAM_S
 from machine_scene import ON_SECOND, SCHEDULER, THERE, SecondMachine, second_machine
 from test_results_fit_schema import require_schema
 from test_run_vpn import lines_of
@@ -36,7 +37,7 @@ def second(tmp_path: Path) -> Iterator[SecondMachine]:
         machine.require_only(before)
 
 
-def qmn(*words: str, timeout_s: float = 100.0) -> subprocess.CompletedProcess[str]:
+def qmn(*words: str, timeout_s: float = PROGRAM_S) -> subprocess.CompletedProcess[str]:
     """Run a process of its own, which connects to Dask's scheduler, to its end."""
     command = [sys.executable, "-m", "qmn", *words]
     return subprocess.run(
@@ -44,7 +45,7 @@ def qmn(*words: str, timeout_s: float = 100.0) -> subprocess.CompletedProcess[st
     )
 
 
-def run(runs: Path, *words: str, timeout_s: float = 100.0) -> dict[str, Any]:
+def run(runs: Path, *words: str, timeout_s: float = PROGRAM_S) -> dict[str, Any]:
     """Run to the end; return the result."""
     done = qmn(*words, "--no-report", "--runs", str(runs), timeout_s=timeout_s)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -105,7 +106,7 @@ def test_both_ends_of_a_key_link_between_machines_deliver_the_same_key_once(
         def filled() -> bool:
             return bool(curl("bob", "sae-alice/status").get("stored_key_count", 0) >= 8)
 
-        wait_until(filled, "keys", 30)
+        wait_until(filled, "keys")
         got = curl("alice", "sae-bob/enc_keys?size=512")
         path = f"sae-alice/dec_keys?key_ID={got['keys'][0]['key_ID']}"
         assert curl("bob", path) == got
@@ -133,7 +134,7 @@ def test_a_tunnel_between_machines_closes_while_eve_listens_and_the_file_arrives
     words += ["--key-lifetime", "2", "--eve", "0.6", "--at", "2", "--until", "8", "--no-events"]
     words += ["--machines", "2", "--scheduler", SCHEDULER]
     words += [word for place in places for word in ("--place", place)]
-    result = run(tmp_path / "runs", *words, timeout_s=120)
+    result = run(tmp_path / "runs", *words, timeout_s=PROGRAM_S)
     folder = tmp_path / "runs" / "latest"
     assert (folder / "received").read_bytes() == file.read_bytes()
     told = result["job"]["asking"]
@@ -299,7 +300,7 @@ def test_a_worker_that_is_killed_ends_the_job_by_name_and_leaves_nothing(
     log = tmp_path / "runs" / "latest" / f"{program}.log"
     command, pipe = [sys.executable, "-m", "qmn", *told], subprocess.PIPE
     with subprocess.Popen(command, cwd=ROOT, stdout=pipe, stderr=pipe, text=True) as process:
-        wait_until(lambda: log.exists() and said in log.read_text(), f"{program} at work", 60)
+        wait_until(lambda: log.exists() and said in log.read_text(), f"{program} at work")
         os.kill(next(descendants(second.worker.pid)), signal.SIGKILL)
         _said, complaint = process.communicate(timeout=LOST_WITHIN_S)
     assert process.returncode == 1

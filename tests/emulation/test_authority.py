@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from conftest import wait_until
 from fabric_scene import running, session
+from limits import SOON_S
 from scapy.layers.inet import TCP
 from scapy.packet import Packet
 from scapy.utils import rdpcap
@@ -235,7 +236,7 @@ def pose(network: Network, dpid: int, user: int) -> str:
     command = ["mnexec", "-a", str(c0.pid), sys.executable, "-c", IMPOSTOR]
     words = [str(network.runtime.settings.openflow_port), f"{dpid:x}", str(user)]
     done = subprocess.run(
-        [*command, *words], capture_output=True, text=True, check=False, timeout=30
+        [*command, *words], capture_output=True, text=True, check=False, timeout=SOON_S
     )
     return done.stdout + done.stderr
 

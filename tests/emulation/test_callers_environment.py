@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
+from limits import SOON_S
 
 from qmn.results.run_folder import give_tree
 
@@ -23,7 +24,13 @@ OF_A_PROGRAM = 'py open(f"/proc/{network.runtime.programs[0].pid}/environ").read
 def called(*words: str, said: str = "") -> str:
     """Return what bin/qmn says, in the environment of the caller and no other."""
     done = subprocess.run(
-        [QMN, *words], input=said, env=CALLER, cwd="/", capture_output=True, text=True, timeout=60
+        [QMN, *words],
+        input=said,
+        env=CALLER,
+        cwd="/",
+        capture_output=True,
+        text=True,
+        timeout=SOON_S,
     )
     assert done.returncode == 0, done.stderr
     return done.stdout

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from conftest import ROOT, interfaces, our_processes, qmn_command, wait_until
+from limits import SOON_S
 
 from topologies.networks.network import Network
 from topologies.system.kernel.interfaces import delete
@@ -22,7 +23,7 @@ FOREIGN = "foreign0"
 def verb(*words: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "qmn", *words]
     return subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=60
+        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=SOON_S
     )
 
 
@@ -53,7 +54,7 @@ def test_what_a_killed_run_leaves_is_found_and_removed(tmp_path: Path) -> None:
     others = our_processes()
     options = ["--file", str(file), "--handshake", "per-pair"]
     with subprocess.Popen([*qmn_command(tmp_path), *options], stdout=subprocess.DEVNULL) as run:
-        wait_until(lambda: list(tmp_path.glob("*/c0.pcap")), "captures", 30)
+        wait_until(lambda: list(tmp_path.glob("*/c0.pcap")), "captures")
         run.kill()
     wait_until(lambda: our_processes() == others, "the end of its programs")
     (listed,) = json.loads(verb("runs", "--runs", str(tmp_path), "--json").stdout)

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT, verb, wait_until
+from limits import PROGRAM_S
 from loaded import run_qmn
 from test_metrics_of_a_run import counted, metrics
 from test_timeline_of_a_run import fields
@@ -25,13 +26,12 @@ from topologies.chain import ChainTopo
 from wire.controller_lines import read_record
 from wire.outcomes import Pauli
 
-TIMEOUT_S = 90
 KEYBOARD_S = 15
 
 
 def cli(script: str, *options: str, runs: Path) -> subprocess.CompletedProcess[str]:
     """Run a script to its end."""
-    return run_qmn("cli", *options, "--runs", str(runs), commands=script, timeout_s=TIMEOUT_S)
+    return run_qmn("cli", *options, "--runs", str(runs), commands=script, timeout_s=PROGRAM_S)
 
 
 def test_every_verb_works_from_a_script(tmp_path: Path) -> None:
@@ -215,7 +215,7 @@ def test_the_script_of_the_documentation_runs(tmp_path: Path) -> None:
         capture_output=True,
         text=True,
         check=False,
-        timeout=TIMEOUT_S,
+        timeout=PROGRAM_S,
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert "b'hello'" in done.stdout

@@ -24,6 +24,7 @@ from controller_scene import (
     two_bridges,
     wait_for,
 )
+from limits import SOON_S
 from scapy.layers.inet import TCP
 
 from wire.metadata.setup import SETUP_LENGTH
@@ -98,7 +99,7 @@ def test_a_taken_port_is_one_clear_line(controller: Controller, tmp_path: Path) 
         [sys.executable, "-m", "controller_apps", "--config", str(tmp_path / "config.json")],
         capture_output=True,
         text=True,
-        timeout=30,
+        timeout=SOON_S,
         check=False,
     )
     assert second.returncode == 1

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from conftest import wait_until
 from fabric_scene import Session, facts, light_paths, running, session
+from limits import SOON_S
 from loaded import forks
 
 from hosts.quantum_socket import QuantumSocketError
@@ -24,7 +25,7 @@ BOTH = pytest.mark.parametrize("framework", ["ryu", "os-ken"])
 RYU = pytest.mark.parametrize("framework", ["ryu"])
 DATA = hashlib.shake_256(b"light").digest(3 << 20)  # some seconds of light
 LESS = DATA[: 1 << 14]
-SOON_S = 15.0  # hosts are asked as soon as they are heard, every second
+ASKED_S = 15.0  # hosts are asked as soon as they are heard, every second
 
 
 def start_again(network: Network) -> None:
@@ -52,7 +53,7 @@ def kill(network: Network) -> None:
 def bypasses(network: Network) -> list[str]:
     """Return the cookies of the entries that let connections pass s1."""
     command = ["ovs-ofctl", "-O", "OpenFlow14", "dump-flows", "s1", "table=1"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=30)
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=SOON_S)
     return re.findall(r"cookie=0x([0-9a-f]+).*priority=300,", done.stdout)
 
 
@@ -198,8 +199,8 @@ def test_a_session_that_ends_unseen_is_over_when_its_hosts_are_asked(
             assert opened.carry(LESS) == LESS
             kill(network)
         start_again(network)
-        wait_until(lambda: not light_paths("q1"), "the paths are closed", SOON_S)
-        wait_until(lambda: facts(network, "torn_down"), "the end is recorded", SOON_S)
+        wait_until(lambda: not light_paths("q1"), "the paths are closed", ASKED_S)
+        wait_until(lambda: facts(network, "torn_down"), "the end is recorded", ASKED_S)
         (over,) = facts(network, "torn_down")
         assert over["detail"] == "ended while no controller was there"
         wait_until(lambda: not bypasses(network) and not kept(network), "nothing is left of it")

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import pytest
 from agent_scene import (
     BRIDGE,
     DATAPATH,
@@ -175,7 +174,6 @@ def described(entry: Any) -> str:
     return f"{kept} {entry.match} {entry.instructions}"
 
 
-@pytest.mark.timeout(300)
 def test_copper_is_answered_as_open_vswitch_does(tmp_path: Path) -> None:
     with (
         running_switch(tmp_path) as switch,

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from conftest import ROOT, wait_until
 from fabric_scene import running
+from limits import SOON_S
 from loaded import run_qmn
 
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
@@ -29,7 +30,7 @@ def either(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Network]:
 
 def qmn(*words: str) -> subprocess.CompletedProcess[str]:
     """Run the command to its end."""
-    return run_qmn(*words, timeout_s=30)
+    return run_qmn(*words, timeout_s=SOON_S)
 
 
 def devices() -> dict[str, Any]:

@@ -7,13 +7,12 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 from documentation import blocks, commands, shell, without_numbers
-
-TIMEOUT_S = 110
+from limits import PROGRAM_S
 
 
 def bash(text: str, cwd: Path, typed: str = "") -> str:
     """Type text to a shell in a folder where `qmn` is on the PATH; return what it printed."""
-    done = shell(text, cwd, typed, TIMEOUT_S)
+    done = shell(text, cwd, typed, PROGRAM_S)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 

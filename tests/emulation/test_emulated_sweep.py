@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from conftest import ROOT, wait_until
 from distributed import LocalCluster
+from limits import PROGRAM_S
 
 from qmn.sweeps.cluster import HTTP_ADDRESS
 
@@ -21,7 +22,7 @@ def sweep(out: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """Run the command to its end."""
     command = [*COMMAND, "--out", str(out), *words]
     return subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=110
+        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=PROGRAM_S
     )
 
 
@@ -91,7 +92,7 @@ def test_nothing_is_left_of_networks_whose_sweep_is_killed(tmp_path: Path) -> No
     command = [*COMMAND, "--out", str(tmp_path), "--depolarizing", "0:0.002:9", "--workers", "2"]
     runs = tmp_path / "runs"
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL) as process:
-        wait_until(lambda: len([*runs.glob("*/dispatcher.log")]) >= 2, "two networks", 60)
+        wait_until(lambda: len([*runs.glob("*/dispatcher.log")]) >= 2, "two networks")
         process.kill()
     # That no program of theirs is left, nor starts another, is what each test here is held to.
 
@@ -103,7 +104,7 @@ def test_fidelity_falls_with_the_measured_latency_of_the_two_bits_as_theory_says
     words = ("--classical-mbps", "0.2,20", "--memory-t1-s", str(t1_s), "--memory-t2-s", str(t2_s))
     command = [*COMMAND[:4], "teleport", "--emulate", *words, "--out", str(tmp_path)]
     done = subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=110
+        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=PROGRAM_S
     )
     assert done.returncode == 0, done.stderr
     assert "further from theory" not in done.stdout

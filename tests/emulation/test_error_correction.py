@@ -6,6 +6,7 @@ from typing import Any
 
 from conftest import qmn, wait_until
 from fabric_scene import running
+from limits import SOON_S
 from loaded import run_qmn
 
 from hosts.quantum_socket import QuantumSocket
@@ -28,7 +29,7 @@ class LinearTopo(SdcTopo):
 
 def change(*words: str) -> str:
     """Run `qmn set`; return what it prints."""
-    done = run_qmn("set", *words, timeout_s=30)
+    done = run_qmn("set", *words, timeout_s=SOON_S)
     return done.stdout + done.stderr
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from conftest import ROOT, qmn_command, wait_until
+from limits import SOON_S
 
 from dispatcher.layer.history import WATCHED_PHOTONS
 from topologies.system.runs.runtime import RUNTIME_ROOT
@@ -36,7 +37,7 @@ def photons_of(events: Iterable[dict[str, Any]]) -> dict[Happening, list[int]]:
 def spied(*arguments: str) -> list[dict[str, Any]]:
     """Return the events of a run that was."""
     done = subprocess.run(
-        [*SPY, *arguments], cwd=ROOT, capture_output=True, text=True, check=True, timeout=60
+        [*SPY, *arguments], cwd=ROOT, capture_output=True, text=True, check=True, timeout=SOON_S
     )
     return [json.loads(line) for line in done.stdout.splitlines()]
 
@@ -46,11 +47,11 @@ def test_a_run_and_a_spy_tell_of_as_many_single_photons_as_were_asked_for(tmp_pa
     command = [*qmn_command(tmp_path), *MESSAGE, *PACE, "--per-qubit", str(WRITTEN_PHOTONS)]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, cwd=ROOT, stdout=pipe, stderr=pipe, text=True) as run:
-        wait_until(lambda: list(RUNTIME_ROOT.glob("*/dispatcher.sock")), "a dispatcher", 30)
+        wait_until(lambda: list(RUNTIME_ROOT.glob("*/dispatcher.sock")), "a dispatcher")
         watch = [*SPY, "--per-qubit", "--node", "bob"]
         with subprocess.Popen(watch, cwd=ROOT, stdout=pipe, stderr=pipe, text=True) as spy:
-            output, problem = run.communicate(timeout=60)
-            lines, said = spy.communicate(timeout=30)
+            output, problem = run.communicate(timeout=SOON_S)
+            lines, said = spy.communicate(timeout=SOON_S)
     assert run.returncode == 0, output + problem
     assert spy.returncode == 0, said
     assert said.endswith(" 0 dropped\n")

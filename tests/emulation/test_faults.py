@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT, our_processes, qmn, qmn_command, qmn_words, wait_until
+from limits import SOON_S
 from loaded import Running, running_qmn
 
 from qmn.timeouts import START_TIMEOUT_S
@@ -262,7 +263,7 @@ def test_an_ordinary_user_is_told_to_use_sudo(tmp_path: Path) -> None:
         capture_output=True,
         text=True,
         check=False,
-        timeout=30,
+        timeout=SOON_S,
     )
     assert done.returncode == 1
     assert "needs root" in done.stderr

@@ -5,6 +5,8 @@ import socket
 import subprocess
 import sys
 
+from limits import SOON_S
+
 from topologies.system.kernel.packet_sockets import close, packet_sockets, taken
 
 HOLDS_THREE = """
@@ -24,7 +26,7 @@ def test_packet_sockets_of_a_process_outlive_it_until_they_are_closed() -> None:
     assert holder.stdout.readline() == b"ready\n"
     assert len(packet_sockets(holder.pid)) == 3
     mine = taken(holder.pid)
-    holder.communicate(b"\n", timeout=30)
+    holder.communicate(b"\n", timeout=SOON_S)
     assert len(mine) == 3
     for descriptor in mine:
         with socket.socket(fileno=os.dup(descriptor)) as held:

@@ -72,10 +72,11 @@ def copper(network: Network, host: str) -> list[Packet]:
 
 
 def test_hosts_ping_each_other_by_light_alone(network: Network) -> None:
-    pattern = f"-p {MARK.hex()} -s 64"
-    assert "3 received" in pinged(network, "alice", f"-c 3 -i 0.2 {pattern} 10.1.0.2")
-    # The light of both directions: three ways there, and one more back.
-    assert len(light_paths("q1")) == 4
+    words = f"ping -W 30 -c 20 -i 0.2 -p {MARK.hex()} -s 64 10.1.0.2".split()
+    with network.host("alice").popen(words, text=True) as ping:
+        # The light of both directions: three ways there, and one more back.
+        wait_until(lambda: len(light_paths("q1")) == 4, "light there and back")
+        assert "20 received" in ping.communicate()[0]
     run(network, "alice", "ping -c 1 -p 636f70706572 -s 64 10.0.0.2")
 
     def seen() -> bytes:

@@ -14,7 +14,7 @@ from topologies.system.processes.programs import python
 def test_an_assigned_key_survives_a_restart_of_the_key_manager(tmp_path: Path) -> None:
     with running(SdcTopo, tmp_path) as network:
         scene = Scene(network, start_key_managers(network, KeyService([("alice", "bob")], LINK)))
-        wait_until(lambda: scene.stored() >= LOW, "keys of alice and bob", 20.0)
+        wait_until(lambda: scene.stored() >= LOW, "keys of alice and bob")
         _status, got = scene.curl("alice", "sae-bob/enc_keys?number=2")
         first, second = got["keys"]
         path = "sae-alice/dec_keys?key_ID="

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from conftest import nothing_left, wait_until
 from fabric_scene import running
+from limits import SOON_S
 from scapy.utils import rdpcap
 
 from qmn.results.timeline import merge
@@ -88,7 +89,7 @@ def _scene(tmp_path_factory: pytest.TempPathFactory, _open_vswitch: None) -> Ite
 @pytest.fixture
 def scene(_scene: Scene) -> Scene:
     """Give the network of the module, its stores filled."""
-    wait_until(lambda: _scene.stored() >= LOW, "keys of alice and bob", 20.0)
+    wait_until(lambda: _scene.stored() >= LOW, "keys of alice and bob")
     _scene.network.check()
     return _scene
 
@@ -180,11 +181,15 @@ def test_wireshark_reads_what_managers_say_by_the_runs_key_logs(scene: Scene) ->
         words = ["-d", f"tls.port=={KEY_DELIVERY_PORT},http", "-Y", "http", "-T", "fields"]
         words += ["-e", "http.request.method", "-e", "http.file_data", "-e", "json.value.string"]
         done = subprocess.run(
-            ["tshark", "-r", merged, *words], capture_output=True, text=True, check=True, timeout=60
+            ["tshark", "-r", merged, *words],
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=SOON_S,
         )
         return done.stdout
 
-    wait_until(lambda: key["key_ID"] in read(), "the assignment is read", 20.0)
+    wait_until(lambda: key["key_ID"] in read(), "the assignment is read")
     assert key["key"] not in read()
 
 
@@ -230,4 +235,4 @@ def test_stores_are_filled_again_to_the_mark(scene: Scene) -> None:
     count = scene.stored() - LOW + 1
     status, _got = scene.curl("alice", f"sae-bob/enc_keys?number={count}")
     assert status == 200
-    wait_until(lambda: scene.stored() >= HIGH, "the store is filled to its high mark", 20.0)
+    wait_until(lambda: scene.stored() >= HIGH, "the store is filled to its high mark")

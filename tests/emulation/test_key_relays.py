@@ -59,7 +59,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory, _open_vswitch: None) -> Iter
         network.capture("s1")
         start_key_managers(network, KeyService(PAIRS, LINK))
         made = Scene(network, policy)
-        wait_until(lambda: made.ready() >= 4, "keys of both links", 30.0)
+        wait_until(lambda: made.ready() >= 4, "keys of both links")
         yield made
 
 

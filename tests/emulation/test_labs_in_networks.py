@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from conftest import ROOT, wait_until
+from limits import PROGRAM_S, SOON_S
 
 from qmn.labs import catalogue
 
@@ -75,7 +76,7 @@ def labs(names: list[str], out: Path, *words: str) -> "subprocess.Popen[str]":
 def test_labs_go_on_behind_one_that_fails_and_resume_does_what_is_left(tmp_path: Path) -> None:
     runs = {"one": ["a", "bad", "b"], "two": ["c"], "three": ["d"]}
     names, out = labs_of_scripts(tmp_path, runs, wrong="three"), tmp_path / "out"
-    said, why = (done := labs(names, out)).communicate(timeout=100)
+    said, why = (done := labs(names, out)).communicate(timeout=PROGRAM_S)
     assert done.returncode == 1
     assert "lab 2 of 3, 2 of 5 runs left" in said
     assert f"{names[0]} failed: bad: there is no go" in why
@@ -83,7 +84,7 @@ def test_labs_go_on_behind_one_that_fails_and_resume_does_what_is_left(tmp_path:
     assert why.endswith("qmn: the same command with --resume goes on where this one ended\n")
     assert (tmp_path / "done").read_text() == "a bad c d "
     (tmp_path / "go").touch()
-    said, why = (done := labs(names[:2], out, "--resume")).communicate(timeout=100)
+    said, why = (done := labs(names[:2], out, "--resume")).communicate(timeout=PROGRAM_S)
     assert (done.returncode, why) == (0, "")
     assert "lab 1 of 2, 2 of 4 runs left" in said
     assert (tmp_path / "done").read_text() == "a bad c d bad b "
@@ -92,7 +93,7 @@ def test_labs_go_on_behind_one_that_fails_and_resume_does_what_is_left(tmp_path:
     assert (facts["agrees"], list(facts["runs"])) == (True, ["a", "bad", "b"])
     # Another seed begins anew, and so does whoever does not ask for the old.
     for words in (["--resume", "--seed", "2"], []):
-        labs(names[1:2], out, *words).communicate(timeout=100)
+        labs(names[1:2], out, *words).communicate(timeout=PROGRAM_S)
     assert (tmp_path / "done").read_text() == "a bad c d bad b c c "
 
 
@@ -106,13 +107,13 @@ def facts_of(out: Path, name: str) -> dict[str, Any]:
 def test_labs_that_were_interrupted_go_on(tmp_path: Path, number: int) -> None:
     names, out = labs_of_scripts(tmp_path, {"one": ["a", "slow", "b"]}), tmp_path / "out"
     done, doing = tmp_path / "done", labs(names, out)
-    wait_until(lambda: done.exists() and done.read_text() == "a slow ", "the second run", 60.0)
+    wait_until(lambda: done.exists() and done.read_text() == "a slow ", "the second run")
     doing.send_signal(number)
-    _said, why = doing.communicate(timeout=60)
+    _said, why = doing.communicate(timeout=SOON_S)
     assert doing.returncode == 128 + number
     assert why.endswith("the same command with --resume goes on where this one ended\n")
     (tmp_path / "go").touch()
-    _said, why = (doing := labs(names, out, "--resume")).communicate(timeout=100)
+    _said, why = (doing := labs(names, out, "--resume")).communicate(timeout=PROGRAM_S)
     assert (doing.returncode, why) == (0, "")
     assert done.read_text() == "a slow slow b "
 
@@ -121,7 +122,7 @@ def lab(name: str, out: Path) -> subprocess.CompletedProcess[str]:
     """Do a lab to its end."""
     command = [sys.executable, "-m", "qmn", "lab", name, "--out", str(out)]
     return subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=110
+        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=PROGRAM_S
     )
 
 
@@ -162,7 +163,7 @@ def test_classical_light_in_the_photons_band_spoils_what_is_teleported(tmp_path:
         capture_output=True,
         text=True,
         check=False,
-        timeout=110,
+        timeout=PROGRAM_S,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     told = json.loads((tmp_path / "latest" / "result.json").read_text())["job"]["asking"]

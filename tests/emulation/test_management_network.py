@@ -42,7 +42,7 @@ def test_a_quantum_switch_that_is_cut_off_gets_no_paths_until_it_is_back() -> No
         with pytest.raises(TransferError, match="quantum switch"):
             network.send("alice", "bob", b"two")
         network.net.configLinkStatus("c0", "q1", "up")
-        wait_until(lambda: arrives(network, b"three"), "light over q1 again", 40)
+        wait_until(lambda: arrives(network, b"three"), "light over q1 again")
 
 
 def arrives(network: QuantumNetwork, data: bytes) -> bool:
@@ -63,7 +63,7 @@ def test_paths_wait_for_the_way_to_the_controller_and_back(tmp_path: Path) -> No
 def test_a_session_opens_over_a_lossy_way_to_the_controller() -> None:
     """A tenth of the packets is lost, either way; TCP sends them again."""
     with start("sdc", control_loss=0.1) as network:
-        wait_until(lambda: arrives(network, b"hello"), "a session", 60)
+        wait_until(lambda: arrives(network, b"hello"), "a session")
 
 
 @pytest.mark.parametrize("copper_km", [0.0, 20.0])

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from conftest import wait_until
 from fabric_scene import running
+from limits import SOON_S
 from mininet.node import Node
 
 from topologies.networks import leftovers
@@ -72,7 +73,7 @@ def test_a_program_has_what_is_below_the_limit(dave: Node) -> None:
 
 def test_a_program_is_refused_more(dave: Node) -> None:
     program = take(dave, 2 * MIB)
-    output, _ = program.communicate(timeout=30)
+    output, _ = program.communicate(timeout=SOON_S)
     assert program.returncode == 1
     assert output.splitlines()[-1] == "MemoryError"
 
@@ -94,7 +95,7 @@ def test_several_together_do_not_take_more(dave: Node) -> None:
     def killed() -> bool:
         return any(program.poll() == -9 for program in programs)
 
-    wait_until(killed, "one is killed", 60)
+    wait_until(killed, "one is killed")
     for program in programs:
         end(program)
 

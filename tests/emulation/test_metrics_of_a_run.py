@@ -34,7 +34,7 @@ def test_a_run_tells_its_metrics_while_it_lasts(tmp_path: Path, controller: str)
     words += ["--loss-db-per-km", "10", "--depolarizing", "0.004"]
     with running_qmn(*qmn_words(tmp_path), *words, end_s=60) as run:
         targets = tmp_path / "latest" / "prometheus.json"
-        wait_until(targets.exists, "targets for Prometheus", 30)
+        wait_until(targets.exists, "targets for Prometheus")
         wait_until(lambda: "program" in targets.read_text(), "whole targets")
         found = {
             target["labels"]["program"]: f"http://{target['targets'][0]}/metrics"

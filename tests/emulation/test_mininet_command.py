@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
+from limits import PROGRAM_S, SOON_S
 
 
 def mn(*arguments: str, commands: str = "", file: str = "topologies/sdc", topo: str = "sdc") -> str:
@@ -21,7 +22,7 @@ def mn(*arguments: str, commands: str = "", file: str = "topologies/sdc", topo: 
         stderr=subprocess.STDOUT,
         text=True,
         check=True,
-        timeout=90,
+        timeout=PROGRAM_S,
     )
     return done.stdout
 
@@ -112,7 +113,7 @@ def test_a_command_that_sets_a_node_up_has_a_deadline(tmp_path: Path) -> None:
         capture_output=True,
         text=True,
         check=True,
-        timeout=30,
+        timeout=SOON_S,
     )
     assert done.stdout == "dave did not end 'sleep 60' in 1 s\n"
 

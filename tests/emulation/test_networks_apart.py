@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT, qmn, wait_until
+from limits import SOON_S
 
 from topologies.networks.network import Network
 
@@ -39,14 +40,14 @@ def test_a_network_runs_beside_another_and_can_be_looked_at_and_ended(
 
     def says(*words: str) -> subprocess.CompletedProcess[str]:
         enter = [QMN, "apart", "--of", str(process.pid), *words]
-        return subprocess.run(enter, capture_output=True, text=True, check=False, timeout=30)
+        return subprocess.run(enter, capture_output=True, text=True, check=False, timeout=SOON_S)
 
     try:
-        wait_until(lambda: "q3" in says("devices").stdout, "its third switch is seen", 60)
+        wait_until(lambda: "q3" in says("devices").stdout, "its third switch is seen")
         assert (
             "q3"
             not in subprocess.run(
-                [QMN, "devices"], capture_output=True, text=True, check=True, timeout=30
+                [QMN, "devices"], capture_output=True, text=True, check=True, timeout=SOON_S
             ).stdout
         )
         process.send_signal(signal.SIGTERM)

@@ -6,9 +6,9 @@ import nbclient
 import nbformat
 import pytest
 from conftest import ROOT, nothing_left
+from limits import PROGRAM_S
 
 FOLDER = ROOT / "examples" / "notebooks"
-DEADLINE_S = 120
 
 
 @pytest.mark.parametrize("name", sorted(file.stem for file in FOLDER.glob("*.ipynb")))
@@ -22,7 +22,7 @@ def test_a_notebook_runs_to_its_end(
     assert not any(cell.get("outputs") for cell in notebook.cells)  # as it is kept
     client = nbclient.NotebookClient(
         notebook,
-        timeout=DEADLINE_S,
+        timeout=PROGRAM_S,
         kernel_name="python3",
         resources={"metadata": {"path": str(tmp_path)}},
     )

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 from conftest import ROOT, interfaces, our_processes, qmn, verb, wait_until
 from fabric_scene import running
+from limits import SOON_S
 from mininet.node import Controller
 from test_faults import long_run, read_until, run_to_kill
 
@@ -436,7 +437,7 @@ def test_a_bridge_that_cannot_be_made_is_told_with_the_remedy(tmp_path: Path) ->
         capture_output=True,
         text=True,
         check=False,
-        timeout=60,
+        timeout=SOON_S,
     )
     assert done.returncode == 1
     assert (

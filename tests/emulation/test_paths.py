@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from conftest import wait_until
+from limits import SOON_S
 
 from hosts.quantum_socket import QuantumSocket
 from topologies.networks.network import Network
@@ -74,7 +75,7 @@ def test_metadata_is_punted_and_every_bridge_is_secure(shared_network: Network) 
 def ofctl(*words: str) -> "subprocess.CompletedProcess[str]":
     """Run ovs-ofctl as a user of the network does."""
     command = ["ovs-ofctl", "-O", "OpenFlow14", *words]
-    return subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+    return subprocess.run(command, capture_output=True, text=True, timeout=SOON_S, check=False)
 
 
 @pytest.mark.usefixtures("shared_network")

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 from json_schema import problems
+from limits import PROGRAM_S
 from loaded import run_qmn
 
 from qmn.scripting.network import start
@@ -30,7 +31,7 @@ def require_schema(folder: Path) -> None:
 def test_a_run_of_any_kind_leaves_a_result_that_fits(
     tmp_path: Path, words: tuple[str, ...]
 ) -> None:
-    run_qmn("run", *words, "--runs", str(tmp_path), timeout_s=100)
+    run_qmn("run", *words, "--runs", str(tmp_path), timeout_s=PROGRAM_S)
     require_schema(tmp_path / "latest")
 
 

@@ -64,7 +64,7 @@ def test_a_relay_that_nobody_trusts_fills_the_stores_of_both_ends_alike(tmp_path
         mine = KeyStore(folders["alice"] / "bob", CAPACITY)
         theirs = KeyStore(folders["bob"] / "alice", CAPACITY)
         for store in (mine, theirs):
-            wait_until(lambda: min(store.mine, store.theirs) >= 8, "keys", 30.0)  # noqa: B023
+            wait_until(lambda: min(store.mine, store.theirs) >= 8, "keys")  # noqa: B023
         out = mine.take_oldest(4)
         assert theirs.take_all([each.key_id for each in out]) == [each.key for each in out]
         relay = Path(network.runtime.key_folder("charlie"))
@@ -81,7 +81,7 @@ def test_several_pairs_keep_keys_and_sessions_come_back_after_a_cut(tmp_path: Pa
             mine = KeyStore(Path(network.runtime.key_folder(one)) / other, CAPACITY)
             theirs = KeyStore(Path(network.runtime.key_folder(other)) / one, CAPACITY)
             for count in ("mine", "theirs"):
-                wait_until(lambda: getattr(mine, count) >= 8, f"{one}, {other}: {count}", 30.0)  # noqa: B023
+                wait_until(lambda: getattr(mine, count) >= 8, f"{one}, {other}: {count}")  # noqa: B023
             assert (mine.mine, mine.theirs) == (theirs.theirs, theirs.mine)
         network.net.configLinkStatus("alice", "q1", "down")
         store = KeyStore(Path(network.runtime.key_folder("alice")) / "bob", CAPACITY)
@@ -90,10 +90,10 @@ def test_several_pairs_keep_keys_and_sessions_come_back_after_a_cut(tmp_path: Pa
         def failed() -> bool:
             return any("cut" in each.get("text", "") for each in said.new())
 
-        wait_until(failed, "a session fails for the cut", 20.0)
+        wait_until(failed, "a session fails for the cut")
         assert store.mine == 0
         network.net.configLinkStatus("alice", "q1", "up")
-        wait_until(lambda: store.mine >= 8, "alice has keys again", 30.0)
+        wait_until(lambda: store.mine >= 8, "alice has keys again")
 
 
 def test_hosts_of_the_command_line_find_their_keys_with_certificates_that_were_given(

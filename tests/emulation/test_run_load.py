@@ -9,6 +9,7 @@ from pathlib import Path
 import networkx
 import pytest
 from conftest import ROOT
+from limits import PROGRAM_S
 from loaded import run_qmn
 
 from qmn.live.event_sources import recorded
@@ -43,7 +44,7 @@ def test_light_is_handed_out_in_slots_and_none_is_given_too_late(tmp_path: Path)
     words = ["run", "load", "--topology", f"{ROOT}/docs/traffic/trunk.py:Trunk", "--source", "own"]
     words += ["--traffic", "trace", "--file", str(trace), "--policy", str(policy), "--no-capture"]
     words += ["--from", SIDES[0], "--to", SIDES[1], "--time-scale", "12"]  # quick software
-    done = run_qmn(*words, "--runs", str(tmp_path), timeout_s=110)
+    done = run_qmn(*words, "--runs", str(tmp_path), timeout_s=PROGRAM_S)
     assert done.returncode == 0, done.stdout + done.stderr
     load = json.loads((tmp_path / "latest" / "result.json").read_text())["job"]["load"]
     assert (load["offered"], load["forgotten"], load["blocked"]) == (6, 0, {})
@@ -83,7 +84,7 @@ def test_light_of_any_service_goes_by_the_shortest_ways_of_the_map(
     words = ["run", "load", "--map", "abilene", "--hosts-at", "kscyng,dnvrng,sttlng,snvang"]
     words += ["--service", service, "--count", f"{count}", "--traffic", "trace", "--no-capture"]
     words += ["--file", str(trace), *([] if back else ["--line", f"{len(hosts)}"])]
-    done = run_qmn(*words, "--runs", str(tmp_path), timeout_s=110)
+    done = run_qmn(*words, "--runs", str(tmp_path), timeout_s=PROGRAM_S)
     assert done.returncode == 0, done.stdout + done.stderr
     result = json.loads((tmp_path / "latest" / "result.json").read_text())
     load = result["job"]["load"]
@@ -114,7 +115,7 @@ def test_two_fibres_are_busy_as_often_as_erlang_says(tmp_path: Path) -> None:
     words = ["run", "load", "--topology", f"{ROOT}/docs/traffic/trunk.py:Trunk", "--seed", "1"]
     words += ["--from", SIDES[0], "--to", SIDES[1], "--source", "own", "--idle", "--no-capture"]
     words += ["--sessions", f"{SESSIONS}", "--rate-per-s", "12", "--holding-s", "0.15"]
-    done = run_qmn(*words, "--runs", str(tmp_path), timeout_s=110)
+    done = run_qmn(*words, "--runs", str(tmp_path), timeout_s=PROGRAM_S)
     assert done.returncode == 0, done.stdout + done.stderr
     result = json.loads((tmp_path / "latest" / "result.json").read_text())
     load = result["job"]["load"]

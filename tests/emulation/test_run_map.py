@@ -6,6 +6,7 @@ from math import sqrt
 from pathlib import Path
 
 import networkx
+from limits import PROGRAM_S
 from loaded import run_qmn
 
 LOSS_DB_PER_KM, DEPOLARIZING, COUNT = 0.001, 0.004, 20_000
@@ -24,7 +25,7 @@ def test_seattle_and_washington_teleport_as_the_lengths_of_the_map_say(tmp_path:
     words = ["run", "teleport", "--map", "abilene", "--hosts-at", ",".join(ENDS), "--seed", "1"]
     words += ["--from", "sttlng", "--to", "washng", "--count", f"{COUNT}", "--no-capture"]
     words += ["--loss-db-per-km", f"{LOSS_DB_PER_KM}", "--depolarizing", f"{DEPOLARIZING}"]
-    done = run_qmn(*words, "--runs", str(tmp_path), timeout_s=110)
+    done = run_qmn(*words, "--runs", str(tmp_path), timeout_s=PROGRAM_S)
     assert done.returncode == 0, done.stdout + done.stderr
     result = json.loads((tmp_path / "latest" / "result.json").read_text())
     graph = abilene()

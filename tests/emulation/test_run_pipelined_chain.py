@@ -21,7 +21,6 @@ ALONE_S, SAMPLE_S = 35 * HOP_S, 10 * HOP_S
 
 
 @pytest.mark.waits
-@pytest.mark.timeout(240)
 @pytest.mark.parametrize(
     ("capacity", "scale", "least_per_s", "most_per_s"),
     [

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from conftest import ROOT, qmn, qmn_command, verb
+from limits import PROGRAM_S, SOON_S
 from scapy.layers.inet import IP, TCP
 from scapy.utils import PcapReader, rdpcap
 
@@ -121,7 +122,7 @@ def test_qmn_by_itself_forks_off_programs_that_say_in_their_logs_what_they_do(
     tmp_path: Path,
 ) -> None:
     environment = {**os.environ, **ENVIRONMENT}  # as bin/qmn has it
-    subprocess.run(qmn_command(tmp_path), cwd=ROOT, env=environment, check=True, timeout=100)
+    subprocess.run(qmn_command(tmp_path), cwd=ROOT, env=environment, check=True, timeout=PROGRAM_S)
     run = tmp_path / "latest"
     assert "INFO serving on" in (run / "dispatcher.log").read_text()
     assert "INFO bridge and controller" in (run / "q1-agent.log").read_text()
@@ -244,7 +245,7 @@ def test_files_that_become_too_long_end_and_the_run_goes_on(tmp_path: Path) -> N
     for name in ended[:-1]:
         assert (folder / name).stat().st_size >= 1e-05 * 2**30
         subprocess.run(
-            ["tcpdump", "-r", folder / name], check=True, capture_output=True, timeout=60
+            ["tcpdump", "-r", folder / name], check=True, capture_output=True, timeout=SOON_S
         )
     assert re.match(
         r"identical: \d+ events of \d+ requests\nthe record ends there",

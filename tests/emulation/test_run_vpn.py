@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 from conftest import TSHARK, wait_until
 from fabric_scene import running
+from limits import PROGRAM_S
 from loaded import run_qmn, running_qmn
 from scapy.layers.inet import TCP, UDP
 from scapy.utils import PcapReader
@@ -122,7 +123,7 @@ def test_the_tunnel_closes_while_eve_listens_and_the_file_arrives(
     ]
     # A session and the pause before it, seconds of a busy machine, have to fit into her stay.
     words += ["--eve", "0.6", "--at", "2", "--until", "8", "--time-scale", str(scale)]
-    done = run_qmn("run", "vpn", *words, timeout_s=110)
+    done = run_qmn("run", "vpn", *words, timeout_s=PROGRAM_S)
     assert done.returncode == 0, done.stdout + done.stderr
     assert ("timers on the wall clock: WireGuard's" in done.stdout) == (scale != 1)
     folder = tmp_path / "runs" / "latest"
@@ -223,7 +224,7 @@ def tunnelled(tmp_path: Path, program: str) -> Iterator[Network]:
         start_key_managers(network, KeyService(pairs, link))
         tunnel = start_tunnel(network, ("alice", "bob"), 500.0, 600.0, program)
         log = tunnel.programs[0].log
-        wait_until(lambda: '"handshake"' in log.read_text(), "the first handshake", 30.0)
+        wait_until(lambda: '"handshake"' in log.read_text(), "the first handshake")
         yield network
 
 
@@ -276,7 +277,7 @@ def test_without_the_same_psk_tls_gives_up(tmp_path: Path) -> None:
             ):
                 command = [sys.executable, str(script), *words]
                 ends.append(network.run_on(host, f"{host}-{answer}", command))
-                wait_until(partial(more_listening, network, "bob", before), "bob's server", 30)
+                wait_until(partial(more_listening, network, "bob", before), "bob's server")
             ends[1].wait_for("answered", 30.0, network.check)
             # Before and after that OpenSSL says what became of other attempts.
             assert ends[1].said().split("answered: ")[1].split()[0] == answer
@@ -312,10 +313,10 @@ def test_a_program_of_the_tunnel_that_is_killed_is_named(tmp_path: Path, struck:
     with socket.socket(socket.AF_UNIX) as left:  # by one that was killed with its run
         left.bind(str(SOCKETS / "wg-alice.sock"))
     with (tmp_path / "errors").open("w+") as errors, running_qmn(*words, errors=errors) as process:
-        wait_until((SOCKETS / "wg-bob.sock").exists, "WireGuard answers", 60.0)
+        wait_until((SOCKETS / "wg-bob.sock").exists, "WireGuard answers")
         log = tmp_path / "latest" / f"{struck}.log"
-        wait_until(log.exists, f"{struck} is started", 60.0)
-        wait_until(lambda: descendants_named(process.pid, struck), f"{struck} runs", 60.0)
+        wait_until(log.exists, f"{struck} is started")
+        wait_until(lambda: descendants_named(process.pid, struck), f"{struck} runs")
         for pid in descendants_named(process.pid, struck):
             os.kill(pid, signal.SIGKILL)
         process.wait(60.0)

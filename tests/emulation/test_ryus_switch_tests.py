@@ -196,7 +196,7 @@ def read(end: socket.socket) -> bytes:
 
 
 @pytest.mark.waits
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(600)
 def test_copper_does_what_open_vswitch_does(tmp_path: Path) -> None:
     differing, seen, passed = {}, 0, 0
     with (
@@ -278,7 +278,7 @@ def actions_of(message: Any) -> list[Any]:
     return [action for instruction in listed for action in instruction.actions]
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(600)
 def test_light_does_what_it_can_and_refuses_the_rest_of_them(tmp_path: Path) -> None:
     wrong, lit, counts = list[object](), 0, Counter[str]()
     with (

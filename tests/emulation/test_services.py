@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from conftest import TSHARK
+from limits import SOON_S
 from loaded import run_qmn
 
 
@@ -33,7 +34,7 @@ def shown(capture: Path, script: Path, wanted: str, *fields: str) -> list[str]:
     command = [*TSHARK, "-r", str(capture), "-X", f"lua_script:{script}", "-Y", wanted]
     if fields:
         command += ["-T", "fields", *(word for field in fields for word in ("-e", field))]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=SOON_S)
     return done.stdout.splitlines()
 
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 from conftest import ROOT, wait_until
+from limits import PROGRAM_S, SOON_S
 from machine_scene import ON_SECOND, SCHEDULER, THERE, SecondMachine, second_machine
 from test_tls import firsts
 
@@ -78,7 +79,7 @@ def test_bob_on_a_second_machine_gets_what_he_gets_on_this_one(
                 capture_output=True,
                 text=True,
                 check=False,
-                timeout=100,
+                timeout=PROGRAM_S,
             )
             assert done.returncode == 0, done.stderr
     one, two = tmp_path / "one" / "latest", tmp_path / "two" / "latest"
@@ -123,11 +124,13 @@ def spoken(file: Path, *words: str) -> str:
     """Return what Wireshark reads in the connections of a capture that go by TLS."""
     tshark = ["tshark", "-r", str(file), *words]
     begins = [*tshark, "-Y", "tls.handshake.type == 1", "-T", "fields", "-e", "tcp.stream"]
-    streams = subprocess.run(begins, capture_output=True, text=True, check=True, timeout=60).stdout
+    streams = subprocess.run(
+        begins, capture_output=True, text=True, check=True, timeout=SOON_S
+    ).stdout
     assert streams
     follow = [f"-zfollow,tls,ascii,{stream}" for stream in streams.split()]
     told = [*tshark, "-q", *follow]
-    return subprocess.run(told, capture_output=True, text=True, check=True, timeout=60).stdout
+    return subprocess.run(told, capture_output=True, text=True, check=True, timeout=SOON_S).stdout
 
 
 def packets(file: Path) -> dict[bytes, int]:
@@ -167,7 +170,7 @@ def test_heavy_traffic_of_a_host_on_a_second_machine_is_that_of_one_machine(
             capture_output=True,
             text=True,
             check=False,
-            timeout=100,
+            timeout=PROGRAM_S,
         )
         assert done.returncode == 0, done.stderr
         told[name] = json.loads((tmp_path / name / "latest" / "result.json").read_text())
@@ -212,7 +215,7 @@ def test_a_worker_that_is_killed_ends_the_run_by_name_and_leaves_nothing(
     words = command(tmp_path / "two", message(tmp_path, 1 << 20), *where)
     pipe = subprocess.PIPE
     with subprocess.Popen(words, cwd=ROOT, stdout=pipe, stderr=pipe, text=True) as run:
-        wait_until(lambda: asking.exists() and "delivered" in asking.read_text(), "bytes", 60)
+        wait_until(lambda: asking.exists() and "delivered" in asking.read_text(), "bytes")
         assert any("-m hosts" in each for each in second.things()[0])
         os.kill(next(descendants(second.worker.pid)), signal.SIGKILL)
         _said, complaint = run.communicate(timeout=LOST_WITHIN_S)
@@ -271,7 +274,7 @@ def test_the_command_line_steers_a_host_of_a_second_machine(
         capture_output=True,
         text=True,
         check=False,
-        timeout=100,
+        timeout=PROGRAM_S,
     )
     said = done.stdout
     assert said.count("1 packets transmitted, 1 received, 0% packet loss") == 2

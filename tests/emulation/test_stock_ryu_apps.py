@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from conftest import nothing_left, wait_until
 from fabric_scene import running, session
+from limits import SOON_S
 
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
@@ -20,7 +21,6 @@ from topologies.system.runs.runtime import free_port
 
 APPS = ["ryu.app.ofctl_rest", "ryu.topology.switches", "ryu.app.rest_topology"]
 Q1 = 0x1001
-TIMEOUT_S = 15.0
 
 
 class Http:
@@ -32,7 +32,7 @@ class Http:
 
     def get(self, path: str) -> Any:
         request = urllib.request.Request(f"http://{self.address}{path}", headers=self.headers)
-        with urllib.request.urlopen(request, timeout=TIMEOUT_S) as answer:  # noqa: S310
+        with urllib.request.urlopen(request, timeout=SOON_S) as answer:  # noqa: S310
             return json.load(answer)
 
     def post(self, path: str, content: Any) -> tuple[int, bytes]:
@@ -40,7 +40,7 @@ class Http:
         data = content if isinstance(content, bytes) else json.dumps(content).encode()
         request = urllib.request.Request(f"http://{self.address}{path}", data, self.headers)
         try:
-            with urllib.request.urlopen(request, timeout=TIMEOUT_S) as answer:  # noqa: S310
+            with urllib.request.urlopen(request, timeout=SOON_S) as answer:  # noqa: S310
                 return answer.status, answer.read()
         except urllib.error.HTTPError as error:
             with error:

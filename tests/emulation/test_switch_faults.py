@@ -3,6 +3,7 @@
 import threading
 
 from conftest import wait_until
+from limits import SOON_S
 from loaded import run_qmn
 
 from hosts.quantum_socket import QuantumSocket
@@ -11,7 +12,7 @@ from topologies.networks.network import Network
 
 def fault(*words: str) -> tuple[int, str]:
     """Run the verb; return its exit status and what it says."""
-    done = run_qmn("fault", *words, timeout_s=30)
+    done = run_qmn("fault", *words, timeout_s=SOON_S)
     return done.returncode, done.stdout + done.stderr
 
 

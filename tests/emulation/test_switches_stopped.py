@@ -30,5 +30,5 @@ def test_a_switch_that_was_stopped_can_be_started_again(tmp_path: Path, name: st
                 network.send("alice", "bob", b"dark")
         switch.start(network.net.controllers)
         assert name in openvswitch.bridges()
-        wait_until(lambda: sends(network), "light again", 30)
+        wait_until(lambda: sends(network), "light again")
         network.check()

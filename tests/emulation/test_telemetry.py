@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from fabric_scene import running, session
+from limits import SOON_S
 
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
@@ -31,7 +32,7 @@ def asked(network: Network, path: str) -> dict[str, Any]:
         capture_output=True,
         text=True,
         check=True,
-        timeout=30,
+        timeout=SOON_S,
     )
     told = json.loads(done.stdout)["notification"]
     return {each["path"]: each["val"] for part in told for each in part.get("update", ())}

@@ -10,6 +10,7 @@ from tempfile import TemporaryFile
 
 import pytest
 from conftest import ROOT, TSHARK, qmn, typed, verb, wait_until
+from limits import SOON_S
 from loaded import read, running_qmn
 
 from topologies.system.runs.runtime import RUNTIME_ROOT
@@ -19,7 +20,7 @@ from wire.dissection.dissectors import search_path
 def tshark(run: Path, *options: str) -> list[str]:
     script = ["-X", f"lua_script:{run / 'qmn.lua'}"]
     command = [*TSHARK, "-2", *script, "-r", str(run / "all.pcapng"), *options]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=SOON_S)
     assert "Lua" not in done.stderr + done.stdout
     return done.stdout.splitlines()
 
@@ -44,7 +45,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def capinfos(file: Path) -> str:
     command = ["capinfos", str(file)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=30)
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=SOON_S)
     assert done.stderr.replace("\n", "").startswith("Running as user") or done.stderr == ""
     return done.stdout
 
@@ -118,7 +119,7 @@ def test_a_spy_sees_every_event_of_a_network_and_ends_with_it(tmp_path: Path) ->
         running_qmn("cli", "sdc", "--runs", str(tmp_path), typed=True, end_s=60) as network,
     ):
         assert network.stdin is not None
-        wait_until(lambda: list(RUNTIME_ROOT.glob("*/network.json")), "a network", 30)
+        wait_until(lambda: list(RUNTIME_ROOT.glob("*/network.json")), "a network")
         with running_qmn("spy", "--history", "--json", errors=errors) as process:
             network.stdin.write("alice qsend bob spied\n")
             first = process.stdout.readline()  # somebody watches

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from conftest import qmn
+from limits import SOON_S
 from scapy.layers.inet import IP, TCP
 from scapy.utils import rdpcap
 
@@ -35,7 +36,7 @@ def kinds(run: Path, file: str, *options: str) -> set[str]:
         cwd=run,
         text=True,
         check=True,
-        timeout=40,
+        timeout=SOON_S,
     )
     return {kind for line in done.stdout.split() for kind in line.split(",")}
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT, wait_until
+from limits import SOON_S
 from mininet.node import Node
 
 from topologies.networks.network import Network
@@ -155,7 +156,7 @@ def test_a_network_can_be_in_a_user_namespace_of_somebody_elses() -> None:
         capture_output=True,
         text=True,
         check=True,
-        timeout=20,
+        timeout=SOON_S,
     )
     assert done.stdout.split() == ["0", "0", "1"]
 
