@@ -5,7 +5,9 @@ import re
 import subprocess
 import threading
 import time
+from itertools import pairwise
 from pathlib import Path
+from statistics import median
 
 import pytest
 from conftest import wait_until
@@ -187,6 +189,20 @@ def test_between_two_sessions_a_controller_may_be_away(tmp_path: Path, framework
         with session(network, "alice", "bob") as second:
             assert second.carry(LESS) == LESS
         assert facts(network, "resumed") == []
+
+
+@pytest.mark.waits
+def test_a_switch_looks_for_its_controller_every_second(tmp_path: Path) -> None:
+    """Open vSwitch by itself would after 1, 2, 4 and 8 s (ovs-vswitchd.conf.db(5), max_backoff)."""
+    with running(SdcTopo, tmp_path) as network:
+        (c0,) = network.net.controllers
+        first = "tcp[tcpflags] == tcp-syn and dst port 6653"
+        tcpdump = ["tcpdump", "-i", "c0-s1", "-n", "-l", "-tt", "-c", "8", first]
+        with c0.popen(tcpdump, text=True, stderr=subprocess.DEVNULL) as looking:
+            kill(network)
+            came = [float(line.split()[0]) for line in looking.stdout]
+    assert len(came) == 8
+    assert median(later - earlier for earlier, later in pairwise(came)) < 1.5, came
 
 
 @RYU

@@ -6,6 +6,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
+from itertools import islice
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -208,6 +209,8 @@ class Network:
             program.wait_for("ready", READY_TIMEOUT_S, self.check)
             self._signals.check()
         Discovery(self.net, self.runtime).wait(self.check)
+        for bridge in islice(self.runtime.bridges, 1):
+            openvswitch.apply_settings(bridge)
 
     def host(self, name: str) -> Host:
         """Return a host; raise NetworkError if there is none of that name."""

@@ -445,6 +445,15 @@ def add(bridge: str, owner: str, controller: str) -> None:
     vsctl(*made, "--", "set-controller", bridge, controller)
 
 
+def apply_settings(bridge: str) -> None:
+    """Let the connections to controllers that there are have the settings that we gave them.
+
+    Open vSwitch gives its own to a new one (ofproto/connmgr.c, ofservice_create), and ours to those
+    that there are when something else has changed that it reads in its database.
+    """
+    vsctl(NO_WAIT, "set", "Bridge", bridge, f"other_config:{OWNER_KEY}-connected=true")
+
+
 def certify(owner: str, authority: str, certificate: str, private_key: str) -> None:
     """Show this certificate in TLS; raise NetworkError if somebody else has set another."""
     others = _certified_for()
