@@ -3,7 +3,7 @@
 s1 forwards by itself, q1 by three flow entries; hosts are told that light stands, and ask nobody:
 
     .venv/bin/python examples/standing_light.py
-    sudo PYTHONPATH=. mn --custom topologies/sdc.py --topo sdc,light=standing --controller remote
+    sudo PYTHONPATH=. mn --custom topologies/sdc.py --topo sdc,light=standing --controller remote -w
     mininet> bob python -m hosts.applications.receive --background --output /tmp/got 7
     mininet> alice echo hello | python -m hosts.applications.send bob 7
     mininet> bob cat /tmp/got

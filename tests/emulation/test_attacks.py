@@ -19,6 +19,7 @@ ATTEMPTS = {
     "lldp-spoofing": 20,
     "replay": 10,
 }
+LEAST = {"arp-spoofing": 0.1}  # of attempts that succeed without a defence, where not most do
 TLS = {"impostor-switch": 3, "impostor-controller": 5}
 
 
@@ -33,8 +34,9 @@ def conducted(name: str) -> Attack:
 def test_attacks_succeed_without_their_defence_alone(tmp_path: Path, defended: bool) -> None:
     """Undefended each attempt succeeds, as ARP, learning switches, TCP and LLDP have it.
 
-    (RFC 826, 793, IEEE 802.1AB.) A frame may be lost on its way to the controller, or bob may hear
-    alice herself, or announce his fibres anew meanwhile: on a busy machine more often.
+    (RFC 826, 793, IEEE 802.1AB.) A frame may be lost on its way to the controller, or bob may
+    announce his fibres anew meanwhile; whom bob believes is whom he has heard last, charlie or
+    alice herself.
     """
     policy = tmp_path / "policy.toml"
     words = str(defended).lower()
@@ -43,10 +45,8 @@ def test_attacks_succeed_without_their_defence_alone(tmp_path: Path, defended: b
     with running(SdcTopo, tmp_path, policy=str(policy)) as network:
         for name, attempts in ATTEMPTS.items():
             reached = conducted(name).conduct(network, attempts)
-            assert reached == 0 if defended else attempts / 2 <= reached <= attempts, (
-                name,
-                reached,
-            )
+            least, most = (0.0, 0) if defended else (LEAST.get(name, 0.8) * attempts, attempts)
+            assert least <= reached <= most, (name, reached)
 
 
 @pytest.mark.waits

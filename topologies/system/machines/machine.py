@@ -119,7 +119,10 @@ class Machine:
     def check(self) -> None:
         """Raise NetworkError if the machine is lost."""
         if self.lost:
-            raise NetworkError(f"the machine {self.name} ({self.address}) was lost: {self.lost}")
+            raise self._loss()
+
+    def _loss(self) -> NetworkError:
+        return NetworkError(f"the machine {self.name} ({self.address}) was lost: {self.lost}")
 
     def ask(self, do: str, body: bytes = b"", **words: Any) -> Any:
         """Ask for something and return what it says; raise NetworkError if it cannot be had."""
@@ -319,7 +322,7 @@ class Machine:
             process.end(LOST_STATUS)
         for answer in list(self._answers.values()):
             if not answer.done():
-                answer.set_exception(NetworkError(f"{self.name} was lost: {why}"))
+                answer.set_exception(self._loss())
         self._relays.close()
         self._writer.close()
 
