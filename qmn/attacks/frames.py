@@ -84,6 +84,8 @@ def poison(interface: str, victim: str, victim_mac: str, posed: str) -> int:
             if select.select([channel], [], [], max(0.0, next_s - time.monotonic()))[0]:
                 caught += _is_of(channel.recv(65_536), mac, wanted)
     except Ended:
+        while select.select([channel], [], [], 0.0)[0]:  # what has come before that
+            caught += _is_of(channel.recv(65_536), mac, wanted)
         return caught
 
 
