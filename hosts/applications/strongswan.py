@@ -3,22 +3,26 @@
 The key enters IKEv2 as a postquantum preshared key (PPK, RFC 8784), which is mixed into the keys
 of the tunnel, and without which neither end goes on. The preshared key of IKE only authenticates.
 Packets are carried in user space (kernel-libipsec), in UDP.
+
+An association with a new key is made before the one with the key before is ended, so that packets
+pass all the time: two connections take turns, each with a name of its own.
 """
 
-from dataclasses import dataclass
+import subprocess
+from dataclasses import dataclass, field
 from pathlib import Path
 from uuid import UUID
 
 from hosts.applications.tunnel_commands import TunnelError, command, wait_until_it_works
-from hosts.timeouts import INITIATE_TIMEOUT_S
+from hosts.timeouts import COMMAND_TIMEOUT_S, INITIATE_TIMEOUT_S
 
 INTERFACE = "ipsec0"  # which kernel-libipsec makes
-NAME, CHILD = "qmn", "inside"
+NAMES, CHILD = ("qmn-0", "qmn-1"), "inside"
 IKE = "aes256-sha256-x25519"
 ESP = "aes256gcm16"
 
 
-@dataclass(frozen=True)
+@dataclass
 class StrongSwan:
     """One end of a tunnel between two hosts."""
 
@@ -29,6 +33,8 @@ class StrongSwan:
     inside: str  # this end's address in the tunnel
     other_inside: str
     begins: bool  # whether this end begins handshakes
+    _turn: int = field(default=0, init=False)  # whose name the key in use has
+    _attempt: "subprocess.Popen[bytes] | None" = field(default=None, init=False)
 
     def set_up(self) -> None:
         """Give this host its address inside; packets for the other end go nowhere else."""
@@ -39,26 +45,45 @@ class StrongSwan:
         command([*route, "src", self.inside])
 
     def use(self, key_id: UUID, key: bytes) -> None:
-        """End the association with the key before; this key is for the next one."""
+        """This key is for the next association; that with the key before stays."""
+        self._give_up()
+        self._turn = 1 - self._turn
         self._load(self._connection(key_id) + self._secrets(key_id, key))
-        self._end()
+        self._end(NAMES[self._turn])
+
+    def end_former(self) -> None:
+        """End the association with the key before."""
+        self._end(NAMES[1 - self._turn])
 
     def close(self) -> None:
-        """Forget the connection and its secrets, and end the association."""
+        """Forget the connection and its secrets, and end its associations."""
+        self._give_up()
         self._load("")
-        self._end()
+        for name in NAMES:
+            self._end(name)
 
     def handshake_done(self) -> bool:
-        """Begin a handshake; return whether it went well."""
+        """Begin a handshake if none is going on; return whether it went well."""
         if not self.begins:
             return False
-        try:
-            command(
-                self._swanctl("--initiate", "--child", CHILD, "--timeout", str(INITIATE_TIMEOUT_S))
+        if self._attempt is None:
+            words = self._swanctl(
+                "--initiate", "--child", CHILD, "--timeout", str(INITIATE_TIMEOUT_S)
             )
-        except TunnelError:
-            return False
-        return True
+            self._attempt = subprocess.Popen(
+                words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+            )
+        status = self._attempt.poll()
+        if status is not None:
+            self._attempt = None
+        return status == 0
+
+    def _give_up(self) -> None:
+        """Wait no longer for a handshake with a key that is not in use any more."""
+        if self._attempt is not None:
+            self._attempt.kill()
+            self._attempt.wait(COMMAND_TIMEOUT_S)
+            self._attempt = None
 
     def _load(self, configuration: str) -> None:
         """Let charon know this and nothing else; the file is gone then, as a key may be in it."""
@@ -70,9 +95,9 @@ class StrongSwan:
         finally:
             file.unlink()
 
-    def _end(self) -> None:
+    def _end(self, name: str) -> None:
         try:
-            command(self._swanctl("--terminate", "--ike", NAME, "--force"))
+            command(self._swanctl("--terminate", "--ike", name, "--force"))
         except TunnelError as error:
             if "no matching" not in str(error):  # there was none
                 raise
@@ -81,7 +106,7 @@ class StrongSwan:
         return ["swanctl", words[0], "--uri", f"unix://{self.socket}", *words[1:]]
 
     def _connection(self, key_id: UUID) -> str:
-        return f"""connections {{ {NAME} {{
+        return f"""connections {{ {NAMES[self._turn]} {{
   version = 2
   local_addrs = {self.address}
   remote_addrs = {self.other}

@@ -66,6 +66,9 @@ class Tls:
         self._key_id = key_id
         self._start(key_id)
 
+    def end_former(self) -> None:
+        """Do nothing: `use` has ended it."""
+
     def close(self) -> None:
         """End the connection, and forget the key."""
         process, self._process, self._key_id = self._process, None, None

@@ -16,7 +16,13 @@ class Tunnel(Protocol):
         """Make it, closed; TunnelError if it cannot be."""
 
     def use(self, key_id: UUID, key: bytes) -> None:
-        """Let packets pass with this key, as soon as both ends have it, and with no other."""
+        """Let packets pass with this key, as soon as both ends have it.
+
+        With the key before they may pass until then, or until `end_former`; with no other.
+        """
+
+    def end_former(self) -> None:
+        """Let packets pass with the key in use only."""
 
     def close(self) -> None:
         """Let no packet pass."""

@@ -46,12 +46,13 @@ def say(event: str, **fields: Any) -> None:
 
 @dataclass
 class KeyInUse:
-    """The tunnel, and how old its key is."""
+    """The tunnel, and how old its key is, and the key before where packets may pass with it yet."""
 
     tunnel: Tunnel
     lifetime_s: float
     time: NetworkTime
     since_s: float | None = None  # None: it is closed
+    former_since_s: float | None = None  # None: no packet passes with the key before
 
     @property
     def now_s(self) -> float:
@@ -61,17 +62,24 @@ class KeyInUse:
     def change(self, key_id: UUID, key: bytes) -> None:
         """Use a key from now on."""
         self.tunnel.use(key_id, key)
-        opened, self.since_s = self.since_s is None, self.now_s
+        self.former_since_s, self.since_s = self.since_s, self.now_s
         say("key", key_ID=str(key_id))
-        if opened:
+        if self.former_since_s is None:
             say("tunnel_opened")
 
+    def end_former(self) -> None:
+        """Let packets pass with the key in use only."""
+        self.tunnel.end_former()
+        self.former_since_s = None
+
     def look(self) -> None:
-        """Close the tunnel if its key is too old."""
+        """Use no key that is too old: close the tunnel if that in use is."""
         if self.since_s is not None and self.now_s - self.since_s > self.lifetime_s:
             self.tunnel.close()
             say("tunnel_closed", key_age_s=round(self.now_s - self.since_s, 3))
-            self.since_s = None
+            self.since_s = self.former_since_s = None
+        elif self.former_since_s is not None and self.now_s - self.former_since_s > self.lifetime_s:
+            self.end_former()
 
 
 class NoAgreement(Exception):
@@ -101,10 +109,14 @@ def change(config: VpnConfig, keys: KeyClient, in_use: KeyInUse) -> None:
     agree(config.other, key.key_id, in_use.time.wall_s(TUNNEL_TIMEOUT_S))
     in_use.change(key.key_id, key.key)
     begun, longest_s = in_use.now_s, in_use.time.network_s(TUNNEL_HANDSHAKE_S)
-    while not in_use.tunnel.handshake_done():
-        if in_use.now_s - begun > min(longest_s, in_use.lifetime_s):
-            raise NoAgreement("no handshake with the new key")
-        time.sleep(TUNNEL_POLL_S)
+    try:
+        while not in_use.tunnel.handshake_done():
+            in_use.look()
+            if in_use.now_s - begun > min(longest_s, in_use.lifetime_s):
+                raise NoAgreement("no handshake with the new key")
+            time.sleep(TUNNEL_POLL_S)
+    finally:
+        in_use.end_former()
     say("handshake", key_ID=str(key.key_id), seconds=round(in_use.now_s - begun, 3))
 
 

@@ -49,6 +49,9 @@ class WireGuard:
         words = ["wg", "set", self.interface, *peer, "remove", *peer, *added]
         command(words, base64.b64encode(key))
 
+    def end_former(self) -> None:
+        """Do nothing: `use` has ended it."""
+
     def close(self) -> None:
         """Let no packet pass."""
         command(["wg", "set", self.interface, "peer", self.peer, "remove"])

@@ -2,11 +2,13 @@
 
 import json
 import os
+import re
 import shutil
 import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -17,7 +19,7 @@ from typing import Any
 import pytest
 from conftest import TSHARK, wait_until
 from fabric_scene import running
-from limits import PROGRAM_S
+from limits import PROGRAM_S, SOON_S
 from loaded import run_qmn, running_qmn
 from scapy.layers.inet import TCP, UDP
 from scapy.utils import PcapReader
@@ -25,7 +27,7 @@ from test_results_fit_schema import require_schema
 
 from hosts.applications.tls import PORT as TLS_PORT
 from hosts.applications.wireguard import PORT
-from qmn.jobs.tunnel import SOCKETS, start_tunnel
+from qmn.jobs.tunnel import INSIDE, SOCKETS, charon_socket, start_charon, start_tunnel
 from topologies.daemons.key_managers import KeyService, start_key_managers
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
@@ -53,6 +55,33 @@ tunnel.use(UUID(sys.argv[2]), bytes(32))
 print("handshake", tunnel.handshake_done())
 """
 
+# An end of strongSwan's tunnel by itself; one that begins changes to a key that the other has not.
+STRONGSWAN_END = """
+import sys, time
+from uuid import UUID
+from hosts.applications.strongswan import StrongSwan
+from hosts.applications.vpn import KeyInUse
+from wire.network_time import REAL_TIME
+socket, own, other, inside, other_inside, lifetime_s = sys.argv[1:]
+tunnel = StrongSwan(socket, "0c" * 32, own, other, inside, other_inside, own < other)
+tunnel.set_up()
+in_use = KeyInUse(tunnel, float(lifetime_s), REAL_TIME)
+in_use.change(UUID(int=1), bytes(32))
+first = time.time()
+print("ready", flush=True)
+while own > other or not tunnel.handshake_done():
+    time.sleep(0.02)
+print("handshake", flush=True)
+time.sleep(1)
+in_use.change(UUID(int=2), bytes(32))
+second = time.time()
+while in_use.former_since_s is not None:
+    assert not tunnel.handshake_done()
+    in_use.look()
+    time.sleep(0.02)
+print("times", first, second, time.time(), flush=True)
+time.sleep(60)
+"""
 # An end of the tunnel by itself, with a key that it is given.
 TLS_END = """
 import sys, tempfile, time
@@ -217,12 +246,12 @@ def client_hellos(capture: Path, port: int) -> list[str]:
 
 
 @contextmanager
-def tunnelled(tmp_path: Path, program: str) -> Iterator[Network]:
-    """Start a tunnel whose key stays as it is."""
+def tunnelled(tmp_path: Path, program: str, rotate_s: float = 500.0) -> Iterator[Network]:
+    """Start a tunnel, whose key stays as it is unless it is told otherwise."""
     pairs, link = [("alice", "bob")], KeyLink("", True, low=2, high=4, options={"count": 12_000})
     with running(SdcTopo, tmp_path) as network:
         start_key_managers(network, KeyService(pairs, link))
-        tunnel = start_tunnel(network, ("alice", "bob"), 500.0, 600.0, program)
+        tunnel = start_tunnel(network, ("alice", "bob"), rotate_s, 600.0, program)
         log = tunnel.programs[0].log
         wait_until(lambda: '"handshake"' in log.read_text(), "the first handshake")
         yield network
@@ -304,6 +333,47 @@ def test_without_the_same_ppk_ike_gives_up(tmp_path: Path) -> None:
         log = runtime.logs / "charon-alice.log"
         wait_until(lambda: "N(AUTH_FAILED)" in log.read_text(), "bob refuses the key")
         assert "100% packet loss" in alice.cmd(ping)
+
+
+@IF_THERE
+def test_strongswan_begins_the_next_association_before_it_ends_the_last(tmp_path: Path) -> None:
+    with tunnelled(tmp_path, "strongswan", ROTATE_S) as network:
+        log = network.runtime.logs / "charon-bob.log"
+        wait_until(lambda: log.read_text().count("deleting IKE_SA") >= 3, "three changes of keys")
+    words = r"IKE_SA qmn-\d\[(\d+)\] established|deleting IKE_SA qmn-\d\[(\d+)\]"
+    newest, ended = 0, []
+    for begun, deleted in re.findall(words, log.read_text()):
+        if begun:
+            newest = int(begun)
+        else:
+            ended.append((int(deleted), newest))
+    assert len(ended) >= 3
+    assert all(number < newest for number, newest in ended[:3])  # the last ends with the network
+
+
+@IF_THERE
+def test_strongswan_uses_the_key_before_no_longer_than_its_lifetime(tmp_path: Path) -> None:
+    """Where bob has not the next key: packets pass until the lifetime of theirs is over."""
+    script = tmp_path / "end.py"
+    script.write_text(STRONGSWAN_END)
+    lifetime_s, hosts = 8.0, ("alice", "bob")
+    with running(SdcTopo, tmp_path) as network:
+        sockets = {host: charon_socket(network, host) for host in hosts}
+        addresses, ends = network.runtime.addresses, {}
+        for host, other, inside in zip(hosts[::-1], hosts, (INSIDE[::-1], INSIDE), strict=True):
+            start_charon(network, host)
+            words = [sockets[host], addresses[host], addresses[other], *inside, str(lifetime_s)]
+            ends[host] = network.run_on(host, f"end-{host}", [sys.executable, str(script), *words])
+            ends[host].wait_for("ready", SOON_S, network.check)
+        ends["alice"].wait_for("handshake", SOON_S, network.check)
+        pings = network.run_on("alice", "pings", ["ping", "-D", "-i", "0.05", INSIDE[1]])
+        ends["alice"].wait_for("times", SOON_S, network.check)
+        time.sleep(2 * SLACK_S)
+        answered = [float(at) for at in re.findall(r"\[([\d.]+)\] 64 bytes from", pings.said())]
+    first, second, ended = map(float, ends["alice"].said().split("times ")[1].split())
+    assert first + lifetime_s <= ended < first + lifetime_s + SLACK_S
+    assert [at for at in answered if second + SLACK_S < at < ended]
+    assert max(answered) < ended + SLACK_S
 
 
 @pytest.mark.parametrize("struck", ["download-alice", "wireguard-bob"])
