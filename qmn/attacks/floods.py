@@ -22,6 +22,7 @@ from topologies.system.processes.programs import NetworkError
 from topologies.timeouts import POLL_S
 
 PINGS_A_SECOND = 10
+DISCARD = 9  # port of a service that does nothing (RFC 863)
 DECIDED = ("granted", "refused", "forbidden")
 
 
@@ -33,8 +34,8 @@ def arp_spoofing(network: Network, pings: int) -> int:
         try:
             wait_for_line(network, liar, "told")
             # There is something to be changed then, and alice asks for bob only 5 s later: what he
-            # hears of her is what he believes.
-            victim.cmd(f"ping -c 1 -W 1 {posed.IP()}")
+            # hears of her is what he believes. It is no ping, which might be counted.
+            victim.cmd(f"echo > /dev/udp/{posed.IP()}/{DISCARD}")
             wait_until_believed(network, victim, posed.IP(), attacker.MAC())
             victim.cmd(f"ping -c {pings} -i {1 / PINGS_A_SECOND:g} -W 1 {posed.IP()}")
         finally:

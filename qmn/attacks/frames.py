@@ -38,6 +38,8 @@ LOCAL = 0x88B5  # EtherType of IEEE 802 for experiments
 ETHERNET = struct.Struct("!6s6sH")
 ADDRESSES = struct.Struct("!4s4s")
 ADDRESSES_AT = 26  # in a frame with IPv4
+PROTOCOL_AT, ICMP = 23, 1
+TYPE_AT, ECHO_REQUEST = 34, 8  # of ICMP, where IPv4 has no options (RFC 792)
 
 
 def opened(interface: str) -> socket.socket:
@@ -63,7 +65,7 @@ def end(_number: int, _frame: FrameType | None) -> None:
 
 
 def poison(interface: str, victim: str, victim_mac: str, posed: str) -> int:
-    """Tell a victim that an address is here, until SIGTERM; return how many packets came for it."""
+    """Tell a victim that an address is here, until SIGTERM; return how many pings came for it."""
     channel, caught, told = opened(interface), 0, False
     mac = own_mac(channel)
     lie = bytes(
@@ -81,20 +83,21 @@ def poison(interface: str, victim: str, victim_mac: str, posed: str) -> int:
                     print("told", flush=True)
                 told, next_s = True, next_s + LIE_PERIOD_S
             if select.select([channel], [], [], max(0.0, next_s - time.monotonic()))[0]:
-                caught += _is_of(channel.recv(65_536), mac, wanted)
+                caught += is_ping(channel.recv(65_536), mac, wanted)
     except Ended:
         while select.select([channel], [], [], 0.0)[0]:  # what has come before that
-            caught += _is_of(channel.recv(65_536), mac, wanted)
+            caught += is_ping(channel.recv(65_536), mac, wanted)
         return caught
 
 
-def _is_of(frame: bytes, mac: bytes, wanted: bytes) -> bool:
-    """Whether a frame is for this hardware address and between these IPv4 addresses."""
-    if len(frame) < ADDRESSES_AT + ADDRESSES.size:
+def is_ping(frame: bytes, mac: bytes, wanted: bytes) -> bool:
+    """Whether a frame is a ping for this hardware address and between these IPv4 addresses."""
+    if len(frame) <= TYPE_AT:
         return False
     to, _source, kind = ETHERNET.unpack_from(frame)
     found = frame[ADDRESSES_AT : ADDRESSES_AT + ADDRESSES.size]
-    return (to, kind, found) == (mac, 0x0800, wanted)
+    echo = frame[PROTOCOL_AT], frame[TYPE_AT]
+    return (to, kind, found, echo) == (mac, 0x0800, wanted, (ICMP, ECHO_REQUEST))
 
 
 def stations(interface: str, count: int, to_mac: str) -> int:
