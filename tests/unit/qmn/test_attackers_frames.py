@@ -1,4 +1,4 @@
-"""What the program of an attacker takes for a ping, by frames of Scapy's."""
+"""The frames that the program of an attacker takes for pings, by Scapy."""
 
 from ipaddress import IPv4Address
 
