@@ -103,12 +103,15 @@ def is_ping(frame: bytes, mac: bytes, wanted: bytes) -> bool:
 def stations(interface: str, count: int, to_mac: str) -> int:
     """Send a frame from each of so many hardware addresses that nobody has."""
     frames = (
-        bytes(
-            Ether(src=bytes([2]) + number.to_bytes(5, "big"), dst=to_mac, type=0x88B5) / bytes(46)
-        )
+        bytes(Ether(src=station(number), dst=to_mac, type=LOCAL) / bytes(46))
         for number in range(count)
     )
     return sent(interface, frames)
+
+
+def station(number: int) -> bytes:
+    """Return a hardware address that nobody has: locally administered (IEEE 802), by number."""
+    return bytes([2]) + number.to_bytes(5, "big")
 
 
 def set_ups(interface: str, count: int, to_mac: str, own: str, to: str) -> int:
