@@ -34,6 +34,7 @@ class StrongSwan:
     other_inside: str
     begins: bool  # whether this end begins handshakes
     _turn: int = field(default=0, init=False)  # whose name the key in use has
+    _in_use: set[str] = field(default_factory=set, init=False)  # names
     _attempt: "subprocess.Popen[bytes] | None" = field(default=None, init=False)
 
     def set_up(self) -> None:
@@ -50,6 +51,7 @@ class StrongSwan:
         self._turn = 1 - self._turn
         self._load(self._connection(key_id) + self._secrets(key_id, key))
         self._end(NAMES[self._turn])
+        self._in_use.add(NAMES[self._turn])
 
     def end_former(self) -> None:
         """End the association with the key before."""
@@ -59,7 +61,7 @@ class StrongSwan:
         """Forget the connection and its secrets, and end its associations."""
         self._give_up()
         self._load("")
-        for name in NAMES:
+        for name in tuple(self._in_use):
             self._end(name)
 
     def handshake_done(self) -> bool:
@@ -101,6 +103,7 @@ class StrongSwan:
         except TunnelError as error:
             if "no matching" not in str(error):  # there was none
                 raise
+        self._in_use.discard(name)
 
     def _swanctl(self, *words: str) -> list[str]:
         return ["swanctl", words[0], "--uri", f"unix://{self.socket}", *words[1:]]

@@ -201,7 +201,8 @@ def alarm_comes_before_the_end(folder: Path, alice: list[dict[str, Any]], scale:
     last = max(at for at in used if at < closed["at"])
     lifetime_s = LIFETIME_S * scale
     assert last + lifetime_s <= closed["at"] < last + lifetime_s + SLACK_S
-    assert closed["at"] < alarm["at"] + lifetime_s + SLACK_S
+    # That key may have been late, and so may its end.
+    assert closed["at"] < alarm["at"] + lifetime_s + 2 * SLACK_S
     assert closed["key_age_s"] == pytest.approx(LIFETIME_S, abs=SLACK_S / scale)
     # Keys change in time, unless one could not be had; each may be late.
     told = [each for each in alice if each["event"] in ("key", "no_key")]
