@@ -117,7 +117,7 @@ def test_a_framed_session_outlives_the_controller_in_full_light(
         wait_until(lambda: not bypasses(network), "nothing passes s1 by itself")
         over = {(fact["session"], fact["detail"]) for fact in facts(network, "torn_down")}
         assert over == {(resumed["session"], "FIN")}  # of each of its connections
-        wait_until(lambda: not kept(network), "the session is over")
+        assert kept(network) == []
         with session(network, "alice", "bob", port=9) as third:
             assert third.carry(LESS) == LESS
 
