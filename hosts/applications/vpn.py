@@ -6,8 +6,9 @@
                                    <---------------   uses it, says the id again
     uses it; the tunnel's own protocol holds a handshake
 
-No key older than its lifetime is used: the end whose key is closes the tunnel by itself, and it
-opens with the next key. Prints a line of JSON for whatever changes.
+No key older than its lifetime is used: the end whose key is closes the tunnel by itself, also while
+it waits for the other end or its key manager, and it opens with the next key. Prints a line of JSON
+for whatever changes.
 
 Times are of the network, but for those of the program that makes the tunnel, which has a clock of
 its own.
@@ -18,9 +19,12 @@ import json
 import socket
 import sys
 import time
-from dataclasses import dataclass
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from uuid import UUID
 
 from hosts.applications.key_client import KeyClient, NoKey
@@ -37,6 +41,7 @@ from wire.network_time import NetworkTime
 from wire.vpn import AGREEMENT_PORT, STRONGSWAN, TLS, VpnConfig
 
 MAX_LINE = 256
+Answer = TypeVar("Answer")
 
 
 def say(event: str, **fields: Any) -> None:
@@ -53,6 +58,7 @@ class KeyInUse:
     time: NetworkTime
     since_s: float | None = None  # None: it is closed
     former_since_s: float | None = None  # None: no packet passes with the key before
+    _waiting: ThreadPoolExecutor = field(default_factory=partial(ThreadPoolExecutor, 1), init=False)
 
     @property
     def now_s(self) -> float:
@@ -81,6 +87,13 @@ class KeyInUse:
         elif self.former_since_s is not None and self.now_s - self.former_since_s > self.lifetime_s:
             self.end_former()
 
+    def meanwhile(self, call: Callable[[], Answer]) -> Answer:
+        """Return what a call returns that may wait for others; look all the time until it does."""
+        answer = self._waiting.submit(call)
+        while wait([answer], TUNNEL_POLL_S).not_done:
+            self.look()
+        return answer.result()
+
 
 class NoAgreement(Exception):
     """The other end has not taken a key; the text says why."""
@@ -105,8 +118,9 @@ def lead(config: VpnConfig, keys: KeyClient, in_use: KeyInUse) -> None:
 
 def change(config: VpnConfig, keys: KeyClient, in_use: KeyInUse) -> None:
     """Use a new key at both ends, and wait for the handshake that shows that it is the same."""
-    (key,) = keys.get(config.other_sae, KeyRequest(size=256))
-    agree(config.other, key.key_id, in_use.time.wall_s(TUNNEL_TIMEOUT_S))
+    (key,) = in_use.meanwhile(partial(keys.get, config.other_sae, KeyRequest(size=256)))
+    timeout_s = in_use.time.wall_s(TUNNEL_TIMEOUT_S)
+    in_use.meanwhile(partial(agree, config.other, key.key_id, timeout_s))
     in_use.change(key.key_id, key.key)
     begun, longest_s = in_use.now_s, in_use.time.network_s(TUNNEL_HANDSHAKE_S)
     try:
@@ -151,9 +165,9 @@ def take(config: VpnConfig, keys: KeyClient, in_use: KeyInUse, connection: socke
     """Use the key of the id that a connection says; say the id again."""
     connection.settimeout(in_use.time.wall_s(TUNNEL_TIMEOUT_S))
     try:
-        line = read_line(connection)
+        line = in_use.meanwhile(partial(read_line, connection))
         (key_id,) = decode_key_ids(line)
-        (key,) = keys.fetch(config.other_sae, [key_id])
+        (key,) = in_use.meanwhile(partial(keys.fetch, config.other_sae, [key_id]))
         in_use.change(key.key_id, key.key)
         connection.sendall(line)
     except (OSError, ValueError, NoKey) as error:  # MalformedPacket is a ValueError

@@ -247,15 +247,35 @@ def client_hellos(capture: Path, port: int) -> list[str]:
 
 
 @contextmanager
-def tunnelled(tmp_path: Path, program: str, rotate_s: float = 500.0) -> Iterator[Network]:
+def tunnelled(
+    tmp_path: Path, program: str, rotate_s: float = 500.0, lifetime_s: float = 600.0
+) -> Iterator[Network]:
     """Start a tunnel, whose key stays as it is unless it is told otherwise."""
     pairs, link = [("alice", "bob")], KeyLink("", True, low=2, high=4, options={"count": 12_000})
     with running(SdcTopo, tmp_path) as network:
         start_key_managers(network, KeyService(pairs, link))
-        tunnel = start_tunnel(network, ("alice", "bob"), rotate_s, 600.0, program)
+        tunnel = start_tunnel(network, ("alice", "bob"), rotate_s, lifetime_s, program)
         log = tunnel.programs[0].log
         wait_until(lambda: '"handshake"' in log.read_text(), "the first handshake")
         yield network
+
+
+@pytest.mark.parametrize("silent", ["vpn-bob", "kme-alice"])
+def test_the_tunnel_closes_in_time_while_its_end_waits_for_an_answer(
+    tmp_path: Path, silent: str
+) -> None:
+    with tunnelled(tmp_path, "wireguard", ROTATE_S, LIFETIME_S) as network:
+        log = network.runtime.logs / "vpn-alice.log"
+        (pid,) = descendants_named(os.getpid(), silent)
+        os.kill(pid, signal.SIGSTOP)
+        try:
+            wait_until(lambda: "tunnel_closed" in log.read_text(), "alice closes the tunnel")
+        finally:
+            os.kill(pid, signal.SIGCONT)
+    said = lines_of(log)
+    closed = next(each for each in said if each["event"] == "tunnel_closed")
+    last = max(each["at"] for each in said if each["event"] == "key" and each["at"] < closed["at"])
+    assert last + LIFETIME_S <= closed["at"] < last + LIFETIME_S + SLACK_S
 
 
 def test_without_the_same_key_at_both_ends_nothing_passes(tmp_path: Path) -> None:
