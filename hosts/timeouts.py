@@ -78,7 +78,7 @@ DOWNLOAD_TIMEOUT_S = 120.0  # without a byte of a download
 DOWNLOAD_TELL_S = 0.5  # between two words of how far it is
 NEXT_KEY_PAUSE_S = 0.25  # of a tunnel, when no key could be had
 TUNNEL_HANDSHAKE_S = 15.0  # by the wall, as who holds it counts: until both ends use a new key
-INITIATE_TIMEOUT_S = 2  # of strongSwan, for one attempt; a whole number
+INITIATE_PAUSE_S = 0.25  # of strongSwan, between two attempts
 KEEPALIVE_S = 1  # of WireGuard: the end that knows the other's address begins the handshake at once
 
 # Key managers

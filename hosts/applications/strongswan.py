@@ -1,4 +1,4 @@
-"""strongSwan as any program drives it: by `swanctl`, over the socket of a charon of its own.
+"""strongSwan as any program drives it: by VICI, over the socket of a charon of its own.
 
 The key enters IKEv2 as a postquantum preshared key (PPK, RFC 8784), which is mixed into the keys
 of the tunnel, and without which neither end goes on. The preshared key of IKE only authenticates.
@@ -8,18 +8,34 @@ An association with a new key is made before the one with the key before is ende
 pass all the time: two connections take turns, each with a name of its own.
 """
 
-import subprocess
+import socket
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
+from functools import cached_property
+from typing import Any
 from uuid import UUID
 
+from vici import Session
+from vici.exception import (
+    CommandException,
+    DeserializationException,
+    EventUnknownException,
+    SessionException,
+)
+
 from hosts.applications.tunnel_commands import TunnelError, command, wait_until_it_works
-from hosts.timeouts import COMMAND_TIMEOUT_S, INITIATE_TIMEOUT_S
+from hosts.timeouts import COMMAND_TIMEOUT_S, INITIATE_PAUSE_S
 
 INTERFACE = "ipsec0"  # which kernel-libipsec makes
 NAMES, CHILD = ("qmn-0", "qmn-1"), "inside"
-IKE = "aes256-sha256-x25519"
-ESP = "aes256gcm16"
+IKE, PPK = "ike", "ppk"  # by which charon knows the secrets
+IKE_PROPOSAL = "aes256-sha256-x25519"
+ESP_PROPOSAL = "aes256gcm16"
+AT_ONCE = -1  # ms: the answer does not wait for the other end
+INSTALLED = b"INSTALLED"
+REFUSALS = CommandException, SessionException, DeserializationException, EventUnknownException
 
 
 @dataclass
@@ -34,114 +50,116 @@ class StrongSwan:
     other_inside: str
     begins: bool  # whether this end begins handshakes
     _turn: int = field(default=0, init=False)  # whose name the key in use has
-    _in_use: set[str] = field(default_factory=set, init=False)  # names
-    _attempt: "subprocess.Popen[bytes] | None" = field(default=None, init=False)
+    _loaded: str = field(default="", init=False)  # name of the connection that charon knows
+    _begun_s: float = field(default=0.0, init=False)  # when the last handshake began
 
     def set_up(self) -> None:
         """Give this host its address inside; packets for the other end go nowhere else."""
-        wait_until_it_works(self._swanctl("--stats"))
-        wait_until_it_works(["ip", "link", "show", INTERFACE])
+        wait_until_it_works(lambda: command(["ip", "link", "show", INTERFACE]))
         command(["ip", "address", "add", f"{self.inside}/32", "dev", "lo"])
         route = ["ip", "route", "add", f"{self.other_inside}/32", "dev", INTERFACE]
         command([*route, "src", self.inside])
+        secret, owners = bytes.fromhex(self.secret), [self.address, self.other]
+        self._ask("load-shared", {"id": IKE, "type": "ike", "data": secret, "owners": owners})
 
     def use(self, key_id: UUID, key: bytes) -> None:
         """This key is for the next association; that with the key before stays."""
-        self._give_up()
+        self._forget()
         self._turn = 1 - self._turn
-        self._load(self._connection(key_id) + self._secrets(key_id, key))
-        self._end(NAMES[self._turn])
-        self._in_use.add(NAMES[self._turn])
+        self._end(self._name)
+        ppk = {"id": PPK, "type": "ppk", "data": key, "owners": [str(key_id)]}
+        self._ask("load-shared", ppk)
+        self._ask("load-conn", {self._name: self._connection(key_id)})
+        self._loaded = self._name
+        self._begun_s = 0.0
 
     def end_former(self) -> None:
         """End the association with the key before."""
         self._end(NAMES[1 - self._turn])
 
     def close(self) -> None:
-        """Forget the connection and its secrets, and end its associations."""
-        self._give_up()
-        self._load("")
-        for name in tuple(self._in_use):
+        """Forget the connection and its key, and end its associations."""
+        self._forget()
+        for name in NAMES:
             self._end(name)
 
     def handshake_done(self) -> bool:
         """Begin a handshake if none is going on; return whether it went well."""
         if not self.begins:
             return False
-        if self._attempt is None:
-            words = self._swanctl(
-                "--initiate", "--child", CHILD, "--timeout", str(INITIATE_TIMEOUT_S)
-            )
-            self._attempt = subprocess.Popen(
-                words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-            )
-        status = self._attempt.poll()
-        if status is not None:
-            self._attempt = None
-        return status == 0
+        found = self._associations(self._name)
+        if not found and time.monotonic() > self._begun_s + INITIATE_PAUSE_S:
+            self._begun_s = time.monotonic()
+            self._ask("initiate", {"ike": self._name, "child": CHILD, "timeout": AT_ONCE})
+        children = [child for each in found for child in each["child-sas"].values()]
+        return any(child["state"] == INSTALLED for child in children)
 
-    def _give_up(self) -> None:
-        """Wait no longer for a handshake with a key that is not in use any more."""
-        if self._attempt is not None:
-            self._attempt.kill()
-            self._attempt.wait(COMMAND_TIMEOUT_S)
-            self._attempt = None
+    @property
+    def _name(self) -> str:
+        return NAMES[self._turn]
 
-    def _load(self, configuration: str) -> None:
-        """Let charon know this and nothing else; the file is gone then, as a key may be in it."""
-        file = Path(f"{self.socket}.conf")
-        file.touch(mode=0o600)
-        try:
-            file.write_text(configuration)
-            command(self._swanctl("--load-all", "--clear", "--noprompt", "--file", str(file)))
-        finally:
-            file.unlink()
+    def _forget(self) -> None:
+        """Let charon begin or take no association with the key in use."""
+        if self._loaded:
+            self._ask("unload-conn", {"name": self._loaded})
+            self._ask("unload-shared", {"id": PPK})
+            self._loaded = ""
 
     def _end(self, name: str) -> None:
+        """End its associations, where there are any; the other end may be ending them, too."""
+        words = {"ike": name, "force": "yes", "timeout": AT_ONCE}
         try:
-            command(self._swanctl("--terminate", "--ike", name, "--force"))
-        except TunnelError as error:
-            if "no matching" not in str(error):  # there was none
+            self._ask("terminate", words)
+        except TunnelError:
+            if self._associations(name):
                 raise
-        self._in_use.discard(name)
 
-    def _swanctl(self, *words: str) -> list[str]:
-        return ["swanctl", words[0], "--uri", f"unix://{self.socket}", *words[1:]]
+    def _associations(self, name: str) -> list[dict[str, Any]]:
+        """Return what charon says of those of a connection."""
+        with self._asking("list-sas"):
+            told = list(self._charon.list_sas({"ike": name}))
+        return [association for each in told for association in each.values()]
 
-    def _connection(self, key_id: UUID) -> str:
-        return f"""connections {{ {NAMES[self._turn]} {{
-  version = 2
-  local_addrs = {self.address}
-  remote_addrs = {self.other}
-  proposals = {IKE}
-  ppk_id = "{key_id}"
-  ppk_required = yes
-  local {{
-    auth = psk
-    id = {self.address}
-  }}
-  remote {{
-    auth = psk
-    id = {self.other}
-  }}
-  children {{ {CHILD} {{
-    local_ts = {self.inside}/32
-    remote_ts = {self.other_inside}/32
-    esp_proposals = {ESP}
-  }} }}
-}} }}
-"""
+    def _ask(self, request: str, words: Mapping[str, Any]) -> None:
+        """Let charon do something; raise TunnelError if it does not."""
+        with self._asking(request):
+            self._charon.request(request, words)
 
-    def _secrets(self, key_id: UUID, key: bytes) -> str:
-        return f"""secrets {{
-  ike-1 {{
-    id-1 = {self.address}
-    id-2 = {self.other}
-    secret = 0x{self.secret}
-  }}
-  ppk-1 {{
-    id = "{key_id}"
-    secret = 0x{key.hex()}
-  }}
-}}
-"""
+    @contextmanager
+    def _asking(self, request: str) -> Iterator[None]:
+        try:
+            yield
+        except (OSError, *REFUSALS) as error:
+            raise TunnelError(f"charon at {self.socket}, {request}: {error}") from error
+
+    @cached_property
+    def _charon(self) -> Session:
+        """The way to charon, as soon as it is there."""
+        return wait_until_it_works(self._connected)
+
+    def _connected(self) -> Session:
+        way = socket.socket(socket.AF_UNIX)
+        way.settimeout(COMMAND_TIMEOUT_S)
+        with self._asking("connect"):
+            way.connect(self.socket)
+        return Session(way)
+
+    def _connection(self, key_id: UUID) -> dict[str, Any]:
+        """Return what charon has to know of the other end, in the words of swanctl.conf(5)."""
+        return {
+            "version": 2,
+            "local_addrs": [self.address],
+            "remote_addrs": [self.other],
+            "proposals": [IKE_PROPOSAL],
+            "ppk_id": str(key_id),
+            "ppk_required": "yes",
+            "local": {"auth": "psk", "id": self.address},
+            "remote": {"auth": "psk", "id": self.other},
+            "children": {
+                CHILD: {
+                    "local_ts": [f"{self.inside}/32"],
+                    "remote_ts": [f"{self.other_inside}/32"],
+                    "esp_proposals": [ESP_PROPOSAL],
+                }
+            },
+        }

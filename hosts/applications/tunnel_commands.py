@@ -2,11 +2,13 @@
 
 import subprocess
 import time
-from collections.abc import Sequence
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from typing import Protocol, TypeVar
 from uuid import UUID
 
 from hosts.timeouts import COMMAND_TIMEOUT_S, TUNNEL_POLL_S, TUNNEL_TIMEOUT_S
+
+Answer = TypeVar("Answer")
 
 
 class Tunnel(Protocol):
@@ -48,15 +50,13 @@ def command(words: Sequence[str], given: bytes = b"") -> str:
     return done.stdout.decode(errors="replace")
 
 
-def wait_until_it_works(words: Sequence[str]) -> None:
-    """Run a command until it succeeds, as it does when a program is ready; or raise TunnelError."""
+def wait_until_it_works(attempt: Callable[[], Answer]) -> Answer:
+    """Return what an attempt does as soon as its program is ready; or raise its TunnelError."""
     deadline = time.monotonic() + TUNNEL_TIMEOUT_S
     while True:
         try:
-            command(words)
+            return attempt()
         except TunnelError:
             if time.monotonic() > deadline:
                 raise
             time.sleep(TUNNEL_POLL_S)
-            continue
-        return

@@ -30,7 +30,7 @@ class WireGuard:
 
     def set_up(self) -> None:
         """Give the interface its address and key, once the program that makes it answers."""
-        wait_until_it_works(["wg", "show", self.interface])
+        wait_until_it_works(lambda: command(["wg", "show", self.interface]))
         words = ["wg", "set", self.interface, "listen-port", str(PORT), "private-key", "/dev/stdin"]
         command(words, self.private_key.encode())
         command(["ip", "address", "add", self.address, "dev", self.interface])

@@ -48,7 +48,7 @@ NAME = "vpn"
 NEEDED = {  # programs, and the Debian packages that have them
     WIREGUARD: (("wireguard-go", "wg"), "wireguard-go wireguard-tools"),
     STRONGSWAN: (
-        ("charon-systemd", "swanctl"),
+        ("charon-systemd",),
         "charon-systemd strongswan-swanctl libcharon-extra-plugins "
         "libstrongswan-standard-plugins libstrongswan-extra-plugins",
     ),
