@@ -174,15 +174,15 @@ def test_the_tunnel_closes_while_eve_listens_and_the_file_arrives(
     download_takes_its_time(folder, file.stat().st_size, scale)
     messages = messages_of(folder / "s1-eth1.pcap", layer, port)
     nothing_passes_while_it_is_closed(messages, alice, bob)
-    handshakes = sum(each["event"] == "handshake" for each in alice)
+    handshakes = {each["key_ID"] for each in alice if each["event"] == "handshake"}
     if program == "wireguard":
         kinds = [kind for _at, kind, _length in messages]
-        assert kinds.count(INITIATION) >= kinds.count(RESPONSE) >= handshakes
+        assert kinds.count(INITIATION) >= kinds.count(RESPONSE) >= len(handshakes)
     elif program == "tls":
         hellos = client_hellos(folder / "s1-eth1.pcap", port)
-        assert set(hellos) >= set(keys["alice"][:handshakes])
+        assert set(hellos) >= handshakes
     else:
-        assert notifications(folder / "s1-eth1.pcap", USE_PPK) >= 2 * handshakes
+        assert notifications(folder / "s1-eth1.pcap", USE_PPK) >= 2 * len(handshakes)
 
 
 def alarm_comes_before_the_end(folder: Path, alice: list[dict[str, Any]], scale: int) -> None:
@@ -241,8 +241,10 @@ def client_hellos(capture: Path, port: int) -> list[str]:
     """Return the identities of preshared keys that are offered for TLS 1.3, by Wireshark."""
     offered = f"tls.handshake.type == 1 && tcp.dstport == {port}"
     fields = ["-T", "fields", "-e", "tls.handshake.extensions.psk.identity.identity"]
-    command = [*TSHARK, "-r", str(capture), "-d", f"tcp.port=={port},tls", "-Y", offered, *fields]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    # With OpenSSL 3.5's ML-KEM it is two segments; on a busy machine the second may come first.
+    order = ["-o", "tcp.reassemble_out_of_order:TRUE"]
+    command = [*TSHARK, *order, "-r", str(capture), "-d", f"tcp.port=={port},tls", "-Y", offered]
+    done = subprocess.run([*command, *fields], capture_output=True, text=True, check=True)
     return [bytes.fromhex(line.replace(":", "")).decode() for line in done.stdout.split()]
 
 
