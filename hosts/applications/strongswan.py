@@ -85,7 +85,7 @@ class StrongSwan:
 
     def handshake_done(self) -> bool:
         """Begin a handshake if none is going on; return whether it went well."""
-        if not self.begins:
+        if not self.begins or not self._loaded:
             return False
         found = self._associations(self._name)
         if not found and time.monotonic() > self._begun_s + INITIATE_PAUSE_S:

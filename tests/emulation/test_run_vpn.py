@@ -80,6 +80,10 @@ while in_use.former_since_s is not None:
     in_use.look()
     time.sleep(0.02)
 print("times", first, second, time.time(), flush=True)
+while in_use.since_s is not None:
+    in_use.look()
+    time.sleep(0.02)
+print("closed", tunnel.handshake_done(), flush=True)
 time.sleep(60)
 """
 
@@ -393,7 +397,10 @@ def test_strongswan_uses_the_key_before_no_longer_than_its_lifetime(tmp_path: Pa
         ends["alice"].wait_for("times", SOON_S, network.check)
         time.sleep(2 * SLACK_S)
         answered = [float(at) for at in re.findall(r"\[([\d.]+)\] 64 bytes from", pings.said())]
-    first, second, ended = map(float, ends["alice"].said().split("times ")[1].split())
+        ends["alice"].wait_for("closed", SOON_S, network.check)
+    said = ends["alice"].said().split("times ")[1].split()
+    first, second, ended = map(float, said[:3])
+    assert said[-2:] == ["closed", "False"]
     assert first + lifetime_s <= ended < first + lifetime_s + SLACK_S
     assert [at for at in answered if second + SLACK_S < at < ended]
     assert max(answered) < ended + SLACK_S
