@@ -6,6 +6,7 @@ STOP_TIMEOUT_S = 5.0  # until one that was asked to has ended; then, until one t
 END_TIMEOUT_S = 1.0  # until a process has ended whose socket is closed; from one signal to the next
 DAEMON_END_TIMEOUT_S = 2.0  # the same, of a daemon that may write its memory to the disk first
 POLL_S = 0.02  # between two looks at what is waited for
+EXEC_TIMEOUT_S = 1.0  # until a process that becomes another program has that one's environment
 STOPPED_TIMEOUT_S = 10.0  # that a process may be stopped by a signal before the network ends
 STOPPED_LOOK_S = 0.5  # between two looks for such a process
 AGAIN_S = 0.5  # from which on a signal is another one: `timeout` and others send it twice at once

@@ -429,7 +429,7 @@ def require_free(topo: Topo) -> None:
 
 def sweep() -> None:
     """Remove what killed runs of ours have left: programs, bridges, interfaces, folders."""
-    owners.end([process for process, run in owners.marked() if owners.gone(run)])
+    owners.end_marked(owners.gone)
     for group in groups_of_gone():
         group.rmdir()
     openvswitch.delete_finally(str(owners.this_process()), *bridges_of_gone())
@@ -468,7 +468,7 @@ def delete_interfaces_of(switches: list[str]) -> None:
 
 def end_processes_of(run: str) -> None:
     """End what still runs in the network of a run, as a server that somebody has started there."""
-    owners.end([process for process, words in owners.marked() if words == run])
+    owners.end_marked(lambda words: words == run)
 
 
 def interfaces_of(switch: str) -> list[str]:

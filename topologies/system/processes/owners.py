@@ -8,12 +8,12 @@ import os
 import re
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from topologies.timeouts import END_TIMEOUT_S, POLL_S
+from topologies.timeouts import END_TIMEOUT_S, EXEC_TIMEOUT_S, POLL_S
 
 RUNTIME_ROOT = Path("/run/qmn")  # in which each run has a folder of its own
 PROC = Path("/proc")
@@ -23,6 +23,10 @@ VARIABLE = "QMN_RUN"  # in the environment of all that a run starts in its netwo
 NAMESPACE = "QMN_PROCESSES"  # there, too: of whose processes the run is one
 ENDED = "ZX"  # states of a process that only waits to be asked how it ended
 STOPPED = "T"
+KERNEL_THREAD = 0x0020_0000  # PF_KTHREAD, a flag of the kernel
+# Fields of /proc/PID/stat, counted from the state (proc(5) counts two before it).
+STATE, FLAGS, USER_TICKS, SYSTEM_TICKS, START = 0, 6, 11, 12, 19
+ENVIRONMENT_BEGIN, ENVIRONMENT_END = 47, 48  # addresses; both are 0 until a program is loaded
 
 
 class Owner(NamedTuple):
@@ -55,10 +59,10 @@ class Owner(NamedTuple):
     def processor_s(self) -> float:
         """How long it has had a processor so far; 0 if it is gone."""
         try:
-            fields = (PROC / str(self.pid) / "stat").read_text().rpartition(")")[2].split()
+            fields = _fields(self.pid)
         except OSError:
             return 0
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+        return (int(fields[USER_TICKS]) + int(fields[SYSTEM_TICKS])) / os.sysconf("SC_CLK_TCK")
 
     def signal(self, number: int) -> None:
         """Send it a signal, if it is still there."""
@@ -114,14 +118,23 @@ def marked() -> Iterator[tuple[Owner, str]]:
         if not folder.name.isdigit() or (process := owner(int(folder.name))) is None:
             continue
         try:
-            environment = (folder / "environ").read_bytes().split(b"\0")
+            environment = _environment(process.pid)
         except OSError:
             continue  # it has ended, or is not ours to look into
-        told = dict(entry.partition(b"=")[::2] for entry in environment)
+        told = dict(entry.partition(b"=")[::2] for entry in environment.split(b"\0"))
         words = told.get(VARIABLE.encode(), b"").decode(errors="replace")
         is_here = told.get(NAMESPACE.encode(), here) == here
         if is_here and from_words(words) and process.alive:
             yield process, words
+
+
+def end_marked(theirs: Callable[[str], bool]) -> None:
+    """End all processes of the runs that have such words, and what these start meanwhile."""
+    deadline = time.monotonic() + END_TIMEOUT_S
+    while found := [process for process, words in marked() if theirs(words)]:
+        end(found)
+        if time.monotonic() > deadline:
+            break
 
 
 def end(processes: list[Owner]) -> None:
@@ -139,10 +152,28 @@ def end(processes: list[Owner]) -> None:
 
 def _state_and_start(pid: int) -> tuple[str | None, int]:
     try:
-        fields = (PROC / str(pid) / "stat").read_text().rpartition(")")[2].split()
+        fields = _fields(pid)
     except OSError:
         return None, 0
-    return fields[0], int(fields[19])
+    return fields[STATE], int(fields[START])
+
+
+def _fields(pid: int) -> list[str]:
+    return (PROC / str(pid) / "stat").read_text().rpartition(")")[2].split()
+
+
+def _environment(pid: int) -> bytes:
+    """Return what a process was begun with; while it becomes another program there is none."""
+    deadline = time.monotonic() + EXEC_TIMEOUT_S
+    while not (environment := (PROC / str(pid) / "environ").read_bytes()):
+        fields = _fields(pid)
+        has_none = fields[ENVIRONMENT_BEGIN] == fields[ENVIRONMENT_END] != "0"
+        if has_none or fields[STATE] in ENDED or int(fields[FLAGS]) & KERNEL_THREAD:
+            break
+        if time.monotonic() > deadline:
+            break
+        time.sleep(POLL_S)
+    return environment
 
 
 def _namespace() -> str:
