@@ -23,7 +23,8 @@ VARIABLE = "QMN_RUN"  # in the environment of all that a run starts in its netwo
 NAMESPACE = "QMN_PROCESSES"  # there, too: of whose processes the run is one
 ENDED = "ZX"  # states of a process that only waits to be asked how it ended
 STOPPED = "T"
-KERNEL_THREAD = 0x0020_0000  # PF_KTHREAD, a flag of the kernel
+# Flags of the kernel, of processes that have no environment: PF_EXITING and PF_KTHREAD.
+WITHOUT = 0x4 | 0x20_0000
 # Fields of /proc/PID/stat, counted from the state (proc(5) counts two before it).
 STATE, FLAGS, USER_TICKS, SYSTEM_TICKS, START = 0, 6, 11, 12, 19
 ENVIRONMENT_BEGIN, ENVIRONMENT_END = 47, 48  # addresses; both are 0 until a program is loaded
@@ -168,9 +169,7 @@ def _environment(pid: int) -> bytes:
     while not (environment := (PROC / str(pid) / "environ").read_bytes()):
         fields = _fields(pid)
         has_none = fields[ENVIRONMENT_BEGIN] == fields[ENVIRONMENT_END] != "0"
-        if has_none or fields[STATE] in ENDED or int(fields[FLAGS]) & KERNEL_THREAD:
-            break
-        if time.monotonic() > deadline:
+        if has_none or int(fields[FLAGS]) & WITHOUT or time.monotonic() > deadline:
             break
         time.sleep(POLL_S)
     return environment
