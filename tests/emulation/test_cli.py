@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT, verb, wait_until
-from limits import PROGRAM_S
+from limits import PROGRAM_S, SOON_S
 from loaded import run_qmn
 from test_metrics_of_a_run import counted, metrics
 from test_timeline_of_a_run import fields
@@ -25,8 +25,6 @@ from qmn.scripting.network import start
 from topologies.chain import ChainTopo
 from wire.controller_lines import read_record
 from wire.outcomes import Pauli
-
-KEYBOARD_S = 15
 
 
 def cli(script: str, *options: str, runs: Path) -> subprocess.CompletedProcess[str]:
@@ -172,7 +170,7 @@ class Keyboard:
 
     def read_until(self, text: str) -> str:
         """Read what is shown until this is, within the deadline; return what came before."""
-        deadline = time.monotonic() + KEYBOARD_S
+        deadline = time.monotonic() + SOON_S
         while text not in self._seen:
             wait_s = max(0.0, deadline - time.monotonic())
             ready = select.select([self._terminal], [], [], wait_s)[0]
@@ -186,7 +184,7 @@ class Keyboard:
 
     def ended(self) -> int:
         """Return its status when it has ended, within the deadline."""
-        deadline = time.monotonic() + KEYBOARD_S
+        deadline = time.monotonic() + SOON_S
         while select.select([self._terminal], [], [], max(0.0, deadline - time.monotonic()))[0]:
             try:
                 os.read(self._terminal, 4096)
