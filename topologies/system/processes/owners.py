@@ -27,7 +27,8 @@ STOPPED = "T"
 WITHOUT = 0x4 | 0x20_0000
 # Fields of /proc/PID/stat, counted from the state (proc(5) counts two before it).
 STATE, FLAGS, USER_TICKS, SYSTEM_TICKS, START = 0, 6, 11, 12, 19
-ENVIRONMENT_BEGIN, ENVIRONMENT_END = 47, 48  # addresses; both are 0 until a program is loaded
+# Addresses, in the order in which a program that is loaded gets them; 0 before.
+ENVIRONMENT_BEGIN, ENVIRONMENT_END, CODE = 47, 48, 23
 
 
 class Owner(NamedTuple):
@@ -168,7 +169,8 @@ def _environment(pid: int) -> bytes:
     deadline = time.monotonic() + EXEC_TIMEOUT_S
     while not (environment := (PROC / str(pid) / "environ").read_bytes()):
         fields = _fields(pid)
-        has_none = fields[ENVIRONMENT_BEGIN] == fields[ENVIRONMENT_END] != "0"
+        loaded = fields[CODE] != "0"
+        has_none = loaded and fields[ENVIRONMENT_BEGIN] == fields[ENVIRONMENT_END]
         if has_none or int(fields[FLAGS]) & WITHOUT or time.monotonic() > deadline:
             break
         time.sleep(POLL_S)
