@@ -6,7 +6,7 @@ from pathlib import Path
 
 from conftest import wait_until
 from fabric_scene import light_paths, running
-from test_ip_over_light import DARK_S, pinged
+from test_ip_over_light import DARK_S, answered, pinged, pings, run
 
 from topologies.daemons.ip_over_light import IpOverLight, start_ip_over_light
 from topologies.ring import RingTopo
@@ -21,7 +21,7 @@ def test_packets_pass_a_noisy_ring_by_a_code_and_policy_is_told(tmp_path: Path) 
     with running(topo, tmp_path, policy=str(policy)) as network:
         sessions = {"fec": "golay", "interleave": True, "frame_bytes": 64}
         start_ip_over_light(network, IpOverLight(sessions=sessions, idle_s=0.5))
-        assert "3 received" in pinged(network, "bob", "-c 3 -i 0.2 -s 1000 10.1.0.1")
+        assert answered(run(network, "bob", pings(3, "-s 1000 10.1.0.1"))) == 3
         assert sum(len(light_paths(f"q{n}")) for n in range(1, 5)) > 4
         assert "Packet filtered" in pinged(network, "alice", "-c 1 10.1.0.3")
         wait_until(lambda: not light_paths("q1"), "light given back", DARK_S)
