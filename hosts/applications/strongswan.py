@@ -50,7 +50,7 @@ class StrongSwan:
     other_inside: str
     begins: bool  # whether this end begins handshakes
     _turn: int = field(default=0, init=False)  # whose name the key in use has
-    _loaded: str = field(default="", init=False)  # name of the connection that charon knows
+    _loaded: bool = field(default=False, init=False)  # whether charon knows that key
     _begun_s: float = field(default=0.0, init=False)  # when the last handshake began
 
     def set_up(self) -> None:
@@ -70,7 +70,7 @@ class StrongSwan:
         ppk = {"id": PPK, "type": "ppk", "data": key, "owners": [str(key_id)]}
         self._ask("load-shared", ppk)
         self._ask("load-conn", {self._name: self._connection(key_id)})
-        self._loaded = self._name
+        self._loaded = True
         self._begun_s = 0.0
 
     def end_former(self) -> None:
@@ -101,9 +101,9 @@ class StrongSwan:
     def _forget(self) -> None:
         """Let charon begin or take no association with the key in use."""
         if self._loaded:
-            self._ask("unload-conn", {"name": self._loaded})
+            self._ask("unload-conn", {"name": self._name})
             self._ask("unload-shared", {"id": PPK})
-            self._loaded = ""
+            self._loaded = False
 
     def _end(self, name: str) -> None:
         """End its associations, where there are any; the other end may be ending them, too."""

@@ -26,6 +26,8 @@ from topologies.chain import ChainTopo
 from wire.controller_lines import read_record
 from wire.outcomes import Pauli
 
+KEYBOARD_S = 15
+
 
 def cli(script: str, *options: str, runs: Path) -> subprocess.CompletedProcess[str]:
     """Run a script to its end."""
@@ -97,7 +99,7 @@ def test_a_script_goes_on_after_failures_and_its_status_tells(tmp_path: Path) ->
 
 def test_ctrl_c_ends_the_verb_and_ctrl_d_the_network(tmp_path: Path) -> None:
     with Keyboard("sdc", "--metrics", "--runs", str(tmp_path)) as keyboard:
-        shown = keyboard.read_until("qmn> ")
+        shown = keyboard.read_until("qmn> ", SOON_S)
         addresses = dict(re.findall(r"metrics of (\S+): (http://\S+)", shown))
         assert addresses.keys() == {"dispatcher", "q1-agent", "c0"}
         keyboard.type("qiperf alice bob 60\n")
@@ -123,7 +125,7 @@ def test_a_signal_ends_the_network_in_mid_command_and_what_was_captured_stays(
     tmp_path: Path,
 ) -> None:
     with Keyboard("sdc", "--capture", "--runs", str(tmp_path), "--seed", "5") as keyboard:
-        keyboard.read_until("qmn> ")
+        keyboard.read_until("qmn> ", SOON_S)
         keyboard.type("alice qsend bob seen\n")
         keyboard.read_until("4 bytes")
         keyboard.read_until("qmn> ")
@@ -168,9 +170,9 @@ class Keyboard:
         """Press keys."""
         os.write(self._terminal, text.encode())
 
-    def read_until(self, text: str) -> str:
+    def read_until(self, text: str, timeout_s: float = KEYBOARD_S) -> str:
         """Read what is shown until this is, within the deadline; return what came before."""
-        deadline = time.monotonic() + SOON_S
+        deadline = time.monotonic() + timeout_s
         while text not in self._seen:
             wait_s = max(0.0, deadline - time.monotonic())
             ready = select.select([self._terminal], [], [], wait_s)[0]
@@ -184,7 +186,7 @@ class Keyboard:
 
     def ended(self) -> int:
         """Return its status when it has ended, within the deadline."""
-        deadline = time.monotonic() + SOON_S
+        deadline = time.monotonic() + KEYBOARD_S
         while select.select([self._terminal], [], [], max(0.0, deadline - time.monotonic()))[0]:
             try:
                 os.read(self._terminal, 4096)

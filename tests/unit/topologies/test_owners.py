@@ -83,7 +83,8 @@ def test_one_that_is_stopped_is_ended_all_the_same(sleeper: subprocess.Popen[byt
 def of_a_run(script: str) -> Iterator[subprocess.Popen[bytes]]:
     """Start a shell that carries the mark of a run."""
     environment = {**os.environ, VARIABLE: RUN}
-    with subprocess.Popen(["sh", "-c", script], env=environment, stdout=-1) as process:
+    command = ["sh", "-c", script]
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE) as process:
         try:
             yield process
         finally:
