@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from threading import Lock
 
 from qmn.sweeps.cluster import Measured
@@ -18,6 +17,7 @@ from qmn.sweeps.experiment import SweepError
 from qmn.sweeps.grid import Grid, Measurer, Row
 from qmn.sweeps.parameters import Values, point_seed
 from qmn.sweeps.running import estimates
+from qmn.sweeps.scratch import scratch_folder
 from qmn.timeouts import SWEEP_POLL_S
 from topologies.networks.network import require_root
 from topologies.system.confinement.apart import apart
@@ -36,7 +36,7 @@ class Networks:
     def measure(self, runs: Path, name: str, values: Values, seed: int) -> Measured:
         """Measure a point in a network of its own; raise SweepError, also if it was ended."""
         asked = {"name": name, "values": values, "seed": seed, "runs": str(runs.absolute())}
-        with TemporaryDirectory(prefix="qmn-sweep-") as folder:  # goes also if the program cannot
+        with scratch_folder() as folder:  # goes also if the program cannot
             environment = {**os.environ, **ENVIRONMENT, "TMPDIR": folder}
             with self._lock:
                 if self._ended:

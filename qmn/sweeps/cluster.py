@@ -10,13 +10,13 @@ import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from tempfile import TemporaryDirectory
 
 from distributed import Client, Future, LocalCluster, Security
 
 from qmn.sweeps.catalogue import measure
 from qmn.sweeps.experiment import Experiment, SweepError
 from qmn.sweeps.parameters import Values
+from qmn.sweeps.scratch import scratch_folder
 from qmn.timeouts import CLUSTER_TIMEOUT_S, NO_WORKER_TIMEOUT_S, SWEEP_POLL_S
 
 HTTP_ADDRESS = "127.0.0.1:0"  # any free port: the scheduler insists on serving its state there
@@ -30,7 +30,7 @@ Task = Callable[[str, Values, int], Measured]  # of a name, values and a seed
 def local_client(workers: int) -> Iterator[Client]:
     """Start so many worker processes here; they end with this context."""
     with (
-        TemporaryDirectory(prefix="qmn-sweep-") as folder,
+        scratch_folder() as folder,
         LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
