@@ -29,7 +29,7 @@ APART = --dist=worksteal --tx="$(NETWORKS)*popen//python=topologies/own_namespac
 # Their files are in a folder with a short path, as sockets need; it stays if a test fails.
 in_folder = folder=$$(mktemp -d /tmp/qmn.XXXX) && \
     $1 $(PYTEST) --basetemp="$$folder" $2 && $1 rm -r "$$folder"
-TESTS := tests/emulation  # of test-docker
+TESTS := tests/emulation -m image  # of test-docker; TESTS=tests/emulation for all
 # What notebooks need and a browser are large, and not in the image; and Docker lets no process take
 # files of others, nor make groups of processes.
 IN_GROUPS := several_together_do_not_take_more who_takes_more_does_not_go_on_by_swapping \
@@ -81,7 +81,7 @@ test: setup ## Run all checks and tests natively
 	@echo 'test: tests in emulated networks; about 9 minutes left'
 	@$(MAKE) --no-print-directory emulation
 
-test-docker: ## Run the emulation tests inside the image (DEBIAN=13: of Debian 13)
+test-docker: ## Run the emulation tests marked `image` inside it (DEBIAN=13: of Debian 13)
 	@docker/run $(PYTEST) $(APART) $(NOT_IN_IMAGE) $(TESTS)
 
 test-swarm: setup ## Try several machines with two Docker engines and Docker Swarm (root)

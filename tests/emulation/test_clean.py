@@ -17,6 +17,8 @@ from topologies.system.kernel.interfaces import delete
 from topologies.system.open_vswitch import openvswitch
 from topologies.system.runs.runtime import RUNTIME_ROOT
 
+pytestmark = pytest.mark.image
+
 FOREIGN = "foreign0"
 
 

@@ -34,6 +34,7 @@ def cli(script: str, *options: str, runs: Path) -> subprocess.CompletedProcess[s
     return run_qmn("cli", *options, "--runs", str(runs), commands=script, timeout_s=PROGRAM_S)
 
 
+@pytest.mark.image
 def test_every_verb_works_from_a_script(tmp_path: Path) -> None:
     script = """
         # our own verbs

@@ -7,10 +7,13 @@ import sys
 from pathlib import Path
 from subprocess import DEVNULL
 
+import pytest
 from conftest import ROOT, wait_until
 
 from topologies.networks.network import Network
 from topologies.system.open_vswitch import openvswitch
+
+pytestmark = pytest.mark.image
 
 SEARCH = """
 import os, socket, sys

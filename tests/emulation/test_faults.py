@@ -117,6 +117,7 @@ def child(process: Running, module: str) -> int:
     raise AssertionError(f"no child runs {module}")
 
 
+@pytest.mark.image
 @pytest.mark.parametrize(
     ("module", "name"),
     [("controller_apps", "c0"), ("qswitch_agent", "q1-agent"), ("dispatcher", "dispatcher")],
@@ -193,6 +194,7 @@ def test_a_failure_tells_how_far_it_came(tmp_path: Path) -> None:
     assert "too noisy for frames" in page.read_text()
 
 
+@pytest.mark.image
 @pytest.mark.parametrize("moment", ["starting the network", "sending"])
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_the_run_cleanly(tmp_path: Path, moment: str, number: signal.Signals) -> None:
@@ -204,6 +206,7 @@ def test_a_signal_ends_the_run_cleanly(tmp_path: Path, moment: str, number: sign
     assert f"interrupted by {number.name}" in output
 
 
+@pytest.mark.image
 def test_the_run_after_a_killed_one_works(tmp_path: Path) -> None:
     with run_to_kill(tmp_path) as process:
         read_until(process, "sending")

@@ -18,6 +18,8 @@ from topologies.sdc import SdcTopo
 from topologies.system.kernel.memory_share import parent
 from topologies.system.processes import owners
 
+pytestmark = pytest.mark.image
+
 MIB = 128
 NONE = "this machine lets nobody make groups of processes that share memory"
 TAKE = "import sys, time; kept = bytearray(int(sys.argv[1]) << 20); print('has it'); time.sleep(60)"

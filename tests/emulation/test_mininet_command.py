@@ -27,6 +27,7 @@ def mn(*arguments: str, commands: str = "", file: str = "topologies/sdc", topo: 
     return done.stdout
 
 
+@pytest.mark.image
 def test_all_hosts_reach_each_other() -> None:
     assert "0% dropped (12/12 received)" in mn("--test", "pingall")
 

@@ -68,6 +68,7 @@ def test_a_report_that_was_not_wanted_can_be_made_later(
     assert "<figure" in (folder / "report.html").read_text()
 
 
+@pytest.mark.image
 @pytest.mark.parametrize("controller", ["ryu", "os-ken"])
 @pytest.mark.parametrize("handshake", ["framed", "per-pair"])
 def test_bob_holds_exactly_what_alice_sent(tmp_path: Path, controller: str, handshake: str) -> None:

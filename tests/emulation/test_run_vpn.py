@@ -326,6 +326,7 @@ def more_listening(network: Network, host: str, before: set[str]) -> bool:
     return bool(listening(network, host) - before)
 
 
+@pytest.mark.image
 def test_without_the_same_psk_tls_gives_up(tmp_path: Path) -> None:
     script = tmp_path / "end.py"
     script.write_text(TLS_END)
@@ -349,6 +350,7 @@ def test_without_the_same_psk_tls_gives_up(tmp_path: Path) -> None:
                 end.stop()
 
 
+@pytest.mark.image
 @IF_THERE
 def test_without_the_same_ppk_ike_gives_up(tmp_path: Path) -> None:
     ping = "ping -c1 -W2 192.168.77.2"

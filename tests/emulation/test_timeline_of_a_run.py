@@ -61,6 +61,7 @@ def test_capinfos_finds_named_interfaces_and_nothing_wrong(run: Path) -> None:
     assert "Strict time order:   True" in merged
 
 
+@pytest.mark.image
 def test_wireshark_sees_packets_and_qubits_on_one_timeline(run: Path) -> None:
     # alice hangs on s1-eth1, bob on s1-eth2: pending before the controller, granted behind it.
     seen = fields(
@@ -134,6 +135,7 @@ def test_a_spy_sees_every_event_of_a_network_and_ends_with_it(tmp_path: Path) ->
     assert said == f"qmn: {len(log)} events shown, 0 dropped\n"
 
 
+@pytest.mark.image
 def test_what_a_host_asks_of_the_dispatcher_is_read_as_grpc(run: Path) -> None:
     lines = tshark(run, *search_path(run), "-Y", "ip.src == 10.0.0.1 && grpc", "-V")
     text = "\n".join(lines)

@@ -55,6 +55,7 @@ def firsts(files: Iterable[Path], port: int) -> Iterator[bytes]:
                 yield said
 
 
+@pytest.mark.image
 def test_a_run_by_tls_is_read_by_who_has_its_key_log(tmp_path: Path) -> None:
     done = qmn("--message", "hello", "--tls", runs=tmp_path)
     assert done.returncode == 0, done.stderr

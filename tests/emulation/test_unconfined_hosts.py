@@ -11,6 +11,8 @@ from test_confined_hosts import searched
 from topologies.sdc import SdcTopo
 from topologies.system.kernel import user_namespace
 
+pytestmark = pytest.mark.image
+
 
 def test_what_hosts_of_mininet_see_is_found(tmp_path: Path) -> None:
     """So the search finds what it looks for where hosts are not confined."""

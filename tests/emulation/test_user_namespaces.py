@@ -13,6 +13,8 @@ from mininet.node import Node
 
 from topologies.networks.network import Network
 
+pytestmark = pytest.mark.image
+
 HOSTS = "alice", "bob", "charlie"
 NONE_TO_BE_HAD = (
     "echo 0 >/proc/sys/user/max_user_namespaces && "  # below the namespace of who says it
