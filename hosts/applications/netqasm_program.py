@@ -21,6 +21,7 @@ from netqasm.sdk.config import LogConfig
 from hosts.applications.carrying import say
 from hosts.applications.service import ended_well
 from hosts.netqasm_sdk.external import installed
+from hosts.netqasm_sdk.outcomes import plain
 from hosts.netqasm_sdk.placement import Placement
 from hosts.netqasm_sdk.ranks import counts
 
@@ -45,15 +46,6 @@ def begin(main: Main, role: str, host: str, inputs: dict[str, Any], logs: Path) 
     log_config = LogConfig(log_subroutines_dir=str(logs), comm_log_dir=str(logs))
     config = AppConfig(role, host, main, log_config, inputs)
     return main(app_config=config, **inputs)
-
-
-def plain(value: Any) -> Any:
-    """Return what JSON can hold of a value: a complex number as its two parts, others as text."""
-    if isinstance(value, complex):
-        return [value.real, value.imag]
-    if hasattr(value, "tolist"):  # of numpy
-        return value.tolist()
-    return str(value)
 
 
 def main() -> int:
@@ -97,8 +89,7 @@ def main() -> int:
                 with redirect_stdout(sys.stderr):
                     host = placement.host(role)
                     output = begin(entry, role, host, arguments.inputs, arguments.logs)
-                output = json.loads(json.dumps(output, default=plain))
-                say("result", {"round": number, "output": output})
+                say("result", {"round": number, "output": plain(output)})
         say("done", {"rounds": arguments.rounds})
 
     return ended_well("netqasm_program", work_of_rank if program else work)

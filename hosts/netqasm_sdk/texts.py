@@ -17,6 +17,7 @@ from netqasm.sdk.classical_communication.broadcast_channel import BroadcastChann
 from netqasm.sdk.classical_communication.message import StructuredMessage
 from netqasm.sdk.classical_communication.socket import Socket as BaseSocket
 
+from hosts.netqasm_sdk.outcomes import resolved
 from hosts.netqasm_sdk.placement import Placement
 from hosts.timeouts import GREETING_TIMEOUT_S, JOIN_TIMEOUT_S, TEXT_PAUSE_S, TEXT_TIMEOUT_S
 from wire.malformed import MalformedPacket
@@ -145,8 +146,8 @@ class Socket(BaseSocket):
             self._ended = not data
 
     def send_structured(self, msg: StructuredMessage) -> None:
-        """Send a header and what belongs to it, which JSON must be able to hold."""
-        self.send(json.dumps({"header": msg.header, "payload": msg.payload}))
+        """Send a header and its payload, which JSON must be able to hold."""
+        self.send(json.dumps(resolved({"header": msg.header, "payload": msg.payload})))
 
     def recv_structured(
         self, block: bool = True, timeout: float | None = None, maxsize: int | None = None
