@@ -13,8 +13,8 @@ from qmn.reports.run_facts import RunFacts, read_run
 from qmn.reports.sequence import Step, handshake, lanes
 from qmn.reports.streams import segments
 from qmn.results.timeline import TIMELINE
+from qmn.verbs.wireshark import installed_dissectors
 from wire.dispatcher_pb2 import Event
-from wire.dissection.dissectors import SCRIPT
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Handshake
 
@@ -87,7 +87,7 @@ def files(runs: Runs, folder: Path) -> Sequence[Path]:
     )
     page.write_text(f"<meta charset=utf-8><style>{STYLE.read_text()}</style>{drawn}")
     alice = f"ip.addr == {run.network.addresses['alice']} && tcp"
-    command = ["tshark", "-X", f"lua_script:{SCRIPT}", "-r", TIMELINE, alice]
+    command = ["tshark", "-X", f"lua_script:{installed_dissectors()}", "-r", TIMELINE, alice]
     traffic.write_bytes(check_output(command, cwd=run.folder, stderr=DEVNULL))
     return page, traffic
 

@@ -31,6 +31,7 @@ def write_report(folder: Path) -> Path:
     """
     text = page(read_run(folder))
     unfinished = folder / f".{REPORT}"
+    unfinished.unlink(missing_ok=True)  # it may be a link
     unfinished.write_text(text)
     return unfinished.replace(folder / REPORT)
 

@@ -117,7 +117,8 @@ def merge(run: Path, target: Path | None = None, packet_bytes: int | None = None
         )
         beside = stack.enter_context(tempfile.TemporaryFile(dir=target.parent))
         ordered = in_time_order(places, beside)
-        unfinished.touch(mode=0o600)
+        unfinished.unlink(missing_ok=True)  # it may be a link
+        unfinished.touch(mode=0o600, exist_ok=False)
         with unfinished.open("wb") as output:
             writer = Writer(output, interfaces, key_log(run))
             for time_ns, interface, number, offset, size, length in ordered:

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from qmn.kept_runs.named_run import add_run
-from qmn.results.run_folder import give
+from qmn.results.run_folder import PRIVATE, give, give_tree
 from qmn.results.timeline import TIMELINE, NoCaptures, merge
-from wire.dissection.dissectors import SCRIPT, install, search_path
+from wire.dissection.dissectors import install, search_path
 from wire.malformed import MalformedPacket
 
 COLUMNS = {
@@ -56,15 +56,26 @@ def call(arguments: argparse.Namespace) -> int:
 
 
 def prepare(run: Path, whole: bool = False) -> tuple[Path, Path]:
-    """Return a run's timeline and the dissectors that fit it; make what is not there yet.
+    """Return a run's timeline, which is made if it is missing, and the installed dissectors.
 
-    Whole: a timeline is made anew, as that of a long run has the heads of packets alone.
+    Whole: make the timeline again, as that of a long run has the heads of packets alone.
     """
-    timeline, dissectors = run.resolve() / TIMELINE, run.resolve() / SCRIPT
-    made = [merge(run.resolve())] if whole or not timeline.exists() else []
-    for file in (*made, *install(run.resolve())):
-        give(file)
-    return timeline, dissectors
+    timeline = run.resolve() / TIMELINE
+    if whole or not timeline.exists():
+        give(merge(run.resolve()))
+    return timeline, installed_dissectors()
+
+
+def installed_dissectors() -> Path:
+    """Write the dissectors into the user's cache; return the script.
+
+    A script in a run's folder is never loaded: another person may have made that run.
+    """
+    folder = Path(os.environ.get("QMN_CACHE") or Path.home() / ".cache" / "qmn")
+    folder.mkdir(mode=PRIVATE, parents=True, exist_ok=True)
+    script = install(folder)
+    give_tree(folder)
+    return script
 
 
 def what_is_missing() -> str:

@@ -20,7 +20,8 @@ from topologies.system.runs import runtime
 from topologies.system.runs.runtime import Runtime
 
 DEFAULT_PREFIX_LENGTH = 8  # Mininet's
-OF_RUNS = re.compile(r"\d{8}T\d{6}-.+|\.?latest.*|\.index\.sqlite.*")  # what a folder of runs has
+# What a folder of runs has.
+OF_RUNS = re.compile(r"\d{8}T\d{6}-.+|\.?latest.*|\.index\.sqlite.*|\.cache")
 
 
 def covered_folders(network: Runtime) -> list[Path]:

@@ -1,6 +1,7 @@
 """qmn wireshark where there is a Wireshark, and where there is none."""
 
 import argparse
+import re
 import shlex
 import subprocess
 from pathlib import Path
@@ -13,6 +14,12 @@ from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.dispatcher_pb2 import Event
 
 EVENT = Event(time_ns=1_700_000_000_000_000_000, node="alice", kind="create")
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write dissectors here, not into the home of who tests."""
+    monkeypatch.setenv("QMN_CACHE", str(tmp_path / "cache"))
 
 
 @pytest.fixture
@@ -60,15 +67,34 @@ def test_where_it_can_wireshark_is_started(
     monkeypatch.setenv("DISPLAY", ":0")
     assert verb(run) == 3
     said = (tmp_path / "said").read_text().splitlines()
-    assert said[:2] == ["-X", f"lua_script:{run / 'qmn.lua'}"]
+    assert said[:2] == ["-X", f"lua_script:{tmp_path / 'cache' / 'qmn.lua'}"]
     assert said[-2:] == ["-r", str(run / "all.pcapng")]
 
 
-def test_the_script_of_the_run_itself_is_kept(run: Path) -> None:
-    (run / "qmn.lua").write_text("-- of that version\n")
-    wireshark.prepare(run)
-    assert (run / "qmn.lua").read_text() == "-- of that version\n"
-    assert (run / "all.pcapng").exists()
+def test_no_code_from_the_folder_of_a_run_is_loaded(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    ran = tmp_path / "ran"
+    for name in ("qmn.lua", "init.lua", "grpc.lua"):
+        (run / name).write_text(f'io.open("{ran}", "w"):close()\n')
+    assert verb(run) == 0
+    for command in re.findall("(?:wire|t)shark -.*", capsys.readouterr().out):
+        words = ["tshark", *shlex.split(command)[1:]]
+        done = subprocess.run(words, capture_output=True, text=True, check=True, cwd=run)
+        assert "alice" in done.stdout
+    assert not ran.exists()
+
+
+def test_a_link_in_the_folder_of_a_run_is_not_written_through(run: Path, tmp_path: Path) -> None:
+    precious = tmp_path / "precious"
+    precious.write_text("precious")
+    for name in ("all.pcapng", ".all.pcapng", "qmn.lua", ".qmn.lua"):
+        (run / name).symlink_to(precious)
+    wireshark.prepare(run, whole=True)
+    assert precious.read_text() == "precious"
+    assert not (run / "all.pcapng").is_symlink()
 
 
 def test_a_folder_without_captures_is_said(
