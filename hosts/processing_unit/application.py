@@ -3,7 +3,7 @@
 import asyncio
 from collections import defaultdict
 from collections.abc import Callable, Coroutine, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -39,7 +39,7 @@ def told(subroutine: Subroutine) -> str:
     return f"{text[:MOST_TOLD].rpartition(';')[0]}; ... of {len(instructions)} instructions"
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class Request:
     """Pairs that the application has asked for, and where it wants to know of them."""
 
@@ -50,6 +50,12 @@ class Request:
     into: int  # address of the array of what is told of them
     asked_s: float
     received: bool  # not created here
+    made: int = 0  # pairs so far
+
+    @property
+    def left(self) -> int:
+        """The number of pairs that are still to come."""
+        return self.pairs - self.made
 
 
 class Application:
@@ -138,22 +144,24 @@ class Application:
             self._making.node, request.socket, remote_socket, request.pairs, use, theirs
         )
         remote = self._nodes[request.node]
-        blocks = await self._making.create(asked, remote, self._qubits)
-        if use == Use.KEEP:
-            self._keep(request, blocks)
-        else:
-            await self._measure(request, blocks, use, ours)
+        while request.left:
+            rest = replace(asked, pairs=request.left)
+            blocks = await self._making.create(rest, remote, self._qubits)
+            if use == Use.KEEP:
+                self._keep(request, blocks)
+            else:
+                await self._measure(request, blocks, use, ours)
 
     async def _receive(self, request: Request) -> None:
         remote_socket = self._sockets[request.node, request.socket]
         key = self._nodes[request.node], request.socket, remote_socket
-        asked, blocks = await self._making.receive(
-            key, request.pairs, self._can_keep(request), self._qubits
-        )
-        if asked.use == Use.MEASURE:
-            await self._measure(request, blocks, asked.use, asked.receiver)
-        else:
-            self._keep(request, blocks)
+        while request.left:
+            can_keep = self._can_keep(request)
+            asked, blocks = await self._making.receive(key, request.left, can_keep, self._qubits)
+            if asked.use == Use.MEASURE:
+                await self._measure(request, blocks, asked.use, asked.receiver)
+            else:
+                self._keep(request, blocks)
 
     def _can_keep(self, request: Request) -> bool:
         """Return whether as many numbers of qubits are named as pairs."""
@@ -161,7 +169,9 @@ class Application:
         return address is not None and memory.length(address) == request.pairs
 
     def _keep(self, request: Request, blocks: list[BlockName]) -> None:
-        self._homeless += [(request, place, block) for place, block in enumerate(blocks)]
+        places = enumerate(blocks, request.made)
+        self._homeless += [(request, place, block) for place, block in places]
+        request.made += len(blocks)
         self._settle()
 
     def _settle(self) -> None:
@@ -188,8 +198,9 @@ class Application:
         if NO_CLICK in outcomes:
             text = "no detector has clicked for half of a pair: take one of efficiency 1"
             raise SessionError(Reason.HARDWARE, text)
-        for place, (outcome, basis) in enumerate(zip(outcomes, bases, strict=True)):
-            self._tell(request, place, use, outcome, basis)
+        for place, found in enumerate(zip(outcomes, bases, strict=True), request.made):
+            self._tell(request, place, use, *found)
+        request.made += len(blocks)
 
     def _tell(self, request: Request, place: int, use: Use, found: int, *basis: int) -> None:
         """Tell of a pair as NetQASM lays it out: its number, or outcome and basis."""

@@ -1,11 +1,11 @@
 """Pairs for the applications of processing units: agreed on between two units, made by a service.
 
 creator's unit                                     receiver's unit
-PairRequest ------------------------------------->  waits until its application wants them
-   <------------------------------------ READY, port
+PairRequest ------------------------------------->  waits until its application wants some
+   <----------------------- READY, port, how many now
 session of `distribute`, to that port <---------->  light, as the controller grants it
 (or of `swap`, where repeaters are between them)
-both take the pairs out of the session, which ends then
+both take the pairs out of the session, which ends then; the creator requests those left
 """
 
 import asyncio
@@ -13,7 +13,7 @@ import logging
 from collections import defaultdict, deque
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import AbstractContextManager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import count
 from typing import Any
 
@@ -40,12 +40,12 @@ from wire.netqasm.pair_requests import (
     ANSWER,
     PAIRS_PORT,
     REQUEST,
+    PairAnswer,
     PairRequest,
     Use,
     Verdict,
     decode_answer,
     decode_request,
-    encode_answer,
 )
 
 log = logging.getLogger("pairs")
@@ -57,8 +57,7 @@ MOST_WAITING = 64  # units that want something of this one, at a time
 CREATOR, RECEIVER = 0, 1  # halves of the pairs
 REFUSALS = {
     Verdict.NOBODY: f"has not asked to receive them in {WANTED_TIMEOUT_S:g} s: does its program "
-    "open the same sockets, and does it still run?",
-    Verdict.OTHER_COUNT: "wants another number of them: let both ends name the same",
+    "open the same sockets, receive as many pairs, and does it still run?",
     Verdict.OTHER_USE: "has named no qubits to keep them in: let both ends use them alike",
 }
 
@@ -123,9 +122,7 @@ class Wanted:
             self.came.set_exception(error)
 
     def verdict(self, request: PairRequest) -> Verdict:
-        """Return what is to be said to a request for this."""
-        if request.pairs != self.pairs:
-            return Verdict.OTHER_COUNT
+        """Return the verdict on a request for some of these pairs."""
         if request.use != Use.MEASURE and not self.can_keep:
             return Verdict.OTHER_USE
         return Verdict.READY
@@ -148,11 +145,12 @@ class PairMaking:
         self._ways: dict[str, str] = {}  # services by node, of those that light does not reach
 
     async def create(self, request: PairRequest, remote: str, qubits: Qubits) -> list[BlockName]:
-        """Return this end's halves of new pairs with a node; raise SessionError if there are none.
+        """Return this end's halves of new pairs with a node, as many as that wants now.
 
-        Light that others use is waited for.
+        Wait for light that others use. Raise SessionError if there are no pairs.
         """
-        async with Agreement(request, remote, self._nodes[remote]) as port:
+        async with Agreement(request, remote, self._nodes[remote]) as (port, pairs):
+            request = replace(request, pairs=pairs)
             deadline_s = now_s() + FREE_TIMEOUT_S
             pauses = growing_pauses(f"{self.node} {remote} {port}")
             while True:
@@ -167,7 +165,7 @@ class PairMaking:
     async def receive(
         self, key: Key, pairs: int, can_keep: bool, qubits: Qubits
     ) -> tuple[PairRequest, list[BlockName]]:
-        """Return what another node has asked for, and this end's halves of the pairs."""
+        """Return a request of another node, and this end's halves of at most so many pairs."""
         wanted = Wanted(pairs, can_keep, qubits)
         self._wanted[key].append(wanted)
         try:
@@ -216,13 +214,13 @@ class PairMaking:
             async with asyncio.timeout(WANTED_TIMEOUT_S), self._changed:
                 await self._changed.wait_for(lambda: self._wanted.get(key))
         except TimeoutError:
-            writer.write(encode_answer(Verdict.NOBODY))
+            writer.write(PairAnswer(Verdict.NOBODY).encode())
             return
         wanted = self._wanted[key].popleft()
         verdict = wanted.verdict(request)
         try:
             if verdict != Verdict.READY:
-                writer.write(encode_answer(verdict))
+                writer.write(PairAnswer(verdict).encode())
                 raise SessionError(
                     Reason.UNSUPPORTED,
                     f"{request.creator} asks for others: "
@@ -244,13 +242,14 @@ class PairMaking:
     ) -> list[BlockName]:
         """Return the halves of pairs that the creator has made after an answer."""
         port = FIRST_PORT + next(self._ports) % (LAST_PORT - FIRST_PORT)
+        pairs = min(request.pairs, wanted.pairs)
 
         async def take(session: int) -> list[BlockName]:
-            return await self._take(session, RECEIVER, request.pairs, wanted.qubits)
+            return await self._take(session, RECEIVER, pairs, wanted.qubits)
 
         arriving = Arriving(request.creator, take)
         with self._sessions.expecting(port, arriving):
-            writer.write(encode_answer(Verdict.READY, port))
+            writer.write(PairAnswer(Verdict.READY, port, pairs).encode())
             return await arriving.blocks
 
     async def _distribute(
@@ -321,8 +320,8 @@ class Agreement:
         self._request, self._remote, self._address = request, remote, address
         self._writer: asyncio.StreamWriter | None = None
 
-    async def __aenter__(self) -> int:
-        """Ask for pairs; return to which port, once they are wanted there."""
+    async def __aenter__(self) -> tuple[int, int]:
+        """Ask for pairs; return to which port, and how many, once some are wanted there."""
         try:
             async with asyncio.timeout(CONNECT_TIMEOUT_S):
                 reader, self._writer = await asyncio.open_connection(self._address, PAIRS_PORT)
@@ -335,18 +334,21 @@ class Agreement:
         self._writer.write(self._request.encode())
         try:
             async with asyncio.timeout(WANTED_TIMEOUT_S + ANSWER_TIMEOUT_S):
-                verdict, port = decode_answer(await reader.readexactly(ANSWER.size))
+                answer = decode_answer(await reader.readexactly(ANSWER.size))
         except (OSError, asyncio.IncompleteReadError, MalformedPacket) as error:
             self._writer.close()
             text = (
                 f"the processing unit of {self._remote} has not answered: {str(error) or 'timeout'}"
             )
             raise SessionError(_reason_of(error), text) from error
-        if verdict != Verdict.READY:
+        wanted = f"{self._request.pairs} pairs with {self._remote}: the other end"
+        if answer.verdict != Verdict.READY:
             self._writer.close()
-            text = f"{self._request.pairs} pairs with {self._remote}: the other end"
-            raise SessionError(Reason.UNSUPPORTED, f"{text} {REFUSALS[verdict]}")
-        return port
+            raise SessionError(Reason.UNSUPPORTED, f"{wanted} {REFUSALS[answer.verdict]}")
+        if answer.pairs > self._request.pairs:
+            self._writer.close()
+            raise SessionError(Reason.PROTOCOL, f"{wanted} accepts {answer.pairs}")
+        return answer.port, answer.pairs
 
     async def __aexit__(self, *_exception: object) -> None:
         assert self._writer is not None

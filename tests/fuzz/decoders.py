@@ -396,9 +396,9 @@ TARGETS: dict[str, Target] = {
         lambda r: r.encode(),
     ),
     "NetQASM, pairs granted": Target(
-        [pair_requests.encode_answer(pair_requests.Verdict.READY, 7)],
+        [pair_requests.PairAnswer(pair_requests.Verdict.READY, 7, 9).encode()],
         pair_requests.decode_answer,
-        lambda both: pair_requests.encode_answer(*both),
+        lambda a: a.encode(),
     ),
 } | {
     name: Target(

@@ -2,22 +2,24 @@
 
 creator's unit                       receiver's unit, TCP port PAIRS_PORT
 PairRequest                      ->
-                                 <-  PairAnswer, once the application there wants them, too
+                                 <-  PairAnswer, once the application there wants some of them
 
-The pairs themselves come with a session of the service `distribute`, to the port in the answer.
+The pairs that the answer counts come with a session of the service `distribute`, to its port. The
+creator requests the others again.
 """
 
 import struct
 from dataclasses import astuple, dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 from wire.malformed import MalformedPacket
 
 PAIRS_PORT = 9014
 MAGIC = b"QE"
-VERSION = 1
+VERSION = 2
 REQUEST = struct.Struct("!2sB32siiIBB3BB")
-ANSWER = struct.Struct("!2sBBH")
+ANSWER = struct.Struct("!2sBBHI")
 MAX_PAIRS = 4096  # in a request
 
 
@@ -34,8 +36,7 @@ class Verdict(IntEnum):
 
     READY = 0
     NOBODY = 1  # no application there has asked to receive, for as long as a request waits
-    OTHER_COUNT = 2  # of pairs
-    OTHER_USE = 3
+    OTHER_USE = 2
 
 
 class RandomBasis(IntEnum):
@@ -58,7 +59,7 @@ class Measuring:
 
 @dataclass(frozen=True)
 class PairRequest:
-    """So many pairs, between a socket here and a socket there."""
+    """Pairs between a socket here and a socket there, at most as many as counted."""
 
     creator: str  # its node
     creator_socket: int
@@ -91,16 +92,25 @@ def decode_request(data: bytes) -> PairRequest:
         raise MalformedPacket(f"a request for pairs: {error}") from error
 
 
-def encode_answer(verdict: Verdict, port: int = 0) -> bytes:
-    """Return the bytes of an answer."""
-    return ANSWER.pack(MAGIC, VERSION, verdict, port)
+class PairAnswer(NamedTuple):
+    """The port to which a number of the requested pairs may come."""
+
+    verdict: Verdict
+    port: int = 0
+    pairs: int = 0
+
+    def encode(self) -> bytes:
+        """Return the bytes of the answer."""
+        return ANSWER.pack(MAGIC, VERSION, *self)
 
 
-def decode_answer(data: bytes) -> tuple[Verdict, int]:
-    """Return verdict and port; raise MalformedPacket for anything else."""
+def decode_answer(data: bytes) -> PairAnswer:
+    """Return an answer; raise MalformedPacket for anything else."""
     if len(data) != ANSWER.size:
         raise MalformedPacket(f"an answer of {len(data)} bytes, not {ANSWER.size}")
-    magic, version, verdict, port = ANSWER.unpack(data)
+    magic, version, verdict, port, pairs = ANSWER.unpack(data)
     if (magic, version) != (MAGIC, VERSION) or verdict not in Verdict.__members__.values():
         raise MalformedPacket(f"no answer to a request for pairs: {data.hex()}")
-    return Verdict(verdict), port
+    if pairs > MAX_PAIRS or (verdict == Verdict.READY) != (pairs > 0):
+        raise MalformedPacket(f"{pairs} pairs in an answer to a request: {data.hex()}")
+    return PairAnswer(Verdict(verdict), port, pairs)

@@ -19,6 +19,7 @@ from stacks_scene import DEADLINE_S, network
 
 from hosts import network_loop
 from hosts.processing_unit import machine
+from hosts.processing_unit import pairs as pairs_module
 from hosts.stack_socket import QuantumSocketError
 from wire.socket_calls import HEADER, Call, decode_fields, decode_header, encode, encode_fields
 
@@ -246,24 +247,54 @@ def test_a_number_is_used_for_one_pair_after_the_other(tmp_path: Path) -> None:
     assert told["alice"] == told["bob"]
 
 
-def test_ends_that_want_different_numbers_are_both_told(tmp_path: Path) -> None:
-    told: dict[str, str] = {}
+def in_portions(role: str, peer: str, creates: bool, portions: list[int], use: str) -> Any:
+    """Return a program that requests pairs in portions, one flush each; it returns all outcomes."""
 
-    def noting(role: str, program: Any) -> Any:
-        def noted(app_config: Any = None) -> None:
-            with pytest.raises(QuantumSocketError) as caught:
-                program(app_config=app_config)
-            told[role] = str(caught.value)
+    def program(app_config: Any = None) -> list[int]:
+        pairs_of = EPRSocket(peer)
+        with connection(role, app_config, epr_sockets=[pairs_of], max_qubits=9) as unit:
+            asked = getattr(pairs_of, f"{'create' if creates else 'recv'}_{use}")
+            outcomes: list[Any] = []
+            for pairs in portions:
+                halves = asked(pairs)
+                outcomes += halves if use == "measure" else [half.measure() for half in halves]
+                unit.flush()
+        if use == "measure":
+            outcomes = [half.raw_measurement_outcome for half in outcomes]
+        return [int(each) for each in outcomes]
 
-        return noted
+    return program
 
+
+@pytest.mark.parametrize("use", ["keep", "measure"])
+@pytest.mark.parametrize(("ours", "theirs"), [([1, 1], [2]), ([3, 5], [1, 6, 1]), ([8], [1] * 8)])
+def test_pairs_are_counted_one_by_one_at_both_ends(
+    tmp_path: Path, ours: list[int], theirs: list[int], use: str
+) -> None:
+    """As NetQASM's Executor does; the outcomes of Phi+ along Z are the same, pair by pair."""
     programs = {
-        "alice": noting("alice", keep("alice", "bob", True, "", 3)),
-        "bob": noting("bob", keep("bob", "alice", False, "", 2)),
+        "alice": in_portions("alice", "bob", True, ours, use),
+        "bob": in_portions("bob", "alice", False, theirs, use),
     }
-    outputs(tmp_path, programs, TWO)
-    assert "3 pairs with bob: the other end wants another number of them" in told["alice"]
-    assert "alice asks for others: 3 pairs" in told["bob"]
+    told = outputs(tmp_path, programs, TWO, rounds=3)
+    assert [each["bob"] for each in told] == [each["alice"] for each in told]
+    assert len(told[0]["alice"]) == sum(ours)
+
+
+def test_pairs_that_the_other_end_does_not_receive_are_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pairs_module, "WANTED_TIMEOUT_S", 1.0)
+
+    def wants_more(app_config: Any = None) -> str:
+        with pytest.raises(QuantumSocketError) as caught:
+            in_portions("alice", "bob", True, [3], "keep")(app_config=app_config)
+        return str(caught.value)
+
+    programs = {"alice": wants_more, "bob": in_portions("bob", "alice", False, [2], "keep")}
+    (told,) = outputs(tmp_path, programs, TWO)
+    assert len(told["bob"]) == 2
+    assert "1 pairs with bob: the other end has not asked to receive them" in told["alice"]
 
 
 def said(folder: Path, *messages: bytes) -> str:

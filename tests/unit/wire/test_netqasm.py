@@ -26,13 +26,13 @@ from wire.netqasm.messages import (
 )
 from wire.netqasm.pair_requests import (
     Measuring,
+    PairAnswer,
     PairRequest,
     RandomBasis,
     Use,
     Verdict,
     decode_answer,
     decode_request,
-    encode_answer,
 )
 from wire.netqasm.subroutine import (
     INSTRUCTIONS,
@@ -209,7 +209,7 @@ def test_a_request_for_pairs_has_these_bytes() -> None:
         "alice", 1, 2, 300, Use.MEASURE, Measuring(RandomBasis.XZ, (24, 0, 8), axes=2)
     )
     data = (
-        b"QE\x01" + b"alice".ljust(32, b"\0") + bytes.fromhex("00000001 00000002 0000012c")
+        b"QE\x02" + b"alice".ljust(32, b"\0") + bytes.fromhex("00000001 00000002 0000012c")
         + bytes([1, 1, 24, 0, 8, 2])
     )  # fmt: skip
     assert request.encode() == data
@@ -222,12 +222,18 @@ def test_a_request_for_pairs_has_these_bytes() -> None:
 
 
 def test_answers_to_requests_for_pairs() -> None:
-    data = bytes.fromhex("5145 01 00 c000")
-    assert encode_answer(Verdict.READY, 49_152) == data
-    assert decode_answer(data) == (Verdict.READY, 49_152)
-    with pytest.raises(MalformedPacket):
-        decode_answer(bytes.fromhex("5145 01 09 c000"))
-    for wrong in (data[:-1], data + b"\0", b""):
+    data = bytes.fromhex("5145 02 00 c000 0000012c")
+    assert PairAnswer(Verdict.READY, 49_152, 300).encode() == data
+    assert decode_answer(data) == (Verdict.READY, 49_152, 300)
+    refusal = bytes.fromhex("5145 02 02 0000 00000000")
+    assert PairAnswer(Verdict.OTHER_USE).encode() == refusal
+    assert decode_answer(refusal).verdict == Verdict.OTHER_USE
+    wrong_fields = ["02 09 c000 00000001", "01 00 c000 00000001", "02 00 c000 00000000"]
+    wrong_fields += ["02 00 c000 00001001", "02 01 0000 00000001"]
+    for wrong in map(bytes.fromhex, wrong_fields):
+        with pytest.raises(MalformedPacket):
+            decode_answer(b"QE" + wrong)
+    for wrong in (*(data[:length] for length in range(len(data))), data + b"\0"):
         with pytest.raises(MalformedPacket):
             decode_answer(wrong)
 
