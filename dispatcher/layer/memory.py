@@ -200,7 +200,7 @@ class Memories:
         counts = {"old": old}
         if leaves:
             self.forget(block)
-            block.way_ns, block.retimed = 0, True
+            block.way_ps, block.retimed = 0.0, True
         counts["lost"] = self._lose(block, memory, waits, random, efficiency)
         counts |= self._decay(block, memory, waits, random)
         if self._devices.noise(block.node, "memory") is not None:

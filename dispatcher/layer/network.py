@@ -30,9 +30,9 @@ class Line:
         return fixed_mhz is None or 2 * abs(frequency_mhz - fixed_mhz) < self.fiber.grid_mhz
 
     @cached_property
-    def delay_ns(self) -> int:
+    def delay_ps(self) -> float:
         """How long light takes to the far end."""
-        return round(self.fiber.delay_s * 1e9)
+        return self.fiber.delay_s * 1e12
 
 
 class Network:

@@ -79,7 +79,7 @@ class Block:
     start_ns: int = 0  # when photon 0 is, or would have been, at the port; photon k comes later
     interval_ns: float = 0.0  # by k times this; 0: they were in no fibre yet
     came_ns: NDArray[np.int64] | None = None  # when each began to be, instead; shape (k,)
-    way_ns: int = 0  # how long its light was in fibres since its source, or a memory, sent it
+    way_ps: float = 0.0  # how long its light was in fibres since its source, or a memory, sent it
     retimed: bool = False  # a memory, or a host that has prepared it, sends it when it is wanted
     source_rate_hz: float = float("inf")  # at most, while they have not left their source
     stored_ns: int = 0  # when the block was put into memory last

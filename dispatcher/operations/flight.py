@@ -28,7 +28,7 @@ from dispatcher.layer.kraus import Channels
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.network import Line
 from dispatcher.layer.ownership import Block
-from dispatcher.operations.ways import MAX_FIBERS, way_of
+from dispatcher.operations.ways import MAX_FIBERS, nanoseconds, way_of
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.kraus import Operators
 from dispatcher.sabot.registers import Mask, everything
@@ -52,9 +52,9 @@ class Departure:
         """Return when the last photon leaves."""
         return self.start_ns + int((self.pattern.photons - 1) * self.pattern.interval_ns)
 
-    def after(self, delay_ns: int) -> Schedule:
+    def after(self, delay_ps: float) -> Schedule:
         """Return when the photons are where they come to after a delay."""
-        return Schedule(self.start_ns + delay_ns, self.pattern)
+        return Schedule(self.start_ns + nanoseconds(delay_ps), self.pattern)
 
 
 @dataclass
@@ -63,7 +63,7 @@ class Beam:
 
     members: Mask  # pulses of the block, whether or not their own photon is still there
     fibers_passed: int
-    delay_ns: int = 0  # from its departure to the far end of the fibre that it is in
+    delay_ps: float = 0.0  # from its departure to the far end of the fibre that it is in
     noise: NDArray[np.uint8] | None = None  # Paulis that fibres have added up to, shape (k,)
     applied: NDArray[np.uint8] | None = None  # what of that is in the state already
     rotation: int = 0  # Pauli that switches have added up to, and that is not in it
@@ -83,7 +83,7 @@ class Arrival:
     rotation: int = 0
     turn: Turn | None = None
     dispersion_ps_per_nm: float = 0.0
-    way_ns: int = 0  # in fibres
+    way_ps: float = 0.0  # in fibres
 
 
 class Flight:
@@ -120,7 +120,7 @@ class Flight:
         share = photons / self._departure.pattern.photons
         for step in way_of(self._layer, end, frequency_mhz):
             if step.line.traffic is not None:
-                schedule = self._departure.after(step.delay_ns)
+                schedule = self._departure.after(step.delay_ps)
                 step.line.traffic.add(schedule, share * step.transmission)
 
     async def next_arrival(self, clock: Clock) -> Arrival | None:
@@ -138,7 +138,7 @@ class Flight:
                 if len(self._queue) > under_way:
                     continue
             # A host expects light at its time; from a switch news has to come back.
-            back_ns = beam.delay_ns if switch is not None else 0
+            back_ns = nanoseconds(beam.delay_ps) if switch is not None else 0
             self.known_ns = max(self.known_ns, time_ns + back_ns)
         return None
 
@@ -149,10 +149,10 @@ class Flight:
             noise = beam.noise * photons
             errors = [int(np.count_nonzero(noise == pauli)) for pauli in (1, 2, 3)]
         self._apply(beam, photons)
-        schedule = self._departure.after(beam.delay_ns)
+        schedule = self._departure.after(beam.delay_ps)
         way = end, beam.members, schedule, beam.fibers_passed
         turned = beam.rotation, beam.turn, beam.dispersion_ps_per_nm
-        return Arrival(*way, errors, *turned, beam.delay_ns)
+        return Arrival(*way, errors, *turned, beam.delay_ps)
 
     def _apply(self, beam: Beam, photons: Mask) -> None:
         """Let the Paulis that a beam has met so far be in the state of these photons."""
@@ -187,7 +187,7 @@ class Flight:
             switch.lose(in_port, int(np.count_nonzero(photons)))
             self._absorb(beam.members)
             return
-        schedule = self._departure.after(beam.delay_ns)
+        schedule = self._departure.after(beam.delay_ps)
         light = Light(beam.members, photons, schedule, self._departure.frequency_mhz)
         random = self._chance(f"switch {beam.fibers_passed}")
         dark, lost = beam.members.copy(), photons
@@ -218,16 +218,16 @@ class Flight:
         if line is None or not line.passes(self._departure.frequency_mhz):
             self._absorb(beam.members)
             return
-        beam.delay_ns += line.delay_ns
+        beam.delay_ps += line.delay_ps
         beam.fibers_passed += 1
-        time_ns = self._departure.last_ns + beam.delay_ns
+        time_ns = self._departure.last_ns + nanoseconds(beam.delay_ps)
         self._layer.software.goes_on(self._departure.start_ns, time_ns)
         heapq.heappush(self._queue, (time_ns, next(self._number), line, beam))
 
     def _pass(self, beam: Beam, line: Line) -> None:
         """Let a fibre do to the light of a beam what its noise models say."""
         block = self._block
-        schedule = self._departure.after(beam.delay_ns)
+        schedule = self._departure.after(beam.delay_ps)
         width_rad_per_s = angular_width(block.pulses.bandwidth_nm)
         beam.dispersion_ps_per_nm += line.fiber.dispersion_ps_per_nm
         for name, model in line.noise.items():

@@ -125,7 +125,7 @@ class Gathering:
             fibers_passed=max(block.fibers_passed for block in blocks),
             pulses=light,
             further=more,
-            way_ns=max(block.way_ns for block in blocks),
+            way_ps=max(block.way_ps for block in blocks),
             retimed=any(block.retimed for block in blocks),
             start_ns=max(block.start_ns for block in blocks),
             source_rate_hz=min(block.source_rate_hz for block in blocks),

@@ -28,6 +28,8 @@ from wire.outcomes import BASES, BELL_STATES, NO_CLICK, PAULI_BASES
 from wire.parameters.fiber import SPEED_IN_FIBER_M_PER_S
 from wire.parameters.physics import BEAM_SPLITTER, BellAnalyser
 
+DIGITS_PS = 3  # to which ways are compared: sums of delays in another order differ by less
+
 
 class Measurements:
     """Measure and Bell-measure."""
@@ -101,16 +103,16 @@ class Measurements:
         like = layer.devices.of(node).analyser
         by_gates = like.kind == "gates"
         matched = _matched(like, first.pulses, second.pulses)
-        waited, apart_ns = "", 0
+        waited, apart_ps = "", 0.0
         if not by_gates:
-            waited, apart_ns = self._let_wait(like, matched, (first, second))
+            waited, apart_ps = self._let_wait(like, matched, (first, second))
         errors = gate_noise.before_bell_measurement(layer, first, second) if by_gates else {}
         own = layer.devices, layer.draws, first, "detectors", "detectors", "Bell"
         effect = part_noise.of_part(*own, layer.clock.now_ns())
         as_it_is = np.zeros(first.register.size, np.uint8)
         part_noise.in_front(layer.sabot, layer.draws, first, effect, "Bell", as_it_is)
         look = self._interfere if like.kind == BEAM_SPLITTER else self._analyse
-        found = look(node, (first, second), matched, apart_ns * 1e3)
+        found = look(node, (first, second), matched, apart_ps)
         feedback.exact = layer.count_exact((first, second))
         outcomes = part_noise.told(found.outcomes, effect, part_noise.BELL_STATE)
         if by_gates:
@@ -175,7 +177,7 @@ class Measurements:
 
     def _let_wait(
         self, like: BellAnalyser, matched: Overlap, halves: tuple[Block, Block]
-    ) -> tuple[str, int]:
+    ) -> tuple[str, float]:
         """Let light whose way was shorter wait in a delay line, if it comes too early otherwise.
 
         Return what the event log says, and how much later the first half comes all the same.
@@ -183,21 +185,21 @@ class Measurements:
         when it is wanted.
         """
         first, second = halves
-        later_ns = first.way_ns - second.way_ns
-        if not later_ns or any(half.retimed or not half.fibers_passed for half in halves):
-            return "", 0
-        too_early = abs(later_ns) > like.coincidence_window_s * 1e9 or matched.rad_per_s > 0
-        most_ns = round(like.delay_line_km * 1e12 / SPEED_IN_FIBER_M_PER_S)
-        waits_ns = min(abs(later_ns), most_ns) if too_early else 0
-        left_ns = later_ns - int(np.sign(later_ns)) * waits_ns
-        told = f", {abs(left_ns)} ns apart" if left_ns else ""
-        if not waits_ns:
-            return told, left_ns
-        waiting = second if later_ns > 0 else first
-        length_km = waits_ns * 1e-12 * SPEED_IN_FIBER_M_PER_S
+        later_ps = round(first.way_ps - second.way_ps, DIGITS_PS)
+        if not later_ps or any(half.retimed or not half.fibers_passed for half in halves):
+            return "", 0.0
+        too_early = abs(later_ps) > like.coincidence_window_s * 1e12 or matched.rad_per_s > 0
+        most_ps = like.delay_line_km * 1e15 / SPEED_IN_FIBER_M_PER_S
+        waits_ps = min(abs(later_ps), most_ps) if too_early else 0.0
+        left_ps = later_ps - float(np.sign(later_ps)) * waits_ps
+        told = f", {abs(left_ps) / 1e3:g} ns apart" if left_ps else ""
+        if not waits_ps:
+            return told, left_ps
+        waiting = second if later_ps > 0 else first
+        length_km = waits_ps * 1e-15 * SPEED_IN_FIBER_M_PER_S
         return self._delay(
             waiting, length_km, like.delay_line_db_per_km * length_km
-        ) + told, left_ns
+        ) + told, left_ps
 
     def _delay(self, block: Block, length_km: float, loss_db: float) -> str:
         """Let a block pass a delay line of this loss; return what the event log says."""

@@ -81,7 +81,7 @@ class Splitting:
             further=others,
             start_ns=block.start_ns,
             interval_ns=block.interval_ns,
-            way_ns=block.way_ns,
+            way_ps=block.way_ps,
             retimed=block.retimed,
             lineage=f"split off {block.name} {block.lineage}",
         )

@@ -20,7 +20,7 @@ from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.network import Line
 from dispatcher.layer.ownership import BlockName
 from dispatcher.operations.flight import meets
-from dispatcher.operations.ways import Crossing, Step, way_of
+from dispatcher.operations.ways import Crossing, Step, nanoseconds, way_of
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.refusal import precondition
 from dispatcher.sabot.registers import Mask
@@ -37,11 +37,16 @@ class StationWay:
 
     lines: tuple[Line, ...]
     crossings: tuple[Crossing, ...]
-    delay_ns: int
+    delay_ps: float
     transmission: float
     dispersion_ps_per_nm: float
     frequency_mhz: int
     noise_photons: float = 0.0  # of classical light in its fibres, at the station with each attempt
+
+    @property
+    def delay_ns(self) -> int:
+        """Return how long light takes, as the clock has it: a host emits by that."""
+        return nanoseconds(self.delay_ps)
 
     @property
     def end(self) -> FiberEnd:
@@ -61,7 +66,7 @@ class StationWay:
     def rotation(self) -> int:
         """Return the Pauli that switches on the way apply."""
         whole = 0
-        for switch, in_port, out_port, _delay_ns, _transmission in self.crossings:
+        for switch, in_port, out_port, _delay_ps, _transmission in self.crossings:
             whole ^= switch.rotation(in_port, out_port)
         return whole
 
@@ -86,7 +91,7 @@ def find_way(layer: PhysicalLayer, start: FiberEnd, frequency_mhz: int) -> Stati
         return StationWay(
             tuple(step.line for step in steps),
             tuple(step.crossing for step in steps if step.crossing is not None),
-            steps[-1].delay_ns,
+            steps[-1].delay_ps,
             steps[-1].transmission,
             sum(step.line.fiber.dispersion_ps_per_nm for step in steps),
             frequency_mhz,
@@ -129,17 +134,17 @@ class Follower:
             emission = PhotonRandom(self._layer.draws, name, f"{place} emission", times_ns.size)
             met.delays_ps = emission.normal("jitter") * self._jitter_ps
         for crossing in self._way.crossings:
-            there = times_ns + crossing.delay_ns
+            there = times_ns + nanoseconds(crossing.delay_ps)
             switch, ports = crossing.switch, (crossing.in_port, crossing.out_port)
             met.open = met.open & (switch.timeline.path(ports[0], there) == ports[1])
             met.open &= switch.transmission(*ports, there, self._way.frequency_mhz) > 0
-        delay_ns = 0
+        delay_ps = 0.0
         for number, line in enumerate(self._way.lines):
-            delay_ns += line.delay_ns
+            delay_ps += line.delay_ps
             # Processes of the fibre are told that the photons come evenly, as they do on average.
             interval_ns = (times_ns[-1] - times_ns[0]) / max(times_ns.size - 1, 1)
             pattern = Pattern(max(float(interval_ns), 1.0), times_ns.size)
-            schedule = Schedule(int(times_ns[0]) + delay_ns, pattern)
+            schedule = Schedule(int(times_ns[0]) + nanoseconds(delay_ps), pattern)
             self._pass(name, f"{place} fiber {number}", line, schedule, met)
         return met
 

@@ -164,7 +164,7 @@ class Transport:
         part = Block(block.name, register, "", pulses=own)
         part.further = further.part(layer.sabot, block, arrival.members)
         part.interval_ns, part.stores = block.interval_ns, block.stores
-        part.way_ns, part.retimed = block.way_ns, block.retimed
+        part.way_ps, part.retimed = block.way_ps, block.retimed
         part.lineage, part.resends, part.gates = block.lineage, block.resends, block.gates
         part.maker = block.maker
         layer.ownership.add(part)
@@ -177,7 +177,7 @@ class Transport:
         if block.pulses.turn is not None:
             block.pulses.turn = block.pulses.turn.behind(arrival.rotation)
         drift.turn(block, arrival.turn)
-        block.way_ns += arrival.way_ns
+        block.way_ps += arrival.way_ps
         block.pulses.dispersion_ps_per_nm += arrival.dispersion_ps_per_nm
         block.start_ns = arrival.schedule.first_ns
         lit = further.lit(block)

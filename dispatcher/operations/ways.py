@@ -14,13 +14,18 @@ from wire.config import FiberEnd
 MAX_FIBERS = 64  # light in a ring of cross-connects has faded by then
 
 
+def nanoseconds(delay_ps: float) -> int:
+    """Return a delay in whole nanoseconds, as the clock has it."""
+    return round(delay_ps / 1e3)
+
+
 class Crossing(NamedTuple):
     """A switch on the way."""
 
     switch: OpticalSwitch
     in_port: int
     out_port: int
-    delay_ns: int  # from the beginning to it
+    delay_ps: float  # from the beginning to it
     transmission: float  # from the beginning to its output
 
 
@@ -28,7 +33,7 @@ class Step(NamedTuple):
     """A fibre on the way, and the switch that takes light on from there, if one does."""
 
     line: Line
-    delay_ns: int  # from the beginning to its far end
+    delay_ps: float  # from the beginning to its far end
     transmission: float
     crossing: Crossing | None
 
@@ -37,12 +42,12 @@ def way_of(layer: PhysicalLayer, start: FiberEnd, frequency_mhz: int) -> Iterato
     """Yield the fibres of the way on which light of a colour leaves a port just now."""
     now = np.array([layer.clock.now_ns()])
     end: FiberEnd | None = start
-    delay_ns, transmission = 0, 1.0
+    delay_ps, transmission = 0.0, 1.0
     for _ in range(MAX_FIBERS):
         line = layer.network.line(end) if end is not None else None
         if line is None or not line.passes(frequency_mhz):
             return
-        delay_ns += line.delay_ns
+        delay_ps += line.delay_ps
         for model in line.noise.values():
             if isinstance(model, Loss):
                 transmission *= 10 ** (-model.loss_db / 10)
@@ -51,8 +56,8 @@ def way_of(layer: PhysicalLayer, start: FiberEnd, frequency_mhz: int) -> Iterato
         in_port = int(line.far.port) if switch is not None else 0
         if switch is not None and (out_port := switch.timeline.connections.get(in_port)):
             through = float(switch.transmission(in_port, out_port, now, frequency_mhz)[0])
-            crossing = Crossing(switch, in_port, out_port, delay_ns, transmission * through)
+            crossing = Crossing(switch, in_port, out_port, delay_ps, transmission * through)
             end = FiberEnd(switch.name, str(out_port))
-        yield Step(line, delay_ns, transmission, crossing)
+        yield Step(line, delay_ps, transmission, crossing)
         if crossing is not None:
             transmission = crossing.transmission

@@ -1,15 +1,14 @@
 """The Hong-Ou-Mandel dip: how often photons that come apart by tau show no interference.
 
-Phi+ is measured by an analyser whose photons are late by tau: distinguishable photons give the
-wrong phase, with the probability of a coincidence in a Hong-Ou-Mandel interferometer.
+Phi+ is measured by an analyser without a delay line, behind fibres of which one is longer by c tau:
+distinguishable photons give the wrong phase, with the probability of a coincidence in a
+Hong-Ou-Mandel interferometer.
 """
-
-from pathlib import Path
 
 import numpy as np
 
 from dispatcher.laboratory import Laboratory
-from qmn.sweeps import constant_delay, theory
+from qmn.sweeps import theory
 from qmn.sweeps.estimates import proportion
 from qmn.sweeps.experiment import Experiment, Measure, Outcome, number, pairs_parameter
 from qmn.sweeps.link import PLAIN, TESTED, configuration, fiber
@@ -23,25 +22,21 @@ VISIBILITY = Parameter("visibility", 1.0)
 BANDWIDTH = Parameter("bandwidth_rad_per_s", 1e12, 0.0, 1e15, "rad/s")
 SOURCE = Parameter("bandwidth_nm", 0.0, 0.0, 100.0, "nm")  # instead, if there is no filter
 DISPERSION = Parameter("dispersion_ps_per_nm", 0.0, -1e3, 1e3, "ps/nm")  # of one half alone
-LENGTH_KM = 1.0
+LENGTH_KM = 2.0
 WRONG_PHASE = 2
 
 
 async def dip(values: Values, seed: int) -> Outcome:
     """Count how often Phi+ is taken for Phi-."""
-    delay = f"{Path(constant_delay.__file__)}:{constant_delay.ConstantDelay.__name__}"
-    parameters = {DELAY.name: number(values, DELAY.name)}
-    tested = fiber(
-        *TESTED,
-        length_km=LENGTH_KM,
-        dispersion_ps_per_nm_km=number(values, DISPERSION.name) / LENGTH_KM,
-        noise=delay,
-        noise_parameters=parameters,
-    )
+    later_km = number(values, DELAY.name) / PS_PER_S * theory.SPEED_IN_FIBER_M_PER_S / 1e3
+    length_km = LENGTH_KM + later_km
+    dispersion = number(values, DISPERSION.name) / length_km
+    tested = fiber(*TESTED, length_km=length_km, dispersion_ps_per_nm_km=dispersion)
     fibers = [tested, fiber(*PLAIN, length_km=LENGTH_KM)]
     analyser = BellAnalyser(
         visibility=number(values, VISIBILITY.name),
         bandwidth_rad_per_s=number(values, BANDWIDTH.name),
+        delay_line_km=0.0,
     )
     source = PairSource(bandwidth_nm=number(values, SOURCE.name))
     devices = {"alice": Device(source), "bob": Device(analyser=analyser)}

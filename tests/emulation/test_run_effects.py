@@ -5,10 +5,11 @@ Those of services and nodes of their own are with these. Bounds are five standar
 
 from math import erf, exp, factorial, sqrt
 from pathlib import Path
+from re import search
 
 import pytest
 from test_run_heralded import emitters
-from test_run_nodes import polarised, require_estimate, result_of
+from test_run_nodes import log_of, polarised, require_estimate, result_of, run
 from test_run_qkd import run_qkd
 
 BITS = 20_000
@@ -28,6 +29,11 @@ def fiber(**told: float) -> list[str]:
     """Return the options of the fibre to bob, of 30 km."""
     words = [f"q1-bob.{name}={value}" for name, value in {"length_km": 30, **told}.items()]
     return [word for each in words for word in ("--fiber", each)]
+
+
+def counted(name: str, log: list[str]) -> int:
+    """Return the sum of a number over lines of the event log."""
+    return sum(int(found[1]) for line in log if (found := search(rf"\b{name}=(\d+)", line)))
 
 
 TIME_BINS = devices(alice__source__encoding="time-bin", bob__detectors__encoding="time-bin")
@@ -89,6 +95,20 @@ def test_the_h_of_a_bell_measurement_by_gates_errs_behind_the_cx(tmp_path: Path)
     words = ["swap", "--count", "400", "--sample", "0.8"]
     words += devices(r1__analyser__kind="gates", r1__gates__one_qubit_depolarizing=0.2)
     require_estimate(result_of(tmp_path, *words)["job"]["asking"], polarised(0.9), 0.0)
+
+
+def test_photons_whose_ways_differ_by_less_than_a_nanosecond_interfere_less(
+    tmp_path: Path,
+) -> None:
+    """Alice's 5.2 cm are passed twice, in .51 ns: P = [1 - exp(-(s tau)^2)] / 2."""
+    words = ["sdc", "--fiber", "alice-q1.length_km=5.2e-5", "--seed", "8401"]
+    words += devices(bob__analyser__bandwidth_rad_per_s=3e9, bob__analyser__delay_line_km=0)
+    assert run(tmp_path, *words).returncode == 1  # no frame comes through
+    measured = [line for line in log_of(tmp_path) if " bell-measure " in line]
+    wrong, pairs = (counted(name, measured) for name in ("distinguishable", "photons"))
+    expected = (1 - exp(-((3e9 * 2 * 5.2e-2 / 2.04e8) ** 2))) / 2
+    assert pairs > 1000
+    assert abs(wrong / pairs - expected) < 5 * sqrt(expected * (1 - expected) / pairs)
 
 
 def test_single_clicks_herald_pairs_as_good_as_qubits_are_dark(tmp_path: Path) -> None:

@@ -95,3 +95,13 @@ def test_a_delay_line_too_short_leaves_the_rest() -> None:
     near, far = BellAnalyser(delay_line_km=11.0), BellAnalyser(delay_line_km=10.0)
     assert (uvloop.run(told(near, False, (1.0, 12.0)))[0] != NO_CLICK).any()
     assert (uvloop.run(told(far, False, (1.0, 12.0)))[0] == NO_CLICK).all()
+
+
+@pytest.mark.parametrize(("apart_km", "rad_per_s"), [(5.2e-5, 1e9), (6e-5, 3e9), (9e-7, 3.7e11)])
+def test_ways_of_less_than_a_nanosecond_are_not_equal(apart_km: float, rad_per_s: float) -> None:
+    """P = [1 - exp(-(s tau)^2)] / 2 by the lengths of both fibres: 5.2 cm are .255 ns."""
+    analyser = BellAnalyser(bandwidth_rad_per_s=rad_per_s, delay_line_km=0.0)
+    found, _laboratory = uvloop.run(told(analyser, False, (5.2e-5 + apart_km, 5.2e-5)))
+    tau_s = apart_km * 1e3 / 2.04e8
+    wrong = (1 - np.exp(-((rad_per_s * tau_s) ** 2))) / 2
+    assert within(int(np.count_nonzero(found == 2)), COUNT, wrong)
