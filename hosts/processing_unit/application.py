@@ -14,18 +14,17 @@ from hosts.hardware.qnic import Qnic, release
 from hosts.middleware.session.errors import SessionError
 from hosts.network_loop import now_s
 from hosts.processing_unit.machine import Machine
-from hosts.processing_unit.measuring import choose, measurement
+from hosts.processing_unit.measuring import choose, measurement, read_use, read_word
 from hosts.processing_unit.memory import MOST, Value
 from hosts.processing_unit.pairs import PairMaking
 from hosts.processing_unit.qubits import Qubits
 from wire.metadata.vocabulary import Reason
 from wire.netqasm.messages import OpenSocket, ReturnedArray, ReturnedRegister
-from wire.netqasm.pair_requests import MAX_PAIRS, Measuring, PairRequest, RandomBasis, Use
+from wire.netqasm.pair_requests import MAX_PAIRS, Measuring, PairRequest, Use
 from wire.netqasm.subroutine import Subroutine
 from wire.outcomes import NO_CLICK
 
 FIELDS = 10  # that are told of each pair
-WORDS = 22  # of a request: NetQASM's SerializedCreateRequestIndex
 PHI_PLUS = 0
 MOST_TOLD = 1000  # characters of a subroutine that those who watch are told
 
@@ -74,10 +73,10 @@ class Application:
         self._nodes, self._qnic, self._making, self._draws = nodes, qnic, making, draws
         self._session = session
         self._qubits = Qubits(qnic, session, most_qubits)
-        self._machine = Machine(self._qubits, self._ask, self._settled)
+        self._machine = Machine(self._qubits, self._ask, self._settled, self._arrived)
         self._sockets: dict[tuple[int, int], int] = {}  # node and socket: the socket there
         self._turns: defaultdict[tuple[int, int], asyncio.Lock] = defaultdict(asyncio.Lock)
-        self._requests: set[asyncio.Task[None]] = set()
+        self._requests: dict[asyncio.Task[None], Request] = {}
         self._failure: BaseException | None = None
         self._changed = asyncio.Event()
         self._homeless: list[tuple[Request, int, BlockName]] = []  # pairs without a number yet
@@ -96,6 +95,7 @@ class Application:
 
     async def look(self, qubit: int, entangled: bool) -> NDArray[np.complex128]:
         """Return the density matrix of a qubit, where states are simulated."""
+        await self._arrived(qubit)
         return await self._qubits.look(qubit, entangled)
 
     async def close(self) -> None:
@@ -112,7 +112,7 @@ class Application:
         if (node, socket) not in self._sockets:
             raise _refused(f"socket {socket} to node {node} is not open")
         told = len(self._machine.memory.array(into))
-        pairs = told // FIELDS if words is None else _word(words, 1, 1)
+        pairs = told // FIELDS if words is None else read_word(words, 1, 1)
         if not 0 < pairs <= MAX_PAIRS or told != pairs * FIELDS:
             raise _refused(
                 f"{pairs} pairs, of which {told} numbers are to be told: ask for 1 to {MAX_PAIRS}, "
@@ -121,11 +121,11 @@ class Application:
         request = Request(node, socket, pairs, qubits, into, now_s(), words is None)
         work = self._receive(request) if words is None else self._create(request, words)
         task = asyncio.create_task(self._in_turn(request, work))
-        self._requests.add(task)
+        self._requests[task] = request
         task.add_done_callback(self._note_end)
 
     def _note_end(self, task: "asyncio.Task[None]") -> None:
-        self._requests.discard(task)
+        del self._requests[task]
         if not task.cancelled() and task.exception() is not None:
             self._failure = self._failure or task.exception()
         self._changed.set()
@@ -136,7 +136,7 @@ class Application:
             await work
 
     async def _create(self, request: Request, words: list[Value]) -> None:
-        use, ours, theirs = _asked(words)
+        use, ours, theirs = read_use(words)
         if use == Use.KEEP and not self._can_keep(request):
             raise _refused(f"{request.pairs} pairs to keep, and not as many qubits are named")
         remote_socket = self._sockets[request.node, request.socket]
@@ -165,8 +165,7 @@ class Application:
 
     def _can_keep(self, request: Request) -> bool:
         """Return whether as many numbers of qubits are named as pairs."""
-        address, memory = request.qubits, self._machine.memory
-        return address is not None and memory.length(address) == request.pairs
+        return len(self._machine.memory.entries(request.qubits)) == request.pairs
 
     def _keep(self, request: Request, blocks: list[BlockName]) -> None:
         places = enumerate(blocks, request.made)
@@ -212,6 +211,22 @@ class Application:
             self._machine.memory.put(request.into, place * FIELDS + field, value)
         self._changed.set()
 
+    async def _arrived(self, number: int) -> None:
+        """Wait for the qubit of this number if it is half of a pair on its way."""
+
+        def is_clear() -> bool:
+            return number in self._qubits or not (self._failure or self._is_coming(number))
+
+        self._settle()
+        if not is_clear():
+            await self._qubits.flush()
+            await self._settled(is_clear)
+
+    def _is_coming(self, number: int) -> bool:
+        """Return whether a request in progress names this number for a pair."""
+        named = (request.qubits for request in self._requests.values())
+        return any(number in self._machine.memory.entries(address) for address in named)
+
     async def _settled(self, there: Callable[[], bool]) -> None:
         """Wait until what is waited for is there; raise what keeps it from coming."""
         while True:
@@ -224,37 +239,6 @@ class Application:
             if not self._requests:
                 raise _refused("nothing comes any more of what is waited for")
             await self._changed.wait()
-
-
-def _asked(words: list[Value]) -> tuple[Use, Measuring, Measuring]:
-    """Return what a request's words ask for, here and there."""
-    if len(words) != WORDS:
-        raise _refused(f"a request for pairs of {len(words)} words, not {WORDS}")
-    try:
-        use = Use(_word(words, 0))
-        ours, theirs = (
-            Measuring(
-                RandomBasis(_word(words, bases)),
-                (_turn(words, first), _turn(words, first + 1), _turn(words, first + 2)),
-                _word(words, axes),
-            )
-            for bases, first, axes in ((2, 14, 20), (3, 17, 21))
-        )
-    except ValueError as error:
-        raise _refused(f"a request for pairs: {error}") from error
-    for how in (ours, theirs):
-        if not 0 <= how.axes <= 2:
-            raise _refused(f"axes {how.axes} of a measurement: 0 XYX, 1 YZY, 2 ZXZ")
-    return use, ours, theirs
-
-
-def _turn(words: list[Value], place: int) -> int:
-    return _word(words, place) % 32
-
-
-def _word(words: list[Value], place: int, otherwise: int = 0) -> int:
-    word = words[place] if place < len(words) else None
-    return word if isinstance(word, int) else otherwise
 
 
 def _refused(text: str) -> SessionError:

@@ -45,11 +45,15 @@ class Machine:
     """Registers, arrays and qubits of one application, and what its instructions do to them."""
 
     def __init__(
-        self, qubits: Qubits, ask: Ask, settled: Callable[[Callable[[], bool]], Awaitable[None]]
+        self,
+        qubits: Qubits,
+        ask: Ask,
+        settled: Callable[[Callable[[], bool]], Awaitable[None]],
+        arrived: Callable[[int], Awaitable[None]],
     ) -> None:
-        """Pairs are asked for by `ask`; `settled` waits for what they bring."""
+        """Ask for pairs by `ask`; wait by `settled` for what they bring, by `arrived` for one."""
         self.memory, self.qubits = ClassicalMemory(), qubits
-        self._ask, self._settled = ask, settled
+        self._ask, self._settled, self._arrived = ask, settled, arrived
         self._returned: list[tuple[int, Value | list[Value]]] = []
 
     async def run(self, subroutine: Subroutine) -> list[ReturnedArray | ReturnedRegister]:
@@ -92,9 +96,9 @@ class Machine:
         """Act on one qubit or two."""
         if name in ROTATIONS:
             register, numerator, denominator = operands
-            self.qubits.rotate(name, await self._known(register), numerator, denominator)
+            self.qubits.rotate(name, await self._qubit(register), numerator, denominator)
             return
-        numbers = [await self._known(register) for register in operands]
+        numbers = [await self._qubit(register) for register in operands]
         if name in GATES:
             self.qubits.gate(name, *numbers)
         else:
@@ -109,6 +113,13 @@ class Machine:
             assert value.value is not None
             return value.value
         return value
+
+    async def _qubit(self, register: int) -> int:
+        """Return the number in a register, once a qubit that is to have it is there."""
+        number = await self._known(register)
+        if number not in self.qubits:
+            await self._arrived(number)
+        return number
 
     async def _branch(self, name: str, operands: tuple[int, ...]) -> Jump:
         *registers, line = operands
@@ -158,19 +169,19 @@ class Machine:
         self.qubits.allocate(await self._known(register))
 
     async def _init(self, register: int) -> None:
-        self.qubits.initialize(await self._known(register))
+        self.qubits.initialize(await self._qubit(register))
 
     async def _qfree(self, register: int) -> None:
-        self.qubits.free(await self._known(register))
+        self.qubits.free(await self._qubit(register))
 
     async def _mov(self, source: int, target: int) -> None:
-        self.qubits.move(await self._known(source), await self._known(target))
+        self.qubits.move(await self._qubit(source), await self._known(target))
 
     async def _swp(self, first: int, second: int) -> None:
-        self.qubits.swap(await self._known(first), await self._known(second))
+        self.qubits.swap(await self._qubit(first), await self._qubit(second))
 
     async def _meas(self, qubit: int, into: int) -> None:
-        self.memory.set(into, self.qubits.measure(await self._known(qubit)))
+        self.memory.set(into, self.qubits.measure(await self._qubit(qubit)))
 
     async def _meas_basis(self, qubit: int, into: int, *angles: int) -> None:
         await self._measure_turned(("rot_x", "rot_y", "rot_x"), qubit, into, angles)
@@ -184,7 +195,7 @@ class Machine:
     async def _measure_turned(
         self, axes: tuple[str, ...], qubit: int, into: int, angles: tuple[int, ...]
     ) -> None:
-        number = await self._known(qubit)
+        number = await self._qubit(qubit)
         *numerators, denominator = angles
         for axis, numerator in zip(axes, numerators, strict=True):
             if numerator:

@@ -1,4 +1,4 @@
-"""Pairs that are measured at once, as NetQASM asks for it: rotations, or bases drawn at random."""
+"""The use of pairs in NetQASM's requests, and how they are measured: rotations, random bases."""
 
 from collections.abc import Sequence
 from math import pi
@@ -6,8 +6,12 @@ from math import pi
 import numpy as np
 
 from hosts.hardware.operations import BlockName, Kind, Operation
-from wire.netqasm.pair_requests import Measuring, RandomBasis
+from hosts.middleware.session.errors import SessionError
+from hosts.processing_unit.memory import Value
+from wire.metadata.vocabulary import Reason
+from wire.netqasm.pair_requests import Measuring, RandomBasis, Use
 
+WORDS = 22  # of a request: NetQASM's SerializedCreateRequestIndex
 STEP_RAD = pi / 16
 AXES = ((Kind.RX, Kind.RY, Kind.RX), (Kind.RY, Kind.RZ, Kind.RY), (Kind.RZ, Kind.RX, Kind.RZ))
 Z, X, Y, Z_PLUS_X, Z_MINUS_X = range(5)  # as NetQASM numbers bases
@@ -48,3 +52,42 @@ def measurement(
         ]
         operations.append(Operation(Kind.MEASURE, block))
     return operations
+
+
+def read_use(words: Sequence[Value]) -> tuple[Use, Measuring, Measuring]:
+    """Return the use of the pairs that a request asks for, and its measurements here and there.
+
+    Raise SessionError for a request that cannot be met.
+    """
+    if len(words) != WORDS:
+        raise _refused(f"a request for pairs of {len(words)} words, not {WORDS}")
+    try:
+        use = Use(read_word(words, 0))
+        ours, theirs = (
+            Measuring(
+                RandomBasis(read_word(words, bases)),
+                (_turn(words, first), _turn(words, first + 1), _turn(words, first + 2)),
+                read_word(words, axes),
+            )
+            for bases, first, axes in ((2, 14, 20), (3, 17, 21))
+        )
+    except ValueError as error:
+        raise _refused(f"a request for pairs: {error}") from error
+    for how in (ours, theirs):
+        if not 0 <= how.axes <= 2:
+            raise _refused(f"axes {how.axes} of a measurement: 0 XYX, 1 YZY, 2 ZXZ")
+    return use, ours, theirs
+
+
+def read_word(words: Sequence[Value], place: int, default: int = 0) -> int:
+    """Return a word of a request, or the default if it is left out."""
+    word = words[place] if place < len(words) else None
+    return word if isinstance(word, int) else default
+
+
+def _turn(words: Sequence[Value], place: int) -> int:
+    return read_word(words, place) % 32
+
+
+def _refused(text: str) -> SessionError:
+    return SessionError(Reason.UNSUPPORTED, text)

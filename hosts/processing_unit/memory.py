@@ -3,6 +3,8 @@
 What was measured can be moved before it is known: then it is an Outcome.
 """
 
+from collections.abc import Sequence
+
 from hosts.middleware.session.errors import SessionError
 from hosts.processing_unit.qubits import Outcome
 from wire.metadata.vocabulary import Reason
@@ -56,9 +58,9 @@ class ClassicalMemory:
             raise _refused(f"there is no array at address {address}")
         return self._arrays[address]
 
-    def length(self, address: int) -> int:
-        """Return how many entries an array has; 0 if there is none."""
-        return len(self._arrays.get(address, ()))
+    def entries(self, address: int | None) -> Sequence[Value]:
+        """Return the entries of an array; none if there is no such array."""
+        return () if address is None else self._arrays.get(address, ())
 
     def part(self, address: int, start: int, stop: int) -> list[Value]:
         """Return a slice of an array; raise SessionError if it is not inside."""

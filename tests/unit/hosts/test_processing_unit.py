@@ -297,6 +297,42 @@ def test_pairs_that_the_other_end_does_not_receive_are_an_error(
     assert "1 pairs with bob: the other end has not asked to receive them" in told["alice"]
 
 
+@pytest.mark.parametrize("early", ["alice", "bob"])
+def test_a_gate_waits_for_a_pair_on_its_way(tmp_path: Path, early: str) -> None:
+    """With a single qubit the SDK does not wait for a pair; the state of half of Phi+ is mixed."""
+
+    def program(role: str, peer: str, creates: bool) -> Any:
+        def run(app_config: Any = None) -> Any:
+            from netqasm.sdk.external import Socket, get_qubit_state
+
+            texts, pairs_of = Socket(role, peer), EPRSocket(peer)
+            asked = pairs_of.create_keep if creates else pairs_of.recv_keep
+            with connection(role, app_config, epr_sockets=[pairs_of], max_qubits=1) as unit:
+                if role != early:
+                    texts.recv()
+                (half,) = asked()
+                unit.flush()
+                texts.send("requested")
+                mixed = get_qubit_state(half)
+                texts.send("seen")
+                while texts.recv() != "seen":  # nobody measures before
+                    pass
+                half.X()
+                outcome = half.measure()
+            return [int(outcome), mixed]
+
+        return run
+
+    programs = {
+        "alice": program("alice", "bob", creates=True),
+        "bob": program("bob", "alice", creates=False),
+    }
+    (told,) = outputs(tmp_path, programs, TWO, looking=True)
+    assert told["alice"][0] == told["bob"][0]
+    for _outcome, mixed in told.values():
+        assert np.allclose(mixed, np.eye(2) / 2)
+
+
 def said(folder: Path, *messages: bytes) -> str:
     """Say something to alice's unit; return why that is the end of it."""
 
