@@ -11,6 +11,7 @@ from types import MappingProxyType
 
 from qmn.as_root import NoRoot, become_root
 from qmn.parser import Parser
+from qmn.printable_text import guard_standard_streams
 from qmn.version import ShowVersion
 
 # Until a verb runs there is nothing to clean up: Ctrl-C just ends the program.
@@ -47,6 +48,12 @@ HEADINGS: Mapping[str, Sequence[str]] = MappingProxyType(
     }
 )
 VERBS = tuple(verb for verbs in HEADINGS.values() for verb in verbs)
+# Verbs that print strings of runs and of hosts, and do not move the cursor.
+PRINTING = (
+    *HEADINGS["look at a network, or at a run"],
+    *HEADINGS["change a running network"],
+    "replay",
+)
 
 
 def described(words: Sequence[str] = ()) -> Parser:
@@ -68,6 +75,8 @@ def needs_root(arguments: argparse.Namespace) -> bool:
 
 def main() -> int:
     """Find the verb, run it, and return its exit status."""
+    if set(sys.argv[1:2]) & set(PRINTING):
+        guard_standard_streams()
     gc.disable()  # what is loaded stays: to look through it takes a tenth of the time
     arguments = described(sys.argv[1:]).parse_args()
     gc.freeze()

@@ -51,5 +51,9 @@ def answered(show: Callable[[], None]) -> int:
 
 
 def wide_console(width: int = WIDTH) -> Console:
-    """Return where tables go: a terminal has a width, a file or a pipe takes lines so long."""
-    return Console(highlight=False, width=None if sys.stdout.isatty() else width)
+    """Return where tables go: a terminal has a width, a file or a pipe takes lines so long.
+
+    Strings are shown as they are: those of a run may look like markup.
+    """
+    columns = None if sys.stdout.isatty() else width
+    return Console(highlight=False, markup=False, emoji=False, color_system=None, width=columns)

@@ -29,6 +29,7 @@ VARIABLES = {
 STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "qmn",
+    "text.parse_math": False,  # a name may hold "$"
     "font.size": 10,
     "text.color": INK,
     "axes.edgecolor": MUTED,

@@ -1,6 +1,7 @@
 """The figures of a report with what is said of them, or why one cannot be drawn."""
 
 from collections.abc import Iterator, Sequence
+from html import escape
 
 from qmn.reports import charts, error_counts
 from qmn.reports.drawing import variable
@@ -47,7 +48,8 @@ def _legend(run: RunFacts, paths: Sequence[LightPath]) -> str:
     if len(paths) > MOST_NAMED:
         return f"{len(paths)} different light paths stood."
     named = (
-        f'<b style="color: {variable(path_colour(number))}">{path.begin} → {path.end}</b>'
+        f'<b style="color: {variable(path_colour(number))}">{escape(path.begin)} → '
+        f"{escape(path.end)}</b>"
         for number, path in enumerate(paths)
     )
     return f"Light paths: {', '.join(named)}."
@@ -68,7 +70,7 @@ def load_figure(run: RunFacts, job: LoadJob) -> str:
     elif len(use) - idle > MOST_FIBERS:
         text += f"The {MOST_FIBERS} that were in use longest are shown. "
     reasons = {**load.blocked, **load.broken}
-    said = ", ".join(f"{count} {reason}" for reason, count in reasons.items())
+    said = ", ".join(f"{count} {escape(reason)}" for reason, count in reasons.items())
     return figure(title, drawn, text + (f"Refused or broken: {said}." if said else ""), "wide")
 
 

@@ -7,6 +7,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from qmn.printable_text import printable
 from qmn.reports import figures
 from qmn.reports.light_paths import fiber_name, light_paths, photons_by_port
 from qmn.reports.markup import table
@@ -21,6 +22,9 @@ from wire.results.run_result import KeysJob, LoadJob
 REPORT = "report.html"
 MOST_FIBERS = 24  # whose table is seen at once
 LAST_WORD = "Counts are the sender's last word; the figures may know more."
+# Of a page that has no script: a run may be another person's.
+POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
+POLICY += "form-action 'none'"
 STYLE = Path(__file__).with_name("report.css")
 
 
@@ -29,7 +33,7 @@ def write_report(folder: Path) -> Path:
 
     Raise BadRun for a folder without a run, MalformedPacket for files that are not captures.
     """
-    text = page(read_run(folder))
+    text = printable(page(read_run(folder)))
     unfinished = folder / f".{REPORT}"
     unfinished.unlink(missing_ok=True)  # it may be a link
     unfinished.write_text(text)
@@ -42,6 +46,7 @@ def page(run: RunFacts) -> str:
     return "\n".join(
         [
             '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">',
+            f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">',
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
             '<meta name="color-scheme" content="light dark"><link rel="icon" href="data:,">',
             f"<title>{name} · qmn</title><style>{STYLE.read_text()}</style></head><body>",
@@ -54,7 +59,8 @@ def page(run: RunFacts) -> str:
 
 def _outcome(run: RunFacts) -> str:
     result, done = run.result, run.result.delivered
-    words = {True: f"{result.service}: done", False: f"{result.service}: NOT DONE"}
+    service = escape(result.service)
+    words = {True: f"{service}: done", False: f"{service}: NOT DONE"}
     numbers = _numbers(result.asking)
     if result.message is not None:
         words = {True: "delivered exactly", False: "NOT DELIVERED"}
@@ -62,7 +68,8 @@ def _outcome(run: RunFacts) -> str:
     kind = "good" if done else "failed"
     numbers["seed"] = f"{result.seed}"
     tiles = "".join(
-        f"<div><b>{value}</b><span>{name}</span></div>" for name, value in numbers.items()
+        f"<div><b>{escape(value)}</b><span>{escape(name)}</span></div>"
+        for name, value in numbers.items()
     )
     error = f"<p>{escape(result.error)}</p>" if result.error else ""
     heard = "" if done else "<p>Counts are the sender's last word; the figures may know more.</p>"

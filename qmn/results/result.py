@@ -7,6 +7,7 @@ from typing import Any
 
 from rich.console import Console
 
+from qmn.printable_text import printable
 from qmn.results import service_result, software_share
 from qmn.results.run_result import NetworkResult, RunResult
 from qmn.results.service_result import RECEIVED as RECEIVED
@@ -191,4 +192,5 @@ def print_rows(console: Console, rows: dict[str, str]) -> None:
     """Print names and values below each other; no value is cut short, however long a path is."""
     width = max(map(len, rows))
     for name, value in rows.items():
-        console.print(f"{name:<{width}}  {value}", soft_wrap=True, markup=False, highlight=False)
+        line = printable(f"{name:<{width}}  {value}")
+        console.print(line, soft_wrap=True, markup=False, highlight=False)

@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
-from qmn.live.controller_console import wide_console
+from rich.console import Console
+
 from qmn.live.machine import FAILS, LIMITED, UNCHECKED, WORKS, Finding, check_machine
 
 STYLES = {WORKS: "green", LIMITED: "yellow", FAILS: "red", UNCHECKED: "dim"}
@@ -32,10 +33,9 @@ def call(arguments: argparse.Namespace) -> int:
 
 def show(findings: Iterable[Finding]) -> None:
     """Print a line for each finding, and one for what to do."""
-    console = wide_console()
+    console = Console(highlight=False, markup=False)
     for finding in findings:
-        style = STYLES[finding.state]
-        console.print(f"[{style}]{finding.state:<10}[/]", end="")
-        console.print(f"{finding.name}: {finding.found}", markup=False, soft_wrap=True)
+        console.print(f"{finding.state:<10}", style=STYLES[finding.state], end="")
+        console.print(f"{finding.name}: {finding.found}", soft_wrap=True)
         if finding.remedy:
-            console.print(f"{'':10}-> {finding.remedy}", markup=False, soft_wrap=True)
+            console.print(f"{'':10}-> {finding.remedy}", soft_wrap=True)

@@ -1,0 +1,49 @@
+"""Text that a terminal or a page shows as it is: no control characters, which command a terminal.
+
+The strings of a run may be another person's. A verb that prints them writes to PrintableOutput.
+"""
+
+import io
+import sys
+
+LAYOUT = str.maketrans("", "", "\n\t")
+
+
+def printable(text: str) -> str:
+    r"""Return a text in which each character that cannot be shown is written as in Python: \x1b.
+
+    Line ends and tabs stay.
+    """
+    if text.translate(LAYOUT).isprintable():
+        return text
+    return "".join(
+        each if each.isprintable() or each in "\n\t" else _escaped(each) for each in text
+    )
+
+
+def _escaped(character: str) -> str:
+    return character.encode("unicode_escape").decode()
+
+
+class PrintableOutput(io.TextIOWrapper):
+    """A standard stream that writes printable text alone."""
+
+    def write(self, text: str, /) -> int:
+        """Write a text; return its length."""
+        super().write(printable(text))
+        return len(text)
+
+
+def guard_standard_streams() -> None:
+    """Replace standard output and error of this process."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        buffering = 0 if stream.write_through else -1
+        guarded = PrintableOutput(
+            open(stream.fileno(), "wb", buffering, closefd=False),  # noqa: SIM115 (until the end)
+            encoding=stream.encoding,
+            errors="backslashreplace",
+            line_buffering=stream.line_buffering,
+            write_through=stream.write_through,
+        )
+        setattr(sys, name, guarded)
