@@ -10,7 +10,8 @@ its arm at random.
 Distinguishable photons interfere less (Hong, Ou, Mandel, Phys. Rev. Lett. 59, 2044): with
 visibility V = V0 |<1|2>|^2 the phase is wrong with probability (1 - V) / 2.
 Linear optics tell Psi+ and Psi- from the rest, and Phi+ from Phi- not (Mattle, Weinfurter, Kwiat,
-Zeilinger, Phys. Rev. Lett. 76, 4656); that outcome is reported as Phi+. A host that measures by
+Zeilinger, Phys. Rev. Lett. 76, 4656): both reach either detector of the phase, alike, and that
+outcome is reported as Phi+. A host that measures by
 gates (dispatcher.operations.gate_noise) lets nothing interfere: neither mismatch nor window matter.
 Either arm tells its bit wrongly with the detectors' readout error, whatever has made them click.
 What a beam splitter does with all photons of two pulses is in dispatcher.devices.beam_splitter.
@@ -123,7 +124,7 @@ class Analyser:
             clicks = sum(int(np.count_nonzero(half.present)) for half in halves)
             found = None
         else:
-            found = self._look(states, halves, random)
+            found = self._look(self.at_detectors(states, random), halves, random)
             outcomes, told, clicks, more = _combine(found, states)
             incidents |= more
         late = np.zeros(0, dtype=np.intp)
@@ -134,9 +135,22 @@ class Analyser:
             incidents["late"] = late.size
         if wrong := self.misread(outcomes, random):
             incidents["misread"] = wrong
-        if self._like.kind == "linear":
-            outcomes ^= (outcomes == PHI_MINUS) * PHASE
-        return Analysis(outcomes, clicks, incidents)
+        return Analysis(self.named(outcomes), clicks, incidents)
+
+    def named(self, outcomes: Bytes) -> Bytes:
+        """Return Bell states by the names under which the analyser reports them."""
+        if self._like.kind != "linear":
+            return outcomes
+        named: Bytes = outcomes ^ ((outcomes == PHI_MINUS) * PHASE)
+        return named
+
+    def at_detectors(self, states: Bytes, random: PhotonRandom) -> Bytes:
+        """Return the states as whose detectors pairs click: of linear optics either Phi for Phi."""
+        if self._like.kind != "linear":
+            return states
+        coins = random.coins("phase of Phi", states.size)
+        clicking: Bytes = states ^ ((states & PARITY == 0) * coins * PHASE)
+        return clicking
 
     def _distinguished(
         self, mismatch: Mismatch, overlap: Overlap, random: PhotonRandom

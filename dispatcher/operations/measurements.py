@@ -115,6 +115,7 @@ class Measurements:
         found = look(node, (first, second), matched, apart_ps)
         feedback.exact = layer.count_exact((first, second))
         outcomes = part_noise.told(found.outcomes, effect, part_noise.BELL_STATE)
+        outcomes = self._analyser(node).named(outcomes)
         if by_gates:
             outcomes, wrong = imperfections.misread(layer, first, outcomes, "Bell", bits=2)
             errors |= {"misread": wrong} if wrong else {}
@@ -149,11 +150,12 @@ class Measurements:
             first.register, second.register, (self._draws(first), self._draws(second))
         )
         random, several = self._random(node, first), further.several(first, second)
-        halves = self._halves(first, second, present, random)
+        analyser = self._analyser(node)
+        halves = self._halves(analyser, first, second, present, random)
         drift.twirl_pairs(first, second, states, layer.draws)
         for block in blocks:
             layer.ownership.remove(block)
-        found = self._analyser(node).analyse(states, halves, random, matched, apart_ps)
+        found = analyser.analyse(states, halves, random, matched, apart_ps)
         if several is not None:  # they would interfere
             told = found.outcomes != NO_CLICK
             first.pulses.approximations |= of_outcomes(SEVERAL_PAIRS, several, told)
@@ -217,10 +219,15 @@ class Measurements:
         return f", {which} waited in {length_km:g} km of fibre, lost={lost}"
 
     def _halves(
-        self, first: Block, second: Block, present: tuple[Mask, Mask], random: PhotonRandom
+        self,
+        analyser: Analyser,
+        first: Block,
+        second: Block,
+        present: tuple[Mask, Mask],
+        random: PhotonRandom,
     ) -> tuple[Half, Half]:
         """Return the light that comes to both arms, its further photons measured."""
-        more = self._further(first, second, random)
+        more = self._further(analyser, first, second, random)
         one, other = (
             Half(there, block.pulses.extras, block.pulses.delays_ps, train(block), told)
             for there, block, told in zip(present, (first, second), more, strict=True)
@@ -228,7 +235,7 @@ class Measurements:
         return one, other
 
     def _further(
-        self, first: Block, second: Block, random: PhotonRandom
+        self, analyser: Analyser, first: Block, second: Block, random: PhotonRandom
     ) -> tuple[Told | None, Told | None]:
         """Bell-measure further photons; one alone takes either detector of its arm at random."""
         layer = self._layer
@@ -237,7 +244,8 @@ class Measurements:
             return None, None
         drift.twirl_further(first, second, matched.pulses, matched.outcomes, layer.draws)
         there = matched.outcomes != NO_CLICK
-        pulses, outcomes = matched.pulses[there], matched.outcomes[there]
+        pulses = matched.pulses[there]
+        outcomes = analyser.at_detectors(matched.outcomes[there], random.at("further pairs"))
         told = []
         for arm, bits in enumerate((outcomes >> np.uint8(1), outcomes & np.uint8(1))):
             alone = matched.alone[arm]

@@ -10,7 +10,7 @@ from test_detectors import COUNT, TRAIN, NoDraws
 
 from dispatcher.devices.analyser import Analyser, Analysis, Half
 from dispatcher.devices.detector import Train
-from dispatcher.devices.detectors import DetectorPair
+from dispatcher.devices.detectors import DetectorPair, Told
 from dispatcher.devices.overlap import angular_width, overlap
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.draws import Draws
@@ -53,6 +53,27 @@ def test_a_complete_analyser_tells_all_states_and_draws_nothing() -> None:
 def test_linear_optics_tell_psi_apart_and_report_both_phi_as_phi_plus() -> None:
     outcomes = analyse(BellAnalyser(kind="linear")).outcomes
     assert np.array_equal(outcomes, np.array([0, 1, 0, 3], dtype=np.uint8)[STATES])
+
+
+@pytest.mark.parametrize("further", [False, True])
+def test_unlike_detectors_do_not_tell_linear_optics_what_these_cannot_tell(further: bool) -> None:
+    """By enumeration: Phi reaches either detector of the phase, which see 1 and 1 - m of it."""
+    mismatch, light = 0.8, (LIGHT, LIGHT)
+    detectors, analyser = Detectors(efficiency_mismatch=mismatch), BellAnalyser(kind="linear")
+    states = STATES
+    if further:  # the same pairs, as those beside the own ones of their pulses
+        device, every = Device(detectors=detectors, analyser=analyser), np.arange(COUNT)
+        arms = DetectorPair(detectors), DetectorPair(detectors)
+        found = Analyser(device, arms).at_detectors(STATES, CHANCE.at("further"))
+        told = Told(every, found >> np.uint8(1)), Told(every, found & np.uint8(1))
+        light = replace(DARKNESS, further=told[0]), replace(DARKNESS, further=told[1])
+        states = NONE
+    outcomes = analyse(analyser, detectors, states, light).outcomes
+    seen = {0: 1 - mismatch / 2, 1: 1 - mismatch, 2: 1 - mismatch / 2, 3: (1 - mismatch) ** 2}
+    for state, chance in seen.items():
+        own = outcomes[state == STATES]
+        assert within(int((own != NO_CLICK).sum()), own.size, chance)
+        assert set(np.unique(own)) == {state if state % 2 else 0, NO_CLICK}
 
 
 @pytest.mark.parametrize("visibility", [1.0, 0.9])

@@ -198,6 +198,18 @@ def test_detectors_err_and_miss_as_their_model_says(model: str) -> None:
     at_alice(act, Device(detectors=detectors))
 
 
+def test_no_model_lets_linear_optics_tell_what_these_cannot_tell(model: str) -> None:
+    """Z takes Phi+ for Phi-, which linear optics report as Phi+."""
+
+    async def act(laboratory: Laboratory) -> None:
+        alice = laboratory.host("alice")
+        await alice.create(COUNT)
+        assert not (await alice.bell_measure((0, 0), (0, 1))).any()
+
+    detectors = Detectors(**sometimes(model, pauli=2, chance=0.5))
+    at_alice(act, Device(detectors=detectors, analyser=BellAnalyser("linear")))
+
+
 @pytest.mark.parametrize(
     ("kind", "words"), [("Late", "delays_ps is of fibres"), ("Wrong", "Pauli 7 is not 0 to 3")]
 )
