@@ -156,7 +156,7 @@ class Analyser:
         self, mismatch: Mismatch, overlap: Overlap, random: PhotonRandom
     ) -> NDArray[np.intp]:
         """Draw which pairs show no interference, so that their phase is wrong."""
-        worst = float(self._wrong(mismatch.most_ps, overlap))
+        worst = (1 - self._like.visibility * overlap.least(mismatch.most_ps)) / 2
         if worst == 0:
             return np.zeros(0, dtype=np.intp)
         # Draw as if all were as far apart as the worst; keep of those what their own mismatch says.

@@ -1,14 +1,15 @@
 """The overlap of two photons in time and colour, which decides how well they interfere.
 
-Photons of Gaussian spectra, of rms widths s and s' of their intensity (rad/s), that come apart by
-tau, one of them more dispersed by b (s^2, the phase being b w^2 / 2), overlap by
+Photons of Gaussian spectra, of rms widths s and s' of their intensity (rad/s) and d apart, that
+come apart by tau, with phases b w^2 / 2 and b' w^2 / 2 by dispersion about their own colours,
+overlap by the squared Fourier integral of both amplitudes. With p = 1/4s^2 + ib/2 and
+q = 1/4s'^2 - ib'/2 it is
 
-    |<1|2>|^2 = 2 s s' / (s^2 + s'^2) / sqrt(1 + c^2) exp(-tau^2 / (2 a (1 + c^2)))
+    |<1|2>|^2 = 1/(2 s s' |p + q|) exp(2 Re[((2 q d + i tau)^2 / 4(p + q)) - q d^2])
 
-with a = (1/s^2 + 1/s'^2) / 4 and c = b / 2a: the squared Fourier integral of both amplitudes. Of
-equal spectra without dispersion it is exp(-(s tau)^2), as in the dip of Hong, Ou and Mandel (Phys.
-Rev. Lett. 59, 2044): the coherence time is 1 / s. Where dispersion is the same in both arms it
-cancels (Steinberg, Kwiat, Chiao, Phys. Rev. A 45, 6659).
+Of equal spectra without dispersion it is exp(-(s tau)^2 - (d / 2s)^2), for d = 0 the dip of Hong,
+Ou and Mandel (Phys. Rev. Lett. 59, 2044): the coherence time is 1 / s. Where dispersion is the same
+in both arms it cancels (Steinberg, Kwiat, Chiao, Phys. Rev. A 45, 6659).
 """
 
 import math
@@ -24,15 +25,29 @@ FREQUENCY_HZ = DEFAULT_FREQUENCY_MHZ * 1e6
 
 
 class Overlap(NamedTuple):
-    """The overlap of photons that come together, and how it falls as they come apart."""
+    """The overlap of photons that come best together, and how it falls as they come apart."""
 
     most: float = 1.0
     rad_per_s: float = 0.0  # falls as exp(-(rad_per_s tau)^2); 0: light of one colour, however late
+    best_ps: float = 0.0  # the mismatch at which it is most; other than 0 of two colours
 
     def apart(self, mismatch_ps: Each) -> Each:
-        """Return how far photons overlap that come so far apart."""
-        fallen: Each = self.most * np.exp(-((self.rad_per_s * 1e-12 * mismatch_ps) ** 2))
+        """Return how far photons overlap of which the first comes so much later."""
+        apart_ps = mismatch_ps - self.best_ps
+        fallen: Each = self.most * np.exp(-((self.rad_per_s * 1e-12 * apart_ps) ** 2))
         return fallen
+
+    def least(self, most_ps: float) -> float:
+        """Return how far photons overlap at least that come so far apart at most."""
+        return float(self.apart(self.best_ps + abs(self.best_ps) + most_ps))
+
+
+class Spectrum(NamedTuple):
+    """The spectrum of a photon."""
+
+    bandwidth_nm: float = 0.0  # rms; 0: unknown
+    dispersion_ps_per_nm: float = 0.0  # of all fibres so far
+    frequency_mhz: int = 0  # 0: that of the other one
 
 
 def angular_width(bandwidth_nm: float) -> float:
@@ -40,19 +55,25 @@ def angular_width(bandwidth_nm: float) -> float:
     return 2 * math.pi * FREQUENCY_HZ**2 / LIGHT_M_PER_S * bandwidth_nm * 1e-9
 
 
-def overlap(
-    bandwidths_nm: tuple[float, float], dispersion_ps_per_nm: float, filter_rad_per_s: float
-) -> Overlap:
-    """Return the overlap of two photons, one of them so much more dispersed.
+def overlap(first: Spectrum, second: Spectrum, filter_rad_per_s: float) -> Overlap:
+    """Return the overlap of two photons.
 
-    A filter gives both its own width. Where a width is 0 nothing is known of it, and they overlap.
+    A filter gives both its own width. Where a width is 0 nothing is known of it: photons overlap
+    if they are of one colour, and not at all if they are of two.
     """
-    widths = [filter_rad_per_s or angular_width(each_nm) for each_nm in bandwidths_nm]
+    spectra = first, second
+    apart_mhz = second.frequency_mhz - first.frequency_mhz if all(s[2] for s in spectra) else 0
+    widths = [filter_rad_per_s or angular_width(each.bandwidth_nm) for each in spectra]
     if not all(widths):
-        return Overlap()
-    one, other = widths
-    spread = (1 / one**2 + 1 / other**2) / 4
-    chirp = dispersion_ps_per_nm * 1e-12 / angular_width(1.0) / (2 * spread)
-    stretched = 1 + chirp**2
-    most = 2 * one * other / (one**2 + other**2) / math.sqrt(stretched)
-    return Overlap(most, 1 / math.sqrt(2 * spread * stretched))
+        return Overlap(0.0 if apart_mhz else 1.0)
+    d = 2e6 * math.pi * apart_mhz
+    # Longer wavelengths come later: the phase of frequencies has the other sign.
+    p, q = (
+        complex(1 / (4 * width**2), sign * each.dispersion_ps_per_nm * 1e-12 / angular_width(2.0))
+        for width, each, sign in zip(widths, spectra, (-1, 1), strict=True)
+    )
+    curvature = (1 / (p + q)).real / 2
+    shift = (q / (p + q)).imag * d / curvature  # s
+    most = abs(1 / (p + q)) / (2 * math.prod(widths))
+    most *= math.exp(curvature * shift**2 - 2 * d**2 * (p * q / (p + q)).real)
+    return Overlap(most, math.sqrt(curvature), shift * 1e12)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dispatcher.approximations import EXACT, Approximations
+from dispatcher.devices.overlap import Spectrum
 from dispatcher.fiber.turn import Turn
 from dispatcher.layer.made import Makers
 from dispatcher.layer.used_names import UsedNames
@@ -47,7 +48,13 @@ class Pulses:
     encoding: str = ENCODINGS[0]
     bandwidth_nm: float = 0.0  # rms of the source's spectrum
     dispersion_ps_per_nm: float = 0.0  # of all fibres so far
+    frequency_mhz: int = 0  # with which it was launched last; 0: never
     approximations: Approximations = EXACT  # so far
+
+    @property
+    def spectrum(self) -> Spectrum:
+        """Return that of each photon."""
+        return Spectrum(self.bandwidth_nm, self.dispersion_ps_per_nm, self.frequency_mhz)
 
     @property
     def exact(self) -> bool:

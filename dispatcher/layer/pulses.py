@@ -106,6 +106,7 @@ def gather(picks: Sequence[tuple[Pulses, NDArray[np.uint32]]]) -> Pulses:
         encoding=every[0].encoding,
         bandwidth_nm=max(pulses.bandwidth_nm for pulses in every),
         dispersion_ps_per_nm=max((pulses.dispersion_ps_per_nm for pulses in every), key=abs),
+        frequency_mhz=max(pulses.frequency_mhz for pulses in every),
         approximations=reduce(or_, (pulses.approximations for pulses in every)),
     )
 

@@ -16,6 +16,7 @@ import grpc
 import numpy as np
 from numpy.typing import NDArray
 
+from dispatcher.approximations import EXACT, UNLIKE_LIGHT, Approximations, approximation
 from dispatcher.layer import cutoff, drift, further, herald, pulses
 from dispatcher.layer.layer import PhysicalLayer, block_name
 from dispatcher.layer.ownership import Block, BlockName
@@ -114,6 +115,7 @@ class Gathering:
         for block in blocks:
             drift.twirl_turn(block, self._layer.sabot, self._layer.draws)
         light = pulses.gather([(block.pulses, positions) for block, positions in picked])
+        light.approximations |= _unlike(blocks)
         more = further.gather(self._layer.sabot, picked)
         picks = [RegisterPick(block.register, positions) for block, positions in picked]
         return Block(
@@ -148,6 +150,16 @@ def require_places(layer: PhysicalLayer, node: str, more: int) -> None:
             f"{more} more places for photons with {layer.ownership.places}, those of lost "
             f"ones included, exceed the limit of {most}; discard what little is left in"
         )
+
+
+def _unlike(blocks: Sequence[Block]) -> Approximations:
+    """Return what one spectrum and way for all may get wrong: any phase told by interference."""
+    kinds = set()
+    for block in blocks:  # a memory keeps width and colour alone
+        dispersion = 0.0 if block.kept else block.pulses.dispersion_ps_per_nm
+        spectrum = block.pulses.spectrum._replace(dispersion_ps_per_nm=dispersion)
+        kinds.add((spectrum, 0.0 if block.kept or block.retimed else block.way_ps))
+    return approximation(UNLIKE_LIGHT, 0.5) if len(kinds) > 1 else EXACT
 
 
 def _lineage(picked: Sequence[Picked]) -> str:

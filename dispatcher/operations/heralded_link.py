@@ -17,7 +17,7 @@ from dispatcher.approximations import (
     approximation,
 )
 from dispatcher.devices.heralding import Arm, Heralds, single_click, two_click
-from dispatcher.devices.overlap import Overlap, overlap
+from dispatcher.devices.overlap import Overlap, Spectrum, overlap
 from dispatcher.operations.station_way import StationWay
 from wire.config import FiberEnd
 from wire.parameters.physics import Device, Emitter
@@ -74,9 +74,11 @@ class Link:
     @property
     def overlap(self) -> Overlap:
         """Return how well light of both overlaps at the station."""
-        first, second = (device.source.bandwidth_nm for device in self.devices)
-        apart = self.ways[0].dispersion_ps_per_nm - self.ways[1].dispersion_ps_per_nm
-        return overlap((first, second), apart, self.station.analyser.bandwidth_rad_per_s)
+        first, second = (
+            Spectrum(device.source.bandwidth_nm, way.dispersion_ps_per_nm, way.frequency_mhz)
+            for device, way in zip(self.devices, self.ways, strict=True)
+        )
+        return overlap(first, second, self.station.analyser.bandwidth_rad_per_s)
 
     def spread_ps(self, half: int) -> float:
         """Return how far fibres spread the light of a half in time, rms."""
@@ -85,7 +87,7 @@ class Link:
 
     @property
     def visibility(self) -> float:
-        """Return that of photons that come at the same time."""
+        """Return the most that photons can have, whenever they come."""
         return self.station.analyser.visibility * self.overlap.most
 
     @property

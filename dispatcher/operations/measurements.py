@@ -265,10 +265,7 @@ class Measurements:
 
 def _matched(like: BellAnalyser, one: Pulses, other: Pulses) -> Overlap:
     """Return how alike the photons of two blocks are to an analyser."""
-    apart_ps_per_nm = one.dispersion_ps_per_nm - other.dispersion_ps_per_nm
-    return overlap(
-        (one.bandwidth_nm, other.bandwidth_nm), apart_ps_per_nm, like.bandwidth_rad_per_s
-    )
+    return overlap(one.spectrum, other.spectrum, like.bandwidth_rad_per_s)
 
 
 def _tell_bits(feedback: Feedback, told: Bytes, packed: bool) -> None:

@@ -112,6 +112,7 @@ class Transport:
         self._keep_time(block, departure)
         layer.ownership.move(block, "")
         block.interval_ns = departure.pattern.interval_ns
+        block.pulses.frequency_mhz = departure.frequency_mhz
         block.source_rate_hz = float("inf")
         cutoff.forget(block)
         block.kept, block.false_heralds = False, None

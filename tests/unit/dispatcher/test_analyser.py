@@ -11,7 +11,7 @@ from test_detectors import COUNT, TRAIN, NoDraws
 from dispatcher.devices.analyser import Analyser, Analysis, Half
 from dispatcher.devices.detector import Train
 from dispatcher.devices.detectors import DetectorPair, Told
-from dispatcher.devices.overlap import angular_width, overlap
+from dispatcher.devices.overlap import Spectrum, angular_width, overlap
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.draws import Draws
 from wire.outcomes import NO_CLICK
@@ -34,7 +34,7 @@ def analyse(
     """Analyse pairs with devices like this."""
     arms = DetectorPair(detectors), DetectorPair(detectors)
     device = Device(detectors=detectors, analyser=analyser)
-    light = overlap((0.0, 0.0), 0.0, analyser.bandwidth_rad_per_s)
+    light = overlap(Spectrum(), Spectrum(), analyser.bandwidth_rad_per_s)
     return Analyser(device, arms).analyse(states, halves, random, light)
 
 
@@ -101,27 +101,42 @@ def test_each_photons_own_mismatch_counts() -> None:
     assert np.array_equal(shared.outcomes, STATES)
 
 
-def amplitude(width: float, chirp: float, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Return a Gaussian amplitude whose intensity has this rms width, dispersed by a chirp."""
-    spectrum = np.exp(-((omega / (2 * width)) ** 2) + 0.5j * chirp * omega**2)
+RAD_PER_PS = 2 * np.pi * 193.4e12**2 / 299_792_458 * 1e-9 * 1e-12  # 1 nm is 2 pi 124.8 GHz
+OMEGA = np.linspace(-6, 6, 400_001)  # rad/ps
+
+
+def amplitude(light: Spectrum, later_ps: float = 0.0) -> NDArray[np.complex128]:
+    """Return a Gaussian amplitude whose intensity has this rms width, dispersed and late."""
+    off = OMEGA - 2 * np.pi * (light.frequency_mhz - 193_400_000) * 1e-6
+    chirp = -light.dispersion_ps_per_nm / RAD_PER_PS  # a higher frequency is a shorter wave
+    phase = 0.5j * chirp * off**2 + 1j * off * later_ps
+    spectrum = np.exp(-((off / (2 * light.bandwidth_nm * RAD_PER_PS)) ** 2) + phase)
     return np.asarray(spectrum / np.sqrt((np.abs(spectrum) ** 2).sum()))
 
 
 @pytest.mark.parametrize("widths_nm", [(0.1, 0.1), (0.1, 0.3)])
-@pytest.mark.parametrize("dispersion_ps_per_nm", [0.0, 170.0, -340.0])
-@pytest.mark.parametrize("apart_ps", [0.0, 5.0, 40.0])
+@pytest.mark.parametrize("dispersion_ps_per_nm", [(0.0, 0.0), (170.0, 0.0), (170.0, -340.0)])
+@pytest.mark.parametrize("apart_ps", [0.0, 5.0, -40.0])
+@pytest.mark.parametrize("apart_ghz", [0.0, 12.5, -50.0])
 def test_photons_overlap_as_the_integral_of_their_amplitudes(
-    widths_nm: tuple[float, float], dispersion_ps_per_nm: float, apart_ps: float
+    widths_nm: tuple[float, float],
+    dispersion_ps_per_nm: tuple[float, float],
+    apart_ps: float,
+    apart_ghz: float,
 ) -> None:
-    """Against the sum of <1|2> over frequencies; 1 nm is 2 pi 124.8 GHz at 193.4 THz."""
-    rad_per_ps = 2 * np.pi * 193.4e12**2 / 299_792_458 * 1e-9 * 1e-12
-    omega = np.linspace(-5, 5, 400_001)  # rad/ps
-    one = amplitude(widths_nm[0] * rad_per_ps, dispersion_ps_per_nm / rad_per_ps, omega)
-    other = amplitude(widths_nm[1] * rad_per_ps, 0.0, omega)
-    summed = abs((one.conj() * other * np.exp(1j * omega * apart_ps)).sum()) ** 2
-    found = overlap(widths_nm, dispersion_ps_per_nm, 0.0)
-    told = found.most * np.exp(-((found.rad_per_s * apart_ps * 1e-12) ** 2))
-    assert told == pytest.approx(summed, rel=1e-6, abs=1e-12)
+    """Against the sum of <1|2> over frequencies."""
+    colours = 193_400_000, 193_400_000 + round(apart_ghz * 1e3)
+    one, other = map(Spectrum, widths_nm, dispersion_ps_per_nm, colours)
+    summed = abs((amplitude(one, apart_ps).conj() * amplitude(other)).sum()) ** 2
+    found = overlap(one, other, 0.0)
+    assert found.apart(apart_ps) == pytest.approx(summed, rel=1e-6, abs=1e-12)
+    assert found.least(abs(apart_ps)) <= found.apart(apart_ps) * (1 + 1e-9) + 1e-12
+
+
+def test_light_of_two_colours_without_a_width_does_not_overlap() -> None:
+    one, other = Spectrum(0.0, 0.0, 193_400_000), Spectrum(0.0, 0.0, 193_412_500)
+    assert overlap(one, other, 0.0).apart(0.0) == 0.0
+    assert overlap(one, one, 0.0).apart(1e6) == overlap(one, Spectrum(), 0.0).apart(1e6) == 1.0
 
 
 def test_a_nanometre_is_125_gigahertz() -> None:

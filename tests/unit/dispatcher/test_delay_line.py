@@ -12,6 +12,7 @@ from wire.outcomes import NO_CLICK
 from wire.parameters.physics import BellAnalyser, Device, PairSource
 
 COUNT = 100_000
+COLOUR_MHZ = 193_400_000
 
 
 async def told(
@@ -19,6 +20,7 @@ async def told(
     stored: bool,
     lengths_km: tuple[float, float],
     source: PairSource = PairSource(),  # noqa: B008 - immutable
+    apart_mhz: int = 0,
 ) -> tuple[Bytes, Laboratory]:
     """Return the outcomes of Phi+ whose halves go these ways to bob, and the laboratory."""
     fibers = [
@@ -34,7 +36,11 @@ async def told(
     laboratory = Laboratory(config)
     alice, bob = laboratory.host("alice"), laboratory.host("bob")
     await alice.create(COUNT)
-    await alice.send({(0, 0): "alice-q0", (0, 1): "alice-q1"})
+    if apart_mhz:
+        for half, colour_mhz in enumerate((COLOUR_MHZ, COLOUR_MHZ + apart_mhz)):
+            await alice.send({(0, half): f"alice-q{half}"}, frequency_mhz=colour_mhz)
+    else:
+        await alice.send({(0, 0): "alice-q0", (0, 1): "alice-q1"})
     for half in (0, 1):
         await bob.receive((0, half), f"bob-q{half}")
         if stored:
@@ -105,3 +111,17 @@ def test_ways_of_less_than_a_nanosecond_are_not_equal(apart_km: float, rad_per_s
     tau_s = apart_km * 1e3 / 2.04e8
     wrong = (1 - np.exp(-((rad_per_s * tau_s) ** 2))) / 2
     assert within(int(np.count_nonzero(found == 2)), COUNT, wrong)
+
+
+@pytest.mark.parametrize("stored", [False, True])
+@pytest.mark.parametrize("bandwidth_nm", [0.0, 0.1])
+@pytest.mark.parametrize("apart_mhz", [12_500, 300_000])
+def test_photons_of_two_colours_interfere_less(
+    bandwidth_nm: float, apart_mhz: int, stored: bool
+) -> None:
+    """exp(-(d / 2 s)^2) is left, of light without a width nothing; a memory keeps the colour."""
+    s = 2 * np.pi * 193.4e12**2 / 299_792_458 * bandwidth_nm * 1e-9
+    kept = np.exp(-((2e6 * np.pi * apart_mhz / (2 * s)) ** 2)) if s else 0.0
+    source = PairSource(bandwidth_nm=bandwidth_nm)
+    found, _laboratory = uvloop.run(told(BellAnalyser(), stored, (0.01, 0.01), source, apart_mhz))
+    assert within(int(np.count_nonzero(found == 2)), COUNT, (1 - kept) / 2)

@@ -11,7 +11,7 @@ import uvloop
 from five_sigma import within
 from numpy.typing import NDArray
 
-from dispatcher.approximations import PHASE, approximation
+from dispatcher.approximations import PHASE, UNLIKE_LIGHT, approximation
 from dispatcher.devices.decay import decay
 from dispatcher.laboratory import BlockKey, Laboratory, block_id
 from dispatcher.layer.ownership import Block, BlockName
@@ -55,6 +55,24 @@ def held(laboratory: Laboratory, block: BlockKey) -> Block:
     """Return the only part of a block."""
     (part,) = laboratory.layer.ownership.parts(BlockName(1, *block))
     return part
+
+
+@pytest.mark.parametrize("colour_mhz", [193_400_000, 193_412_500])
+def test_light_of_several_colours_in_one_block_marks_the_result(colour_mhz: int) -> None:
+    """All phases of a Bell measurement may be wrong then: by 1/2."""
+
+    async def act(laboratory: Laboratory) -> None:
+        bob = laboratory.host("bob")
+        for number, frequency_mhz in enumerate((193_400_000, colour_mhz)):
+            await laboratory.host("alice").create(COUNT, number)
+            launch = {(number, 1): "alice-q0"}
+            await laboratory.host("alice").send(launch, frequency_mhz=frequency_mhz)
+            await bob.receive((number, 1), "bob-q0")
+        await bob.gather((5, 1), {(0, 1): EVEN, (1, 1): ODD})
+        found = held(laboratory, (5, 1)).pulses.approximations.sizes
+        assert found == ({} if colour_mhz == 193_400_000 else {UNLIKE_LIGHT: 0.5})
+
+    scene(act)
 
 
 def orders(seed: int) -> dict[int, Order]:
