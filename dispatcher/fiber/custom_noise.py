@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dispatcher.approximations import Approximations
-from dispatcher.fiber.noise import Effect, NoiseModel, Passage
+from dispatcher.fiber.noise import Effect, NoiseModel, Passage, PatternOfAll
 from dispatcher.sabot.kraus import Operators, wrong_with
 from programs.custom_class import fault_in, load_class
 from wire.config import BadConfig
 
 LARGEST_PAULI = 3
+EACH_ITS_OWN = 4  # dimensions of Kraus operators
 log = logging.getLogger(__name__)
 
 
@@ -89,6 +90,25 @@ class OwnNoise:
             )
         if kind is np.float64 and not np.isfinite(array).all():
             raise BadConfig(f"{self._reference}: {name} holds what is not a number")
+
+
+def of_all(model: OwnNoise, passage: Passage, further: NDArray[np.int64]) -> tuple[Effect, Effect]:
+    """Return what a model does to the own photons of pulses, and to further ones of such pulses.
+
+    It is asked once, of all photons in the order of time. What is of a pulse, such as its delay,
+    is that of its own photon.
+    """
+    count = passage.photons + further.size
+    pattern = PatternOfAll(passage.schedule.interval_ns, count, further)
+    effect, own, rest = model.effect(passage.of_all(pattern)), pattern.of_own, pattern.of_further
+    kraus = effect.kraus
+    if kraus is not None and kraus.ndim == EACH_ITS_OWN:
+        kraus = kraus[np.concatenate([own, rest])]
+    arrays = ("lost", "paulis", "angles_rad", "delays_ps", "extras")
+    given = {name: array for name in arrays if (array := getattr(effect, name)) is not None}
+    of_own = effect._replace(kraus=kraus, **{name: array[own] for name, array in given.items()})
+    each = {name: given[name][rest] for name in ("lost", "paulis") if name in given}
+    return of_own, Effect(**each)
 
 
 def fits(size: object) -> bool:

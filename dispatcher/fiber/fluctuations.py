@@ -131,11 +131,20 @@ class Bursts:
 
     def effect(self, passage: Passage) -> Effect:
         """Follow the state."""
-        bad = np.flatnonzero(self.states(passage))
-        if not len(bad):
+        states = self.states(passage)
+        if not states.any():
             return Effect()
+
+        def of_further(beside: Passage, pulses: NDArray[np.int64]) -> NDArray[np.uint8]:
+            return self._paulis(beside, states[pulses])
+
+        return Effect(paulis=self._paulis(passage, states), of_further=of_further)
+
+    def _paulis(self, passage: Passage, states: NDArray[np.bool_]) -> NDArray[np.uint8]:
+        """Depolarise photons that pass while the channel is bad."""
+        bad = np.flatnonzero(states)
         hit = passage.generator("error").random(len(bad)) < 0.75 * self.p
-        return Effect(paulis=depolarized(passage, bad[hit]))
+        return depolarized(passage, bad[hit])
 
     def states(self, passage: Passage) -> NDArray[np.bool_]:
         """Return which photons pass while the channel is bad, shape (k,)."""

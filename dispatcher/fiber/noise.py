@@ -5,6 +5,7 @@ angles and delays; it does not simulate. Models without memory are here, the oth
 dispatcher/fiber/fluctuations.py. A model of your own has the form of NoiseModel: see README.md.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, Protocol
@@ -34,7 +35,43 @@ class Pattern:
 
     def of(self, photons: NDArray[np.int64]) -> NDArray[np.int64]:
         """How long after the first these photons come."""
-        return (photons * self.interval_ns).astype(np.int64)
+        return (self.pulses_of(photons) * self.interval_ns).astype(np.int64)
+
+    def pulses_of(self, photons: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return in which pulses these photons are."""
+        return photons
+
+
+@dataclass(frozen=True)
+class PatternOfAll(Pattern):
+    """All photons of pulses one after the other: the own one of each pulse, and further ones.
+
+    pulse        0   1   2 2   3
+    photon       0   1   2 3   4        of which 3 is a further one
+    """
+
+    further: NDArray[np.int64]  # the pulse of each further photon, ascending
+
+    @cached_property
+    def pulses(self) -> NDArray[np.int64]:
+        """In which pulse each photon is, shape (k,), ascending."""
+        own = np.arange(self.photons - self.further.size)
+        return np.sort(np.concatenate([own, self.further]), kind="stable")
+
+    @property
+    def of_own(self) -> NDArray[np.int64]:
+        """Which photons are the own ones of their pulses, in the order of pulses."""
+        own = np.arange(self.photons - self.further.size)
+        return own + self.further.searchsorted(own)
+
+    @property
+    def of_further(self) -> NDArray[np.int64]:
+        """Which photons are the further ones, in their order."""
+        return self.further + 1 + np.arange(self.further.size)
+
+    def pulses_of(self, photons: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return in which pulses these photons are."""
+        return self.pulses[photons]
 
 
 @dataclass(frozen=True)
@@ -77,7 +114,7 @@ class Schedule:
 
     def time_ns(self, photon: int) -> int:
         """When one photon is there."""
-        return self.first_ns + int(photon * self.interval_ns)
+        return self.first_ns + int(self.pattern.of(np.array(photon)))
 
     @property
     def last_ns(self) -> int:
@@ -118,6 +155,11 @@ class Passage(PhotonRandom):
         place, width = f"{self._place} beside", self.width_rad_per_s
         return Passage(self._draws, self._block, place, schedule, self.history, width)
 
+    def of_all(self, pattern: PatternOfAll) -> "Passage":
+        """Return the passage of all photons of the pulses."""
+        schedule, width = Schedule(self.schedule.first_ns, pattern), self.width_rad_per_s
+        return Passage(self._draws, self._block, self._place, schedule, self.history, width)
+
 
 class Effect(NamedTuple):
     """What happens to each of k photons; None where nothing does."""
@@ -135,6 +177,8 @@ class Effect(NamedTuple):
     # (k, m, 2, 2), those of each photon. On the backend dense alone.
     kraus: NDArray[np.complex128] | None = None
     named: Approximations = EXACT  # if it is not exact: which approximations, and how large
+    # Paulis of further photons, which err each by itself: of their passage and their pulses.
+    of_further: Callable[[Passage, NDArray[np.int64]], NDArray[np.uint8]] | None = None
 
     @property
     def approximations(self) -> Approximations:

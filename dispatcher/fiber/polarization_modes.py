@@ -8,6 +8,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dispatcher.approximations import LOSS_OF_POLARISATION, MODE_DISPERSION, approximation
 from dispatcher.fiber.fluctuations import wander
@@ -63,9 +64,14 @@ class PolarizationModeDispersion:
         own_ps = np.where(later, each_ps / 2, each_ps / -2)
         wrong = -np.expm1(-((passage.width_rad_per_s * 1e-12 * delays_ps) ** 2) / 2) / 2
         most = float(wrong.max())
-        met = passage.events("error", most)
-        stretch = starts.searchsorted(met, side="right") - 1
-        met = met[passage.generator("own").random(met.size) * most < wrong[stretch]]
+
+        def paulis(photons: Passage, pulses: NDArray[np.int64]) -> NDArray[np.uint8]:
+            met = photons.events("error", most)
+            stretch = starts.searchsorted(pulses[met], side="right") - 1
+            met = met[photons.generator("own").random(met.size) * most < wrong[stretch]]
+            return depolarized(photons, met)
+
         # Of one axis for all (1 - c) / 2 of the photons meet the same operator, not each its own.
         named = approximation(MODE_DISPERSION, most)
-        return Effect(paulis=depolarized(passage, met), delays_ps=own_ps, exact=False, named=named)
+        own = paulis(passage, np.arange(passage.photons))
+        return Effect(paulis=own, of_further=paulis, delays_ps=own_ps, exact=False, named=named)

@@ -5,6 +5,7 @@ leaves a state or flips its phase, each with 1/2; one in X leaves or flips the b
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dispatcher.fiber.noise import Effect, Passage, Z
 from dispatcher.switch.steps import Steps
@@ -26,8 +27,18 @@ class Tap:
         schedule = passage.schedule
         if self.fraction.highest(schedule.first_ns, schedule.last_ns) == 0:
             return Effect()
-        turned = passage.happens("turned", self.fraction.at(schedule.times_ns) / 2)
-        paulis = np.zeros(passage.photons, dtype=np.uint8)
-        count = int(np.count_nonzero(turned))
-        paulis[turned] = np.where(passage.coins("basis", count), np.uint8(X), np.uint8(Z))
-        return Effect(paulis=paulis)
+        likely = self.fraction.at(schedule.times_ns) / 2
+
+        def of_further(beside: Passage, pulses: NDArray[np.int64]) -> NDArray[np.uint8]:
+            return _turned(beside, likely[pulses] if isinstance(likely, np.ndarray) else likely)
+
+        return Effect(paulis=_turned(passage, likely), of_further=of_further)
+
+
+def _turned(passage: Passage, likely: float | NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Let X or Z happen to photons with this probability; return which, shape (k,)."""
+    turned = passage.happens("turned", likely)
+    paulis = np.zeros(passage.photons, dtype=np.uint8)
+    count = int(np.count_nonzero(turned))
+    paulis[turned] = np.where(passage.coins("basis", count), np.uint8(X), np.uint8(Z))
+    return paulis

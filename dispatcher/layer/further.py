@@ -6,11 +6,11 @@
                                f
 
 What is done to a pulse is done to all its photons, each of which is lost, errs and is measured for
-itself. Gates on two blocks act on the pulses' own photons alone. Light without a state, such as
-Raman noise, is counted (`Pulses.extras`), not simulated.
+itself. Gates on two blocks, and their noise, act on the pulses' own photons alone. Light without a
+state, such as Raman noise, is counted (`Pulses.extras`), not simulated.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +29,22 @@ from wire.outcomes import NO_CLICK
 
 RANKS = 256  # a pulse has fewer photons
 NOBODY = -1
+
+
+class Photons(NamedTuple):
+    """Photons of a block that err each by itself: the own ones of its pulses, or further ones."""
+
+    register: Register
+    pulses: NDArray[np.int64] | slice  # the pulse of each
+    random: PhotonRandom
+
+
+def by_themselves(block: Block, random: PhotonRandom) -> Iterator[Photons]:
+    """Yield the own photons of a block and the further ones, with random numbers of their own."""
+    yield Photons(block.register, slice(None), random)
+    if block.further is not None:
+        light = block.further
+        yield Photons(light.register, light.pulses, random.beside(light.pulses.size))
 
 
 def owners(photons: NDArray[np.uint8]) -> NDArray[np.int64]:
@@ -92,26 +108,15 @@ def gate(sabot: Simulation, block: Block, name: GateName, angle_rad: Angle) -> N
         sabot.gate(name, block.further.register, angle_rad=own)
 
 
-def reset(sabot: Simulation, block: Block, mask: Mask, draws: Draws, purpose: str) -> None:
-    """Put the further photons of the pulses of a mask into |0>; shape (k,)."""
-    if block.further is not None:
-        own = _draws(block, purpose, draws, block.further.pulses.size)
-        sabot.reset(block.further.register, mask[block.further.pulses], own)
-
-
-def meet(sabot: Simulation, block: Block, members: Mask, effect: Effect, alone: bool) -> None:
-    """Let further photons of the members' pulses meet what a fibre does.
-
-    `alone` says that the effect was drawn for them, one by one, and not for pulses.
-    """
+def meet(sabot: Simulation, block: Block, members: Mask, effect: Effect) -> None:
+    """Let further photons of the members' pulses meet what a fibre does to them."""
     light = block.further
     if light is None:
         return
     here = members[light.pulses]
     if effect.paulis is not None:
-        paulis = effect.paulis if alone else effect.paulis[light.pulses]
-        sabot.pauli(light.register, paulis * here)
-    if alone and effect.lost is not None:
+        sabot.pauli(light.register, effect.paulis * here)
+    if effect.lost is not None:
         sabot.lose(light.register, effect.lost & here)
 
 

@@ -17,6 +17,7 @@ from dispatcher.sabot.registers import Mask, everything
 from dispatcher.sabot.simulation import Simulation
 from wire.config import BadConfig
 
+EACH_ITS_OWN = 4  # dimensions of operators
 _COS, _SIN = np.cos(np.pi / 8), np.sin(np.pi / 8)
 TO_Z: Operators = np.array(
     [
@@ -46,15 +47,20 @@ class Channels:
     def act(self, operators: Operators, members: Mask, what: str = "Kraus") -> None:
         """Let all photons of the members' pulses meet one of the operators, each for itself.
 
-        They have shape (m, 2, 2), or (k, m, 2, 2): those of each pulse.
+        They have shape (m, 2, 2), or (k, m, 2, 2): those of each pulse, or of each own photon and
+        then of each further one.
         """
         block, further = self._block, self._block.further
+        size, of_further = block.register.size, None
+        if operators.ndim == EACH_ITS_OWN and operators.shape[0] > size:
+            operators, of_further = operators[:size], operators[size:]
         purpose = block.draws_for(f"{self._place} {what}")
         draws = self._draws.photons(block.name, purpose, block.register.size)
         mask = members & block.register.present
         self._sabot.kraus(block.register, operators, mask, draws)
         if further is not None:
-            own, here = of_qubits(operators, further.pulses), members[further.pulses]
+            here = members[further.pulses]
+            own = of_qubits(operators, further.pulses) if of_further is None else of_further
             drawn = self._draws.photons(block.name, f"{purpose} further", further.pulses.size)
             self._sabot.kraus(further.register, own, here & further.register.present, drawn)
 

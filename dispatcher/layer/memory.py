@@ -16,29 +16,22 @@ line would lose.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dispatcher.approximations import FREE_WAIT, RELAXATION, approximation
+from dispatcher.approximations import FREE_WAIT, approximation
 from dispatcher.clock import Clock
 from dispatcher.devices import hardware
-from dispatcher.devices.decay import LEAST, Decay, Each, Waits, decay
+from dispatcher.devices.decay import Each, Waits
 from dispatcher.devices.hardware import Devices
-from dispatcher.layer import cutoff, drift, further, herald, part_noise
+from dispatcher.layer import cutoff, decoherence, drift, herald, part_noise
 from dispatcher.layer.ownership import Block
 from dispatcher.layer.software_time import SoftwareTime
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.refusal import exhausted
-from dispatcher.sabot.capacity import GateStep
 from dispatcher.sabot.draws import Draws
-from dispatcher.sabot.registers import Mask, Register
 from dispatcher.sabot.simulation import Simulation
 from wire.features import ABSORB, STORE
-from wire.outcomes import ERRORS
 from wire.parameters.fiber import SPEED_IN_FIBER_M_PER_S
-from wire.parameters.physics import BellAnalyser, Memory
-
-PHASE = np.uint8(2)  # flips it: Z
-STRETCHES = 64  # of a block, in each of which qubits have waited much the same
+from wire.parameters.physics import BellAnalyser
 
 
 class Memories:
@@ -191,7 +184,7 @@ class Memories:
         memory = self._devices.of(block.node).memory
         self._software.waited(block.node, block.start_ns, start_ns, memory.decays)
         drift.twirl_turn(block, self._sabot, self._draws)
-        self._damp(block, memory, waits)
+        decoherence.damp(self._sabot, self._draws, block, memory, waits)
         cutoff.remember(block)
         block.start_ns, block.interval_ns, block.came_ns = start_ns, interval_ns, None
         block.first_ns, block.last_ns = start_ns, _time_ns(block, block.register.size - 1)
@@ -201,8 +194,9 @@ class Memories:
         if leaves:
             self.forget(block)
             block.way_ps, block.retimed = 0.0, True
-        counts["lost"] = self._lose(block, memory, waits, random, efficiency)
-        counts |= self._decay(block, memory, waits, random)
+        wait = block, memory, waits, random
+        counts["lost"] = decoherence.lose(self._sabot, *wait, efficiency)
+        counts |= decoherence.decohere(self._sabot, self._draws, *wait)
         if self._devices.noise(block.node, "memory") is not None:
             waited_s = waits.of(np.arange(waits.qubits))
             own = self._devices, self._draws, block, "memory", "memory", where, now_ns, waited_s
@@ -213,98 +207,6 @@ class Memories:
         told = "".join(f" {name}={count}" for name, count in counts.items() if count)
         longest = "" if waits.alike else f" to {waits.longest_s:.9f}"
         return f"after {waits.shortest_s:.9f}{longest} s{told}"
-
-    def _lose(
-        self,
-        block: Block,
-        memory: Memory,
-        waits: Waits,
-        random: PhotonRandom,
-        efficiency: Each,
-    ) -> int:
-        """Lose what cannot be read any more."""
-        if memory.retrieval_s < np.inf:
-            if waits.alike:
-                waited_s: Each = waits.longest_s
-            else:
-                waited_s = waits.of(np.arange(waits.qubits))
-            efficiency = efficiency * np.exp(-waited_s / memory.retrieval_s)
-        if np.all(efficiency == 1):
-            return 0
-        everything = np.ones(random.photons, dtype=bool)
-        further.thin(self._sabot, block, everything, efficiency, random, "further photons")
-        lost = 1 - efficiency
-        missing = lost if isinstance(lost, np.ndarray) else float(lost)
-        return self._sabot.lose(block.register, random.happens("efficiency", missing))
-
-    def _damp(self, block: Block, memory: Memory, waits: Waits) -> None:
-        """Let what is damped pass from qubits into others that nobody sees; or raise TooLarge."""
-        if not decay(memory, waits.longest_s).damped:
-            return
-        share = decay(memory, waits.of(np.arange(waits.qubits))).damped
-        purpose = block.draws_for(f"damped {block.fibers_passed}, {block.stores}")
-        self._damp_each(block, block.register, share, purpose)
-        if block.further is not None:
-            own = share[block.further.pulses] if isinstance(share, np.ndarray) else share
-            self._damp_each(block, block.further.register, own, f"{purpose} further")
-
-    def _damp_each(self, block: Block, register: Register, share: Each, purpose: str) -> None:
-        sabot, angle_rad = self._sabot, np.arcsin(np.sqrt(share))
-        unseen = sabot.zeros(register.size)
-        draws = self._draws.photons(block.name, purpose, register.size)
-        try:
-            rotation = GateStep("RY", angle_rad=angle_rad)
-            sabot.require_capacity(unseen, [rotation, GateStep("CX", register)])
-            sabot.gate("RY", unseen, angle_rad=angle_rad)
-            sabot.gate("CX", register, unseen)
-            sabot.gate("RY", unseen, angle_rad=-angle_rad)
-            sabot.gate("CX", register, unseen)
-            sabot.gate("CX", unseen, register)
-        finally:
-            sabot.drop(unseen, draws)
-
-    def _decay(
-        self, block: Block, memory: Memory, waits: Waits, random: PhotonRandom
-    ) -> dict[str, int]:
-        worst, counts = decay(memory, waits.longest_s), {}
-        present = block.register.present
-        if worst.reset:
-            reset = _met("reset", memory, waits, random) & present
-            counts["reset"] = int(np.count_nonzero(reset))
-            if counts["reset"]:
-                purpose = block.draws_for(f"reset {block.fibers_passed}, {block.stores}")
-                draws = self._draws.photons(block.name, purpose, random.photons)
-                self._sabot.reset(block.register, reset, draws)
-                further.reset(self._sabot, block, reset, self._draws, purpose)
-        if worst.error:
-            # A reset and a Pauli exclude each other, but Z does nothing to what has been reset.
-            met = _met("error", memory, waits, random) & present
-            paulis = met.view(np.uint8) * PHASE
-            if worst.x:
-                some = np.flatnonzero(met)
-                paulis[some] = 1 + _which(decay(memory, waits.of(some)), random)
-                tally = np.bincount(paulis[some], minlength=4)
-                counts |= {name: int(tally[i]) for i, name in enumerate(ERRORS, 1)}
-            else:
-                counts["Z"] = int(np.count_nonzero(met))
-            self._sabot.explain(block.register, f"decay in the memory of {block.node}", paulis)
-            further.pauli(self._sabot, block, paulis)
-            drift.reflect(block.pulses, paulis)
-        if worst.depolarized:
-            counts["depolarized"] = self._depolarize(block, memory, waits, random)
-        if not worst.exact:  # the twirl leaves out the shift to |0>: (1 - e^(-t / T1)) Z / 2
-            most = -float(np.expm1(-waits.longest_s / memory.t1_s)) / 2
-            block.pulses.approximations |= approximation(RELAXATION, most)
-        return counts
-
-    def _depolarize(self, block: Block, memory: Memory, waits: Waits, random: PhotonRandom) -> int:
-        hit = np.flatnonzero(_met("depolarized", memory, waits, random) & block.register.present)
-        paulis = np.zeros(random.photons, np.uint8)
-        paulis[hit] = 1 + random.which("depolarized by", hit.size, np.ones(3))
-        self._sabot.explain(block.register, f"noise in the memory of {block.node}", paulis)
-        further.pauli(self._sabot, block, paulis)
-        drift.reflect(block.pulses, paulis)
-        return hit.size
 
 
 def _wait_for_free(block: Block, waited_s: float, line: BellAnalyser) -> None:
@@ -327,33 +229,3 @@ def _waits(block: Block, start_ns: int, interval_ns: float) -> Waits:
         return Waits(0.0, 0.0, qubits, np.asarray(waited_ns / 1e9, np.float64))
     step_s = (interval_ns - block.interval_ns) / 1e9
     return Waits((start_ns - block.start_ns) / 1e9, step_s, block.register.size)
-
-
-def _met(what: str, memory: Memory, waits: Waits, random: PhotonRandom) -> Mask:
-    """Draw to which qubits something has happened, a part of Decay; shape (k,)."""
-    if waits.alike:
-        return random.happens(what, getattr(decay(memory, waits.longest_s), what))
-    if waits.each_s is not None:
-        return random.happens(what, getattr(decay(memory, waits.each_s), what))
-    # Each stretch first as if all its qubits had waited as short as any of them; what it is
-    # likelier than that is little, so that few need a probability of their own.
-    stretch = -(-waits.qubits // STRETCHES)
-    starts = np.arange(0, waits.qubits, stretch)
-    ends = np.minimum(starts + stretch, waits.qubits) - 1
-    edges = [getattr(decay(memory, waits.of(at)), what) for at in (starts, ends)]
-    least = np.minimum(*edges)
-    met = random.happens_by_stretch(what, least, stretch)
-    likelier = float(((np.maximum(*edges) - least) / np.maximum(1 - least, LEAST)).max())
-    some = random.events(f"{what}, longer", likelier)
-    own, surely = getattr(decay(memory, waits.of(some)), what), least[some // stretch]
-    drawn = random.generator(f"{what}, own wait").random(some.size) * likelier
-    met[some[drawn * np.maximum(1 - surely, LEAST) < own - surely]] = True
-    return met
-
-
-def _which(happened: Decay, random: PhotonRandom) -> NDArray[np.uint8]:
-    """Choose which Pauli has happened to each qubit: 0 X, 1 Z, 2 XZ."""
-    up_to_x, up_to_z = np.asarray(happened.x), np.asarray(happened.x + happened.z)
-    drawn = random.generator("Pauli").random(up_to_x.size) * (up_to_z + happened.y)
-    found: NDArray[np.uint8] = (drawn >= up_to_x).view(np.uint8) + (drawn >= up_to_z)
-    return found

@@ -1,16 +1,18 @@
 """Lets what a noise model of a user's own says happen to the qubits of a block."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
 from dispatcher.devices.hardware import Devices
 from dispatcher.fiber.noise import Effect
-from dispatcher.layer import drift, further
+from dispatcher.layer import drift, pulses
 from dispatcher.layer.kraus import Channels, in_bases
 from dispatcher.layer.ownership import Block
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.draws import Draws
-from dispatcher.sabot.registers import Mask, everything
+from dispatcher.sabot.registers import Mask, Register, everything
 from dispatcher.sabot.simulation import Simulation
 from wire.outcomes import NO_CLICK
 
@@ -28,12 +30,18 @@ def of_part(
     waited_s: NDArray[np.float64] | None = None,
     qubits: int = 1,
 ) -> Effect | None:
-    """Return what happens to a block in a part of its node's device; None where nothing can."""
+    """Return what happens to a block in a part of its node's device; None where nothing can.
+
+    That is of the own photon of each pulse, then of the further ones; of detectors, what they tell
+    of each pulse.
+    """
     model = devices.noise(block.node, part)
     if model is None:
         return None
     if waited_s is None:
         waited_s = np.zeros(block.register.size)
+    if part != "detectors" and block.further is not None:
+        waited_s = np.concatenate([waited_s, waited_s[block.further.pulses]])
     own = block.draws_for(place)
     effect = model.effect(draws, block.name, what, own, time_ns, waited_s, qubits)
     block.pulses.approximations |= effect.approximations
@@ -47,25 +55,42 @@ def meet(
     effect: Effect | None,
     place: str,
     members: Mask | None = None,
+    with_further: bool = True,
 ) -> int:
-    """Let it happen to all members that are in a block; return how many qubits are lost.
+    """Let it happen to the photons of the members' pulses; return how many qubits are lost.
 
     The place is what of_part was told, so that each has random numbers of its own.
     """
     if effect is None:
         return 0
+    if members is None:
+        members = everything(block.register.size)
     if effect.paulis is not None:
-        sabot.explain(block.register, f"noise of its own at {block.node}", effect.paulis)
-        further.pauli(sabot, block, effect.paulis)
-        drift.reflect(block.pulses, effect.paulis)
+        for register, met, here in _photons(block, members, with_further):
+            paulis = effect.paulis[here] * met
+            sabot.explain(register, f"noise of its own at {block.node}", paulis)
+            sabot.pauli(register, paulis)
+            if register is block.register:
+                drift.reflect(block.pulses, paulis)
     if effect.kraus is not None:
         channels = Channels(sabot, draws, block, place, f"noise at {block.node}")
         channels.settle()
-        channels.act(effect.kraus, everything(block.register.size) if members is None else members)
+        channels.act(effect.kraus, members)
     if effect.lost is None:
         return 0
-    further.darken(sabot, block, effect.lost)
-    return sabot.lose(block.register, effect.lost)
+    pulses.darken(block.pulses, effect.lost[: members.size] & members)
+    gone = _photons(block, members, with_further)
+    return sum(sabot.lose(register, effect.lost[here] & met) for register, met, here in gone)
+
+
+def _photons(
+    block: Block, members: Mask, with_further: bool
+) -> Iterator[tuple[Register, Mask, slice]]:
+    """Yield own and further photons: which are of the members, and where an effect has them."""
+    size = block.register.size
+    yield block.register, members, slice(size)
+    if block.further is not None and with_further:
+        yield block.further.register, members[block.further.pulses], slice(size, None)
 
 
 def in_front(

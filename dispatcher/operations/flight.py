@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from dispatcher.clock import Clock
 from dispatcher.devices.overlap import angular_width
 from dispatcher.fiber.classical_light import ClassicalLight
+from dispatcher.fiber.custom_noise import OwnNoise, of_all
 from dispatcher.fiber.fluctuations import PhaseDrift, PolarizationDrift
 from dispatcher.fiber.noise import MEMORYLESS, Effect, NoiseModel, Passage, Pattern, Schedule
 from dispatcher.fiber.polarization_modes import (
@@ -27,7 +28,7 @@ from dispatcher.layer import drift, further, pulses
 from dispatcher.layer.kraus import Channels
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.network import Line
-from dispatcher.layer.ownership import Block
+from dispatcher.layer.ownership import Block, Further
 from dispatcher.operations.ways import MAX_FIBERS, nanoseconds, way_of
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.kraus import Operators
@@ -163,8 +164,8 @@ class Flight:
         elif beam.rotation:
             self._layer.sabot.pauli(block.register, photons * rotation)
         if block.further is not None:
-            turn = Effect(paulis=beam.members * rotation)
-            further.meet(self._layer.sabot, block, beam.members, turn, alone=False)
+            turn = Effect(paulis=np.full(block.further.pulses.size, rotation))
+            further.meet(self._layer.sabot, block, beam.members, turn)
 
     def _meet_channel(self, beam: Beam, operators: Operators, place: str, told: str) -> None:
         """Let Kraus operators act on a beam, behind what it has met before."""
@@ -237,7 +238,7 @@ class Flight:
             place = block.draws_for(f"fiber {beam.fibers_passed} {name}")
             where = self._layer.draws, block.name, place
             passage = Passage(*where, schedule, history, width_rad_per_s)
-            effect = model.effect(passage)
+            effect, of_further = _effects(model, passage, block.further)
             where_told = f"in the fibre to {line.far.port} of {line.far.node}"
             told = f"{type(model).__name__} {where_told}"
             if effect.lost is not None:
@@ -252,24 +253,10 @@ class Flight:
             pulses.pass_on(block.pulses, beam.members, effect)
             if effect.turn is not None:
                 beam.turn = effect.turn.after(beam.turn)
-            self._pass_further(beam, model, passage, effect)
+            if of_further is not None:
+                further.meet(self._layer.sabot, block, beam.members, of_further)
             if effect.kraus is not None:
                 self._meet_channel(beam, effect.kraus, place, f"noise {where_told}")
-
-    def _pass_further(
-        self, beam: Beam, model: NoiseModel, passage: Passage, effect: Effect
-    ) -> None:
-        """Let further photons of the pulses meet it: for themselves, if it has no memory."""
-        light = self._block.further
-        if light is None or not light.pulses.size:
-            return
-        alone = isinstance(model, (*MEMORYLESS, PolarizationDependentLoss))
-        if alone:
-            effect = model.effect(passage.beside(light.pulses.size))
-        elif effect.transmission < 1:
-            lost = passage.beside(light.pulses.size).happens("lost", 1 - effect.transmission)
-            self._layer.sabot.lose(light.register, lost & beam.members[light.pulses])
-        further.meet(self._layer.sabot, self._block, beam.members, effect, alone)
 
     def _chance(self, place: str) -> PhotonRandom:
         block, photons = self._block, self._departure.pattern.photons
@@ -284,6 +271,27 @@ class Flight:
         if np.count_nonzero(photons):
             self._layer.sabot.explain(self._block.register, told, photons)
             self.lost += self._layer.sabot.lose(self._block.register, photons)
+
+
+def _effects(
+    model: NoiseModel, passage: Passage, light: Further | None
+) -> tuple[Effect, Effect | None]:
+    """Return what a fibre does to pulses and their own photons, and to further ones, if any.
+
+    Each further photon is lost and errs by itself.
+    """
+    if light is None or not light.pulses.size:
+        return model.effect(passage), None
+    if isinstance(model, OwnNoise):
+        return of_all(model, passage, light.pulses)
+    effect, beside = model.effect(passage), passage.beside(light.pulses.size)
+    if isinstance(model, (*MEMORYLESS, PolarizationDependentLoss)):
+        return effect, model.effect(beside)
+    paulis = None if effect.of_further is None else effect.of_further(beside, light.pulses)
+    lost = None
+    if effect.transmission < 1:
+        lost = beside.happens("lost", 1 - effect.transmission)
+    return effect, Effect(lost=lost, paulis=paulis)
 
 
 def meets(encoding: str, model: NoiseModel) -> bool:

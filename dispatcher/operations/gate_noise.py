@@ -17,21 +17,23 @@ from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.backend import Bytes
-from dispatcher.sabot.registers import Mask
+from dispatcher.sabot.registers import Mask, Register, everything
 
 Positions = NDArray[np.int64]
 
 ONE_QUBIT_ERRORS, TWO_QUBIT_ERRORS = 3, 15
 IDENTITY = np.uint8(0)
-NOBODY, NOTHING = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.uint8)
-FLIPS_BIT, FLIPS_PHASE = np.uint8(1), np.uint8(2)  # X, Z
+IN_FRONT_OF_H = np.array([0, 2, 0, 2], np.uint8)  # X and XZ behind it flip the bit: Z in front
 
 
 def after_gate(layer: PhysicalLayer, block: Block, mask: Mask | None = None) -> int:
-    """Let noise follow a gate on the photons of a block, or those of a mask; return the errors."""
-    met = block.register.present if mask is None else block.register.present & mask
-    errors = _hit(layer, block, *_one_qubit_errors(layer, block, met))
-    _custom_noise(layer, block, 1, met)
+    """Let noise follow a gate on the photons of a block, or those of a mask; return the errors.
+
+    Each photon of a pulse errs by itself.
+    """
+    members = everything(block.register.size) if mask is None else mask
+    errors = _hit_each(layer, block, members, np.arange(ONE_QUBIT_ERRORS + 1, dtype=np.uint8))
+    _custom_noise(layer, block, 1, members)
     return errors
 
 
@@ -40,12 +42,12 @@ def after_pair_gate(layer: PhysicalLayer, first: Block, second: Block) -> int:
     p = layer.devices.of(first.node).gates.two_qubit_depolarizing
     random = _chance(layer, first)
     errors = random.events("two qubits", p * TWO_QUBIT_ERRORS / 16)
-    errors = errors[(first.register.present & second.register.present)[errors]]
+    both = first.register.present & second.register.present
+    errors = errors[both[errors]]
     products = 1 + random.which("which product", errors.size, np.ones(TWO_QUBIT_ERRORS))
-    _hit(layer, first, errors, products & np.uint8(3))
-    _hit(layer, second, errors, products >> np.uint8(2))
+    for block, paulis in ((first, products & np.uint8(3)), (second, products >> np.uint8(2))):
+        drift.reflect(block.pulses, _hit(layer, block, block.register, errors, paulis))
     if layer.devices.noise(first.node, "gates") is not None:
-        both = first.register.present & second.register.present
         for block in (first, second):
             _custom_noise(layer, block, 2, both)
     return errors.size
@@ -57,8 +59,7 @@ def before_bell_measurement(layer: PhysicalLayer, first: Block, second: Block) -
         errors = _by_gates_themselves(layer, first, second)
     else:
         errors = after_pair_gate(layer, first, second)
-        at, paulis = _one_qubit_errors(layer, first, first.register.present)
-        errors += _hit(layer, first, at, (paulis & FLIPS_BIT) * FLIPS_PHASE)
+        errors += _hit_each(layer, first, everything(first.register.size), IN_FRONT_OF_H)
     return {"gate-errors": errors} if errors else {}
 
 
@@ -78,7 +79,7 @@ def _by_gates_themselves(layer: PhysicalLayer, first: Block, second: Block) -> i
     return errors
 
 
-def _custom_noise(layer: PhysicalLayer, block: Block, qubits: int, met: Mask) -> None:
+def _custom_noise(layer: PhysicalLayer, block: Block, qubits: int, members: Mask) -> None:
     """Let a model of the user's own say what else a gate of so many qubits does to each."""
     if layer.devices.noise(block.node, "gates") is None:
         return
@@ -86,23 +87,28 @@ def _custom_noise(layer: PhysicalLayer, block: Block, qubits: int, met: Mask) ->
     place = f"gate {block.gates}"
     own = layer.devices, layer.draws, block, "gate", "gates", place
     effect = part_noise.of_part(*own, layer.clock.now_ns(), qubits=qubits)
-    if effect is not None and effect.paulis is not None:
-        effect = effect._replace(paulis=effect.paulis * met)
-    if effect is not None and effect.lost is not None:
-        effect = effect._replace(lost=effect.lost & met)
-    lost = part_noise.meet(layer.sabot, layer.draws, block, effect, place, met)
+    lost = part_noise.meet(layer.sabot, layer.draws, block, effect, place, members, qubits == 1)
     layer.photons_lost += lost
 
 
-def _one_qubit_errors(layer: PhysicalLayer, block: Block, met: Mask) -> tuple[Positions, Bytes]:
-    """Draw which qubits, of those that a gate has met, it has hit, and with what."""
+def _hit_each(layer: PhysicalLayer, block: Block, members: Mask, as_paulis: Bytes) -> int:
+    """Let a gate on one qubit err, with each photon by itself; return how many errors there are.
+
+    `as_paulis` says which operator each of I, X, Z and XZ is where it acts, shape (4,).
+    """
     p = layer.devices.of(block.node).gates.one_qubit_depolarizing
-    random = _chance(layer, block)
+    chance, count = _chance(layer, block), 0
     if not p:
-        return NOBODY, NOTHING
-    errors = random.events("one qubit", p * ONE_QUBIT_ERRORS / 4)
-    errors = errors[met[errors]]
-    return errors, 1 + random.which("which Pauli", errors.size, np.ones(ONE_QUBIT_ERRORS))
+        return 0
+    for register, pulses, random in further.by_themselves(block, chance):
+        errors = random.events("one qubit", p * ONE_QUBIT_ERRORS / 4)
+        errors = errors[(members[pulses] & register.present)[errors]]
+        drawn = 1 + random.which("which Pauli", errors.size, np.ones(ONE_QUBIT_ERRORS))
+        paulis = _hit(layer, block, register, errors, as_paulis[drawn])
+        if register is block.register:
+            drift.reflect(block.pulses, paulis)
+        count += errors.size
+    return count
 
 
 def _chance(layer: PhysicalLayer, block: Block) -> PhotonRandom:
@@ -111,12 +117,13 @@ def _chance(layer: PhysicalLayer, block: Block) -> PhotonRandom:
     return PhotonRandom(layer.draws, block.name, place, block.register.size)
 
 
-def _hit(layer: PhysicalLayer, block: Block, at: Positions, ops: Bytes) -> int:
-    """Apply operators to the photons at these positions."""
+def _hit(
+    layer: PhysicalLayer, block: Block, register: Register, at: Positions, ops: Bytes
+) -> Bytes:
+    """Apply operators to the photons at these positions of a register; return those of all."""
+    paulis = np.zeros(register.size, dtype=np.uint8)
     if at.size:
-        paulis = np.zeros(block.register.size, dtype=np.uint8)
         paulis[at] = ops
-        layer.sabot.explain(block.register, f"gate of {block.node}", paulis)
-        further.pauli(layer.sabot, block, paulis)
-        drift.reflect(block.pulses, paulis)
-    return at.size
+        layer.sabot.explain(register, f"gate of {block.node}", paulis)
+        layer.sabot.pauli(register, paulis)
+    return paulis
