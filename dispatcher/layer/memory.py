@@ -22,7 +22,7 @@ from dispatcher.clock import Clock
 from dispatcher.devices import hardware
 from dispatcher.devices.decay import Each, Waits
 from dispatcher.devices.hardware import Devices
-from dispatcher.layer import cutoff, decoherence, drift, herald, part_noise
+from dispatcher.layer import cutoff, decoherence, drift, herald, part_noise, pulses
 from dispatcher.layer.ownership import Block
 from dispatcher.layer.software_time import SoftwareTime
 from dispatcher.photon_random import PhotonRandom
@@ -118,7 +118,9 @@ class Memories:
             return None
         now_ns, memory = self._clock.now_ns(), self._devices.of(block.node).memory
         wanted = (now_ns, 0.0) if light is None else (light.start_ns, light.interval_ns)
-        return self._wait_is_over(block, now_ns, wanted, memory.efficiency)
+        told = self._wait_is_over(block, now_ns, wanted, memory.efficiency)
+        pulses.retime(block.pulses)
+        return told
 
     def hold(self, block: Block, asked_ns: int, light: Block | None = None) -> str | None:
         """Let a block that is not stored have waited until it was asked for (0: now), or for light.

@@ -131,6 +131,11 @@ def _merged(
     return taken * members + own * ~members
 
 
+def retime(pulses: Pulses) -> None:
+    """Let light that a memory gives out come when it is wanted: without jitter or dispersion."""
+    pulses.delays_ps, pulses.dispersion_ps_per_nm = None, 0.0
+
+
 def late_ps(pulses: Pulses, photons: int, random: PhotonRandom) -> NDArray[np.float64] | None:
     """Return how late each pulse comes to a detector, shape (k,); None: none does.
 
