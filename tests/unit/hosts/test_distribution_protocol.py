@@ -42,6 +42,7 @@ class World:
     """The pairs that were made: the random bit of each, and which halves are lost on their way."""
 
     lost: tuple[set[int], set[int]]  # numbers of pairs, of the halves 0 and 1
+    seen: float = 1.0  # share of the halves 1 of which detectors tell something
     bits: dict[int, int] = field(default_factory=dict)
     made: dict[int, list[int]] = field(default_factory=dict)  # pairs by block
 
@@ -115,9 +116,13 @@ class Host:
 
     def outcomes(self, name: BlockName, bases: Any) -> Outcomes:
         """Return the bits of a block's photons, those of half 1 the other way round in Y."""
+        draws = np.random.default_rng([8, self.half, len(self.world.bits)])
+        dark = self.half & (draws.random(len(bases)) >= self.world.seen)
         found = [
-            255 if pair is None else self.world.bits[pair] ^ (self.half and int(basis == Y))
-            for pair, basis in zip(self.memory.pop(name), bases, strict=True)
+            255
+            if pair is None or unseen
+            else self.world.bits[pair] ^ (self.half and int(basis == Y))
+            for pair, basis, unseen in zip(self.memory.pop(name), bases, dark, strict=True)
         ]
         return Outcomes(np.array(found, dtype=np.uint8), 0)
 
@@ -182,6 +187,22 @@ def test_pairs_are_sampled_in_every_basis_and_those_are_gone() -> None:
     assert [kept] == [*bob.memory.values()]
     assert len(kept) == 20
     assert ours.estimate.total + 20 <= len(world.bits)
+
+
+def test_pairs_that_no_detector_sees_end_the_session_with_a_reason() -> None:
+    world = World((set(), set()), seen=0.0)
+    with pytest.raises(SessionError, match=r"none of \d+ pairs that were sacrificed"):
+        delivered(*ends(world, count=20, sample=0.4))
+    assert len(world.bits) < 40_000
+
+
+def test_rarely_seen_pairs_are_sacrificed_until_the_fidelity_is_known() -> None:
+    """Of 30 outcomes at .02 each 1,500 pairs are needed; of 5 sigma more, 2,200."""
+    world = World((set(), set()), seen=0.02)
+    ours, _theirs = delivered(*ends(world, count=20, sample=0.1))
+    assert ours.estimate.fidelity == 1
+    assert ours.estimate.total >= 30
+    assert ours.sacrificed < 2_200
 
 
 def test_an_acceptor_refuses_to_purify_what_it_does_not_have() -> None:

@@ -88,6 +88,11 @@ class Pairs:
         """Return what is known of the fidelity after as many rounds as there have been."""
         return self.estimates.get(self.rounds, Estimate())
 
+    @property
+    def sacrificed(self) -> int:
+        """Return how many pairs were measured for that estimate, whether or not they were seen."""
+        return self._sampled.get(self.rounds, Moments()).pairs
+
     def portion(self, number: int) -> Portion:
         """Return what there is of a block; raise SessionError if there is nothing."""
         if number not in self.blocks:

@@ -39,6 +39,8 @@ MOST_EMITTED = 1_000_000  # pairs, and so many more for each that is wanted:
 MOST_EMITTED_EACH = 1000
 MOST_DROPPED, MOST_DROPPED_EACH = 100, 10  # pairs, for their age
 MOST_DARK = 10  # blocks in a row of which nothing arrives
+MOST_UNSEEN = 10_000  # pairs that are sacrificed, and of which no measurement tells anything
+LEAST_SEEN = 0.5  # of those sacrificed so far, if none is
 MARGIN = 1.05  # of light beyond what is expected to be needed
 
 
@@ -215,8 +217,8 @@ class Opening:
         """How much light is expected to be needed, with a margin; None: nothing has come yet."""
         pairs, share = self._pairs, self._options.sample
         missing = max(self._options.count - pairs.available, 0)
-        unsampled = max(self._least_sample - pairs.estimate.total, 0)
-        good = pairs.available + pairs.estimate.total
+        unsampled = self._unsampled
+        good = pairs.available + pairs.sacrificed
         if not pairs.emitted:
             kept = float(PHOTONS) ** -pairs.rounds
         elif good:
@@ -226,6 +228,16 @@ class Opening:
         # What is beyond the pairs that are wanted is sacrificed, and of each block its share.
         wanted = max(missing + unsampled, missing / (1 - share))
         return MARGIN * wanted / kept + 1
+
+    @property
+    def _unsampled(self) -> float:
+        """Return how many pairs more are to be sacrificed, by the share that was seen so far."""
+        if self._judged:
+            return 0.0
+        seen, pairs = self._pairs.estimate.total, self._pairs
+        share = max(seen, LEAST_SEEN) / pairs.sacrificed if pairs.sacrificed else 1.0
+        few = seen < self._least_sample  # else a basis is missing
+        return (self._least_sample - seen if few else LEAST_SAMPLE) / share
 
     def _bring_up(self, number: int) -> Steps[None]:
         """Purify a block as often as the others, and sacrifice a share of what is left."""
@@ -242,7 +254,7 @@ class Opening:
         side, measured = self._side, self._pairs.estimate.total
         count = int(self._options.sample * size + side.draws.random())
         needless = self._pairs.available - self._options.count
-        count = max(count, min(size, needless, self._least_sample - measured))
+        count = max(count, min(size, needless, ceil(self._unsampled)))
         if not count:
             return
         chosen = np.zeros(size, dtype=bool)
@@ -251,6 +263,12 @@ class Opening:
         yield side.say(Topic.SAMPLE, number, chosen, 1)
         yield side.say(Topic.BASES, number, bases, 2)
         yield from self._pairs.sample(number, chosen, bases)
+        if not self._pairs.estimate.total and self._pairs.sacrificed > MOST_UNSEEN:
+            raise SessionError(
+                Reason.NO_LIGHT,
+                f"none of {self._pairs.sacrificed} pairs that were sacrificed was measured at both "
+                "ends: see the detectors (efficiency, gate_s, jitter_ps), or choose sample 0",
+            )
 
     def _purify_once_more(self) -> Steps[None]:
         """Purify all pairs once more; raise SessionError if that may not or cannot help."""
