@@ -1,25 +1,31 @@
-"""Angles as QASM writes them: numbers, pi, parameters, + - * / ^ and the usual functions."""
+"""Angles of OpenQASM 2.0: numbers, pi, parameters, + - * / ^ and the usual functions.
+
+A power binds more tightly than a sign, a product or a quotient, and to the right: -2^2 is -4,
+2^3^2 is 512.
+"""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 
-from openqasm3 import ast
+from dispatcher.sabot.circuits.syntax import FUNCTIONS, Token, Tokens
 
-FUNCTIONS: dict[str, Callable[[float], float]] = {
-    "sin": math.sin,
-    "cos": math.cos,
-    "tan": math.tan,
-    "exp": math.exp,
-    "ln": math.log,
-    "sqrt": math.sqrt,
-}
-OPERATIONS: dict[str, Callable[[float, float], float]] = {
+LONGEST_BRACKET = 250  # characters: each application of a gate evaluates its expressions
+DEEPEST = 30
+
+Parameters = Mapping[str, float]
+Expression = Callable[[Parameters], float]
+Operation = Callable[[float, float], float]
+
+FUNCTION = dict(
+    zip(FUNCTIONS, (math.sin, math.cos, math.tan, math.exp, math.log, math.sqrt), strict=True)
+)
+SUMS: dict[str, Operation] = {
     "+": lambda left, right: left + right,
     "-": lambda left, right: left - right,
+}
+PRODUCTS: dict[str, Operation] = {
     "*": lambda left, right: left * right,
     "/": lambda left, right: left / right,
-    "^": math.pow,
-    "**": math.pow,
 }
 
 
@@ -27,40 +33,119 @@ class BadExpression(ValueError):
     """An expression that is not a finite number; the message says why."""
 
 
-def evaluate(expression: ast.Expression, parameters: Mapping[str, float]) -> float:
+def evaluate(expression: Expression, parameters: Parameters) -> float:
     """Return the value of an expression; raise BadExpression if it has none."""
     try:
-        value = _value(expression, parameters)
+        value = expression(parameters)
     except (ArithmeticError, ValueError) as error:
-        if isinstance(error, BadExpression):
-            raise
         raise BadExpression(f"the angle cannot be computed: {error}") from error
     if not math.isfinite(value):
         raise BadExpression(f"the angle is {value}; it must be a finite number")
     return value
 
 
-def _value(expression: ast.Expression, parameters: Mapping[str, float]) -> float:
-    match expression:
-        case ast.IntegerLiteral(value=number) | ast.FloatLiteral(value=number):
-            return float(number)
-        case ast.Identifier(name=name):
-            return _named(name, parameters)
-        case ast.UnaryExpression(op=op, expression=inner) if op.name == "-":
-            return -_value(inner, parameters)
-        case ast.BinaryExpression(op=op, lhs=left, rhs=right) if op.name in OPERATIONS:
-            return OPERATIONS[op.name](_value(left, parameters), _value(right, parameters))
-        case ast.FunctionCall(name=name, arguments=[argument]) if name.name in FUNCTIONS:
-            return FUNCTIONS[name.name](_value(argument, parameters))
-    raise BadExpression(
-        f"unknown kind of expression; use numbers, pi, + - * / ^ and {', '.join(FUNCTIONS)}"
-    )
+def read_arguments(tokens: Tokens, parameters: Collection[str]) -> tuple[Expression, ...]:
+    """Read the angles in brackets that come next, if any, which may use these parameters."""
+    start = tokens.next.position
+    if not tokens.accept("(") or tokens.accept(")"):
+        return ()
+    reader = _Reader(tokens, parameters)
+    arguments = [reader.read()]
+    while tokens.accept(","):
+        arguments.append(reader.read())
+    if tokens.next.position - start > LONGEST_BRACKET:
+        problem = f"a bracket holds more than {LONGEST_BRACKET} characters; write it in steps"
+        tokens.fail(problem, start)
+    tokens.expect(")")
+    return tuple(arguments)
 
 
-def _named(name: str, parameters: Mapping[str, float]) -> float:
-    if name in parameters:
-        return parameters[name]
-    if name in ("pi", "π"):
-        return math.pi
-    known = ", ".join(["pi", *parameters])
-    raise BadExpression(f"unknown parameter {name!r}; known are {known}")
+class _Reader:
+    """Reads expressions by recursive descent."""
+
+    def __init__(self, tokens: Tokens, parameters: Collection[str]) -> None:
+        self._tokens, self._parameters = tokens, parameters
+        self._depth = 1  # the bracket of the arguments
+
+    def read(self) -> Expression:
+        """Read a sum."""
+        return self._chain(self._product, SUMS)
+
+    def _product(self) -> Expression:
+        return self._chain(self._signed, PRODUCTS)
+
+    def _chain(
+        self, operand: Callable[[], Expression], operations: Mapping[str, Operation]
+    ) -> Expression:
+        """Read operands of the same rank, which bind to the left."""
+        first = operand()
+        rest: list[tuple[Operation, Expression]] = []
+        while operation := operations.get(self._tokens.next.text):
+            self._tokens.take()
+            rest.append((operation, operand()))
+        return _folded(first, rest) if rest else first
+
+    def _signed(self) -> Expression:
+        sign = 1
+        while self._tokens.next.text in ("-", "+"):
+            sign = -sign if self._tokens.take().text == "-" else sign
+        power = self._power()
+        return power if sign == 1 else lambda parameters: -power(parameters)
+
+    def _power(self) -> Expression:
+        base = self._atom()
+        if self._tokens.next.text != "^":
+            return base
+        exponent = self._inside("^", self._signed)
+        return lambda parameters: math.pow(base(parameters), exponent(parameters))
+
+    def _atom(self) -> Expression:
+        if self._tokens.next.text == "(":
+            return self._bracket()
+        if self._tokens.next.kind == "number":
+            number = float(self._tokens.take().text)
+            return lambda _parameters: number
+        name = self._tokens.name()
+        if self._tokens.next.text == "(":
+            return self._call(name)
+        if name.text in self._parameters:
+            return lambda parameters: parameters[name.text]
+        if name.text not in ("pi", "π"):
+            known = ", ".join(["pi", *self._parameters])
+            problem = f"unknown parameter {name.text!r}; known are {known}"
+            self._tokens.fail(problem, name.position)
+        return lambda _parameters: math.pi
+
+    def _call(self, name: Token) -> Expression:
+        function = FUNCTION.get(name.text)
+        if function is None:
+            problem = f"unknown function {name.text!r}; use one of {', '.join(FUNCTIONS)}"
+            self._tokens.fail(problem, name.position)
+        argument = self._bracket()
+        return lambda parameters: function(argument(parameters))
+
+    def _bracket(self) -> Expression:
+        inner = self._inside("(", self.read)
+        self._tokens.expect(")")
+        return inner
+
+    def _inside(self, opening: str, read: Callable[[], Expression]) -> Expression:
+        """Read what comes behind an opening token; refuse to go deeper than the stack allows."""
+        if self._depth == DEEPEST:
+            problem = f"brackets and powers are nested more than {DEEPEST} deep; write it in steps"
+            self._tokens.fail(problem)
+        self._tokens.expect(opening)
+        self._depth += 1
+        expression = read()
+        self._depth -= 1
+        return expression
+
+
+def _folded(first: Expression, rest: Sequence[tuple[Operation, Expression]]) -> Expression:
+    def value(parameters: Parameters) -> float:
+        result = first(parameters)
+        for operation, operand in rest:
+            result = operation(result, operand(parameters))
+        return result
+
+    return value

@@ -1,17 +1,16 @@
 """The gates that a QASM program may use: built in, of qelib1.inc, or defined by itself."""
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from openqasm3 import ast
-
 from dispatcher.sabot.circuits.circuit import MAX_OPERATIONS, Gate
-from dispatcher.sabot.circuits.expressions import evaluate
+from dispatcher.sabot.circuits.expressions import Expression, evaluate, read_arguments
 from dispatcher.sabot.circuits.source import Source
-from dispatcher.sabot.circuits.syntax import parse_qasm
+from dispatcher.sabot.circuits.syntax import KEYWORDS, Tokens
 from dispatcher.sabot.gates import ROTATIONS, as_clifford
 
 STANDARD_LIBRARY = Path(__file__).with_name("qelib1.inc")
@@ -50,7 +49,7 @@ class Step:
 
     gate: "Primitive | Definition"
     qubits: tuple[int, ...]
-    arguments: tuple[ast.Expression, ...]
+    arguments: tuple[Expression, ...]
 
 
 @dataclass(frozen=True)
@@ -77,19 +76,13 @@ class Gates:
         """Begin with these."""
         self.known = dict(known)
 
-    def define(self, definition: ast.QuantumGateDefinition) -> None:
-        """Add a gate; raise BadGate if its body uses what there is not."""
-        qubits = [name.name for name in definition.qubits]
-        parameters = [name.name for name in definition.arguments]
-        named = [*parameters, *qubits]
-        repeated = [name for name in named if named.count(name) > 1]
-        if repeated:
-            raise BadGate(f"{repeated[0]!r} is named twice; name each parameter and qubit once")
-        body = tuple(
-            self._step(step, qubits)
-            for step in definition.body
-            if not isinstance(step, ast.QuantumBarrier)
-        )
+    def define(self, tokens: Tokens) -> None:
+        """Read what follows the word gate, and add that gate.
+
+        Raise BadGate if its body uses an unknown gate or qubit.
+        """
+        name, parameters, qubits = _read_heading(tokens)
+        body = tuple(self._read_body(tokens, parameters, qubits))
         used = [step.gate for step in body if isinstance(step.gate, Definition)]
         depth = 1 + max((gate.depth for gate in used), default=0)
         cost = 1 + len(body) + sum(gate.cost for gate in used)
@@ -98,8 +91,14 @@ class Gates:
                 f"the gate is {cost:,} gates, defined {depth} deep; at most {MAX_OPERATIONS:,} "
                 f"and {MAX_DEPTH} are allowed"
             )
-        name = definition.name.name
         self.known[name] = Definition(name, len(qubits), tuple(parameters), body, cost, depth)
+
+    def declare(self, tokens: Tokens) -> None:
+        """Read what follows the word opaque: a gate that the simulator defines, if any does."""
+        name, parameters, qubits = _read_heading(tokens)
+        tokens.expect(";")
+        if name in self.known:
+            self._require(name, len(parameters), len(qubits))
 
     def apply(self, name: str, angles: Sequence[float], qubits: tuple[int, ...]) -> Iterator[Gate]:
         """Yield what a gate does to qubits, in gates that the interpreter knows.
@@ -124,16 +123,48 @@ class Gates:
                 raise BadGate(f"{name} takes {fitting} {what}{plural}, not {given}")
         return gate
 
-    def _step(self, step: ast.QuantumStatement, qubits: Sequence[str]) -> Step:
-        if not isinstance(step, ast.QuantumGate) or step.modifiers:
-            raise BadGate("a gate is made of gates; OpenQASM 2.0 has nothing else in it")
-        names = [_qubit_name(qubit) for qubit in step.qubits]
-        for name in names:
-            if name not in qubits:
-                raise BadGate(f"{name!r} is not a qubit of the gate; it has {', '.join(qubits)}")
-        gate = self._require(step.name.name, len(step.arguments), len(names))
-        _require_different(step.name.name, names)
-        return Step(gate, tuple(qubits.index(name) for name in names), tuple(step.arguments))
+    def _read_body(
+        self, tokens: Tokens, parameters: Sequence[str], qubits: Sequence[str]
+    ) -> Iterator[Step]:
+        tokens.expect("{")
+        while not tokens.accept("}"):
+            if tokens.next.text in KEYWORDS and tokens.next.text != "barrier":
+                tokens.fail(f"{tokens.next.text!r} cannot be in a gate, which is made of gates")
+            name = tokens.name().text
+            arguments = read_arguments(tokens, parameters)
+            operands = _read_names(tokens)
+            if tokens.next.text == "[":
+                raise BadGate(f"{operands[-1]} has an index; in a gate each qubit has its own name")
+            tokens.expect(";")
+            for operand in operands:
+                if operand not in qubits:
+                    known = ", ".join(qubits)
+                    raise BadGate(f"{operand!r} is not a qubit of the gate; it has {known}")
+            if name != "barrier":
+                gate = self._require(name, len(arguments), len(operands))
+                _require_different(name, operands)
+                yield Step(gate, tuple(map(qubits.index, operands)), arguments)
+
+
+def _read_heading(tokens: Tokens) -> tuple[str, list[str], list[str]]:
+    """Read the name of a gate, its parameters and its qubits."""
+    name = tokens.new_name()
+    parameters: list[str] = []
+    if tokens.accept("(") and not tokens.accept(")"):
+        parameters = _read_names(tokens)
+        tokens.expect(")")
+    qubits = _read_names(tokens)
+    for each, number in Counter([*parameters, *qubits]).items():
+        if number > 1:
+            raise BadGate(f"{each!r} is named twice; name each parameter and qubit once")
+    return name, parameters, qubits
+
+
+def _read_names(tokens: Tokens) -> list[str]:
+    names = [tokens.new_name()]
+    while tokens.accept(","):
+        names.append(tokens.new_name())
+    return names
 
 
 def _written_out(
@@ -155,20 +186,13 @@ def _require_different(name: str, qubits: Sequence[int | str]) -> None:
         raise BadGate(f"{name} is given the same qubit twice; give it different ones")
 
 
-def _qubit_name(qubit: ast.Identifier | ast.IndexedIdentifier) -> str:
-    """Return the name of a qubit in a definition, where none has an index."""
-    if isinstance(qubit, ast.IndexedIdentifier):
-        raise BadGate(f"{qubit.name.name} has an index; in a gate each qubit has its own name")
-    return qubit.name
-
-
 @cache
 def _standard() -> Mapping[str, Primitive | Definition]:
     gates = Gates({name: Primitive(*gate) for name, gate in BUILT_IN.items()})
-    program = parse_qasm(Source(STANDARD_LIBRARY.name, STANDARD_LIBRARY.read_text()))
-    for statement in program.statements:
-        assert isinstance(statement, ast.QuantumGateDefinition)
-        gates.define(statement)
+    tokens = Tokens(Source(STANDARD_LIBRARY.name, STANDARD_LIBRARY.read_text()))
+    while tokens.accept("gate"):
+        gates.define(tokens)
+    assert tokens.next.kind == "end"
     return gates.known
 
 

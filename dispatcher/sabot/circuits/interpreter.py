@@ -6,6 +6,7 @@ condition do not, because members may differ by them.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import cast
 
 import numpy as np
@@ -26,9 +27,10 @@ from dispatcher.sabot.circuits.circuit import (
     Operation,
     Reset,
 )
+from dispatcher.sabot.circuits.sampling import Sampler, measurements_at_end
 from dispatcher.sabot.dense import MAX_QUBITS as MOST_DENSE
 from dispatcher.sabot.dense import Dense, TooLarge
-from dispatcher.sabot.draws import Draws
+from dispatcher.sabot.draws import Draws, PhotonDraws
 from dispatcher.sabot.registers import Mask
 
 # The code of a backend's `pauli`; the phase of XZ against Y cannot be seen.
@@ -85,10 +87,41 @@ def _batches(circuit: Circuit, backend: Begin, shots: int, draws: Draws) -> Iter
     size = LARGEST_BATCH
     if circuit.qubits <= MOST_DENSE:
         size = min(size, BATCH_AMPLITUDES >> circuit.qubits)
+    measurements = measurements_at_end(circuit) if backend is Dense else None
+    sampler = None if measurements is None else Sampler(_final_state(circuit), measurements)
     for number, first in enumerate(range(0, shots, size)):
-        batch = _Batch(circuit, backend, min(size, shots - first), draws, number)
+        count = min(size, shots - first)
+        if sampler is not None:
+            bits: Bytes = np.zeros((circuit.bits, count), dtype=np.uint8)
+            sampler.sample(bits, partial(_draws_of, draws, number, count))
+            yield bits
+            continue
+        batch = _Batch(circuit, backend, count, draws, number)
         batch.run(circuit.operations, None)
         yield batch.bits
+
+
+def _draws_of(draws: Draws, batch: int, shots: int, measured: int) -> PhotonDraws:
+    """Return the random numbers of one measurement of the circuit in a batch of shots."""
+    return draws.photons((batch, measured, 0), "circuit", shots)
+
+
+def _final_state(circuit: Circuit) -> Dense:
+    """Return the state vector after all gates."""
+    state = Dense(circuit.qubits)
+    for gate in _gates(circuit.operations):
+        if gate.name in PAULIS:
+            state.pauli(gate.qubits[0], np.full(1, PAULIS[gate.name], dtype=np.uint8))
+        else:
+            _apply(gate, state)
+    return state
+
+
+def _apply(gate: Gate, state: Backend) -> None:
+    if isinstance(state, Dense):
+        state.gate(cast(GateName, gate.name), *gate.qubits, angle_rad=gate.angle_rad)
+    else:
+        state.gate(cast(CliffordName, gate.name), *gate.qubits)
 
 
 @dataclass
@@ -131,6 +164,8 @@ class _Batch:
                     pass
 
     def _equals(self, register: ClassicalRegister, value: int) -> Mask:
+        if value >> register.size:
+            return np.zeros(self._shots, dtype=np.bool_)
         wanted = np.array([value >> bit & 1 for bit in range(register.size)], dtype=np.uint8)
         found = self.bits[register.first : register.first + register.size]
         equal: Mask = (found == wanted[:, None]).all(axis=0)
@@ -145,11 +180,7 @@ class _Batch:
 
     def _gate(self, gate: Gate, where: Mask | None) -> None:
         for branch in self._selected(where):
-            if isinstance(branch.state, Dense):
-                name = cast(GateName, gate.name)
-                branch.state.gate(name, *gate.qubits, angle_rad=gate.angle_rad)
-            else:
-                branch.state.gate(cast(CliffordName, gate.name), *gate.qubits)
+            _apply(gate, branch.state)
 
     def _measure(self, qubit: int, bit: int, where: Mask | None) -> None:
         for branch, outcomes in self._read(qubit, where):
@@ -161,9 +192,8 @@ class _Batch:
 
     def _read(self, qubit: int, where: Mask | None) -> Iterator[tuple[_Branch, Bytes]]:
         """Measure Z of a qubit; each measurement of the circuit has random numbers of its own."""
-        key = (self._number, self._measured, 0)
+        draws = _draws_of(self._draws, self._number, self._shots, self._measured)
         self._measured += 1
-        draws = self._draws.photons(key, "circuit", self._shots)
         for branch in self._selected(where):
             outcomes, _determined = branch.state.measure(qubit, draws.at(branch.members))
             yield branch, outcomes

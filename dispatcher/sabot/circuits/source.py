@@ -38,9 +38,9 @@ def read_source(path: str) -> Source:
             f"{name} is longer than {MAX_SOURCE_BYTES:,} bytes; divide it or use gate definitions"
         )
     try:
-        return Source(name, content.decode())
+        return Source(name, content.decode("utf-8-sig"))
     except UnicodeDecodeError as error:
         raise CircuitError(
-            f"{name} is not text: byte {error.start} is {content[error.start]:#04x}; give a "
+            f"{name} is not text: byte {error.start} is {error.object[error.start]:#04x}; give a "
             "program in OpenQASM 2.0 or .chp"
         ) from error

@@ -1,100 +1,101 @@
-"""From a text in OpenQASM 2.0 to its syntax tree, by the parser of the OpenQASM project.
+"""Tokens of OpenQASM 2.0 (arXiv:1707.03429), read from first to last."""
 
-That parser is for OpenQASM 3, which kept what users write in OpenQASM 2.0; what 2.0 does not
-know is refused when the tree is read.
-"""
-
-import io
 import re
-from contextlib import redirect_stderr
-from typing import NoReturn
-
-from openqasm3 import ast
-from openqasm3.parser import QASM3ParsingError, parse
+from collections.abc import Iterator
+from typing import NamedTuple, NoReturn
 
 from dispatcher.sabot.circuits.source import Source
 
-HEADER = (
-    'begin with the lines OPENQASM 2.0; and include "qelib1.inc"; (or, for a .chp program, say '
-    "--format chp)"
-)
-PLACE = re.compile(r"L(\d+):C(\d+): (.*)", re.DOTALL)
 LONGEST_TOKEN = 40  # in an error message
-LONGEST_STATEMENT = 20_000
-LONGEST_BRACKET = 250
-DEEPEST = 30
-LANDMARK = re.compile(r"[();{}]|\Z")
-COMMENT = re.compile(r"//[^\n]*|/\*.*?\*/", re.DOTALL)
+LONGEST_NUMBER = 4_000
+KEYWORDS = ("OPENQASM", "include", "qreg", "creg", "gate", "opaque", "measure", "reset", "barrier")
+FUNCTIONS = ("sin", "cos", "tan", "exp", "ln", "sqrt")
+RESERVED = frozenset((*KEYWORDS, *FUNCTIONS, "if", "pi"))
+TOKEN = re.compile(
+    r"""(?P<space> \s+ | //[^\n]* | /\*.*?\*/ )
+    | (?P<number> (?: [0-9]+\.?[0-9]* | \.[0-9]+ ) (?: [eE][-+]?[0-9]+ )? )
+    | (?P<name> [^\W\d]\w* )
+    | (?P<string> "[^"\n]*" )
+    | (?P<mark> -> | == | . )""",
+    re.VERBOSE | re.DOTALL,
+)
 
 
-def parse_qasm(source: Source) -> ast.Program:
-    """Return the syntax tree; raise CircuitError with line and column of what is wrong."""
-    if not COMMENT.sub("", source.text).lstrip().startswith("OPENQASM"):
-        source.fail(1, 1, f"this is not OpenQASM; {HEADER}")
-    _check_lengths(source)
-    try:
-        # The parser also prints what it raises.
-        with redirect_stderr(io.StringIO()):
-            program = parse(source.text)
-    except QASM3ParsingError as error:
-        _fail(source, error)
-    except RecursionError:
-        source.fail(1, 1, "blocks are nested too deeply; write it in steps")
-    except ValueError:
-        source.fail(1, 1, "a number has thousands of digits; shorten it")
-    if program.version != "2.0":
-        problem = f"this is OpenQASM {program.version}; only 2.0 is read"
-        source.fail(1, 1, f"{problem}: begin with OPENQASM 2.0;")
-    return program
+class Token(NamedTuple):
+    """A token: its kind (number, name, string, mark or end), text and place in the source."""
+
+    kind: str
+    text: str
+    position: int
 
 
-def _check_lengths(source: Source) -> None:
-    """Refuse statements and brackets so long that the parser would take minutes for them."""
-    text = COMMENT.sub(_blank, source.text)
-    statement = bracket = depth = 0
-    for place in LANDMARK.finditer(text):
-        position = place.start()
-        if depth and position - bracket > LONGEST_BRACKET:
-            _fail_at(source, bracket, f"a bracket holds more than {LONGEST_BRACKET} characters")
-        match place[0]:
-            case "(":
-                bracket = position if not depth else bracket
-                depth += 1
-                if depth > DEEPEST:
-                    _fail_at(source, position, f"brackets are nested more than {DEEPEST} deep")
-            case ")":
-                depth = max(depth - 1, 0)
-            case _:
-                if position - statement > LONGEST_STATEMENT:
-                    statement += len(text[statement:]) - len(text[statement:].lstrip())
-                    problem = f"a statement has more than {LONGEST_STATEMENT:,} characters"
-                    _fail_at(source, statement, problem)
-                statement, depth = position + 1, 0
+class Tokens:
+    """The tokens of a source; `next` is the one that has not been taken yet."""
+
+    def __init__(self, source: Source) -> None:
+        """Begin before the first token."""
+        self._source = source
+        self._rest = _tokens(source.text)
+        self.next = next(self._rest)
+
+    def take(self) -> Token:
+        """Return the next token and go past it."""
+        token = self.next
+        if token.kind == "number" and len(token.text) > LONGEST_NUMBER:
+            self.fail("a number has thousands of digits; shorten it", token.position)
+        if token.kind != "end":
+            self.next = next(self._rest)
+        return token
+
+    def accept(self, text: str) -> bool:
+        """Go past the next token if it is this one; return whether it is."""
+        accepted = self.next.text == text
+        if accepted:
+            self.take()
+        return accepted
+
+    def expect(self, text: str) -> None:
+        """Go past this token; raise CircuitError if it is not the next."""
+        if not self.accept(text):
+            self.unexpected()
+
+    def name(self) -> Token:
+        """Return the name that comes next; raise CircuitError if none does."""
+        if self.next.kind != "name":
+            self.unexpected()
+        return self.take()
+
+    def new_name(self) -> str:
+        """Return the name that comes next, if a program may define it."""
+        name = self.name()
+        if name.text in RESERVED:
+            problem = f"{name.text!r} is a word of OpenQASM 2.0; take another name"
+            self.fail(problem, name.position)
+        return name.text
+
+    def integer(self) -> int | None:
+        """Return the whole number that comes next, or None if none does."""
+        if self.next.kind != "number" or not self.next.text.isdecimal():
+            return None
+        return int(self.take().text)
+
+    def unexpected(self) -> NoReturn:
+        """Raise CircuitError for the next token."""
+        text = self.next.text
+        shortened = text if len(text) <= LONGEST_TOKEN else text[:LONGEST_TOKEN] + "..."
+        what = repr(shortened) if text else "the end of the program"
+        self.fail(f"{what} is not expected here; is a ';' or a bracket missing before it?")
+
+    def fail(self, problem: str, position: int | None = None) -> NoReturn:
+        """Raise CircuitError for a place in the source; None: for the next token."""
+        before = self._source.text[: self.next.position if position is None else position]
+        line, column = before.count("\n") + 1, len(before) - before.rfind("\n")
+        self._source.fail(line, column, problem)
 
 
-def _blank(comment: re.Match[str]) -> str:
-    return "".join("\n" if letter == "\n" else " " for letter in comment[0])
-
-
-def _fail_at(source: Source, position: int, problem: str) -> NoReturn:
-    before = source.text[:position]
-    line, column = before.count("\n") + 1, position - (before.rfind("\n") + 1) + 1
-    source.fail(line, column, f"{problem}; write it in steps")
-
-
-def _fail(source: Source, error: QASM3ParsingError) -> NoReturn:
-    """Say where the parser stopped: it tells by its text, or by the token it could not take."""
-    told = PLACE.fullmatch(str(error))
-    if told:
-        source.fail(int(told[1]), int(told[2]) + 1, _shortened(told[3]))
-    cause = error.__cause__
-    token = getattr(cause.args[0] if cause and cause.args else None, "offendingToken", None)
-    if token is None:
-        source.fail(1, 1, f"this is not OpenQASM 2.0; {HEADER}")
-    what = "the end of the program" if token.type == -1 else repr(_shortened(token.text))
-    problem = f"{what} is not expected here; is a ';' or a bracket missing before it?"
-    source.fail(token.line, token.column + 1, problem)
-
-
-def _shortened(text: str) -> str:
-    return text if len(text) <= LONGEST_TOKEN else text[:LONGEST_TOKEN] + "..."
+def _tokens(text: str) -> Iterator[Token]:
+    for match in TOKEN.finditer(text):
+        kind = match.lastgroup
+        if kind is not None and kind != "space":
+            yield Token(kind, match[0], match.start())
+    yield Token("end", "", len(text.rstrip()))

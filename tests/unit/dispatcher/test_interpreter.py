@@ -1,5 +1,9 @@
 """Circuits on backends: shots as members, conditions, and stim as oracle."""
 
+import json
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 import stim
@@ -20,8 +24,11 @@ from dispatcher.sabot.circuits.circuit import (
 from dispatcher.sabot.circuits.interpreter import PAULIS, run_circuit
 from dispatcher.sabot.circuits.qasm import read_qasm
 from dispatcher.sabot.circuits.reading import count
-from dispatcher.sabot.circuits.source import Source
+from dispatcher.sabot.circuits.sampling import measurements_at_end
+from dispatcher.sabot.circuits.source import Source, read_source
 
+QISKIT_FOLDER = Path(__file__).with_name("qiskit_circuits")
+QISKIT = json.loads((QISKIT_FOLDER / "probabilities.json").read_text())
 QUBITS, BITS = 5, 10
 REGISTERS = tuple(ClassicalRegister(f"c{bit}", bit, 2) for bit in range(0, BITS, 2))
 
@@ -67,6 +74,50 @@ def test_reset_makes_zero_and_leaves_the_partner_mixed(backend: str) -> None:
     found = counts(body, 10_000, backend)
     assert found.keys() == {"00", "10"}
     assert abs(found["00"] - 5000) < 5 * 50
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_condition_on_a_value_that_a_register_never_has_does_nothing(backend: str) -> None:
+    body = "qreg q[1]; creg c[2]; if(c==4) x q[0]; if(c==4) h q[0]; measure q[0] -> c[0];"
+    assert counts(body, backend=backend) == {"00": 1000}
+
+
+@pytest.mark.parametrize("name", sorted(QISKIT["probabilities"]))
+def test_circuits_that_qiskit_exports_have_the_distribution_that_it_computes(name: str) -> None:
+    circuit = read_qasm(read_source(str(QISKIT_FOLDER / f"{name}.qasm")))
+    shots, expected = 100_000, QISKIT["probabilities"][name]
+    found = dict(count(circuit, run_circuit(circuit, BACKENDS["dense"], shots, 1)))
+    assert found.keys() <= expected.keys()
+    for value, p in expected.items():
+        assert abs(found.get(value, 0) - shots * p) <= 5 * (shots * p * (1 - p)) ** 0.5 + 1e-6
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_shots_of_one_state_are_those_of_a_state_each(seed: int) -> None:
+    random = np.random.default_rng(seed)
+
+    def gates(first: int) -> list[Gate]:
+        pairs = (random.permutation(np.arange(first, QUBITS))[:2].tolist() for _ in range(30))
+        turns = random.uniform(0, 7, size=30)
+        return [
+            gate
+            for (one, other), angle in zip(pairs, turns, strict=True)
+            for gate in (Gate("RX", (one,), angle), Gate("T", (one,)), Gate("CX", (one, other)))
+        ]
+
+    last = random.integers(QUBITS, size=BITS - 1)
+    measurements = [Measure(int(qubit), bit) for bit, qubit in enumerate(last, 1)]
+    operations: tuple[Operation, ...] = (*gates(0), Measure(0, 0), *gates(1), *measurements)
+    circuit = Circuit(QUBITS, REGISTERS, operations)
+    never = If(REGISTERS[0], 4, (Gate("X", (0,)),))
+    divided = replace(circuit, operations=(*operations, never))
+    assert measurements_at_end(circuit) == [Measure(0, 0), *measurements]
+    assert measurements_at_end(divided) is None
+    one, each = (
+        np.hstack(list(run_circuit(made, BACKENDS["dense"], 300, seed)))
+        for made in (circuit, divided)
+    )
+    assert (one == each).all()
 
 
 def test_a_condition_is_of_the_moment_it_is_reached() -> None:

@@ -81,6 +81,27 @@ def test_a_condition_is_asked_once_for_a_whole_register() -> None:
     assert conditional.operations == (Measure(0, 0), Measure(1, 1))
 
 
+def test_a_value_that_no_register_has_is_a_condition_that_never_holds() -> None:
+    (conditional,) = operations("if(c==4) x q[0];")
+    assert conditional == If(ClassicalRegister("c", 0, 2), 4, (Gate("X", (0,)),))
+
+
+@pytest.mark.parametrize("name", ["in", "out", "bit", "ctrl", "qubit", "for", "int", "delay", "π2"])
+def test_words_of_openqasm_3_are_names(name: str) -> None:
+    body = f"qreg {name}[1]; gate {name}x({name}) a {{ rx({name}) a; }} {name}x(1) {name}[0];"
+    assert operations(body) == (Gate("RX", (4,), 1.0),)
+
+
+def test_an_opaque_gate_is_the_one_that_the_simulator_defines() -> None:
+    assert operations("opaque delay(t) a; delay(300.0) q[0];") == (Gate("I", (0,)),)
+
+
+def test_a_statement_may_be_as_long_as_a_program() -> None:
+    names = "".join(f"q[{qubit}]," for qubit in range(MAX_QUBITS))
+    text = f"{HEADER}qreg q[{MAX_QUBITS}]; gate g a {{ {'h a; ' * 9000} }} barrier {names[:-1]};"
+    assert read(text).operations == (Barrier(tuple(range(MAX_QUBITS))),)
+
+
 def test_gates_can_be_defined_by_gates() -> None:
     body = "gate a(x) p, s { rz(-x/2) p; cx s, p; } gate b p, s { a(pi) s, p; barrier p; }"
     assert operations(f"{body} b q[0], q[1];") == (Gate("S_DAG", (1,)), Gate("CX", (0, 1)))
@@ -92,6 +113,12 @@ def test_gates_can_be_defined_by_gates() -> None:
         ("0.25", 0.25),
         ("-pi/3 + 2*(1 - 0.5)", 1 - math.pi / 3),
         ("sqrt(2)^3", 2**1.5),
+        ("pi/2^2", math.pi / 4),
+        ("-2^2", -4),
+        ("2^3^2/100", 5.12),
+        ("2*2^-1*-1", -1),
+        ("8/2/2 - 1 - .5", 0.5),
+        ("+(.5e1 + 1.)", 6),
         ("sin(1)*cos(1)/tan(1)", math.cos(1) ** 2),
         ("ln(exp(0.3))", 0.3),
     ],
@@ -165,6 +192,14 @@ A, B, C = 0.7, -1.1, 2.3
 SWAP = np.eye(4)[[0, 2, 1, 3]]
 PHASE = np.diag([1, np.exp(1j * A)])
 U = rotation("Z", B) @ rotation("Y", A) @ rotation("Z", C)
+# U3(A, B, C) as OpenQASM and Qiskit write it: its first element is real.
+U3 = np.exp(0.5j * (B + C)) * U
+SX = np.array([[1 + 1j, 1 - 1j], [1 - 1j, 1 + 1j]]) / 2  # the root of X whose eigenvalues are 1, i
+# Qubits are the most significant first. Maslov, Phys. Rev. A 93, 022311: figures 3 and 4.
+RCCX = controlled(np.block([[MATRICES["Z"], np.zeros((2, 2))], [np.zeros((2, 2)), MATRICES["Y"]]]))
+RC3X = np.eye(16, dtype=np.complex128)
+RC3X[12:14, 12:14] = np.diag([1j, -1j])  # a and b are 1, c is 0
+RC3X[14:, 14:] = [[0, 1], [-1, 0]]  # all three are 1
 
 
 @pytest.mark.parametrize(
@@ -189,7 +224,18 @@ U = rotation("Z", B) @ rotation("Y", A) @ rotation("Z", C)
         ("cry(0.7) q[0],q[1];", controlled(rotation("Y", A))),
         ("cu1(0.7) q[0],q[1];", controlled(PHASE)),
         ("cp(0.7) q[0],q[1];", controlled(PHASE)),
-        ("cu3(0.7,-1.1,2.3) q[0],q[1];", controlled(U)),
+        ("cu3(0.7,-1.1,2.3) q[0],q[1];", controlled(U3)),
+        ("cu(0.7,-1.1,2.3,0.4) q[0],q[1];", controlled(np.exp(0.4j) * U3)),
+        ("csx q[0],q[1];", controlled(SX)),
+        ("rccx q[0],q[1],q[2];", RCCX),
+        ("rc3x q[0],q[1],q[2],q[3];", RC3X),
+        ("c3x q[0],q[1],q[2],q[3];", controlled(controlled(controlled(MATRICES["X"])))),
+        ("c3sqrtx q[0],q[1],q[2],q[3];", controlled(controlled(controlled(SX)))),
+        (
+            "c4x q[0],q[1],q[2],q[3],q[4];",
+            controlled(controlled(controlled(controlled(MATRICES["X"])))),
+        ),
+        ("delay(300) q[0];", np.eye(2)),
         ("rzz(0.7) q[0],q[1];", np.diag(np.exp(0.5j * A * np.array([-1, 1, 1, -1])))),
         (
             "h q; rxx(0.7) q[0],q[1]; h q;",
@@ -238,14 +284,20 @@ WRONG = [
     ("measure q[0] -> d[0];", "5:17", "no classical register 'd'"),
     ("measure q[0];", "5:1", "name the bits"),
     ("measure q[0] -> c[2];", "5:17", "c[2] is out of range"),
-    ("if(c==4) x q[0];", "5:1", "c has 2 bits and is never 4"),
     ("if(d==1) x q[0];", "5:1", "no classical register 'd'"),
     ("if(c>1) x q[0];", "5:1", "compare a classical register with a number"),
-    ("if(c==1) {x q[0];} else {y q[0];}", "5:1", "OpenQASM 2.0 has no such statement"),
+    ("if(c==1) {x q[0];} else {y q[0];}", "5:10", "OpenQASM 2.0 has no such statement"),
     ("if(c==1) foo q[0];", "5:1", "unknown gate"),
     ("qreg q[1];", "5:1", "register 'q' exists already"),
     ("creg r[1];", "5:1", "register 'r' exists already"),
-    ("qreg s[0];", "5:7", "size must be positive"),
+    ("qreg s[0];", "5:1", "register 's' needs a size of at least 1"),
+    ("qreg measure[1];", "5:6", "'measure' is a word of OpenQASM 2.0; take another name"),
+    ("gate pi a { h a; }", "5:6", "'pi' is a word of OpenQASM 2.0"),
+    ("opaque magic(x) a; magic(1) q[0];", "5:20", "unknown gate 'magic'; define it"),
+    ("opaque cx a;", "5:1", "cx takes 2 qubits, not 1"),
+    ("if(c==1) if(c==1) x q;", "5:10", "OpenQASM 2.0 has no such statement"),
+    ("barrier q[0], q;", "5:1", "same qubit twice"),
+    ("rx(2**3) q[0];", "5:6", "'*' is not expected here"),
     (f"qreg s[{MAX_QUBITS - 3}];", "5:1", "the limit of 1,000"),
     ("creg d[5000];", "5:1", "the limit of 4,096"),
     ("qreg three[3]; cx q, three;", "5:16", "registers of 2, 3 qubits do not pair up"),
@@ -255,24 +307,25 @@ WRONG = [
     ("gate g a { h a[0]; }", "5:1", "a has an index"),
     ("gate g a, b { cx a, a; }", "5:1", "same qubit twice"),
     ("gate g a { reset a; }", "5:12", "reset"),
-    ("gate g(x) a { rx(y) a; } g(1) q[0];", "5:26", "unknown parameter 'y'; known are pi, x"),
+    ("gate g(x) a { rx(y) a; } g(1) q[0];", "5:18", "unknown parameter 'y'; known are pi, x"),
     ("rx(1/0) q[0];", "5:1", "division by zero"),
     ("rx(10^400) q[0];", "5:1", "cannot be computed"),
     ("rx(1e308*10) q[0];", "5:1", "the angle is inf"),
     ("rx(sqrt(-1)) q[0];", "5:1", "cannot be computed"),
-    ("rx(foo(1)) q[0];", "5:1", "unknown kind of expression"),
-    ("int i = 2;", "5:1", "OpenQASM 2.0 has no such statement"),
-    ("ctrl @ x q[0], q[1];", "5:1", "OpenQASM 2.0 has no such statement"),
+    ("rx(foo(1)) q[0];", "5:4", "unknown function 'foo'; use one of sin, cos"),
+    ("int i = 2;", "5:7", "'=' is not expected here"),
+    ("ctrl @ x q[0], q[1];", "5:6", "'@' is not expected here"),
+    ("{ x q[0]; }", "5:1", "OpenQASM 2.0 has no such statement"),
     ('include "stdgates.inc";', "5:1", 'only "qelib1.inc"'),
     ("h q[0]\nx q[1];", "6:1", "'x' is not expected here; is a ';'"),
     ("h q[0]", "5:7", "the end of the program is not expected here"),
-    ("h % q;", "5:1", "OpenQASM 2.0 has no such statement"),
-    ("h q[0]; \\", "5:9", "token recognition error"),
+    ("h % q;", "5:3", "'%' is not expected here"),
+    ("h q[0]; \\", "5:9", "OpenQASM 2.0 has no such statement"),
     ("x q;\n rx(" + "(" * 31 + "1" + ")" * 31 + ") q[0];", "6:34", "more than 30 deep"),
     ("x q;\n rx(" + "-" * 600 + "1) q[0];", "6:4", "more than 250 characters"),
-    ("x q;\nbarrier " + "q[0], " * 4000 + "q[1];", "6:1", "more than 20,000 characters"),
-    ("rx(1) q[" + "1" * 5000 + "];", "1:1", "thousands of digits"),
-    ("if(c==1) {" * 2000 + "}" * 2000, "1:1", "nested too deeply"),
+    ("rx(" + "2^" * 40 + "1) q[0];", "5:63", "more than 30 deep"),
+    ("rx(1) q[" + "1" * 5000 + "];", "5:9", "thousands of digits"),
+    ("if(c==1) {" * 2000 + "}" * 2000, "5:10", "OpenQASM 2.0 has no such statement"),
 ]
 
 
@@ -339,6 +392,8 @@ def test_a_file_that_is_too_long_or_no_text_is_refused(tmp_path: Path) -> None:
     file.write_bytes(b"OPENQASM \xff")
     with pytest.raises(CircuitError, match="byte 9 is 0xff"):
         read_source(str(file))
+    file.write_bytes(b"\xef\xbb\xbfOPENQASM 2.0; qreg q[1];")
+    assert read_qasm(read_source(str(file))).qubits == 1
     with pytest.raises(CircuitError, match="No such file"):
         read_source(str(tmp_path / "absent.qasm"))
     with pytest.raises(CircuitError, match="Is a directory"):

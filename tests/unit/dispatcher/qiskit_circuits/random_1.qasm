@@ -1,0 +1,14 @@
+OPENQASM 2.0;
+include "qelib1.inc";
+qreg q[4];
+creg c[4];
+cswap q[3],q[0],q[1];
+sx q[2];
+cswap q[2],q[0],q[3];
+cswap q[2],q[3],q[1];
+cswap q[0],q[3],q[2];
+cry(3.9175016711702146) q[0],q[2];
+measure q[0] -> c[0];
+measure q[1] -> c[1];
+measure q[2] -> c[2];
+measure q[3] -> c[3];

@@ -1,0 +1,15 @@
+OPENQASM 2.0;
+include "qelib1.inc";
+qreg q[4];
+creg c[4];
+c3sqrtx q[0],q[3],q[2],q[1];
+c3sqrtx q[1],q[0],q[3],q[2];
+c3sqrtx q[0],q[3],q[2],q[1];
+rccx q[2],q[1],q[3];
+y q[0];
+crx(4.271381386452217) q[0],q[2];
+cp(5.335909190857423) q[1],q[3];
+measure q[0] -> c[0];
+measure q[1] -> c[1];
+measure q[2] -> c[2];
+measure q[3] -> c[3];

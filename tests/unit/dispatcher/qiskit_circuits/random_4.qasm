@@ -1,0 +1,18 @@
+OPENQASM 2.0;
+include "qelib1.inc";
+qreg q[4];
+creg c[4];
+ccx q[3],q[1],q[2];
+u1(5.476645947995332) q[0];
+z q[2];
+u3(6.087984768131125,5.837244949589809,1.1164754440544282) q[3];
+swap q[1],q[0];
+cswap q[0],q[3],q[1];
+cx q[1],q[3];
+s q[0];
+rccx q[0],q[3],q[1];
+t q[2];
+measure q[0] -> c[0];
+measure q[1] -> c[1];
+measure q[2] -> c[2];
+measure q[3] -> c[3];
