@@ -2,7 +2,6 @@
 
 import argparse
 import gc
-import os
 import signal
 import sys
 from collections.abc import Mapping, Sequence
@@ -13,6 +12,8 @@ from qmn.as_root import NoRoot, become_root
 from qmn.parser import Parser
 from qmn.printable_text import guard_standard_streams
 from qmn.version import ShowVersion
+from topologies.system.processes.outputs import forget_no_width, with_outputs
+from topologies.system.processes.signals import Signals
 
 # Until a verb runs there is nothing to clean up: Ctrl-C just ends the program.
 signal.signal(signal.SIGINT, signal.SIG_DFL)
@@ -75,6 +76,16 @@ def needs_root(arguments: argparse.Namespace) -> bool:
 
 def main() -> int:
     """Find the verb, run it, and return its exit status."""
+    forget_no_width()
+    status = with_outputs(run_verb)
+    # All is done. Ending takes a moment, in which a signal would say otherwise.
+    for number in Signals.NUMBERS:
+        signal.signal(number, signal.SIG_IGN)
+    return status
+
+
+def run_verb() -> int:
+    """Run the verb that the command line names, as root where it needs that."""
     if set(sys.argv[1:2]) & set(PRINTING):
         guard_standard_streams()
     gc.disable()  # what is loaded stays: to look through it takes a tenth of the time
@@ -87,16 +98,7 @@ def main() -> int:
         except NoRoot as error:
             print(f"qmn: {error}", file=sys.stderr)
             return 1
-    try:
-        status: int = arguments.call(arguments)
-        sys.stdout.flush()
-        # All is done and said. Ending takes a moment, in which a signal would say otherwise.
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            signal.signal(number, signal.SIG_IGN)
-    except BrokenPipeError:
-        # Whoever read our output has gone, as `head` does; there is nobody to tell.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 128 + signal.SIGPIPE
+    status: int = arguments.call(arguments)
     return status
 
 

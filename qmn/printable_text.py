@@ -35,15 +35,13 @@ class PrintableOutput(io.TextIOWrapper):
 
 
 def guard_standard_streams() -> None:
-    """Replace standard output and error of this process."""
+    """Replace standard output and error of this process, which are its Outputs."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
-        buffering = 0 if stream.write_through else -1
-        guarded = PrintableOutput(
-            open(stream.fileno(), "wb", buffering, closefd=False),  # noqa: SIM115 (until the end)
-            encoding=stream.encoding,
-            errors="backslashreplace",
-            line_buffering=stream.line_buffering,
-            write_through=stream.write_through,
-        )
-        setattr(sys, name, guarded)
+        options = {
+            "encoding": stream.encoding,
+            "errors": "backslashreplace",
+            "line_buffering": stream.line_buffering,
+            "write_through": stream.write_through,
+        }
+        setattr(sys, name, PrintableOutput(stream.detach(), **options))

@@ -10,6 +10,8 @@ EXEC_TIMEOUT_S = 1.0  # until a process that becomes another program has that on
 STOPPED_TIMEOUT_S = 10.0  # that a process may be stopped by a signal before the network ends
 STOPPED_LOOK_S = 0.5  # between two looks for such a process
 AGAIN_S = 0.5  # from which on a signal is another one: `timeout` and others send it twice at once
+OUTPUT_TIMEOUT_S = 600.0  # that a reader of our output may pause
+OUTPUT_LOOK_S = 0.1  # between two looks whether a signal makes that wait useless
 
 # Programs that are forked
 FORK_TIMEOUT_S = 20.0  # until the fork server has started a program

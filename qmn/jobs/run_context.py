@@ -32,6 +32,7 @@ from topologies.links.causality import worst
 from topologies.links.slow_copper import slow_metadata
 from topologies.networks.network import Interrupted, Network, Signals
 from topologies.system.machines.machine import Machine
+from topologies.system.processes.outputs import LostOutput
 from topologies.system.processes.programs import NetworkError
 from topologies.system.processes.signals import interrupted_words
 from wire.results.run_result import Approximated, EarlyNews, Job
@@ -113,6 +114,10 @@ def _running(
 ) -> Iterator[Network]:
     description, run, console = context.network, context.options, context.console
     options, chosen = description.options, description.scale
+    facts.time_scale, facts.time_scale_because = chosen.scale, chosen.reason or None
+    console.print(f"starting the network ({options.controller}, seed {options.seed}) ...")
+    if chosen.reason:
+        console.print(f"time scale {chosen.scale:g}: {chosen.reason}")
     runtime = settings(
         options,
         context.folder,
@@ -122,10 +127,6 @@ def _running(
         events=run.events,
     )
     runtime.places = places
-    facts.time_scale, facts.time_scale_because = chosen.scale, chosen.reason or None
-    console.print(f"starting the network ({options.controller}, seed {options.seed}) ...")
-    if chosen.reason:
-        console.print(f"time scale {chosen.scale:g}: {chosen.reason}")
     with (
         given_at_the_end(options.keys),
         Network(
@@ -198,7 +199,7 @@ def ending(
     with report_beside() if report else nullcontext(_put_off) as draw:
         try:
             yield ended
-        except (NetworkError, TransferError, Interrupted) as error:
+        except (NetworkError, TransferError, Interrupted, LostOutput, OSError) as error:
             fault = error
             facts.error = str(error)
             raise

@@ -18,8 +18,8 @@ from pathlib import Path
 
 from qmn.reports.report_file import report_of_run
 from qmn.timeouts import REPORT_TIMEOUT_S
+from topologies.system.processes import signals
 from topologies.system.processes.fork_server import follow_runner, threads
-from topologies.system.processes.signals import Signals
 
 Draw = Callable[[Path], str]
 
@@ -58,9 +58,9 @@ def report_beside() -> Iterator[Draw]:
 
 def _serve(channel: Connection, runners: Connection, runner: int) -> None:
     """Load, wait for a run's folder, draw; the signals of a terminal are for the runner."""
-    for number in Signals.NUMBERS:
-        signal.signal(number, signal.SIG_DFL)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signals.reset()
+    for number in signals.Signals.OF_TERMINAL:
+        signal.signal(number, signal.SIG_IGN)
     follow_runner(runner)
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # programs that wake go first
     runners.close()

@@ -13,6 +13,7 @@ from qmn.results.run_folder import PRIVATE
 from qmn.results.run_result import NetworkResult
 from qmn.results.timeline import timeline_of_run
 from topologies.networks.network import Interrupted
+from topologies.system.processes.outputs import LostOutput
 from topologies.system.processes.programs import NetworkError
 from wire.controller_lines import EARLIER, RECORD
 from wire.results.run_result import RESULT
@@ -32,7 +33,7 @@ def artifacts_of(options: NetworkOptions, folder: Path | None) -> Iterator[Netwo
     _forget_earlier(folder)
     try:
         yield facts
-    except (NetworkError, Interrupted) as error:
+    except (NetworkError, Interrupted, LostOutput, OSError) as error:
         facts.error = str(error)
         raise
     finally:

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from types import TracebackType
 
+from topologies.system.processes.outputs import with_outputs
 from topologies.system.processes.signals import Interrupted, interrupted_words
 
 INTERRUPTED = 128 + signal.SIGINT
@@ -16,6 +17,11 @@ INTERRUPTED = 128 + signal.SIGINT
 
 def main() -> int:
     """Run the script that is named with its arguments; return its exit status."""
+    return with_outputs(run_script)
+
+
+def run_script() -> int:
+    """Run it as the main program."""
     del sys.argv[0]
     file = sys.argv[0]
     sys.path.insert(0, str(Path(file).resolve().parent))

@@ -18,6 +18,7 @@ from qmn.sweeps.experiment import Experiment, SweepError
 from qmn.sweeps.parameters import Values
 from qmn.sweeps.scratch import scratch_folder
 from qmn.timeouts import CLUSTER_TIMEOUT_S, NO_WORKER_TIMEOUT_S, SWEEP_POLL_S
+from topologies.system.processes.signals import Signals
 
 HTTP_ADDRESS = "127.0.0.1:0"  # any free port: the scheduler insists on serving its state there
 LOG_LEVEL = 50  # critical: what concerns the user is raised
@@ -49,8 +50,9 @@ def local_client(workers: int) -> Iterator[Client]:
 
 
 def ignore_interrupts() -> None:
-    """Let a worker not hear of Ctrl-C, which a terminal sends to every process: we end it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Let a worker ignore Ctrl-C and its like, which a terminal sends to all: we end it."""
+    for number in Signals.OF_TERMINAL:
+        signal.signal(number, signal.SIG_IGN)
 
 
 @contextmanager

@@ -85,8 +85,6 @@ def call(arguments: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         pass  # the way to end it
     except (BadFilter, MalformedPacket, NetworkError, OSError) as error:
-        if isinstance(error, BrokenPipeError):
-            raise
         print(f"qmn: {error}", file=sys.stderr)
         return 1
     print(spy.summary(), file=sys.stderr)

@@ -5,7 +5,7 @@ import resource
 import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -34,11 +34,12 @@ from topologies.system.machines.node import NodeElsewhere
 from topologies.system.machines.packing import unpacked
 from topologies.system.open_vswitch import openvswitch
 from topologies.system.processes import owners
+from topologies.system.processes.outputs import LostOutput
 from topologies.system.processes.owners import Owner
 from topologies.system.processes.programs import NetworkError, Program, stop_all
 from topologies.system.processes.shells import ShellWatcher
+from topologies.system.processes.signals import CLEANED, NotCleanedUp
 from topologies.system.processes.signals import Interrupted as Interrupted
-from topologies.system.processes.signals import NotCleanedUp
 from topologies.system.processes.signals import Signals as Signals
 from topologies.system.runs import runtime
 from topologies.system.runs.runtime import DISPATCHER, Runtime, folders_of_gone, only_run
@@ -107,18 +108,25 @@ class Network:
         self._clean_up(error)
 
     def _clean_up(self, cause: BaseException | None) -> None:
-        """Remove everything; what then goes wrong does not hide what has ended the network."""
-        if self._tell is not None and isinstance(cause, Exception):
-            self._tell(str(cause))
-        self.runtime.time_limited = True
+        """Remove everything, whatever reporting does; no further fault hides the cause."""
         try:
-            with self._signals.deferred():
-                self._cleanup.close()
-        except NetworkError as error:
+            self.runtime.time_limited = True
+            with self._signals.deferred(), self._cleanup:
+                self._report(cause)
+        except (NetworkError, OSError) as error:
             uncleaned = NotCleanedUp(error)
             if cause is None:
                 raise uncleaned from error
             cause.add_note(str(uncleaned))
+        else:
+            if isinstance(cause, KeyboardInterrupt) or (cause and self._signals.came_before()):
+                cause.add_note(CLEANED)
+
+    def _report(self, cause: BaseException | None) -> None:
+        """Report what ends the network; the terminal may be what is lost."""
+        if self._tell is not None and isinstance(cause, Exception):
+            with suppress(LostOutput, OSError):
+                self._tell(str(cause))
 
     def _start(self) -> None:
         require_root()

@@ -207,7 +207,7 @@ def test_the_citation_has_the_fields_that_the_format_knows() -> None:
     assert paper["identifiers"] == [{"type": "other", "value": "arXiv:1604.01276"}]
 
 
-@pytest.mark.parametrize("signal", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("signal", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT"])
 def test_a_signal_after_the_last_word_changes_nothing(signal: str, tmp_path: Path) -> None:
     listed = "runs", "--runs", tmp_path, "--json"
     done = said(sys.executable, "-c", STRUCK_WHILE_IT_ENDS, *listed, signal, cwd=ROOT)

@@ -19,7 +19,7 @@ FAULTS = pytest.mark.parametrize(
     ("make", "status", "words"),  # made anew: notes stay with an error
     [
         (partial(NetworkError, "q1 is broken"), 1, "qmn: q1 is broken"),
-        (partial(Interrupted, 15), 143, "qmn: interrupted by SIGTERM; everything is cleaned up"),
+        (partial(Interrupted, 15), 143, "qmn: interrupted by SIGTERM"),
     ],
 )
 

@@ -12,6 +12,8 @@ from contextlib import suppress
 import pytest
 
 from topologies.system.processes.signals import (
+    CLEANED,
+    UNCLEANED,
     Interrupted,
     NotCleanedUp,
     Signals,
@@ -66,11 +68,58 @@ def test_who_is_interrupted_hears_of_what_could_not_be_cleaned_up(signalled: boo
         assert caught.value is why
 
 
-def test_who_interrupts_hears_that_all_is_cleaned_up() -> None:
-    assert interrupted_words(KeyboardInterrupt()) == "interrupted; everything is cleaned up"
-    assert interrupted_words(Interrupted(signal.SIGHUP)) == (
-        "interrupted by SIGHUP; everything is cleaned up"
+def test_only_what_was_cleaned_up_is_reported_to_be() -> None:
+    assert interrupted_words(KeyboardInterrupt()) == "interrupted"
+    assert interrupted_words(Interrupted(signal.SIGHUP)) == "interrupted by SIGHUP"
+    ended = Interrupted(signal.SIGHUP)
+    ended.add_note(CLEANED)
+    ended.add_note("report to look at: r.html")
+    assert interrupted_words(ended) == (
+        "interrupted by SIGHUP; everything is cleaned up\nreport to look at: r.html"
     )
+
+
+@pytest.mark.parametrize("note", [CLEANED, f"{UNCLEANED}q1 stays"])
+def test_a_fault_that_a_signal_explains_keeps_what_clean_up_noted(note: str) -> None:
+    fault = OSError("a command was ended")
+    fault.add_note(note)
+
+    def fail() -> None:
+        os.kill(os.getpid(), signal.SIGTERM)
+        raise fault
+
+    with pytest.raises(Interrupted) as caught, Signals():
+        fail()
+    assert caught.value.__notes__ == [note]
+
+
+TAKES = """
+import os, sys
+from topologies.system.processes.signals import Interrupted, Signals
+number = int(sys.argv[1])
+try:
+    with Signals() as signals:
+        os.kill(os.getpid(), number)
+        os.kill(os.getpid(), number)
+        signals.check()
+        print("goes on")
+except Interrupted as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize("number", [*Signals.NUMBERS, *Signals.OTHERS])
+def test_every_signal_that_would_end_a_process_asks_a_run_to_end(number: signal.Signals) -> None:
+    command = [sys.executable, "-c", TAKES, str(int(number))]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout) == (0, f"interrupted by {number.name}\n")
+
+
+def test_a_signal_that_the_caller_has_ignored_stays_ignored() -> None:
+    """As `nohup` (POSIX) has SIGHUP ignored."""
+    command = ["nohup", sys.executable, "-c", TAKES, str(int(signal.SIGHUP))]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout) == (0, "goes on\n")
 
 
 def test_what_fails_without_a_signal_stays_what_it_is() -> None:

@@ -21,13 +21,14 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NoReturn
 
+from topologies.system.processes import signals
+
 REQUEST_BYTES = 1 << 16
 MOST_FILES = 250  # that one message can carry, in Linux
 LEAST_NUMBER = 1 << 9  # of descriptors on their way: above those that a program is given
 PR_SET_PDEATHSIG = 1
 NAMESPACES = "net", "mnt"
 COMMAND_BEGIN, COMMAND_END = 45, 46  # fields of /proc/PID/stat after the name and the state
-RUNNERS_SIGNALS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP  # that it waits for
 STATE = 1  # number of the first of these fields
 CLONE = {"aarch64": 220, "x86_64": 56}  # number of the system call, by machine
 NO_CALL = -1  # number of none: the kernel says that it is not implemented
@@ -64,8 +65,7 @@ def serve(request: dict[str, Any], files: Sequence[int]) -> NoReturn:
     """
     status: object = 1
     try:
-        for number in RUNNERS_SIGNALS:
-            signal.signal(number, signal.SIG_DFL)
+        signals.reset()
         become(request, files)
         status = main()
     except SystemExit as end:

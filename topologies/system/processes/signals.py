@@ -1,18 +1,22 @@
-"""Signals that ask a run to end: noted, and raised where it can be ended in order."""
+"""Signals that ask a run to end: noted, and raised where it can be ended in order.
+
+Those that tell of a fault of the program, and SIGKILL, end it at once.
+"""
 
 import os
 import signal
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType, TracebackType
-from typing import Self
+from typing import ClassVar, Self
 
 from topologies.system.processes.programs import NetworkError
 from topologies.timeouts import AGAIN_S
 
-UNCLEANED = "cleaning up: "  # a note of what has ended a run, or the words of NotCleanedUp
+# Notes of what has ended a run; the first also begins the words of NotCleanedUp.
+UNCLEANED, CLEANED = "cleaning up: ", "everything is cleaned up"
 
 
 class Interrupted(Exception):
@@ -31,35 +35,48 @@ class NotCleanedUp(NetworkError):
 
 
 def interrupted_words(error: Interrupted | KeyboardInterrupt) -> str:
-    """Return who has ended the run, and whether all is cleaned up or why not, line by line."""
+    """Return what ended the run, and whether a network was cleaned up or why not, line by line."""
     notes: list[str] = getattr(error, "__notes__", [])
     ended = str(error) or "interrupted"
-    if not any(note.startswith(UNCLEANED) for note in notes):
-        ended = f"{ended}; everything is cleaned up"
-    return "\n".join([ended, *notes])
+    if CLEANED in notes:
+        ended = f"{ended}; {CLEANED}"
+    return "\n".join([ended, *(note for note in notes if note != CLEANED)])
 
 
 class Signals:
     """Turns signals into an exception at the next check, never in the middle of a step.
 
-    Who sends a second one will not wait: it ends the process at once. All that the run has started
-    ends with it or is removed by the next run.
+    A second one of a person who will not wait ends the process at once. All that the run has
+    started ends with it or is removed by the next run.
     """
 
-    NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    OF_TERMINAL = (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP)
+    NUMBERS = (*OF_TERMINAL, signal.SIGTERM)  # unless the caller ignores them, as nohup does
+    # They end a program that has no other use for them, as tests have for SIGALRM.
+    OTHERS = (
+        *(signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM, signal.SIGVTALRM, signal.SIGPROF),
+        *(signal.SIGXCPU, signal.SIGIO, signal.SIGPWR),
+    )
+    NOT_IMPATIENT = (signal.SIGHUP, *OTHERS)  # a shell passes its terminal's SIGHUP on, too
+    current: ClassVar["Signals | None"] = None
 
     def __enter__(self) -> Self:
         self._received: int | None = None
         self._received_at = 0.0
         self._deferring = False
-        self._previous = {number: signal.signal(number, self._note) for number in self.NUMBERS}
+        self._previous = {number: signal.signal(number, self._note) for number in _free()}
+        self._outer, Signals.current = Signals.current, self
         return self
 
     def _note(self, number: int, _frame: FrameType | None) -> None:
         if self._received is None:
             self._received, self._received_at = number, time.monotonic()
-        elif time.monotonic() - self._received_at > AGAIN_S:
+        elif number not in self.NOT_IMPATIENT and self.came_before(AGAIN_S):
             force_end(number)
+
+    def came_before(self, duration_s: float = 0.0) -> bool:
+        """Whether a signal has come, so long ago."""
+        return self._received is not None and time.monotonic() - self._received_at >= duration_s
 
     def check(self) -> None:
         """Raise Interrupted if a signal has come, unless signals are deferred."""
@@ -85,13 +102,13 @@ class Signals:
 
         For a person at the keyboard, or a script, who waits without checks.
         """
-        for number in self.NUMBERS:
+        for number in self._previous:
             ctrl_c = number == signal.SIGINT
             signal.signal(number, signal.default_int_handler if ctrl_c else self._raise)
         try:
             yield
         finally:
-            for number in self.NUMBERS:
+            for number in self._previous:
                 signal.signal(number, self._note)
 
     def _raise(self, number: int, frame: FrameType | None) -> None:
@@ -104,6 +121,7 @@ class Signals:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        Signals.current = self._outer
         for number, handler in self._previous.items():
             signal.signal(number, handler)
         if isinstance(error, Exception) and not isinstance(error, Interrupted):
@@ -113,9 +131,26 @@ class Signals:
         """A terminal's Ctrl-C also ends the commands that run just then: say so instead."""
         if self._received is not None:
             interrupted = Interrupted(self._received)
-            if isinstance(error, NotCleanedUp):
-                interrupted.add_note(str(error))
+            uncleaned = [str(error)] if isinstance(error, NotCleanedUp) else []
+            for note in (*uncleaned, *getattr(error, "__notes__", ())):
+                interrupted.add_note(note)
             raise interrupted from error
+
+
+def _free() -> Iterator[int]:
+    """Yield the signals that nobody ignores, or has another use for."""
+    for number in Signals.NUMBERS:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            yield number
+    for number in Signals.OTHERS:
+        if signal.getsignal(number) is signal.SIG_DFL:
+            yield number
+
+
+def reset() -> None:
+    """Let signals end this process as any other: a fork of one that has taken them."""
+    for number in (*Signals.NUMBERS, *Signals.OTHERS):
+        signal.signal(number, signal.SIG_DFL)
 
 
 def force_end(number: int) -> None:
@@ -124,5 +159,6 @@ def force_end(number: int) -> None:
         f"qmn: a second {signal.Signals(number).name} has forced the end; what is left is removed "
         "by the next run, or by `qmn clean`\n"
     )
-    os.write(sys.stderr.fileno(), words.encode())
+    with suppress(OSError):
+        os.write(sys.stderr.fileno(), words.encode())
     os._exit(128 + number)
