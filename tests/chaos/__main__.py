@@ -31,7 +31,7 @@ import machine
 from jobs import JOBS, Job, command, whole
 from outcomes import Made, Outcome, bad, first_told, from_fields, summary, told, too_few
 from strikes import strike
-from under_way import ROOT, UnderWay, drawn
+from under_way import DISK, OUTPUTS, ROOT, UnderWay, drawn
 
 # In namespaces of its own, and it ends with whoever has started it.
 APART = ("setpriv", "--pdeathsig", "KILL", str(ROOT / "topologies" / "own_namespaces"))
@@ -188,7 +188,9 @@ def _struck(
     pauses = [random.random() ** 4 for _ in range(random.choice(STRIKES_OF_A_RUN) - 1)]
     if job.session_s is not None:
         lengths = lengths | {"session": job.session_s}
-    run = UnderWay(command(job.words, place / "runs"))
+    where, disk = random.choice(OUTPUTS), place / "disk"
+    disk.mkdir()
+    run = UnderWay(command(job.words, place / "runs"), where, disk if where == DISK else None)
     run.wait_until(moment, lengths)
     first, made = time.monotonic(), _made(run, random, time.monotonic())
     for share in pauses:
@@ -212,7 +214,7 @@ def _made(run: UnderWay, random: Random, first: float) -> list[Made]:
     """Strike something of a run; wait for it if there is nothing yet."""
     while run.running:
         phase, now = run.phase, time.monotonic()
-        if (found := strike(run.pid, random)) is not None:
+        if (found := strike(run, random)) is not None:
             return [Made(found, phase, round(now - first, 2))]
         run.wait(0.05)
     return []

@@ -55,6 +55,13 @@ def run(*command: str) -> str:
     return done.stdout
 
 
+def fill(file: Path) -> None:
+    """Write a file until its disk is full."""
+    with suppress(OSError), file.open("wb", buffering=0) as opened:
+        while True:
+            opened.write(bytes(512))
+
+
 def processes() -> Iterator[Process]:
     """Yield all processes that run; those that only wait to be asked how they ended do not."""
     for folder in Path("/proc").iterdir():

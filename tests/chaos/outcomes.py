@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-from strikes import RUNNER, Strike
+from strikes import OUTPUT, RUNNER, Strike
 from under_way import PHASES, Moment
 
 NO_LIGHT = "no light: "
@@ -79,9 +79,11 @@ class Outcome:
 
     @property
     def unnamed(self) -> bool:
-        """Whether it failed without a word, which only who ends the runner itself makes it do."""
+        """Whether it failed without a word, though it could write and was not itself ended."""
         asked = any(made.phase in ("loading", "end") for made in self._at_runner)
-        return bool(self.made and self.status and not self.cause) and not (asked or self.is_forced)
+        mute = any(made.strike.target == OUTPUT for made in self.made)
+        failed = bool(self.made and self.status and not self.cause)
+        return failed and not (asked or mute or self.is_forced)
 
     @property
     def is_forced(self) -> bool:

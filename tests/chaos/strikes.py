@@ -1,4 +1,4 @@
-"""Faults that strike a run: any process of it, a daemon of Open vSwitch, a fibre, the runner."""
+"""Faults that strike a run: its processes, Open vSwitch, a fibre, the runner, its output."""
 
 import os
 import re
@@ -11,6 +11,7 @@ from pathlib import Path
 from random import Random
 
 import machine
+from under_way import DISK, PIPE, TERMINAL, UnderWay
 
 SIGNALS = (
     signal.SIGKILL,
@@ -20,8 +21,12 @@ SIGNALS = (
     signal.SIGSTOP,
     signal.SIGSEGV,
 )
-RUNNER = "runner"
-TO_RUNNER = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL)
+RUNNER, OUTPUT = "runner", "output"
+TO_RUNNER = (
+    *(signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL),
+    *(signal.SIGQUIT, signal.SIGUSR1),
+)
+OUTPUT_SHARE = {PIPE: 0.05, TERMINAL: 0.5, DISK: 0.5}  # of strikes at a run that writes there
 ROLES = (  # a pattern of the command line, and the name that a run gives to what matches
     (r"-m dispatcher ", "dispatcher"),
     (r"-m controller_apps ", "c0"),
@@ -33,7 +38,7 @@ ROLES = (  # a pattern of the command line, and the name that a run gives to wha
     (r"^wireguard-go .*wg-(\w+)", r"wireguard-\1"),
     (r"-m hosts --config \S*/(\w+)\.json", r"\1"),
     (r"-m copper ", "copper"),
-    (r"-m topologies\.fork_server ", "fork-server"),
+    (r"-m topologies\.system\.processes\.fork_server ", "fork-server"),
     (r"-m hosts\.applications\.service .*--options", "asking"),
     (r"-m hosts\.applications\.service ", "asked"),
     (r"^tcpdump .*-i (\S+)", "tcpdump"),
@@ -52,8 +57,12 @@ class Strike:
     stalls: bool = False  # whether it leaves a peer that does not answer
 
 
-def strike(runner: int, random: Random) -> Strike | None:
+def strike(run: UnderWay, random: Random) -> Strike | None:
     """Strike something of a run that is there now; None if there is nothing yet."""
+    if random.random() < OUTPUT_SHARE[run.output] and not run.output_lost:
+        run.lose_output()
+        return Strike(OUTPUT, f"{run.output} lost", ())
+    runner = run.pid
     kinds: list[tuple[int, Callable[[int, Random], Strike | None]]] = [
         (12, process),
         (3, daemon),
