@@ -70,6 +70,7 @@ TUNNEL_POLL_S = 0.02  # between two looks whether it is
 TLS_KEY_S = 86_400  # whole ones, that a key of a tunnel of TLS waits for the other end to begin
 KEY_MANAGER_TIMEOUT_S = 15.0  # until a key manager has answered
 JOIN_TIMEOUT_S = 60.0  # until the other program of a NetQASM application is there
+ROUND_TIMEOUT_S = 600.0  # until all of its programs have ended a round
 TEXT_TIMEOUT_S = 5.0  # until its place for texts takes a connection
 GREETING_TIMEOUT_S = 1.0  # until who connects has said who it is
 TEXT_PAUSE_S = 0.05  # between two attempts to connect

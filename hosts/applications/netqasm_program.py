@@ -82,7 +82,7 @@ def main() -> int:
         say("done", {"rounds": arguments.rounds})
 
     def work() -> None:
-        with installed(placement):
+        with installed(placement) as ends:
             with redirect_stdout(sys.stderr):
                 entry = load(arguments.path, role)
             for number in range(arguments.rounds):
@@ -90,6 +90,7 @@ def main() -> int:
                     host = placement.host(role)
                     output = begin(entry, role, host, arguments.inputs, arguments.logs)
                 say("result", {"round": number, "output": plain(output)})
+                ends[role].wait()
         say("done", {"rounds": arguments.rounds})
 
     return ended_well("netqasm_program", work_of_rank if program else work)

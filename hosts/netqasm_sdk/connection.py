@@ -1,6 +1,6 @@
 """NetQASM's connection to a processing unit, over the socket of this host's stack."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from netqasm.sdk.shared_memory import SharedMemory
 from numpy.typing import NDArray
 
 from hosts.netqasm_sdk.placement import Placement
+from hosts.netqasm_sdk.round_end import RoundEnd
 from hosts.processing_socket import ProcessingSocket
 from hosts.stack_socket import QuantumSocketError
 from wire.netqasm.messages import ReturnedArray, ReturnedRegister
@@ -21,13 +22,14 @@ from wire.netqasm.subroutine import REGISTERS_IN_A_BANK
 class Connection(BaseNetQASMConnection):
     """An application's connection to the processing unit of its host."""
 
-    placement: Placement  # set where the class is installed
+    placement: Placement  # these two are set where the class is installed
+    ends: Mapping[str, RoundEnd]  # by role
 
     def __init__(self, app_name: str, *arguments: Any, **words: Any) -> None:
         """Connect and begin; the words are those of every connection of the SDK."""
         self._unit = ProcessingSocket(self.placement.stacks[self.placement.known(app_name)])
         self._nodes = list(self._unit.begin())
-        self._memory, self._failed = SharedMemory(), False
+        self._memory, self._failed, self._leaves = SharedMemory(), False, False
         try:
             super().__init__(app_name, *arguments, **words)
         except BaseException:
@@ -41,11 +43,14 @@ class Connection(BaseNetQASMConnection):
         return self._memory
 
     def close(self, *arguments: Any, **words: Any) -> None:
-        """Send what is left to send, and discard all qubits."""
+        """Send what is left to send; qubits that are left stay until the end of the round."""
         try:
             super().close(*arguments, **words)
         finally:
-            self._unit.close()
+            if self._leaves:
+                self.ends[self.app_name].keep(self._unit)
+            else:
+                self._unit.close()
 
     def block(self) -> None:
         """Return at once: a subroutine is done when it has been sent."""
@@ -73,8 +78,9 @@ class Connection(BaseNetQASMConnection):
             callback()
 
     def _signal_stop(self, *arguments: Any, **words: Any) -> None:
-        """Tell the unit that this is the end; of an application that failed it knows."""
-        if not self._failed:
+        """Tell the unit that this is the end, unless qubits are left or the application failed."""
+        self._leaves = bool(self.active_qubits) and not self._failed
+        if not self._leaves and not self._failed:
             super()._signal_stop(*arguments, **words)
 
     def _get_network_info(self) -> type[NetworkInfo]:

@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from types import ModuleType
@@ -12,8 +12,10 @@ from netqasm.runtime.settings import SIMULATOR_ENV, Simulator
 
 from hosts.netqasm_sdk.connection import Connection, get_qubit_state
 from hosts.netqasm_sdk.placement import Placement
+from hosts.netqasm_sdk.round_end import SOCKET, RoundEnd
 from hosts.netqasm_sdk.rounds import simulate_application
 from hosts.netqasm_sdk.texts import BroadcastChannel, Exchange, Socket
+from hosts.timeouts import ROUND_TIMEOUT_S
 from wire.netqasm.texts import NAME_BYTES
 
 NAME = "netqasm.sdk.external"
@@ -22,30 +24,32 @@ NAME = "netqasm.sdk.external"
 @contextmanager
 def installed(
     placement: Placement, told: Callable[[int], None] = lambda _number: None
-) -> Iterator[None]:
-    """Let programs of the roles that run here use our network, until the end.
+) -> Iterator[Mapping[str, RoundEnd]]:
+    """Let programs of the roles that run here use our network; yield the end of their rounds.
 
-    Of what asks for a simulation of an application, `told` hears the number of each round done.
+    If a program requests a simulation of an application, `told` hears the number of each round
+    done.
     """
     for role in placement.hosts:
         if len(role.encode()) > NAME_BYTES:
             raise ValueError(f"role {role!r}: at most {NAME_BYTES} bytes")
     exchanges = {role: Exchange(role, placement.addresses[role]) for role in placement.stacks}
     module = ModuleType(NAME, __doc__)
-    words = {"placement": placement}
-    sockets = {**words, "exchanges": exchanges}
-    module.NetQASMConnection = type("NetQASMConnection", (Connection,), words)  # type: ignore[attr-defined]
+    sockets = {"placement": placement, "exchanges": exchanges}
     module.Socket = own = type("Socket", (Socket,), sockets)  # type: ignore[attr-defined]
+    ends = {role: _end(role, placement, own) for role in placement.stacks}
+    words = {"placement": placement, "ends": ends}
+    module.NetQASMConnection = type("NetQASMConnection", (Connection,), words)  # type: ignore[attr-defined]
     channel = type("BroadcastChannel", (BroadcastChannel,), {"_socket_class": own})
     module.BroadcastChannel = channel  # type: ignore[attr-defined]
     module.get_qubit_state = get_qubit_state  # type: ignore[attr-defined]
-    module.simulate_application = partial(simulate_application, placement, told)  # type: ignore[attr-defined]
+    module.simulate_application = partial(simulate_application, placement, told, ends)  # type: ignore[attr-defined]
     # Of the simulators that the SDK knows, the one whose own parts it never imports.
     os.environ.setdefault(SIMULATOR_ENV, Simulator.SIMULAQRON.value)
     before = sys.modules.get(NAME)
     sys.modules[NAME] = netqasm.sdk.external = module
     try:
-        yield
+        yield ends
     finally:
         if before is None:
             del sys.modules[NAME]
@@ -53,3 +57,8 @@ def installed(
             sys.modules[NAME] = before
         for exchange in exchanges.values():
             exchange.close()
+
+
+def _end(role: str, placement: Placement, kind: type[Socket]) -> RoundEnd:
+    others = [other for other in placement.hosts if other != role]
+    return RoundEnd(others, lambda other: kind(role, other, SOCKET, ROUND_TIMEOUT_S))

@@ -3,7 +3,7 @@
 Each host runs the programs of its own roles; others run theirs.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -13,11 +13,13 @@ from netqasm.runtime.settings import Formalism
 from netqasm.sdk.config import LogConfig
 
 from hosts.netqasm_sdk.placement import Placement
+from hosts.netqasm_sdk.round_end import RoundEnd
 
 
 def simulate_application(
     placement: Placement,
     told: Callable[[int], None],
+    ends: Mapping[str, RoundEnd],
     app_instance: ApplicationInstance,
     num_rounds: int = 1,
     network_cfg: Any = None,
@@ -43,6 +45,12 @@ def simulate_application(
     ]
 
     def play(program: Program) -> Any:
+        try:
+            return begin(program)
+        finally:
+            ends[program.party].wait()
+
+    def begin(program: Program) -> Any:
         inputs = dict(app_instance.program_inputs.get(program.party, {}))
         if use_app_config:
             host = placement.host(program.party)

@@ -15,6 +15,7 @@ from hosts import network_loop
 from hosts.applications.netqasm_program import begin, load
 from hosts.netqasm_sdk.external import installed
 from hosts.netqasm_sdk.placement import Placement
+from hosts.netqasm_sdk.round_end import RoundEnd
 
 EXAMPLES = Path(netqasm.examples.apps.__file__).parent
 Program = Callable[..., Any]
@@ -44,21 +45,25 @@ def outputs(
     for so many rounds. In the end no photon may be left.
     """
 
-    def play(role: str, main: Program) -> list[Any]:
-        return [
-            begin(main, role, hosts[role], dict(given.get(role, {})), folder)
-            for given in inputs
-            for _ in range(rounds)
-        ]
+    def play(role: str, main: Program, end: RoundEnd) -> list[Any]:
+        found = []
+        for given in (given for given in inputs for _ in range(rounds)):
+            try:
+                found.append(begin(main, role, hosts[role], dict(given.get(role, {})), folder))
+            finally:
+                end.wait()
+        return found
 
     def perform() -> list[dict[str, Any]]:
-        with installed(placed(folder, hosts)), ThreadPoolExecutor(len(hosts)) as pool:
+        with installed(placed(folder, hosts)) as ends, ThreadPoolExecutor(len(hosts)) as pool:
             entries = (
                 {role: load(programs, role) for role in hosts}
                 if isinstance(programs, Path)
                 else programs
             )
-            playing = {role: pool.submit(play, role, main) for role, main in entries.items()}
+            playing = {
+                role: pool.submit(play, role, main, ends[role]) for role, main in entries.items()
+            }
             told = {role: each.result(2 * DEADLINE_S) for role, each in playing.items()}
         return [dict(zip(told, each, strict=True)) for each in zip(*told.values(), strict=True)]
 

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 from netqasm_scene import EXAMPLES, outputs
-from test_bundled_applications import ANGLES, TWO, H, X, Z, ending_together, fidelity, left, qubit
+from test_bundled_applications import ANGLES, TWO, H, X, Z, fidelity, left, qubit
 
-__all__ = ["ending_together", "left"]
+__all__ = ["left"]
 
 W = 0.1
 P = 1 - W ** (1 / 4)
@@ -73,7 +73,6 @@ def test_bb84_finds_the_errors_that_noise_makes(tmp_path: Path) -> None:
     close([a[3] != b[3] for a, b in both if a[2]], (1 - W) / 2, 0, sigmas=5)
 
 
-@pytest.mark.usefixtures("ending_together")
 def test_a_distributed_cnot_flips_what_the_pair_has_wrong(tmp_path: Path) -> None:
     """An X of the pair is one of the target, a Z one of the control."""
     hosts = {"controller": "alice", "target": "bob"}

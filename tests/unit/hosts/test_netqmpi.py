@@ -65,4 +65,4 @@ def test_no_other_network_is_simulated() -> None:
     placement = Placement({"rank_0": "alice"}, {"rank_0": "127.0.0.1"}, {"rank_0": None})
     nothing = ApplicationInstance(Application([], None), {}, None, {}, None)
     with pytest.raises(ValueError, match="the network is the one that runs"):
-        simulate_application(placement, print, nothing, network_cfg="network.yaml")
+        simulate_application(placement, print, {}, nothing, network_cfg="network.yaml")

@@ -1,12 +1,18 @@
 """Programs in the manner of SimulaQron's and SquidASM's, with nothing but NetQASM's SDK."""
 
 import select
+import threading
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
+from netqasm.sdk import EPRSocket
 from netqasm_scene import outputs
+from stacks_scene import DEADLINE_S
 from test_bundled_applications import ANGLES, fidelity, qubit
+
+from hosts.netqasm_sdk.connection import Connection
 
 STYLES = Path(__file__).parent / "netqasm_styles"
 
@@ -77,3 +83,42 @@ def test_who_looks_sees_what_was_asked_for_before(tmp_path: Path) -> None:
 
     (told,) = outputs(tmp_path, {"a": flips}, {"a": "alice"}, looking=True)
     assert np.allclose(told["a"], [[0, 0], [0, 1]])
+
+
+def test_qubits_stay_until_the_programs_of_all_roles_have_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The one who still runs looks at Phi+, whose other half an ended program has left."""
+    closed, close = threading.Event(), Connection.close
+
+    def note(connection: Connection, *arguments: Any, **words: Any) -> None:
+        close(connection, *arguments, **words)
+        if connection.app_name == "b":
+            closed.set()
+
+    monkeypatch.setattr(Connection, "close", note)
+
+    def leaves(app_config: Any) -> None:
+        from netqasm.sdk.external import NetQASMConnection
+
+        pairs = EPRSocket("a")
+        with NetQASMConnection("b", epr_sockets=[pairs]):
+            pairs.recv_keep()
+
+    def looks(app_config: Any) -> Any:
+        from netqasm.sdk.external import NetQASMConnection, get_qubit_state
+
+        pairs = EPRSocket("b")
+        with NetQASMConnection("a", epr_sockets=[pairs]) as unit:
+            (half,) = pairs.create_keep()
+            unit.flush()
+            assert closed.wait(DEADLINE_S)
+            closed.clear()
+            return get_qubit_state(half, reduced_dm=False)
+
+    programs = {"a": looks, "b": leaves, "c": lambda app_config: None}
+    hosts = {"a": "alice", "b": "bob", "c": "charlie"}
+    told = outputs(tmp_path, programs, hosts, rounds=3, looking=True)
+    phi_plus = np.outer([1, 0, 0, 1], [1, 0, 0, 1]) / 2
+    for each in told:
+        assert np.allclose(each["a"], phi_plus)
