@@ -97,9 +97,12 @@ class QuantumTopo(Topo):
             if there:
                 continue
             if name in self.nodes():
-                raise BadParameter(
-                    f"{name} is not a {kind.__name__}, and there is none: add one of another name"
+                remedy = (
+                    f"give it, and each other switch of copper, cls={kind.__name__}"
+                    if kind is ClassicalSwitch and self.isSwitch(name)
+                    else "add one of another name"
                 )
+                raise BadParameter(f"{name} is not a {kind.__name__}, and there is none: {remedy}")
             add(name, cls=kind)
 
     def _add_copper(self) -> None:

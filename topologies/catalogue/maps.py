@@ -15,6 +15,7 @@ from math import asin, cos, radians, sin, sqrt
 from pathlib import Path
 from typing import Any
 
+from topologies.system.runs.node_names import RESERVED
 from wire.parameters.checks import remedy
 
 GROUPS = ("sndlib", "topozoo", "backbone", "caida")  # in this order, for a name without its group
@@ -220,7 +221,7 @@ def _host_names(called: Iterable[str]) -> Iterator[str]:
     for each in called:
         plain = unicodedata.normalize("NFKD", each).encode("ascii", "ignore").decode().lower()
         name = re.sub("[^a-z0-9]", "", plain)
-        name = (f"h{name}" if OURS.fullmatch(name) else name)[:NAME_LENGTH]
+        name = (f"h{name}" if OURS.fullmatch(name) or name in RESERVED else name)[:NAME_LENGTH]
         first, number = name, 1
         while name in taken:
             number += 1

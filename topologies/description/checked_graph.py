@@ -22,6 +22,7 @@ from topologies.links.fiber import FiberLink, resolved
 from topologies.links.keywords import refuse_unknown
 from topologies.nodes import ClassicalSwitch, OpticalSwitch, QuantumHost
 from topologies.nodes.quantum_host import device_of
+from topologies.system.runs.node_names import check_name
 from wire.parameters.fiber import optics
 from wire.parameters.physics import BadParameter
 from wire.parameters.switch import OPTICS as SWITCH_OPTICS
@@ -80,7 +81,8 @@ class CheckedGraph(MultiGraph):
 
 
 def check_new(name: str, there: Container[str]) -> None:
-    """Raise BadParameter for a second node of a name, of which Mininet would make one."""
+    """Raise BadParameter for a name that no node can have, or that another node has."""
+    check_name(name)
     if name in there:
         raise BadParameter(f"there is a node {name} already: give each a name of its own")
 
@@ -112,6 +114,7 @@ def check_dpid(name: str, dpid: object) -> None:
 
 def check_link(one: str, other: str, info: Info) -> None:
     """Raise BadParameter for a link that cannot be made."""
+    refuse_self_link(one, other)
     kind = info.get("cls") or CopperLink
     if not is_ours(kind):
         return
@@ -122,6 +125,12 @@ def check_link(one: str, other: str, info: Info) -> None:
         resolved(optics(where, **{name: info[name] for name in FIBER_OPTICS & given}))
     else:
         refuse_unknown(f"copper {one} to {other}", given, kind, Intf)
+
+
+def refuse_self_link(one: str, other: str) -> None:
+    """Raise BadParameter for a link that ends where it begins."""
+    if one == other:
+        raise BadParameter(f"a link from {one} to {one} leads nowhere: join two different nodes")
 
 
 def is_ours(kind: object) -> bool:

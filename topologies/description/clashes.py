@@ -1,4 +1,4 @@
-"""Refusals of what no network can be: nodes that could not be told apart, fibres into the dark."""
+"""Checks for duplicate or unusable names and addresses, loops of copper, and unconnected fibres."""
 
 import re
 from collections import defaultdict
@@ -8,10 +8,12 @@ from typing import Any
 
 from mininet.topo import Topo
 
+from topologies.description.checked_graph import refuse_self_link
 from topologies.description.description import is_made
 from topologies.links.fiber import FiberLink
 from topologies.nodes import ClassicalSwitch, OpticalSwitch, QuantumHost
 from topologies.nodes.classical_host import DEFAULT_PREFIX_LENGTH
+from topologies.system.runs.node_names import check_name
 from wire.parameters.physics import BadParameter
 
 MAC = re.compile("[0-9a-f]{2}(:[0-9a-f]{2}){5}")
@@ -20,7 +22,9 @@ MOST_LETTERS = 15  # of an interface's name: IFNAMSIZ of netdevice(7) less its e
 
 
 def refuse_clashes(topo: Topo) -> None:
-    """Raise BadParameter for nodes with one address or ID, for too long names, for dark fibres."""
+    """Raise BadParameter for nodes of one address or ID, bad names, loops and dark fibres."""
+    for name in topo.nodes():
+        check_name(name)
     nodes = {name: topo.nodeInfo(name) for name in topo.nodes()}
     addresses = {
         name: str(interface_of(name, nodes[name]["ip"]).ip)
@@ -43,10 +47,27 @@ def refuse_clashes(topo: Topo) -> None:
                 f"Linux takes {MOST_LETTERS}: choose a name of at most "
                 f"{MOST_LETTERS - len(interface) + len(name)}"
             )
-
     for one, other, info in topo.links(withInfo=True):
+        refuse_self_link(one, other)
         if is_made(info, FiberLink):
             _refuse_dark(f"fibre {one} to {other}", {name: nodes[name] for name in (one, other)})
+    _refuse_loops(topo)
+
+
+def _refuse_loops(topo: Topo) -> None:
+    """Raise BadParameter for copper that closes a loop of switches without a spanning tree."""
+    infos = {name: topo.nodeInfo(name) for name in topo.switches()}
+    joined = {name: {name} for name, info in infos.items() if not info.get("stp")}
+    for one, other, info in topo.links(withInfo=True):
+        if is_made(info, FiberLink) or not {one, other} <= joined.keys():
+            continue
+        if other in joined[one]:
+            raise BadParameter(
+                f"copper {one} to {other} closes a loop of switches, in which broadcasts would "
+                "circle without end: leave it out, or another link of the loop"
+            )
+        together = joined[one] | joined[other]
+        joined |= dict.fromkeys(together, together)
 
 
 def _refuse_dark(fiber: str, ends: Mapping[str, Mapping[str, Any]]) -> None:

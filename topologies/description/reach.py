@@ -15,7 +15,13 @@ from topologies.description.checked_graph import is_ours
 from topologies.description.clashes import interface_of
 from topologies.description.description import is_made
 from topologies.links.fiber import FiberLink
-from topologies.nodes import ClassicalHost, DispatcherHost, OpticalSwitch, QuantumHost
+from topologies.nodes import (
+    ClassicalHost,
+    ClassicalSwitch,
+    DispatcherHost,
+    OpticalSwitch,
+    QuantumHost,
+)
 from wire.parameters.physics import BadParameter
 
 Infos = Mapping[str, Mapping[str, Any]]  # of nodes
@@ -81,12 +87,20 @@ def _refuse_left_out(topo: Topo, infos: Infos, lit: list[str], dispatcher: str) 
     there = shortest(ways, first[dispatcher].end)
     apart = [name for name in lit if first[name].end not in there]
     if apart:
-        ends = f'"{first[apart[0]].end}", "{first[dispatcher].end}"'
+        end = first[apart[0]].end
         named = [*apart[:NAMED], *([f"{len(apart) - NAMED} more"] if len(apart) > NAMED else [])]
         raise BadParameter(
             f"no copper leads from {', '.join(named)} to {dispatcher}, which holds the qubits: "
-            f"join the switches, as addLink({ends})"
+            f"{_remedy(end, first[dispatcher].end, infos)}"
         )
+
+
+def _remedy(end: str, there: str, infos: Infos) -> str:
+    """Say how a switch can be joined to that of the dispatcher."""
+    if infos[end].get("isSwitch") and not is_made(infos[end], ClassicalSwitch):
+        own = f'addSwitch("{end}", cls=ClassicalSwitch)'
+        return f"make {end}, and each other switch of copper, of ours, as {own}"
+    return f'join the switches, as addLink("{end}", "{there}")'
 
 
 def _refuse_elsewhere(name: str, first: Mapping[str, FirstLink], infos: Infos) -> None:

@@ -7,9 +7,11 @@ import pytest
 from mininet.node import Host
 from mininet.topo import Topo
 
+from topologies.daemons.key_managers import CERTIFICATES
 from topologies.description.checked_graph import checked
 from topologies.description.clashes import refuse_clashes
 from topologies.links.fiber import FiberLink
+from topologies.networks.network import FIRST_CONTROLLER
 from topologies.nodes import (
     ClassicalHost,
     ClassicalSwitch,
@@ -17,7 +19,13 @@ from topologies.nodes import (
     OpticalSwitch,
     QuantumHost,
 )
+from topologies.nodes.copper import COPPER
+from topologies.nodes.tls import OPERATOR
 from topologies.quantum_topo import QuantumTopo
+from topologies.system.certificates.authority import AUTHORITY
+from topologies.system.runs.node_names import RESERVED
+from topologies.system.runs.runtime import CONSOLE, DISPATCHER, EVENT_LOG
+from wire.dispatcher_service import RUNNER
 from wire.parameters.physics import BadParameter
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -174,6 +182,60 @@ def test_a_name_that_is_needed_for_another_is_refused() -> None:
 
     with pytest.raises(BadParameter, match="ed is not a DispatcherHost, and there is none: add"):
         Taken()
+
+
+def test_a_switch_of_mininets_own_class_is_refused_with_what_works() -> None:
+    class Stock(QuantumTopo):
+        def build(self) -> None:
+            self.addSwitch("s1")
+
+    with pytest.raises(BadParameter, match=r"s1 is not .*: give it, and each other .*ClassicalSw"):
+        Stock()
+
+
+@pytest.mark.parametrize(
+    "copper",
+    [
+        [("s1", "s2"), ("s2", "s3"), ("s3", "s1")],
+        [("s1", "s2"), ("s1", "s2")],
+        [("s1", "q1"), ("q1", "s2"), ("s1", "s2")],  # q1 passes copper's packets on, too
+    ],
+)
+def test_a_loop_of_copper_is_refused(copper: list[tuple[str, str]]) -> None:
+    topo = joined(copper)
+    with pytest.raises(BadParameter, match=r"copper \w+ to \w+ closes a loop of switches"):
+        refuse_clashes(topo)
+    refuse_clashes(joined(copper[:-1]))
+
+
+def test_a_loop_with_a_spanning_tree_or_through_a_host_is_none() -> None:
+    refuse_clashes(joined([("s1", "s2"), ("s2", "s3"), ("s3", "s1")], stp=True))
+    refuse_clashes(joined([("s1", "h1"), ("h1", "s2"), ("s1", "s2")]))
+
+
+def joined(copper: list[tuple[str, str]], **params: bool) -> Topo:
+    """Return switches of copper, a quantum switch and a host, joined so."""
+    topo = Topo()
+    for number in (1, 2, 3):
+        topo.addSwitch(f"s{number}", cls=ClassicalSwitch, **(params if number == 3 else {}))
+    topo.addSwitch("q1", cls=OpticalSwitch)
+    topo.addHost("h1", cls=Host)
+    for one, other in copper:
+        topo.addLink(one, other)
+    return topo
+
+
+@pytest.mark.parametrize("name", ["c0", "tls", "", "h-1", "h.1", "h1\n", "á"])
+def test_a_name_that_files_or_interfaces_need_is_refused_wherever_it_is_from(name: str) -> None:
+    topo = Topo()
+    topo.addHost(name, cls=Host)
+    with pytest.raises(BadParameter, match="cannot be a node's name"):
+        refuse_clashes(topo)
+
+
+def test_the_names_that_programs_have_are_no_nodes() -> None:
+    names = {FIRST_CONTROLLER, COPPER, DISPATCHER, CONSOLE, RUNNER, OPERATOR, CERTIFICATES}
+    assert {*names, Path(EVENT_LOG).stem, Path(AUTHORITY).stem} <= RESERVED
 
 
 def test_fewer_than_one_fibre_is_refused_and_their_keywords_are_checked() -> None:

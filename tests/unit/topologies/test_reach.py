@@ -156,6 +156,18 @@ def test_parts_that_no_copper_joins_are_refused_by_name() -> None:
         refuse_unreachable(two_hosts(islands))
 
 
+def test_a_switch_of_mininets_own_is_refused_with_the_class_that_works() -> None:
+    def stock(topo: QuantumTopo) -> None:
+        topo.addSwitch("s3")
+        topo.addLink("h1", "s3")
+
+    words = (
+        r'^no copper leads from h1 to ed, .*: make s3, .* addSwitch\("s3", cls=ClassicalSwitch\)$'
+    )
+    with pytest.raises(BadParameter, match=words):
+        refuse_unreachable(two_hosts(stock))
+
+
 @pytest.mark.parametrize("kind", [ClassicalHost, QuantumHost])
 def test_a_host_of_ours_joins_no_parts(kind: type) -> None:
     def also(topo: QuantumTopo) -> None:
