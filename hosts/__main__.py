@@ -14,6 +14,7 @@ from hosts.hardware.choice import chosen_qnic
 from hosts.node_agent import start_node_agent
 from hosts.stack import Stack
 from programs.config_argument import config_path
+from programs.connection_shares import StreamServer
 from wire.config import BadConfig, HostConfig
 from wire.metadata.header import METADATA_PORT
 from wire.netqasm.pair_requests import PAIRS_PORT
@@ -28,8 +29,8 @@ async def run(config: HostConfig) -> None:
         asyncio.get_running_loop().add_signal_handler(number, stopped.set)
     # asyncio would look addresses up by names, in four threads of their own.
     ports = [socket.create_server((config.address, port)) for port in (METADATA_PORT, PAIRS_PORT)]
-    metadata = await asyncio.start_server(stack.serve, sock=ports[0])
-    pairs = await asyncio.start_server(stack.unit.pairs.serve, sock=ports[1])
+    metadata = StreamServer(stack.serve, ports[0])
+    pairs = StreamServer(stack.unit.pairs.serve, ports[1])
     local = await asyncio.start_unix_server(stack.applications.serve, config.socket)
     announcing = announce(config, lambda: stack.device.subscribed)
     speaking = [asyncio.create_task(announcing)]

@@ -8,14 +8,15 @@ from functools import partial
 
 from prometheus_client import CollectorRegistry
 
+from programs.connection_shares import StreamServer
 from programs.metrics import END, MAX_HEAD_BYTES, answer
 from programs.timeouts import METRICS_TIMEOUT_S
 
 
-async def serve(listener: socket.socket, registry: CollectorRegistry) -> asyncio.Server:
+def serve(listener: socket.socket, registry: CollectorRegistry) -> StreamServer:
     """Answer on the socket from now on, until the server that is returned is closed."""
     handler = partial(_answer, registry)
-    return await asyncio.start_server(handler, sock=listener, limit=MAX_HEAD_BYTES)
+    return StreamServer(handler, listener, limit=MAX_HEAD_BYTES)
 
 
 async def _answer(registry: CollectorRegistry, reader: StreamReader, writer: StreamWriter) -> None:

@@ -42,7 +42,7 @@ async def measured(config: AgentConfig, optics: OpticalHardware) -> AsyncIterato
     from qswitch_agent.metrics import MeasuredHardware
 
     used = MeasuredHardware(optics)
-    endpoint = await serve_metrics(inherited(config.metrics_fd), used.registry)
+    endpoint = serve_metrics(inherited(config.metrics_fd), used.registry)
     try:
         yield used
     finally:

@@ -7,14 +7,13 @@ are, and no other local user can be a switch, not even before the real one is he
 
 import logging
 import os
-import sys
 from collections.abc import Callable
 from ipaddress import IPv4Address
-from pathlib import Path
 from typing import Any
 
-CONNECTIONS = Path("/proc/net/tcp")  # proc(5): of this network namespace
-ROOT, NOBODY = 0, -1
+from programs import local_users
+
+ROOT = 0
 
 log = logging.getLogger("speakers")
 
@@ -57,14 +56,4 @@ def owner(datapath: Any) -> int | None:
     host, port = datapath.address[:2]
     if not IPv4Address(host).is_loopback:
         return None
-    return owner_of(host, port, CONNECTIONS.read_text())
-
-
-def owner_of(host: str, port: int, connections: str) -> int:
-    """Return the user of the socket with this local address, in the kernel's own table."""
-    wanted = f"{int.from_bytes(IPv4Address(host).packed, sys.byteorder):08X}:{port:04X}"
-    for line in connections.splitlines()[1:]:
-        fields = line.split()
-        if fields[1] == wanted:
-            return int(fields[7])
-    return NOBODY
+    return local_users.owner(host, port)

@@ -9,12 +9,14 @@ datapath id comes with, and both read and write one TLS connection from two thre
 import asyncio
 import contextlib
 import logging
+import socket
 import struct
 from asyncio import StreamReader, StreamWriter
 from collections.abc import Collection, Coroutine
 from typing import Any
 
 from controller_apps.timeouts import CONNECT_TIMEOUT_S
+from programs.connection_shares import StreamServer
 from wire.config import EntranceConfig
 from wire.credentials import certified_names
 from wire.malformed import MalformedPacket
@@ -69,22 +71,18 @@ class Entrance:
 
     def __init__(self, config: EntranceConfig) -> None:
         self._config = config
-        self._servers: list[asyncio.Server] = []
+        self._servers: list[StreamServer] = []
 
     async def open(self) -> None:
         """Take in switches from now on; raise OSError for an address that cannot be had."""
         context = self._config.credentials.server(self._config.key_log)
         for address in self._config.listen:
             host, _, port = address.rpartition(":")
-            self._servers.append(
-                await asyncio.start_server(
-                    self._welcome,
-                    host,
-                    int(port),
-                    ssl=context,
-                    ssl_handshake_timeout=CONNECT_TIMEOUT_S,
-                )
+            listener = socket.create_server((host, int(port)))
+            server = StreamServer(
+                self._welcome, listener, ssl=context, ssl_handshake_timeout=CONNECT_TIMEOUT_S
             )
+            self._servers.append(server)
 
     def close(self) -> None:
         """Take in nobody any more."""

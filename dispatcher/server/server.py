@@ -17,6 +17,7 @@ from dispatcher.server.callers import Callers
 from dispatcher.server.cross_connects import CrossConnects, bind
 from dispatcher.server.servicer import Failed, Service
 from dispatcher.timeouts import STOP_GRACE_S, STOP_TIMEOUT_S
+from programs.connection_shares import grpc_options, keep_shares
 from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_pb2_grpc import add_DispatcherServicer_to_server
 from wire.dispatcher_service import FLOW_CONTROL, MESSAGE_LIMITS, cross_connects_socket
@@ -48,7 +49,7 @@ async def metrics(config: DispatcherConfig, service: Service) -> AsyncIterator[N
     from programs.metrics_server import serve as serve_metrics
 
     assert isinstance(service, MeasuredService)
-    endpoint = await serve_metrics(inherited(config.metrics_fd), service.registry)
+    endpoint = serve_metrics(inherited(config.metrics_fd), service.registry)
     try:
         yield
     finally:
@@ -61,12 +62,12 @@ class Server:
     def __init__(self, config: DispatcherConfig, service: Service) -> None:
         """Bind the configured sockets; raise BadConfig if one cannot be had."""
         # A taken port must be an error.
-        options = [*MESSAGE_LIMITS, *FLOW_CONTROL, ("grpc.so_reuseport", 0)]
+        options = [*MESSAGE_LIMITS, *FLOW_CONTROL, *grpc_options(), ("grpc.so_reuseport", 0)]
         self._grpc = grpc.aio.server(options=options)
         add_DispatcherServicer_to_server(service, self._grpc)  # type: ignore[no-untyped-call]
         self._cross_connects = CrossConnects(service.change, service.callers, service.failed)
         self._paths = config.socket, cross_connects_socket(config.socket)
-        _bind(self._grpc, config.listen, credentials(config))
+        self._port = _bind(self._grpc, config.listen, credentials(config))
         with _private(self._paths):
             _bind(self._grpc, f"unix:{config.socket}")
             self._listener = bind(self._paths[1])
@@ -75,9 +76,11 @@ class Server:
         """Serve from now on."""
         await self._cross_connects.start(self._listener)
         await self._grpc.start()
+        self._sharing = asyncio.create_task(keep_shares(self._port))
 
     async def stop(self, grace_s: float | None) -> None:
         """End all calls, after a while in which those that run may end; remove the sockets."""
+        self._sharing.cancel()
         self._cross_connects.stop()
         try:
             async with asyncio.timeout((grace_s or 0) + STOP_TIMEOUT_S):
@@ -140,12 +143,11 @@ def credentials(config: DispatcherConfig) -> grpc.ServerCredentials | None:
 
 def _bind(
     server: grpc.aio.Server, address: str, credentials: grpc.ServerCredentials | None = None
-) -> None:
+) -> int:
     try:
         if credentials is None:
-            server.add_insecure_port(address)
-        else:
-            server.add_secure_port(address, credentials)
+            return server.add_insecure_port(address)
+        return server.add_secure_port(address, credentials)
     except RuntimeError as error:
         raise BadConfig(
             f"cannot listen on {address}: is the port taken, or the address not this host's?"

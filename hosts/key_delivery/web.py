@@ -1,6 +1,7 @@
 """HTTPS of a key manager: the paths of ETSI GS QKD 014, and those of other managers."""
 
 import logging
+import socket
 from collections.abc import Sequence
 from typing import Any
 from uuid import UUID
@@ -12,6 +13,7 @@ from hosts.key_delivery.delivery import KeyDelivery
 from hosts.key_delivery.other_managers import named, serving
 from hosts.key_delivery.refusals import BAD_REQUEST, UNAUTHORIZED, Refused, unauthorized
 from hosts.timeouts import ANSWER_TIMEOUT_S, CLIENT_IDLE_S
+from programs.connection_shares import SharedListener
 from wire import key_delivery as bodies
 from wire.key_assignment import ASSIGNMENT_PATH, MAX_ASSIGNMENT, Assignment
 from wire.key_manager import KeyManagerConfig
@@ -162,5 +164,5 @@ def serve(config: KeyManagerConfig, delivery: KeyDelivery) -> HTTPServer:
         body_timeout=ANSWER_TIMEOUT_S,
         idle_connection_timeout=CLIENT_IDLE_S,
     )
-    server.listen(config.port, config.address)
+    server.add_socket(SharedListener(socket.create_server((config.address, config.port))))
     return server

@@ -7,10 +7,13 @@ several networks leads to that of each from one address (command_page.py).
 import os
 import secrets
 import shutil
+import socket
 import subprocess
 import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
+
+from programs.connection_shares import SharedListener
 
 LOOPBACK = "127.0.0.1"
 SAID = "live view"
@@ -35,11 +38,22 @@ class Place:
 def place_given() -> Place | None:
     """Return where docker/run, or a command of several networks, wants it; None if neither."""
     told = os.environ.get
-    socket, port = told("QMN_LIVE_SOCKET"), told("QMN_LIVE_PORT")
-    if not socket or not port:
+    path, port = told("QMN_LIVE_SOCKET"), told("QMN_LIVE_PORT")
+    if not path or not port:
         return None
     number = int(told("QMN_LIVE_NUMBER", "0"))
-    return Place(int(port), Path(socket), told("QMN_LIVE_SECRET", ""), number)
+    return Place(int(port), Path(path), told("QMN_LIVE_SECRET", ""), number)
+
+
+def listen(place: Place) -> tuple[SharedListener, int]:
+    """Return a socket that listens there, and the port of the page; OSError if it is taken."""
+    if place.socket is None:
+        listener = SharedListener(socket.create_server((LOOPBACK, place.port)))
+        return listener, listener.getsockname()[1]
+    place.socket.unlink(missing_ok=True)
+    listener = SharedListener(socket.create_server(str(place.socket), family=socket.AF_UNIX))
+    place.socket.chmod(0o600)
+    return listener, place.port
 
 
 def say(address: str, browser: bool) -> None:

@@ -22,7 +22,8 @@ from functools import partial
 from html import escape
 from pathlib import Path
 
-from qmn.live_view.address import LOOPBACK, Place, place_given, say
+from programs.connection_shares import StreamServer
+from qmn.live_view.address import LOOPBACK, Place, listen, place_given, say
 from qmn.live_view.loopback import joined
 from qmn.live_view.pages import PORT, Pages
 from qmn.timeouts import LIVE_HEAD_S, LIVE_LAST_S, LIVE_LOOK_AGAIN_S
@@ -54,12 +55,8 @@ async def serve(pages: Pages, place: Place) -> None:
     """Tell where it is, and serve until this task is cancelled."""
     over, waiting = asyncio.Event(), set[asyncio.Task[None]]()
     answer = partial(answered, pages, over, waiting)
-    if place.socket is not None:
-        server = await asyncio.start_unix_server(answer, place.socket)
-        port = place.port
-    else:
-        server = await asyncio.start_server(answer, LOOPBACK, place.port)
-        port = server.sockets[0].getsockname()[1]
+    listener, port = listen(place)
+    server = StreamServer(answer, listener)
     (pages.folder / PORT).write_text(str(port))
     try:
         say(f"http://{LOOPBACK}:{port}/{pages.secret}/", browser=True)

@@ -9,8 +9,10 @@ that serves, which has no network (docker/run). It says which port it is, and en
 import asyncio
 import os
 import signal
+import socket
 import sys
 
+from programs.connection_shares import StreamServer
 from qmn.live_view.address import LOOPBACK
 
 CHUNK = 1 << 16  # bytes
@@ -20,8 +22,9 @@ async def main(port: int, path: str) -> None:
     """Lead every connection to the socket until there is no more input."""
     # Ctrl-C ends the network, whose last words the page shows.
     asyncio.get_running_loop().add_signal_handler(signal.SIGINT, lambda: None)
-    server = await asyncio.start_server(lambda *ends: joined(path, *ends), LOOPBACK, port)
-    print(server.sockets[0].getsockname()[1], flush=True)
+    listener = socket.create_server((LOOPBACK, port))
+    print(listener.getsockname()[1], flush=True)
+    server = StreamServer(lambda *ends: joined(path, *ends), listener)
     await asyncio.to_thread(until_the_end_of_input)
     server.close()
 

@@ -9,7 +9,6 @@ POST /SECRET/act              one of acts.py, as JSON
 
 import asyncio
 import math
-import socket
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -18,11 +17,10 @@ from typing import Any
 
 from tornado.httpserver import HTTPServer
 from tornado.iostream import StreamClosedError
-from tornado.netutil import bind_sockets, bind_unix_socket
 from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandler
 
 from qmn.live_view.acts import BadAct, perform, words_of
-from qmn.live_view.address import LOOPBACK, Place
+from qmn.live_view.address import LOOPBACK, Place, listen
 from qmn.live_view.pace import Pace
 from qmn.live_view.sources import ACT
 from qmn.live_view.timeline import Timeline
@@ -56,22 +54,13 @@ class View:
     streams: set["asyncio.Task[Any]"] = field(default_factory=set)  # of messages, being sent
 
 
-def bound(place: Place) -> tuple[list[socket.socket], int]:
-    """Return sockets that listen there, and the port of the page."""
-    if place.socket is not None:
-        return [bind_unix_socket(str(place.socket))], place.port
-    sockets = bind_sockets(place.port, LOOPBACK)
-    port: int = sockets[0].getsockname()[1]
-    return sockets, port
-
-
 async def serve(view: View, place: Place, opened: Callable[[str], None]) -> None:
     """Serve until this task is cancelled; `opened` gets the address once it can be asked.
 
     Raise OSError if the place cannot be had.
     """
     path = place.path()
-    sockets, port = bound(place)
+    listener, port = listen(place)
     given = {"view": view}
     application = Application(
         [
@@ -88,7 +77,7 @@ async def serve(view: View, place: Place, opened: Callable[[str], None]) -> None
     # Who leads here from an address of several pages looks at the first request of a connection.
     alone = place.number == 0
     server = HTTPServer(application, max_body_size=MOST_REQUEST, no_keep_alive=not alone)
-    server.add_sockets(sockets)
+    server.add_socket(listener)
     try:
         opened(f"http://{LOOPBACK}:{port}/{path}/")
         await asyncio.Event().wait()

@@ -10,6 +10,7 @@ controller gets an ERROR with the xid of its FLOW_MOD before the reply.
 import asyncio
 import contextlib
 import logging
+import socket
 import ssl
 import time
 from asyncio import StreamReader, StreamWriter
@@ -17,6 +18,7 @@ from collections.abc import Coroutine
 from pathlib import Path
 from typing import Any
 
+from programs.connection_shares import StreamServer
 from qswitch_agent.bridge import BridgeFault
 from qswitch_agent.hardware.optics import HardwareFault
 from qswitch_agent.openflow.messages import Framer, require_version
@@ -41,7 +43,7 @@ class Server:
         """Hold each barrier's reply until the switch is ready, or the deadline has passed."""
         self._switch = switch
         self._hold_deadline_s = hold_deadline_s
-        self._server: asyncio.Server | None = None
+        self._server: asyncio.Server | StreamServer | None = None
         self._connections: set[asyncio.Task[None]] = set()
         self._links: set[Link] = set()
 
@@ -54,7 +56,7 @@ class Server:
             self._server = await asyncio.start_unix_server(self._accept, listen)
             Path(listen).chmod(0o600)
         else:
-            self._server = await asyncio.start_server(self._accept, *listen)
+            self._server = StreamServer(self._accept, socket.create_server(listen))
 
     async def close(self) -> None:
         """Stop, after the replies that wait have had a moment to be decided."""

@@ -1,5 +1,6 @@
 """Serves a switch's telemetry at an address, beside what the agent does."""
 
+import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import partial
@@ -7,6 +8,7 @@ from functools import partial
 import grpc
 from pygnmi.spec.v080.gnmi_pb2_grpc import add_gNMIServicer_to_server
 
+from programs.connection_shares import grpc_options, keep_shares
 from qswitch_agent.switch import Switch
 from qswitch_agent.telemetry.open_config import Fiber, Observed, leaves
 from qswitch_agent.telemetry.service import Telemetry
@@ -31,20 +33,23 @@ async def observe(switch: Switch, name: str) -> list[Leaf]:
 @asynccontextmanager
 async def serving(config: AgentConfig, switch: Switch) -> AsyncIterator[None]:
     """Answer at the configured address meanwhile, if there is one."""
-    server = grpc.aio.server(options=OPTIONS)
+    server = grpc.aio.server(options=[*OPTIONS, *grpc_options()])
     telemetry = Telemetry(partial(observe, switch, config.switch))
     add_gNMIServicer_to_server(telemetry, server)
     try:
         if config.credentials is None:
-            server.add_insecure_port(config.gnmi)
+            port = server.add_insecure_port(config.gnmi)
         else:
             authority, certificate, private_key = config.credentials.read()
             shown = [(private_key, certificate)]
-            server.add_secure_port(config.gnmi, grpc.ssl_server_credentials(shown, authority, True))
+            credentials = grpc.ssl_server_credentials(shown, authority, True)
+            port = server.add_secure_port(config.gnmi, credentials)
     except RuntimeError as error:
         raise BadConfig(f"cannot serve gNMI on {config.gnmi}: is the port taken?") from error
     await server.start()
+    sharing = asyncio.create_task(keep_shares(port))
     try:
         yield
     finally:
+        sharing.cancel()
         await server.stop(0)

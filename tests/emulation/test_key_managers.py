@@ -3,6 +3,7 @@
 import base64
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -122,6 +123,35 @@ def test_who_has_no_certificate_of_the_authority_gets_no_answer(scene: Scene) ->
     assert "KME_ID" not in said
     said = scene.run("alice", f"{CURL} --tls-max 1.1 {address}; echo $?")
     assert said.split()[-1] == "35", said  # of curl: no TLS connection
+
+
+# Opens silent connections, and keeps them until its input ends.
+SILENT = """
+import socket, sys
+kept = []
+for _ in range(int(sys.argv[3])):
+    try:
+        kept.append(socket.create_connection((sys.argv[1], int(sys.argv[2])), 5))
+    except OSError:
+        pass
+print("connected", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_silent_connections_of_another_host_keep_nobody_from_keys(scene: Scene) -> None:
+    manager, silent = scene.managers.programs["alice"], 1010
+    resource.prlimit(manager.pid, resource.RLIMIT_NOFILE, (1024, 1024))
+    alice, charlie = scene.network.host("alice"), scene.network.host("charlie")
+    words = [sys.executable, "-c", SILENT, alice.IP(), str(KEY_DELIVERY_PORT), str(silent)]
+    pipe = subprocess.PIPE
+    with charlie.popen(words, stdin=pipe, stdout=pipe, text=True) as attacker:
+        assert attacker.stdout.readline() == "connected\n"
+        assert scene.curl("alice", "sae-bob/status")[0] == 200
+        files = len(os.listdir(f"/proc/{manager.pid}/fd"))
+        assert files < 256, files  # of 1,024, of which its listener takes 64 for a peer
+        attacker.stdin.close()
+    scene.network.check()
 
 
 def test_what_no_client_would_say_is_refused_and_the_next_one_is_served(

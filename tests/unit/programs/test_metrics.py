@@ -62,7 +62,7 @@ def test_a_server_answers_on_the_socket_that_it_is_handed(
         with socket.create_server(("127.0.0.1", 0)) as opened:
             address = "{}:{}".format(*opened.getsockname())
             listener = metrics.inherited(opened.detach())
-        server = await metrics_server.serve(listener, registry)
+        server = metrics_server.serve(listener, registry)
         silent, first = await asyncio.open_connection(*address.split(":"))
         long, second = await asyncio.open_connection(*address.split(":"))
         second.write(bytes(metrics.MAX_HEAD_BYTES + 64))
@@ -75,6 +75,5 @@ def test_a_server_answers_on_the_socket_that_it_is_handed(
             client.close()
             await client.wait_closed()
         server.close()
-        await server.wait_closed()
 
     asyncio.run(asyncio.wait_for(run(), 20))
