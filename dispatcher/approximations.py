@@ -27,7 +27,7 @@ RELAXATION = "relaxation beyond T2 = T1 becomes Pauli errors"
 UNEQUAL_ARMS = "pairs heralded by unequal arms are Bell states"
 READY_STATION = "detectors of a station are never dead, and click once for a photon"
 UNLIKE_DETECTORS = "heralds by dark counts of a station's unlike detectors are as of like ones"
-STRAYED = "light of heralded attempts does not stray in switches"
+STRAYED = "light of heralded attempts that strays in switches is lost"
 UNLIKE_LIGHT = "photons of unlike light in one block have one spectrum and way"
 FREE_WAIT = "light waits for its host, which cannot keep it, in a fibre without loss"
 

@@ -148,10 +148,13 @@ def darken(sabot: Simulation, block: Block, members: Mask) -> None:
 
 def part(sabot: Simulation, block: Block, members: Mask) -> Further | None:
     """Take the members' further photons out of a block."""
-    if block.further is None:
-        return None
-    taken = members[block.further.pulses]
-    return Further(sabot.part(block.further.register, taken), block.further.pulses)
+    return None if block.further is None else part_of(sabot, block, members[block.further.pulses])
+
+
+def part_of(sabot: Simulation, block: Block, taken: Mask) -> Further | None:
+    """Take some further photons, shape (m,), out of a block."""
+    light = block.further
+    return light and Further(sabot.part(light.register, taken), light.pulses)
 
 
 def unite(sabot: Simulation, block: Block, other: Block) -> None:

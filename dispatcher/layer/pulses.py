@@ -70,9 +70,14 @@ def darken(pulses: Pulses, members: Mask) -> None:
 
 def part(pulses: Pulses, members: Mask) -> Pulses:
     """Move the members' pulses into a part of their own."""
-    own = replace(pulses)
-    darken(own, ~members)
-    darken(pulses, members)
+    return part_noise(pulses, None if pulses.extras is None else pulses.extras * members)
+
+
+def part_noise(pulses: Pulses, extras: NDArray[np.uint8] | None) -> Pulses:
+    """Move so much noise of each pulse into a part of its own; None if there is none at all."""
+    own = replace(pulses, extras=extras)
+    if pulses.extras is not None and extras is not None:
+        pulses.extras = pulses.extras - extras
     return own
 
 
@@ -81,7 +86,9 @@ def unite(pulses: Pulses, other: Pulses, members: Mask) -> None:
     pulses.approximations |= other.approximations
     if other.extras is not None:
         own = np.uint8(0) if pulses.extras is None else pulses.extras
-        pulses.extras = other.extras * members + own * ~members
+        pulses.extras = np.minimum(other.extras.astype(np.uint16) + own, MOST_EXTRAS).astype(
+            np.uint8
+        )
     pulses.delays_ps = _merged(pulses.delays_ps, other.delays_ps, members)
     pulses.angles_rad = _merged(pulses.angles_rad, other.angles_rad, members)
 

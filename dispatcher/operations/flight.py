@@ -1,8 +1,9 @@
 """The way of a block's light through fibres and switches, photon by photon.
 
-A beam is a part of the block that has taken one way so far. Each beam is resolved when the
-clock has passed its last photon, so what the switches did meanwhile is known. Its Paulis are
-collected and applied when it arrives.
+A beam is the light that has taken one way so far: a part of the block, which comes apart where a
+switch sends photons different ways, those of one pulse, too. Each beam is resolved when the clock
+has passed its last photon, so what the switches did meanwhile is known. Its Paulis are collected
+and applied when it arrives.
 """
 
 import heapq
@@ -33,8 +34,10 @@ from dispatcher.operations.ways import MAX_FIBERS, nanoseconds, way_of
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.kraus import Operators
 from dispatcher.sabot.registers import Mask, everything
-from dispatcher.switch.optical_switch import Light, OpticalSwitch
+from dispatcher.switch.optical_switch import Light, OpticalSwitch, Passed
 from wire.config import FiberEnd
+
+Noise = NDArray[np.uint8] | None  # photons that are noise in each pulse, shape (k,)
 
 # What qubits in time bins do not see.
 POLARIZED = (PolarizationDrift, PolarizationDependentLoss, PolarizationModeDispersion)
@@ -62,7 +65,8 @@ class Departure:
 class Beam:
     """Light of one block on one way."""
 
-    members: Mask  # pulses of the block, whether or not their own photon is still there
+    block: Block  # the part of it that is on this way
+    members: Mask  # pulses of it, whether or not any photon is still there
     fibers_passed: int
     delay_ps: float = 0.0  # from its departure to the far end of the fibre that it is in
     noise: NDArray[np.uint8] | None = None  # Paulis that fibres have added up to, shape (k,)
@@ -77,7 +81,7 @@ class Arrival:
     """What of a block has come to one port."""
 
     end: FiberEnd
-    members: Mask
+    block: Block
     schedule: Schedule
     fibers_passed: int
     errors: list[int]  # to how many photons X, Z and XZ happened on the way
@@ -95,6 +99,7 @@ class Flight:
         self._block, self._departure, self._layer = block, departure, layer
         self._queue: list[tuple[int, int, Line, Beam]] = []
         self._number = count()
+        self.ended = list[Block]()  # parts of the block that came out nowhere
         self.lost = 0
         self.known_ns = departure.last_ns  # when news is back from where light has ended
 
@@ -111,7 +116,18 @@ class Flight:
     def launch(self, end: FiberEnd) -> None:
         """Let the light into the fibre that begins at a port."""
         members = everything(self._departure.pattern.photons)
-        self._enter(end, Beam(members, self._block.fibers_passed))
+        self._enter(end, Beam(self._block, members, self._block.fibers_passed))
+
+    @property
+    def has_light(self) -> bool:
+        """Whether any light is still under way."""
+        return any(_is_lit(beam) for _time_ns, _number, _line, beam in self._queue)
+
+    def give_up(self) -> list[Block]:
+        """Return the parts of the block that come out nowhere, with those still under way."""
+        self.ended += [beam.block for _time_ns, _number, _line, beam in self._queue]
+        self._queue.clear()
+        return self.ended
 
     def announce(self, end: FiberEnd) -> None:
         """Let other channels know of light that leaves a port, on the way that it has just now."""
@@ -131,33 +147,35 @@ class Flight:
             time_ns, _number, line, beam = heapq.heappop(self._queue)
             self._pass(beam, line)
             switch = self._layer.network.switches.get(line.far.node)
-            if np.count_nonzero(beam.members & further.lit(self._block)):
+            if _is_lit(beam):
                 if switch is None:
                     return self._arrive(beam, line.far)
                 under_way = len(self._queue)
                 self._cross(beam, switch, int(line.far.port))
                 if len(self._queue) > under_way:
                     continue
+            else:
+                self.ended.append(beam.block)
             # A host expects light at its time; from a switch news has to come back.
             back_ns = nanoseconds(beam.delay_ps) if switch is not None else 0
             self.known_ns = max(self.known_ns, time_ns + back_ns)
         return None
 
     def _arrive(self, beam: Beam, end: FiberEnd) -> Arrival:
-        photons = beam.members & self._block.register.present
+        photons = beam.block.register.present
         errors = [0, 0, 0]
         if beam.noise is not None:
             noise = beam.noise * photons
             errors = [int(np.count_nonzero(noise == pauli)) for pauli in (1, 2, 3)]
         self._apply(beam, photons)
         schedule = self._departure.after(beam.delay_ps)
-        way = end, beam.members, schedule, beam.fibers_passed
+        way = end, beam.block, schedule, beam.fibers_passed
         turned = beam.rotation, beam.turn, beam.dispersion_ps_per_nm
         return Arrival(*way, errors, *turned, beam.delay_ps)
 
     def _apply(self, beam: Beam, photons: Mask) -> None:
         """Let the Paulis that a beam has met so far be in the state of these photons."""
-        block, rotation = self._block, np.uint8(beam.rotation)
+        block, rotation = beam.block, np.uint8(beam.rotation)
         if beam.noise is not None:
             noise = beam.noise if beam.applied is None else beam.noise ^ beam.applied
             self._layer.sabot.pauli(block.register, (noise ^ rotation) * photons)
@@ -169,10 +187,10 @@ class Flight:
 
     def _meet_channel(self, beam: Beam, operators: Operators, place: str, told: str) -> None:
         """Let Kraus operators act on a beam, behind what it has met before."""
-        block = self._block
+        block = beam.block
         channels = Channels(self._layer.sabot, self._layer.draws, block, place, told)
         channels.settle_turn()
-        self._apply(beam, beam.members & block.register.present)
+        self._apply(beam, block.register.present)
         beam.applied, beam.rotation = beam.noise, 0
         if beam.turn is not None:
             channels.turn(beam.turn, beam.members)
@@ -182,42 +200,65 @@ class Flight:
 
     def _cross(self, beam: Beam, switch: OpticalSwitch, in_port: int) -> None:
         """Send a beam on through the switch that it has come to."""
-        block = self._block
-        photons = beam.members & block.register.present
+        block = beam.block
+        photons = block.register.present
         if beam.fibers_passed >= MAX_FIBERS:
             switch.lose(in_port, int(np.count_nonzero(photons)))
-            self._absorb(beam.members)
+            self._absorb(beam)
             return
         schedule = self._departure.after(beam.delay_ps)
-        light = Light(beam.members, photons, schedule, self._departure.frequency_mhz)
+        others = _others(block)
+        light = Light(beam.members, photons, schedule, self._departure.frequency_mhz, others)
         random = self._chance(f"switch {beam.fibers_passed}")
-        dark, lost = beam.members.copy(), photons
-        for out_port, passed in switch.cross(in_port, light, random).items():
-            dark &= ~passed.pulses
-            lost &= ~passed.photons
+        ways = list(switch.cross(in_port, light, random).items())
+        went = sum((passed.photons for _port, passed in ways), np.zeros_like(photons))
+        self._lose(block, photons & ~went, f"in {switch.name}")
+        if not ways:
+            self._absorb(beam)
+        noises = [_noise_of(block, others, passed.others) for _port, passed in ways]
+        for place, ((out_port, passed), noise) in enumerate(zip(ways, noises, strict=True)):
+            taken = self._stay if place + 1 == len(ways) else self._part
+            own = taken(block, passed, noise)
+            members = everything(photons.size)
             purpose = f"extras {out_port}"
-            further.thin(
-                self._layer.sabot, block, passed.pulses, passed.transmission, random, purpose
-            )
+            further.thin(self._layer.sabot, own, members, passed.transmission, random, purpose)
             if rotation := switch.rotation(in_port, out_port):
                 paulis = passed.pulses * np.uint8(rotation)
                 told = f"rotation of {switch.name}, {in_port} -> {out_port}"
-                self._layer.sabot.explain(block.register, told, paulis)
-                drift.reflect(block.pulses, paulis)
-            end = FiberEnd(switch.name, str(out_port))
+                self._layer.sabot.explain(own.register, told, paulis)
+                drift.reflect(own.pulses, paulis)
+            members = passed.pulses | further.lit(own)
             turn = beam.turn.behind(rotation) if beam.turn else None
             onward = replace(
-                beam, members=passed.pulses, rotation=beam.rotation ^ rotation, turn=turn
+                beam, block=own, members=members, rotation=beam.rotation ^ rotation, turn=turn
             )
-            self._enter(end, onward)
-        self._lose(lost, f"in {switch.name}")
-        further.darken(self._layer.sabot, block, dark)
+            self._enter(FiberEnd(switch.name, str(out_port)), onward)
+
+    def _part(self, block: Block, passed: Passed, noise: Noise) -> Block:
+        """Take the light that leaves by a port out of a block."""
+        layer, size = self._layer, _size_of_further(block)
+        part = replace(
+            block,
+            register=layer.sabot.part(block.register, passed.photons),
+            pulses=pulses.part_noise(block.pulses, noise),
+            further=further.part_of(layer.sabot, block, passed.others[:size]),
+        )
+        layer.ownership.add(part)
+        return part
+
+    def _stay(self, block: Block, passed: Passed, noise: Noise) -> Block:
+        """Let a block have no light but what leaves by a port, its own photons apart."""
+        block.pulses.extras = noise
+        if block.further is not None:
+            size = _size_of_further(block)
+            self._layer.sabot.lose(block.further.register, ~passed.others[:size])
+        return block
 
     def _enter(self, end: FiberEnd, beam: Beam) -> None:
         """Let a beam into the fibre that begins at a port, if there is one."""
         line = self._layer.network.line(end)
         if line is None or not line.passes(self._departure.frequency_mhz):
-            self._absorb(beam.members)
+            self._absorb(beam)
             return
         beam.delay_ps += line.delay_ps
         beam.fibers_passed += 1
@@ -227,7 +268,7 @@ class Flight:
 
     def _pass(self, beam: Beam, line: Line) -> None:
         """Let a fibre do to the light of a beam what its noise models say."""
-        block = self._block
+        block = beam.block
         schedule = self._departure.after(beam.delay_ps)
         width_rad_per_s = angular_width(block.pulses.bandwidth_nm)
         beam.dispersion_ps_per_nm += line.fiber.dispersion_ps_per_nm
@@ -242,9 +283,11 @@ class Flight:
             where_told = f"in the fibre to {line.far.port} of {line.far.node}"
             told = f"{type(model).__name__} {where_told}"
             if effect.lost is not None:
-                self._lose(effect.lost & beam.members, told)
+                self._lose(block, effect.lost & beam.members, told)
             if effect.transmission < 1:
-                pulses.thin(block.pulses, beam.members, effect.transmission, passage, "extras")
+                # Noise of other pulses may be in another fibre now, in the same places.
+                purpose = "extras" if block is self._block else f"extras to {line.far.node}"
+                pulses.thin(block.pulses, beam.members, effect.transmission, passage, purpose)
             if effect.paulis is not None:
                 paulis = effect.paulis * beam.members
                 self._layer.sabot.explain(block.register, told, paulis)
@@ -262,15 +305,42 @@ class Flight:
         block, photons = self._block, self._departure.pattern.photons
         return PhotonRandom(self._layer.draws, block.name, block.draws_for(place), photons)
 
-    def _absorb(self, members: Mask) -> None:
-        """Lose all the light of some pulses."""
-        self._lose(members, "nowhere to go")
-        further.darken(self._layer.sabot, self._block, members)
+    def _absorb(self, beam: Beam) -> None:
+        """Lose all the light of a beam."""
+        self._lose(beam.block, beam.members, "nowhere to go")
+        further.darken(self._layer.sabot, beam.block, beam.members)
+        self.ended.append(beam.block)
 
-    def _lose(self, photons: Mask, told: str) -> None:
+    def _lose(self, block: Block, photons: Mask, told: str) -> None:
         if np.count_nonzero(photons):
-            self._layer.sabot.explain(self._block.register, told, photons)
-            self.lost += self._layer.sabot.lose(self._block.register, photons)
+            self._layer.sabot.explain(block.register, told, photons)
+            self.lost += self._layer.sabot.lose(block.register, photons)
+
+
+def _is_lit(beam: Beam) -> bool:
+    return bool(np.count_nonzero(further.lit(beam.block)))
+
+
+def _size_of_further(block: Block) -> int:
+    return 0 if block.further is None else block.further.pulses.size
+
+
+def _others(block: Block) -> NDArray[np.int64]:
+    """Return the pulses of all light of a block beside own photons: further ones, then noise."""
+    places = np.zeros(0, np.int64) if block.further is None else block.further.pulses
+    if block.pulses.extras is None:
+        return places
+    noise = np.repeat(np.arange(block.register.size), block.pulses.extras)
+    return np.concatenate([places, noise])
+
+
+def _noise_of(block: Block, others: NDArray[np.int64], chosen: Mask) -> Noise:
+    """Return how many photons that are noise each pulse has, of those chosen of _others."""
+    if block.pulses.extras is None:
+        return None
+    size = _size_of_further(block)
+    counts = np.bincount(others[size:][chosen[size:]], minlength=block.register.size)
+    return counts.astype(np.uint8)
 
 
 def _effects(

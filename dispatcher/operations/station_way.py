@@ -58,8 +58,8 @@ class StationWay:
         """Return how likely light would leave it in switches with crosstalk, at most."""
         stays = 1.0
         for crossing in self.crossings:
-            crosstalk_db = crossing.switch.config.crosstalk_db
-            stays *= 1.0 if crosstalk_db is None else 1 - 10 ** (-crosstalk_db / 10)
+            if len(crossing.switch.timeline.connections) > 1:  # else it is lost in a dark port
+                stays *= 1 - crossing.switch.crosstalk
         return 1 - stays
 
     @property

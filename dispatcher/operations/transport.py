@@ -4,7 +4,6 @@ import asyncio
 from collections.abc import Callable, Sequence
 
 import grpc
-import numpy as np
 
 from dispatcher.devices import hardware
 from dispatcher.fiber.noise import Pattern
@@ -145,31 +144,18 @@ class Transport:
         layer = self._layer
         left, landed = True, False
         while left and (arrival := await flight.next_arrival(layer.clock)):
-            left = bool(np.count_nonzero(further.lit(block) & ~arrival.members))
-            landed_block = self._part(block, arrival) if left else block
-            self._land(landed_block, arrival)
-            layer.software.light(end.node, flight.start_ns, arrival.end.node, landed_block.last_ns)
-            landed = True
+            self._land(arrival.block, arrival)
+            last_ns = arrival.block.last_ns
+            layer.software.light(end.node, flight.start_ns, arrival.end.node, last_ns)
+            left, landed = flight.has_light, True
         layer.photons_lost += flight.lost
+        for dark in flight.give_up():
+            layer.drop(dark)
         if left:
-            layer.drop(block)
             self._wake(block.name)
             await layer.clock.wait_until(flight.known_ns)
         if not landed:
             layer.record(end.node, "dark", block, end.port, "no light came out")
-
-    def _part(self, block: Block, arrival: Arrival) -> Block:
-        layer = self._layer
-        register = layer.sabot.part(block.register, arrival.members)
-        own = pulses.part(block.pulses, arrival.members)
-        part = Block(block.name, register, "", pulses=own)
-        part.further = further.part(layer.sabot, block, arrival.members)
-        part.interval_ns, part.stores = block.interval_ns, block.stores
-        part.way_ps, part.retimed = block.way_ps, block.retimed
-        part.lineage, part.resends, part.gates = block.lineage, block.resends, block.gates
-        part.maker = block.maker
-        layer.ownership.add(part)
-        return part
 
     def _land(self, block: Block, arrival: Arrival) -> None:
         """Put what has arrived at the port, and tell those who wait for it."""
@@ -210,6 +196,9 @@ class Transport:
         layer.recall(there)
         for part in (there, block):
             drift.twirl_turn(part, layer.sabot, layer.draws)
+        if (further.lit(there) & further.lit(block)).any():  # angles are of pulses
+            for part in (there, block):
+                drift.twirl(part, layer.sabot, layer.draws)
         pulses.unite(there.pulses, block.pulses, further.lit(block))
         layer.sabot.unite(there.register, block.register)
         further.unite(layer.sabot, there, block)

@@ -1,6 +1,7 @@
 """The optics of one quantum switch: what becomes of the light that comes to one of its ports.
 
-    in_port: filter -> path that was open then (or, by crosstalk, another output in use)
+    in_port: filter -> path that was open then (or, by crosstalk, each photon by itself, another
+                       output in use; where there is none, a dark port, in which it is lost)
              -> loss of the path, more if hot -> attenuator and filter of the output
 
 Everything that changes is kept over time, because light is resolved when it has passed.
@@ -34,14 +35,23 @@ class Light:
     photons: Mask  # of those, the ones whose own photon is there
     times_ns: Times
     frequency_mhz: int
+    others: NDArray[np.int64]  # the pulses of photons beside the own ones, shape (m,)
+
+
+class Leaving(NamedTuple):
+    """Light that is about to leave by a port."""
+
+    pulses: Mask  # shape (k,)
+    others: Mask  # of the photons beside the own ones, shape (m,)
 
 
 class Passed(NamedTuple):
     """Light that leaves by a port."""
 
-    pulses: Mask  # that took this path
+    pulses: Mask  # whose own photon, if there is one, took this path
     photons: Mask  # of those, the ones whose own photon has come through
     transmission: float | NDArray[np.float64]  # of light in these pulses, shape () or (k,)
+    others: Mask  # which photons beside the own ones took this path, shape (m,); all pass so far
 
 
 class Channel(NamedTuple):
@@ -116,25 +126,26 @@ class OpticalSwitch:
         return self.config.rotation if path is None else path.rotation
 
     def cross(self, in_port: int, light: Light, random: PhotonRandom) -> dict[int, Passed]:
-        """Return what leaves by which port, and count the photons; all other light is lost.
-
-        Photons that stray take all the light of their pulse with them.
-        """
-        times_ns = light.times_ns
+        """Return what leaves by which port, and count the own photons; all other light is lost."""
+        times_ns, others = light.times_ns, light.others
         entered = self._filtered(light.pulses, in_port, light)
         met = list(self.timeline.passages(in_port, times_ns))
-        leaving = _route(met, entered)
+        leaving = {
+            out_port: Leaving(pulses, pulses[others])
+            for out_port, pulses in _route(met, entered).items()
+        }
         if self.config.crosstalk_db is not None:
-            leaving = self._stray(leaving, times_ns, random)
+            leaving = self._stray(leaving, light, random)
         passed = {}
-        for out_port, pulses in leaving.items():
-            pulses = self._filtered(pulses, out_port, light, leaving=True)
+        for out_port, (pulses, rest) in leaving.items():
+            leaves = self._filtered(np.ones_like(pulses), out_port, light, leaving=True)
+            pulses, rest = pulses & leaves, rest & leaves[others]
             loss_db = self._loss_db(in_port, out_port, times_ns)
             transmission = 10 ** (-loss_db / 10)
             photons = pulses & light.photons
             if loss_db.any() if isinstance(loss_db, np.ndarray) else loss_db:
                 photons &= random.happens("pass", transmission)
-            passed[out_port] = Passed(pulses, photons, transmission)
+            passed[out_port] = Passed(pulses, photons, transmission, rest)
         self._count(in_port, light, passed, met)
         return passed
 
@@ -143,11 +154,11 @@ class OpticalSwitch:
     ) -> NDArray[np.float64]:
         """Return how likely a photon of this colour passes a path that is open, shape (k,)."""
         everything = np.ones(len(times_ns), dtype=bool)
-        light = Light(everything, everything, times_ns, frequency_mhz)
+        light = Light(everything, everything, times_ns, frequency_mhz, np.zeros(0, np.int64))
         passes = self._filtered(everything, in_port, light)
         passes = self._filtered(passes, out_port, light, leaving=True)
         loss_db = np.asarray(self._loss_db(in_port, out_port, times_ns))
-        return passes * 10 ** (-loss_db / 10)
+        return passes * 10 ** (-loss_db / 10) * (1 - self.crosstalk)
 
     def count_through(self, in_port: int, out_port: int, came: int, left: int) -> None:
         """Count photons that came by one port, and those of them that left by another."""
@@ -168,6 +179,12 @@ class OpticalSwitch:
         return self.timeline.circuits(now_ns)
 
     @property
+    def crosstalk(self) -> float:
+        """How likely a photon leaves its path."""
+        crosstalk_db = self.config.crosstalk_db
+        return 0.0 if crosstalk_db is None else float(10 ** (-crosstalk_db / 10))
+
+    @property
     def _is_hot(self) -> bool:
         return self.temperature_c > self.config.max_temperature_c
 
@@ -183,26 +200,37 @@ class OpticalSwitch:
         return pulses if passes else np.zeros_like(pulses)
 
     def _stray(
-        self, leaving: dict[int, Mask], times_ns: Times, random: PhotonRandom
-    ) -> dict[int, Mask]:
-        """Let some light leave by another output that was in use just then, any alike."""
-        assert self.config.crosstalk_db is not None
-        drawn = random.happens("crosstalk", 10 ** (-self.config.crosstalk_db / 10))
-        in_use = self.timeline.outputs_in_use(times_ns)
+        self, leaving: Mapping[int, Leaving], light: Light, random: PhotonRandom
+    ) -> dict[int, Leaving]:
+        """Let photons leave by another output that was in use just then, any alike, or be lost.
+
+        Each strays by itself. Light that strays where no other output is in use leaves by a dark
+        port, behind which nobody is.
+        """
+        size, chance = light.pulses.size, self.crosstalk
+        several = random.at("others").beside(light.others.size)
+        drawn = random.happens("crosstalk", chance), several.happens("crosstalk", chance)
+        where = random.uniform("wrong output"), several.uniform("wrong output")
+        strays, wheres = np.concatenate(drawn), np.concatenate(where)
+        pulses = np.concatenate([np.arange(size), light.others])
+        in_use = self.timeline.outputs_in_use(light.times_ns)
         outputs = sorted(in_use)
         open_then = np.array([in_use[port] for port in outputs]).reshape(len(outputs), -1)
-        result = {port: photons.copy() for port, photons in leaving.items()}
-        for out_port, photons in leaving.items():
-            strays = np.flatnonzero(photons & drawn)
-            wrong = open_then[:, strays]
+        result: dict[int, Mask] = {}
+        for out_port, own in leaving.items():
+            photons = np.concatenate(own)
+            _add(result, out_port, photons & ~strays)
+            away = np.flatnonzero(photons & strays)
+            wrong = open_then[:, pulses[away]]
             wrong[outputs.index(out_port)] = False
-            strays, wrong = strays[wrong.any(axis=0)], wrong[:, wrong.any(axis=0)]
-            chosen = _choose(wrong, random.uniform("wrong output")[strays])
-            result[out_port][strays] = False
+            elsewhere = wrong.any(axis=0)
+            away, wrong = away[elsewhere], wrong[:, elsewhere]
+            chosen = _choose(wrong, wheres[away])
             for row in np.unique(chosen):
-                mask = result.setdefault(outputs[row], np.zeros(len(photons), dtype=bool))
-                mask[strays[chosen == row]] = True
-        return result
+                mask = np.zeros(photons.size, dtype=bool)
+                mask[away[chosen == row]] = True
+                _add(result, outputs[row], mask)
+        return {port: Leaving(mask[:size], mask[size:]) for port, mask in result.items()}
 
     def _loss_db(self, in_port: int, out_port: int, times_ns: Times) -> float | NDArray[np.float64]:
         path = self._paths.get((in_port, out_port), self.config)
@@ -225,6 +253,11 @@ class OpticalSwitch:
         for part, interval in met:
             counted = passed[interval.out_port].photons[part]
             interval.circuit.count(counted, light.times_ns, part.start)
+
+
+def _add(result: dict[int, Mask], out_port: int, photons: Mask) -> None:
+    """Let more photons leave by a port."""
+    result[out_port] = result.get(out_port, False) | photons
 
 
 def _route(met: Sequence[Met], photons: Mask) -> dict[int, Mask]:

@@ -40,7 +40,7 @@ class QuantumSwitch:
     # Of what leaves it, X, Y and Z each with p/4.
     depolarizing: float = parameter(0.0, 0.0, 1.0)
     paths: list[PathOptics] = field(default_factory=list)  # that differ from the rest
-    # None: none; else a photon strays with 10^(-dB/10).
+    # None: none; else a photon strays with 10^(-dB/10), into an output in use or a dark port.
     crosstalk_db: float | None = parameter(None, *LOSS_DB)
     temperature_c: float = parameter(25.0, *TEMPERATURE_C)
     max_temperature_c: float = parameter(60.0, *TEMPERATURE_C)

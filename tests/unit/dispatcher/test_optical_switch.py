@@ -265,12 +265,17 @@ def test_crosstalk_sends_photons_to_other_outputs_in_use(tmp_path: Path) -> None
     play(optics(tmp_path, crosstalk_db=10.0), scene)
 
 
-def test_a_lonely_path_has_no_crosstalk(tmp_path: Path) -> None:
+def test_a_lonely_path_loses_its_crosstalk_into_dark_ports(tmp_path: Path) -> None:
     async def scene(bench: Bench) -> None:
         await bench.switch.connect((1, 3))
-        assert await clicks(bench, 1000, 0) == 1000
+        count = 40_000
+        left = await clicks(bench, count, 0)
+        assert within(left, count, 0.9)
+        statistics = await bench.switch.statistics()
+        assert port(statistics, 1) == (count, 0, count - left)
+        assert port(statistics, 4) == (0, 0, 0)
 
-    play(optics(tmp_path, crosstalk_db=0.0), scene)
+    play(optics(tmp_path, crosstalk_db=10.0), scene)
 
 
 def test_a_stray_photon_undergoes_the_path_that_it_really_takes(tmp_path: Path) -> None:
