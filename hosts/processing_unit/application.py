@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Qnic, release
 from hosts.middleware.session.errors import SessionError
-from hosts.network_loop import now_s
 from hosts.processing_unit.machine import Machine
 from hosts.processing_unit.measuring import choose, measurement, read_use, read_word
 from hosts.processing_unit.memory import MOST, Value
-from hosts.processing_unit.pairs import PairMaking
+from hosts.processing_unit.pairs import Made, PairMaking
 from hosts.processing_unit.qubits import Qubits
 from wire.metadata.vocabulary import Reason
 from wire.netqasm.messages import OpenSocket, ReturnedArray, ReturnedRegister
@@ -47,14 +46,31 @@ class Request:
     pairs: int
     qubits: int | None  # address of the array of their numbers
     into: int  # address of the array of what is told of them
-    asked_s: float
     received: bool  # not created here
     made: int = 0  # pairs so far
+    light_us: int = 0  # that these have taken
 
     @property
     def left(self) -> int:
         """The number of pairs that are still to come."""
         return self.pairs - self.made
+
+    def add(self, made: Made) -> list["Half"]:
+        """Count more pairs; return their halves."""
+        self.light_us += made.light_us
+        places = enumerate(made.blocks, self.made)
+        self.made += len(made.blocks)
+        return [Half(self, place, block, self.light_us) for place, block in places]
+
+
+@dataclass(frozen=True)
+class Half:
+    """One end of a pair, by its place in a request."""
+
+    request: Request
+    place: int
+    block: BlockName
+    lasted_us: int  # from the begin of the request's light on
 
 
 class Application:
@@ -79,7 +95,7 @@ class Application:
         self._requests: dict[asyncio.Task[None], Request] = {}
         self._failure: BaseException | None = None
         self._changed = asyncio.Event()
-        self._homeless: list[tuple[Request, int, BlockName]] = []  # pairs without a number yet
+        self._homeless: list[Half] = []  # without a number yet
 
     def open_socket(self, message: OpenSocket) -> None:
         """Let pairs be asked for between a socket here and one there."""
@@ -118,7 +134,7 @@ class Application:
                 f"{pairs} pairs, of which {told} numbers are to be told: ask for 1 to {MAX_PAIRS}, "
                 f"with {FIELDS} numbers for each"
             )
-        request = Request(node, socket, pairs, qubits, into, now_s(), words is None)
+        request = Request(node, socket, pairs, qubits, into, words is None)
         work = self._receive(request) if words is None else self._create(request, words)
         task = asyncio.create_task(self._in_turn(request, work))
         self._requests[task] = request
@@ -146,64 +162,62 @@ class Application:
         remote = self._nodes[request.node]
         while request.left:
             rest = replace(asked, pairs=request.left)
-            blocks = await self._making.create(rest, remote, self._qubits)
+            halves = request.add(await self._making.create(rest, remote, self._qubits))
             if use == Use.KEEP:
-                self._keep(request, blocks)
+                self._keep(halves)
             else:
-                await self._measure(request, blocks, use, ours)
+                await self._measure(halves, use, ours)
 
     async def _receive(self, request: Request) -> None:
         remote_socket = self._sockets[request.node, request.socket]
         key = self._nodes[request.node], request.socket, remote_socket
         while request.left:
             can_keep = self._can_keep(request)
-            asked, blocks = await self._making.receive(key, request.left, can_keep, self._qubits)
+            asked, made = await self._making.receive(key, request.left, can_keep, self._qubits)
+            halves = request.add(made)
             if asked.use == Use.MEASURE:
-                await self._measure(request, blocks, asked.use, asked.receiver)
+                await self._measure(halves, asked.use, asked.receiver)
             else:
-                self._keep(request, blocks)
+                self._keep(halves)
 
     def _can_keep(self, request: Request) -> bool:
         """Return whether as many numbers of qubits are named as pairs."""
         return len(self._machine.memory.entries(request.qubits)) == request.pairs
 
-    def _keep(self, request: Request, blocks: list[BlockName]) -> None:
-        places = enumerate(blocks, request.made)
-        self._homeless += [(request, place, block) for place, block in places]
-        request.made += len(blocks)
+    def _keep(self, halves: list[Half]) -> None:
+        self._homeless += halves
         self._settle()
 
     def _settle(self) -> None:
         """Give pairs the numbers that the application wants, as soon as these are free."""
         waiting, self._homeless = self._homeless, []
         taken = set()
-        for request, place, block in waiting:
-            assert request.qubits is not None
-            number = self._machine.memory.entry(request.qubits, place)
+        for half in waiting:
+            assert half.request.qubits is not None
+            number = self._machine.memory.entry(half.request.qubits, half.place)
             if not isinstance(number, int):
                 raise _refused("the number of a qubit for a pair is not known yet")
             if number in taken or number in self._qubits:
-                self._homeless.append((request, place, block))
+                self._homeless.append(half)
                 taken.add(number)
             else:
-                self._qubits.place(number, block)
-                self._tell(request, place, Use.KEEP, number)
+                self._qubits.place(number, half.block)
+                self._tell(half, Use.KEEP, number)
 
-    async def _measure(
-        self, request: Request, blocks: list[BlockName], use: Use, how: Measuring
-    ) -> None:
-        bases = choose(how, len(blocks), self._draws)
+    async def _measure(self, halves: list[Half], use: Use, how: Measuring) -> None:
+        bases = choose(how, len(halves), self._draws)
+        blocks = [half.block for half in halves]
         outcomes = await self._qnic.process(measurement(blocks, how, bases))
         if NO_CLICK in outcomes:
             text = "no detector has clicked for half of a pair: take one of efficiency 1"
             raise SessionError(Reason.HARDWARE, text)
-        for place, found in enumerate(zip(outcomes, bases, strict=True), request.made):
-            self._tell(request, place, use, *found)
-        request.made += len(blocks)
+        for half, *found in zip(halves, outcomes, bases, strict=True):
+            self._tell(half, use, *found)
 
-    def _tell(self, request: Request, place: int, use: Use, found: int, *basis: int) -> None:
-        """Tell of a pair as NetQASM lays it out: its number, or outcome and basis."""
-        lasted_us = min(round((now_s() - request.asked_s) * 1e6), MOST)
+    def _tell(self, half: Half, use: Use, found: int, *basis: int) -> None:
+        """Write the facts of a pair as NetQASM lays them out: its number, or outcome and basis."""
+        request, place = half.request, half.place
+        lasted_us = min(half.lasted_us, MOST)
         head = [use.value, 0, found, *basis, int(request.received), place, request.socket]
         row = [*head, request.node, lasted_us]
         row += [0] * (FIELDS - 1 - len(row)) + [PHI_PLUS]

@@ -5,7 +5,9 @@ PairRequest ------------------------------------->  waits until its application 
    <----------------------- READY, port, how many now
 session of `distribute`, to that port <---------->  light, as the controller grants it
 (or of `swap`, where repeaters are between them)
-both take the pairs out of the session, which ends then; the creator requests those left
+both take the pairs out of the session, which ends then
+PairsMade ----------------------------------------> how long their light has lasted
+the creator requests the pairs that are left
 """
 
 import asyncio
@@ -15,7 +17,8 @@ from collections.abc import Awaitable, Callable, Mapping
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field, replace
 from itertools import count
-from typing import Any
+from math import ceil
+from typing import Any, NamedTuple
 
 from hosts.hardware.operations import BlockName, Kind, Operation
 from hosts.hardware.qnic import HardwareError, Qnic
@@ -25,10 +28,10 @@ from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.session import OpeningSession
 from hosts.network_loop import now_s, wall_sleep
 from hosts.pauses import growing_pauses
+from hosts.processing_unit.agreement import Agreement, reported_light_us
 from hosts.processing_unit.qubits import Qubits
 from hosts.timeouts import (
     ANSWER_TIMEOUT_S,
-    CONNECT_TIMEOUT_S,
     FREE_TIMEOUT_S,
     MAX_BLOCK_S,
     WANTED_TIMEOUT_S,
@@ -37,14 +40,13 @@ from wire.config import HostConfig
 from wire.malformed import MalformedPacket
 from wire.metadata.vocabulary import Reason
 from wire.netqasm.pair_requests import (
-    ANSWER,
-    PAIRS_PORT,
+    MADE,
+    MAX_LIGHT_US,
     REQUEST,
     PairAnswer,
     PairRequest,
     Use,
     Verdict,
-    decode_answer,
     decode_request,
 )
 
@@ -55,12 +57,6 @@ BLOCK_PAIRS = 16_384
 FIRST_PORT, LAST_PORT = 49_152, 65_535  # of sessions with pairs
 MOST_WAITING = 64  # units that want something of this one, at a time
 CREATOR, RECEIVER = 0, 1  # halves of the pairs
-REFUSALS = {
-    Verdict.NOBODY: f"has not asked to receive them in {WANTED_TIMEOUT_S:g} s: does its program "
-    "open the same sockets, receive as many pairs, and does it still run?",
-    Verdict.OTHER_USE: "has named no qubits to keep them in: let both ends use them alike",
-}
-
 Key = tuple[str, int, int]  # the creator's node, the receiver's socket, the creator's socket
 
 
@@ -96,6 +92,13 @@ class Arriving:
         self.ended.set()
 
 
+class Made(NamedTuple):
+    """One end's halves of pairs, and how long the light of a source lasts that makes them."""
+
+    blocks: list[BlockName]
+    light_us: int
+
+
 @dataclass(frozen=True)
 class Sessions:
     """How sessions are opened and accepted on this host."""
@@ -112,7 +115,7 @@ class Wanted:
     pairs: int
     can_keep: bool
     qubits: Qubits
-    came: "asyncio.Future[tuple[PairRequest, list[BlockName]]]" = field(
+    came: "asyncio.Future[tuple[PairRequest, Made]]" = field(
         default_factory=lambda: asyncio.get_running_loop().create_future()
     )
 
@@ -144,18 +147,20 @@ class PairMaking:
         self._waiting = 0
         self._ways: dict[str, str] = {}  # services by node, of those that light does not reach
 
-    async def create(self, request: PairRequest, remote: str, qubits: Qubits) -> list[BlockName]:
+    async def create(self, request: PairRequest, remote: str, qubits: Qubits) -> Made:
         """Return this end's halves of new pairs with a node, as many as that wants now.
 
         Wait for light that others use. Raise SessionError if there are no pairs.
         """
-        async with Agreement(request, remote, self._nodes[remote]) as (port, pairs):
-            request = replace(request, pairs=pairs)
+        async with Agreement(request, remote, self._nodes[remote]) as agreement:
+            request, port = replace(request, pairs=agreement.pairs), agreement.port
             deadline_s = now_s() + FREE_TIMEOUT_S
             pauses = growing_pauses(f"{self.node} {remote} {port}")
             while True:
                 try:
-                    return await self._distribute(request, remote, port, qubits)
+                    made = await self._distribute(request, remote, port, qubits)
+                    agreement.report(made.light_us)
+                    return made
                 except SessionError as error:
                     left_s = deadline_s - now_s()
                     if error.reason != Reason.BUSY or left_s <= 0:
@@ -164,7 +169,7 @@ class PairMaking:
 
     async def receive(
         self, key: Key, pairs: int, can_keep: bool, qubits: Qubits
-    ) -> tuple[PairRequest, list[BlockName]]:
+    ) -> tuple[PairRequest, Made]:
         """Return a request of another node, and this end's halves of at most so many pairs."""
         wanted = Wanted(pairs, can_keep, qubits)
         self._wanted[key].append(wanted)
@@ -199,16 +204,19 @@ class PairMaking:
         self, request: PairRequest, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> None:
         """Tell a creator when pairs are wanted here, and take them in; unless it goes before."""
-        gone = asyncio.create_task(reader.read(1))
-        serving = asyncio.create_task(self._provide(request, writer))
-        await asyncio.wait([gone, serving], return_when=asyncio.FIRST_COMPLETED)
-        for task in (gone, serving):
-            task.cancel()
-        await asyncio.gather(gone, return_exceptions=True)
+        end = asyncio.create_task(reader.readexactly(MADE.size))
+        serving = asyncio.create_task(self._provide(request, writer, end))
+        await asyncio.wait([end, serving], return_when=asyncio.FIRST_COMPLETED)
+        if end.done() and end.exception() is not None:
+            serving.cancel()
         with suppress(asyncio.CancelledError):
             await serving
+        end.cancel()
+        await asyncio.gather(end, return_exceptions=True)
 
-    async def _provide(self, request: PairRequest, writer: asyncio.StreamWriter) -> None:
+    async def _provide(
+        self, request: PairRequest, writer: asyncio.StreamWriter, end: "asyncio.Task[bytes]"
+    ) -> None:
         key = request.creator, request.receiver_socket, request.creator_socket
         try:
             async with asyncio.timeout(WANTED_TIMEOUT_S), self._changed:
@@ -227,6 +235,7 @@ class PairMaking:
                     f"{request.pairs} pairs, {request.use.name.lower()}",
                 )
             blocks = await self._arrived(request, wanted, writer)
+            made = Made(blocks, await reported_light_us(end))
         except (SessionError, HardwareError) as error:
             wanted.fail(error)
         except asyncio.CancelledError:
@@ -235,7 +244,7 @@ class PairMaking:
             raise
         else:
             if not wanted.came.done():  # the application may have gone meanwhile
-                wanted.came.set_result((request, blocks))
+                wanted.came.set_result((request, made))
 
     async def _arrived(
         self, request: PairRequest, wanted: Wanted, writer: asyncio.StreamWriter
@@ -254,20 +263,20 @@ class PairMaking:
 
     async def _distribute(
         self, request: PairRequest, remote: str, port: int, qubits: Qubits
-    ) -> list[BlockName]:
+    ) -> Made:
         """Have pairs made, by repeaters where no light goes there; take this end's halves."""
         try:
             return await self._make(self._ways.get(remote, DIRECT), request, remote, port, qubits)
         except SessionError as error:
             if error.reason != Reason.NO_PATH or remote in self._ways:
                 raise
-        blocks = await self._make(SWAPPED, request, remote, port, qubits)
+        made = await self._make(SWAPPED, request, remote, port, qubits)
         self._ways[remote] = SWAPPED
-        return blocks
+        return made
 
     async def _make(
         self, service: str, request: PairRequest, remote: str, port: int, qubits: Qubits
-    ) -> list[BlockName]:
+    ) -> Made:
         """Have pairs made by a service, and take this end's halves."""
         ends = self.node, remote
         fields = {
@@ -292,7 +301,7 @@ class PairMaking:
                 raise
             finally:
                 await session.close()
-            return blocks
+            return Made(blocks, self._lasted_us(session.summary))
 
     async def _take(self, session: int, half: int, pairs: int, qubits: Qubits) -> list[BlockName]:
         """Take photons out of a session, one by one, into blocks of an application's own."""
@@ -306,6 +315,11 @@ class PairMaking:
         )
         return taken
 
+    def _lasted_us(self, summary: dict[str, Any]) -> int:
+        """Return how long light with all pairs, or all attempts at heralds, of a session lasts."""
+        emitted: int = max(summary["emitted"], summary.get("attempts", 0))
+        return min(ceil(emitted * 1e6 / self._rate_hz), MAX_LIGHT_US)
+
     def _forget(self, key: Key, wanted: Wanted) -> None:
         with suppress(ValueError):  # taken up already
             self._wanted[key].remove(wanted)
@@ -313,54 +327,5 @@ class PairMaking:
             del self._wanted[key]
 
 
-class Agreement:
-    """The connection to another unit, as long as it is to know that pairs come."""
-
-    def __init__(self, request: PairRequest, remote: str, address: str) -> None:
-        self._request, self._remote, self._address = request, remote, address
-        self._writer: asyncio.StreamWriter | None = None
-
-    async def __aenter__(self) -> tuple[int, int]:
-        """Ask for pairs; return to which port, and how many, once some are wanted there."""
-        try:
-            async with asyncio.timeout(CONNECT_TIMEOUT_S):
-                reader, self._writer = await asyncio.open_connection(self._address, PAIRS_PORT)
-        except OSError as error:  # TimeoutError is one
-            raise SessionError(
-                Reason.NO_ANSWER,
-                f"the processing unit of {self._remote} ({self._address}) does not answer on port "
-                f"{PAIRS_PORT} ({str(error) or f'nothing in {CONNECT_TIMEOUT_S:g} s'}); is it up?",
-            ) from error
-        self._writer.write(self._request.encode())
-        try:
-            async with asyncio.timeout(WANTED_TIMEOUT_S + ANSWER_TIMEOUT_S):
-                answer = decode_answer(await reader.readexactly(ANSWER.size))
-        except (OSError, asyncio.IncompleteReadError, MalformedPacket) as error:
-            self._writer.close()
-            text = (
-                f"the processing unit of {self._remote} has not answered: {str(error) or 'timeout'}"
-            )
-            raise SessionError(_reason_of(error), text) from error
-        wanted = f"{self._request.pairs} pairs with {self._remote}: the other end"
-        if answer.verdict != Verdict.READY:
-            self._writer.close()
-            raise SessionError(Reason.UNSUPPORTED, f"{wanted} {REFUSALS[answer.verdict]}")
-        if answer.pairs > self._request.pairs:
-            self._writer.close()
-            raise SessionError(Reason.PROTOCOL, f"{wanted} accepts {answer.pairs}")
-        return answer.port, answer.pairs
-
-    async def __aexit__(self, *_exception: object) -> None:
-        assert self._writer is not None
-        self._writer.close()
-
-
 async def _unsaid(**_result: Any) -> None:
     """Tell nobody how far a service is."""
-
-
-def _reason_of(error: Exception) -> Reason:
-    """Return why there is no answer."""
-    if isinstance(error, MalformedPacket):
-        return Reason.PROTOCOL
-    return Reason.NO_ANSWER if isinstance(error, TimeoutError) else Reason.PEER_GONE

@@ -400,6 +400,9 @@ TARGETS: dict[str, Target] = {
         pair_requests.decode_answer,
         lambda a: a.encode(),
     ),
+    "NetQASM, pairs made": Target(
+        [pair_requests.PairsMade(7).encode()], pair_requests.decode_made, lambda m: m.encode()
+    ),
 } | {
     name: Target(
         [kind(*range(1, count + 1)).encode()], kind.decode, lambda p: p.encode(), canonical=False

@@ -3,6 +3,7 @@
 creator's unit                       receiver's unit, TCP port PAIRS_PORT
 PairRequest                      ->
                                  <-  PairAnswer, once the application there wants some of them
+PairsMade, when these are there  ->
 
 The pairs that the answer counts come with a session of the service `distribute`, to its port. The
 creator requests the others again.
@@ -20,7 +21,9 @@ MAGIC = b"QE"
 VERSION = 2
 REQUEST = struct.Struct("!2sB32siiIBB3BB")
 ANSWER = struct.Struct("!2sBBHI")
+MADE = struct.Struct("!2sBI")
 MAX_PAIRS = 4096  # in a request
+MAX_LIGHT_US = (1 << 31) - 1  # as NetQASM's registers hold it
 
 
 class Use(IntEnum):
@@ -114,3 +117,23 @@ def decode_answer(data: bytes) -> PairAnswer:
     if pairs > MAX_PAIRS or (verdict == Verdict.READY) != (pairs > 0):
         raise MalformedPacket(f"{pairs} pairs in an answer to a request: {data.hex()}")
     return PairAnswer(Verdict(verdict), port, pairs)
+
+
+class PairsMade(NamedTuple):
+    """The pairs are at both ends; their light has lasted so long."""
+
+    light_us: int
+
+    def encode(self) -> bytes:
+        """Return the bytes of the message."""
+        return MADE.pack(MAGIC, VERSION, *self)
+
+
+def decode_made(data: bytes) -> PairsMade:
+    """Return the message; raise MalformedPacket for anything else."""
+    if len(data) != MADE.size:
+        raise MalformedPacket(f"{len(data)} bytes about pairs that are made, not {MADE.size}")
+    magic, version, light_us = MADE.unpack(data)
+    if (magic, version) != (MAGIC, VERSION) or light_us > MAX_LIGHT_US:
+        raise MalformedPacket(f"no message about pairs that are made: {data.hex()}")
+    return PairsMade(light_us)

@@ -18,8 +18,7 @@ from netqasm_scene import EXAMPLES, outputs
 from stacks_scene import DEADLINE_S, network
 
 from hosts import network_loop
-from hosts.processing_unit import machine
-from hosts.processing_unit import pairs as pairs_module
+from hosts.processing_unit import machine, pairs
 from hosts.stack_socket import QuantumSocketError
 from wire.socket_calls import HEADER, Call, decode_fields, decode_header, encode, encode_fields
 
@@ -284,7 +283,7 @@ def test_pairs_are_counted_one_by_one_at_both_ends(
 def test_pairs_that_the_other_end_does_not_receive_are_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pairs_module, "WANTED_TIMEOUT_S", 1.0)
+    monkeypatch.setattr(pairs, "WANTED_TIMEOUT_S", 1.0)
 
     def wants_more(app_config: Any = None) -> str:
         with pytest.raises(QuantumSocketError) as caught:
@@ -331,6 +330,61 @@ def test_a_gate_waits_for_a_pair_on_its_way(tmp_path: Path, early: str) -> None:
     assert told["alice"][0] == told["bob"][0]
     for _outcome, mixed in told.values():
         assert np.allclose(mixed, np.eye(2) / 2)
+
+
+def test_a_pair_takes_as_long_as_its_light_at_both_ends(tmp_path: Path) -> None:
+    """A source of 50 MHz makes 2,000 pairs in 40 us, and those of a margin: twice as many at most.
+
+    The last pair of a request in two portions comes after the light of both.
+    """
+
+    def durations(role: str, peer: str, creates: bool, portions: list[int]) -> Any:
+        def program(app_config: Any = None) -> list[int]:
+            pairs_of = EPRSocket(peer)
+            with connection(role, app_config, epr_sockets=[pairs_of]):
+                asked = pairs_of.create_measure if creates else pairs_of.recv_measure
+                told = [asked(number)[-1] for number in portions]
+            return [int(each.generation_duration) for each in told]
+
+        return program
+
+    programs = {
+        "alice": durations("alice", "bob", True, [2000, 1000, 1000]),
+        "bob": durations("bob", "alice", False, [2000, 2000]),
+    }
+    (told,) = outputs(tmp_path, programs, TWO)
+    first, second, third = told["alice"]
+    assert 40 <= first <= 80
+    assert 20 <= second <= 40
+    assert told["bob"] == [first, second + third]
+
+
+@pytest.mark.parametrize("sequential", [False, True])
+def test_pairs_that_are_good_enough_at_the_end_are_kept(tmp_path: Path, sequential: bool) -> None:
+    """The SDK turns a fidelity of 95 % into 14.5 ms at most: light of two pairs takes 1 us."""
+
+    def program(role: str, peer: str, creates: bool) -> Any:
+        def run(app_config: Any = None) -> list[int]:
+            pairs_of = EPRSocket(peer)
+            with connection(role, app_config, epr_sockets=[pairs_of]) as unit:
+                asked = pairs_of.create_keep if creates else pairs_of.recv_keep
+                outcomes = unit.new_array(2)
+
+                def measure(_unit: Any, half: Any, number: Any) -> None:
+                    half.measure(future=outcomes.get_future_index(number))
+
+                words = {"sequential": True, "post_routine": measure} if sequential else {}
+                halves = asked(number=2, min_fidelity_all_at_end=95, max_tries=3, **words)
+                if not sequential:
+                    outcomes = [half.measure() for half in halves]
+                unit.flush()
+                return [int(outcomes[0]), int(outcomes[1])]
+
+        return run
+
+    programs = {"alice": program("alice", "bob", True), "bob": program("bob", "alice", False)}
+    told = outputs(tmp_path, programs, TWO, rounds=4)
+    assert [each["alice"] for each in told] == [each["bob"] for each in told]
 
 
 def said(folder: Path, *messages: bytes) -> str:

@@ -28,10 +28,12 @@ from wire.netqasm.pair_requests import (
     Measuring,
     PairAnswer,
     PairRequest,
+    PairsMade,
     RandomBasis,
     Use,
     Verdict,
     decode_answer,
+    decode_made,
     decode_request,
 )
 from wire.netqasm.subroutine import (
@@ -236,6 +238,15 @@ def test_answers_to_requests_for_pairs() -> None:
     for wrong in (*(data[:length] for length in range(len(data))), data + b"\0"):
         with pytest.raises(MalformedPacket):
             decode_answer(wrong)
+
+
+def test_the_light_of_pairs_that_are_made_has_these_bytes() -> None:
+    data = bytes.fromhex("5145 02 0000012c")
+    assert PairsMade(300).encode() == data
+    assert decode_made(data) == PairsMade(300)
+    for wrong in (*(data[:length] for length in range(len(data))), data[:-4] + b"\x80\0\0\0"):
+        with pytest.raises(MalformedPacket):
+            decode_made(wrong)
 
 
 def test_greetings_and_texts_come_back_and_nothing_else_does() -> None:
