@@ -99,7 +99,22 @@ class NewFacts:
 
 
 def read_record(folder: Path) -> list[dict[str, Any]]:
-    """Return the facts that are kept, oldest first; a line still being written is left out."""
+    """Return the facts that are kept, oldest first; a line still being written is left out.
+
+    Raise MalformedPacket for what is not a fact.
+    """
     files = (folder / f"{RECORD}{EARLIER}", folder / RECORD)
-    text = "".join(file.read_text() for file in files if file.exists())
-    return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
+    data = b"".join(file.read_bytes() for file in files if file.exists())
+    return [_fact(line, folder) for line in data[: data.rfind(b"\n") + 1].splitlines()]
+
+
+def _fact(line: bytes, folder: Path) -> dict[str, Any]:
+    try:
+        fact = json.loads(line)
+    except (ValueError, RecursionError) as error:
+        raise MalformedPacket(f"{folder / RECORD}: a line is not JSON: {error}") from error
+    match fact:
+        case {"time_ns": int(), "event": str()}:
+            checked: dict[str, Any] = fact
+            return checked
+    raise MalformedPacket(f"{folder / RECORD}: a line has no time_ns and event: {line[:80]!r}")

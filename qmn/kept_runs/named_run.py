@@ -1,13 +1,17 @@
 """The run that a user means: by the path of its folder, or by its name as `qmn runs` lists it."""
 
 import argparse
+import re
+import time
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from qmn.results.run_folder import STAMP
 from wire.parameters.checks import remedy
 
 RUNS = Path("runs")
+NAME = re.compile(r"[1-9][0-9]{7}T[0-9]{6}-.*")
 HERE = (".", "..")
 SHOWN = 5  # names in an error, at most
 
@@ -18,8 +22,23 @@ class UnknownRun(Exception):
 
 def is_run(path: Path) -> bool:
     """Return whether a folder is that of a run, by its name."""
-    stamped = path.name[:8].isdecimal() and path.name[8:9] == "T"
-    return stamped and path.is_dir() and not path.is_symlink()
+    return is_name(path.name) and path.is_dir() and not path.is_symlink()
+
+
+def is_name(name: str) -> bool:
+    """Return whether a run could have this name."""
+    if not NAME.fullmatch(name):
+        return False
+    try:
+        stamp_of(name)
+    except ValueError:  # as in the 13th month
+        return False
+    return True
+
+
+def stamp_of(name: str) -> time.struct_time:
+    """Return when the run of this name began; raise ValueError if none could be called so."""
+    return time.strptime(name[:15], STAMP)
 
 
 def find_run(said: str, runs: Path = RUNS) -> Path:

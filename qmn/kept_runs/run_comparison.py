@@ -8,7 +8,8 @@ from typing import Any
 from qmn.live.event_sources import recorded
 from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.controller_lines import read_record
-from wire.results.run_result import RESULT
+from wire.results import schema
+from wire.results.run_result import RESULT, Message
 
 Row = tuple[str, str, str]
 TOLD = ("service", "topology", "controller", "seed", "parameters")
@@ -24,12 +25,13 @@ def parameters(one: Path, two: Path) -> list[Row]:
 
 def _sent(run: Path) -> dict[str, str]:
     """Return the message of a run, if it has one, in a few words."""
-    message = _result(run)["job"].get("message")
-    if not message:
+    given = schema.head_of(_result(run)).job.get("message")
+    if given is None:
         return {}
-    digest = message.get("sha256_sent")
-    told = f"SHA-256 {digest[:DIGITS]}" if digest else Path(message["file"]).name
-    return {"message": f"{message['bytes']:,} bytes, {told}"}
+    message = schema.read(Message, given, "job.message")
+    digest = message.sha256_sent
+    told = f"SHA-256 {digest[:DIGITS]}" if digest else Path(message.file).name
+    return {"message": f"{message.bytes:,} bytes, {told}"}
 
 
 def figures(one: Path, two: Path) -> list[Row]:
@@ -68,8 +70,7 @@ def _first_times(run: Path) -> dict[str, float]:
 
 
 def _result(run: Path) -> dict[str, Any]:
-    result: dict[str, Any] = json.loads((run / RESULT).read_text())
-    return result
+    return schema.read(dict[str, Any], schema.decoded(run / RESULT))
 
 
 def _plain(values: Mapping[str, Any], names: Any) -> dict[str, Any]:

@@ -7,17 +7,19 @@ changed, and leaves the table when its folder has gone.
 import json
 import os
 import sqlite3
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from qmn.kept_runs.named_run import is_run
+from qmn.kept_runs.named_run import is_run, stamp_of
 from qmn.live.running import left_of_killed
 from qmn.network.options import NetworkOptions
 from qmn.requests.kinds import KEPT, job_of
 from qmn.results.run_folder import give
+from wire.malformed import MalformedPacket
 from wire.results import schema
 from wire.results.run_result import BEGUN, RESULT, Head, Parameter
 
@@ -26,6 +28,7 @@ COLUMNS = (
     "name TEXT PRIMARY KEY, result_ns INTEGER, began TEXT, what TEXT, changed TEXT, outcome TEXT, "
     "bytes INTEGER"
 )
+BEGAN = "%Y-%m-%d %H:%M:%S"
 ALWAYS = ("sender", "receiver", "opener", "acceptor")  # who, not how
 
 
@@ -35,7 +38,7 @@ class Run:
 
     name: str
     result_ns: int  # when the result was written; 0: there is none
-    began: str  # 2026-11-22 11:45:24
+    began: str  # BEGAN
     what: str  # service and topology
     changed: str  # parameters that are not the default, as JSON
     outcome: str  # done, not done: …, no result, not readable: …
@@ -72,22 +75,28 @@ def runs_in(folder: Path) -> list[Run]:
 
 
 def read_run(path: Path) -> Run:
-    """Return what a folder tells of its run."""
-    stamp = path.name[:15]
-    began = f"{stamp[:4]}-{stamp[4:6]}-{stamp[6:8]} {stamp[9:11]}:{stamp[11:13]}:{stamp[13:15]}"
+    """Return what the folder of a run tells of it."""
+    began = time.strftime(BEGAN, stamp_of(path.name))
     size = sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
     try:
         killed = left_of_killed(path)
         head = schema.head_of(killed) if killed else schema.read_head(path)
-    except PermissionError:
-        unreadable = f"not readable: it is of user {path.stat().st_uid}"
-        return Run(path.name, 0, began, path.name[16:], "{}", unreadable, size)
-    except (OSError, ValueError):
-        there_is_none = "goes on" if (path / BEGUN).exists() else "no result"
-        return Run(path.name, 0, began, path.name[16:], "{}", there_is_none, size)
+    except (OSError, MalformedPacket) as error:
+        return Run(
+            path.name, _result_ns(path), began, path.name[16:], "{}", _none(path, error), size
+        )
     what = " ".join(filter(None, [head.service or "network", head.topology]))
     changed = json.dumps(differing(head))
     return Run(path.name, _result_ns(path), began, what, changed, outcome(head), size)
+
+
+def _none(path: Path, error: Exception) -> str:
+    """Return why there is no result to be read."""
+    if isinstance(error, FileNotFoundError):
+        return "goes on" if (path / BEGUN).exists() else "no result"
+    if isinstance(error, PermissionError):
+        return f"not readable: it is of user {path.stat().st_uid}"
+    return f"not readable: {error}"
 
 
 def differing(head: Head) -> dict[str, Parameter]:

@@ -70,7 +70,7 @@ def announced_network(root: Path = RUNTIME_ROOT) -> RunningNetwork:
 def left_of_killed(folder: Path) -> dict[str, Any] | None:
     """Return a killed run's result so far, as its file would have it.
 
-    None: it goes on, or has ended otherwise. Raise OSError or ValueError for what cannot be read.
+    None: it goes on, or has ended otherwise. Raise OSError or MalformedPacket.
     """
     if (folder / RESULT).exists() or not (folder / BEGUN).exists():
         return None

@@ -1,6 +1,5 @@
 """Where a live view's messages come from: a network that runs, or the folder of a run."""
 
-import json
 import threading
 import time
 from collections.abc import Iterator
@@ -61,7 +60,8 @@ def timeline_of_run(folder: Path) -> Timeline:
 
 def read_acts(folder: Path) -> list[dict[str, Any]]:
     """Return what was done in a live view of a run."""
-    return [json.loads(line) for line in read_lines(folder / ACTS)]
+    acts = map(fields_of, read_lines(folder / ACTS))
+    return [act for act in acts if isinstance(act.get("time_ns"), int)]
 
 
 def read_lines(file: Path) -> list[bytes]:

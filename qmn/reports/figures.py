@@ -146,7 +146,7 @@ def chart_figures(run: RunFacts, paths: Sequence[LightPath]) -> Iterator[str]:
         yield _errors(run)
         told = run.result.asking
         bell_states = told.symbols if isinstance(told, SentFigures) else 0
-        yield _confusion(run, bell_states or max(SYMBOLS))
+        yield _confusion(run, bell_states if bell_states in SYMBOLS else max(SYMBOLS))
     yield _losses(run, paths)
     yield _setup_times(run)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from wire.config import QuantumSwitch
 from wire.dispatcher_pb2 import Event
+from wire.malformed import MalformedPacket
 from wire.parameters.fiber import Fiber, FiberEnd
 from wire.results.network_facts import NetworkFacts
 
@@ -44,7 +45,7 @@ def light_paths(network: NetworkFacts, events: Iterable[Event]) -> list[LightPat
     known: set[frozenset[tuple[FiberEnd, str]]] = set()  # a run may open the same path often
     for event in events:
         if event.kind == "open":
-            in_port, _arrow, out_port = event.detail.split()[:3]
+            in_port, out_port = _ports(event.detail)
             ways[FiberEnd(event.node, in_port)] = out_port
             connected = frozenset(ways.items())
             if connected not in known:
@@ -53,6 +54,14 @@ def light_paths(network: NetworkFacts, events: Iterable[Event]) -> list[LightPat
         elif event.kind == "close":
             ways.pop(FiberEnd(event.node, event.port), None)
     return list(found)
+
+
+def _ports(detail: str) -> tuple[str, str]:
+    """Return the ports of "2 -> 3 ..."; raise MalformedPacket for another detail."""
+    match detail.split():
+        case [in_port, "->", out_port, *_]:
+            return in_port, out_port
+    raise MalformedPacket(f"a cross-connect from nowhere: {detail!r}")
 
 
 class _Plant:

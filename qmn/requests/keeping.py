@@ -7,11 +7,13 @@ which this one means nothing.
 """
 
 from collections.abc import Collection, Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from qmn.options import NO_KINDS, Filling, Kind, Kinds, as_declared
+from wire.malformed import MalformedPacket
+from wire.results import schema
 from wire.results.run_result import Parameter
 
 if TYPE_CHECKING:
@@ -37,11 +39,25 @@ def kept(request: "DataclassInstance", without: Collection[str] = ()) -> dict[st
 def read_kept(
     kind: type[Kind], given: Mapping[str, Any], kinds: Kinds = NO_KINDS, **known: Any
 ) -> Kind:
-    """Return the request that a result has kept; raise TypeError for a name that none keeps."""
-    for name in sorted(given.keys() - kept_fields(kind, kinds).keys()):
-        raise TypeError(f"{kind.__name__} keeps no {name}")
-    request: Kind = Filling(dict(given), known, kinds, _name, as_declared).fill(kind)
+    """Return the request that a result has kept; raise MalformedPacket for anything else."""
+    told = read_fields(kept_fields(kind, kinds), given)
+    request: Kind = Filling(told, known, kinds, _name, as_declared).fill(kind)
     return request
+
+
+def read_fields(kept: "Mapping[str, Field[Any]]", given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of fields, by the names that a result keeps them by."""
+    if unknown := given.keys() - kept.keys():
+        raise MalformedPacket(f"no parameter of this job: {', '.join(sorted(unknown))}")
+    needed = (name for name, each in kept.items() if _is_needed(each))
+    if missing := [name for name in needed if name not in given]:
+        raise MalformedPacket(f"this job has no parameter {', '.join(missing)}")
+    kinds: dict[str, Any] = {name: each.type for name, each in kept.items()}
+    return {name: schema.read(kinds[name], each, name) for name, each in given.items()}
+
+
+def _is_needed(each: "Field[Any]") -> bool:
+    return each.default is MISSING and each.default_factory is MISSING
 
 
 def kept_fields(

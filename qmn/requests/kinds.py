@@ -30,7 +30,7 @@ class Kept:
     def read(self, given: Mapping[str, Any], **told: Any) -> Request:
         """Return the request; `told` is what a result tells elsewhere.
 
-        Raise TypeError for a name that no such request has.
+        Raise MalformedPacket for a name or a value that no such request has.
         """
         request: Request = read_kept(self.kind, given, self.kinds, **self.known, **told)
         return request

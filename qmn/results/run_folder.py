@@ -9,6 +9,7 @@ from pathlib import Path
 from qmn.options import BadInput
 
 PRIVATE = 0o700  # mode
+STAMP = "%Y%m%dT%H%M%S"  # when a run began, at the start of its name
 
 
 def make_folder(runs: Path, topology: str) -> Path:
@@ -17,7 +18,7 @@ def make_folder(runs: Path, topology: str) -> Path:
     runs.mkdir(parents=True, exist_ok=True)
     for folder in missing:
         give(folder)
-    stamp = time.strftime("%Y%m%dT%H%M%S")
+    stamp = time.strftime(STAMP)
     for attempt in range(100):
         suffix = f"-{attempt}" if attempt else ""
         folder = runs.resolve() / f"{stamp}-{topology}{suffix}"

@@ -14,9 +14,11 @@ from types import NoneType, UnionType
 from typing import Any, get_args
 
 from qmn.network.options import NetworkOptions
-from qmn.requests.keeping import kept_fields
+from qmn.requests.keeping import kept_fields, read_fields
 from qmn.requests.run_options import RunOptions
 from qmn.results.run_result import TOLD, UNSAID, NetworkResult, RunResult
+from wire.malformed import MalformedPacket
+from wire.parameters.checks import remedy
 from wire.results import schema
 from wire.results.run_result import RESULT
 from wire.results.schema import Schema
@@ -81,29 +83,35 @@ def _there(kind: Any) -> Any:
 
 
 def read_left(folder: Path) -> NetworkResult:
-    """Return what a network has left in its folder; raise as reading a file and `read` do."""
-    return of_either_kind(json.loads((folder / RESULT).read_text()))
+    """Return what a network has left in its folder; raise OSError or MalformedPacket."""
+    return of_either_kind(schema.decoded(folder / RESULT))
 
 
 def of_either_kind(given: Any) -> NetworkResult:
-    """Return the result of a run or of a network; raise TypeError or KeyError for anything else."""
-    return read_run(given) if "service" in given else _read_network(given)
+    """Return the result of a run or of a network; raise MalformedPacket for anything else."""
+    head = schema.head_of(given)
+    if missing := [name for name in (*TOLD, "parameters") if name not in given]:
+        raise MalformedPacket(f"the result has no {', '.join(missing)}")
+    return read_run(given) if head.service is not None else _read_network(given)
 
 
 def read_run(given: dict[str, Any]) -> RunResult:
-    """Return the result of a run as decoded JSON says it; raise TypeError or KeyError."""
+    """Return the result of a run as decoded JSON says it; raise MalformedPacket for others."""
     from qmn.requests.kinds import KEPT, job_of
 
-    told = {name: given[name] for name in (*TOLD, "backend")}
-    kept = KEPT[job_of(given["service"], given["job"])]
-    asked = kept.read(given["parameters"], **told)
+    head, known = schema.head_of(given), {name: given.get(name) for name in (*TOLD, "backend")}
+    kept = KEPT.get(job_of(head.service or "", head.job))
+    if kept is None:
+        service = head.service or ""
+        raise MalformedPacket(f"unknown service {service!r}: {remedy(service, KEPT)}")
+    asked = kept.read(head.parameters, **known)
     return schema.read(RunResult, {**given, "parameters": asked})
 
 
 def _read_network(given: dict[str, Any]) -> NetworkResult:
+    kept = {each.name: each for each in fields(NetworkOptions) if each.name not in TOLD}
     told = {name: given[name] for name in TOLD if given[name] is not None}
-    listed = {n: tuple(v) if isinstance(v, list) else v for n, v in given["parameters"].items()}
-    asked = NetworkOptions(**{**listed, **told})
+    asked = NetworkOptions(**read_fields(kept, given["parameters"]), **told)
     return schema.read(NetworkResult, {**given, "parameters": asked})
 
 

@@ -26,6 +26,7 @@ from qmn.reports.run_facts import BadRun, read_result
 from topologies.system.processes.programs import NetworkError
 from wire.malformed import MalformedPacket
 from wire.parameters.option import option
+from wire.results import schema
 from wire.results.network_facts import NetworkFacts
 
 
@@ -85,7 +86,7 @@ def shown(run: Path | None, read_only: bool) -> Iterator[View]:
     config = dispatcher_of_running_network()
     running = announced_network()
     folder = Path(running.folder)
-    network = NetworkFacts.from_dict(running.network)
+    network = schema.read(NetworkFacts, running.network)
     timeline = Timeline(running.since_ns)
     with following(timeline, config, folder):
         yield _view(folder, network, timeline, live=True, acts=not read_only)

@@ -20,13 +20,13 @@ from typing import Any
 from qmn.kept_runs import run_comparison
 from qmn.kept_runs.named_run import RUNS, UnknownRun, find_run
 from qmn.kept_runs.run_archive import BadArchive, exported, imported
-from qmn.kept_runs.run_index import Run, runs_in
+from qmn.kept_runs.run_index import BEGAN, Run, runs_in
 from qmn.live.controller_console import wide_console
 from qmn.live.running import announced_folders
 from qmn.live.tables import counted, table
+from wire.malformed import MalformedPacket
 
 UNITS_S = {"h": 3600, "d": 86_400, "w": 604_800}
-BEGAN = "%Y-%m-%d %H:%M:%S"
 LIST_WIDTH = 120  # in a file or a pipe: what is longer goes on below
 FRESH_S = 600  # a folder without a result that has changed so lately may be of a run that goes on
 
@@ -85,7 +85,7 @@ def call(arguments: argparse.Namespace) -> int:
     """Do what is asked; turn what is wrong into one line and an exit status."""
     try:
         arguments.act(arguments)
-    except (BadRequest, BadArchive, UnknownRun) as error:
+    except (BadRequest, BadArchive, MalformedPacket, UnknownRun) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
     except OSError as error:

@@ -1,7 +1,7 @@
 """The parts of a network as result.json keeps them: hosts, switches, fibres, copper."""
 
 from dataclasses import asdict, dataclass, field
-from typing import Any, Self
+from typing import Any, ClassVar
 
 from wire.config import QuantumSwitch
 from wire.parameters.fiber import Fiber
@@ -10,6 +10,9 @@ from wire.parameters.fiber import Fiber
 @dataclass(frozen=True)
 class NetworkFacts:
     """A network as it was built."""
+
+    # Results that do not say it are of networks that could call theirs by one name alone.
+    EARLIER: ClassVar = {"copper_switches": ["s1"]}
 
     addresses: dict[str, str]  # of the hosts
     source: str  # the host that makes pairs
@@ -24,17 +27,6 @@ class NetworkFacts:
     def to_dict(self) -> dict[str, Any]:
         """Return it as JSON takes it."""
         return asdict(self)
-
-    @classmethod
-    def from_dict(cls, given: dict[str, Any]) -> Self:
-        """Build it from decoded JSON."""
-        fibers = [Fiber.from_dict(fiber) for fiber in given["fibers"]]
-        switches = [QuantumSwitch.from_dict(switch) for switch in given["switches"]]
-        positions = {name: (x, y) for name, (x, y) in given.get("positions", {}).items()}
-        # Results that do not say it are of networks that could call theirs by one name alone.
-        copper_switches = given.get("copper_switches", ["s1"])
-        built = {"fibers": fibers, "switches": switches, "positions": positions}
-        return cls(**{**given, **built, "copper_switches": copper_switches})
 
     def host_at(self, interface: str) -> str:
         """Return the host that a switch's copper interface leads to, "" if there is none."""

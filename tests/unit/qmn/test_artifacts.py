@@ -30,7 +30,7 @@ def result(folder: Path) -> dict[str, Any]:
 def test_parameters_seed_and_timeline_are_left(tmp_path: Path) -> None:
     folder = tmp_path / "new"
     with artifacts_of(OPTIONS, folder) as facts:
-        facts.network = NetworkFacts({}, "", [], [], [])
+        facts.network = NetworkFacts({"bob": "10.0.0.2"}, "bob", [], [], [])
         with (folder / EVENT_CAPTURE).open("wb") as opened:
             EventCapture(opened, []).record(Event(time_ns=10**18, node="bob", kind="create"))
     left = result(folder)
@@ -79,5 +79,5 @@ def test_the_result_of_an_earlier_network_is_gone_while_another_runs(tmp_path: P
 def test_without_a_folder_nothing_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     with artifacts_of(OPTIONS, None) as facts:
-        facts.network = NetworkFacts({}, "", [], [], [])
+        facts.network = NetworkFacts({"bob": "10.0.0.2"}, "bob", [], [], [])
     assert list(tmp_path.iterdir()) == []

@@ -1,9 +1,12 @@
 """The light paths that a run had, from its cross-connects and fibres."""
 
+import json
+
 import pytest
 from recorded_run import NETWORK, events
 
 from qmn.reports.light_paths import light_paths, photons_by_port, without_outcome
+from wire.results import schema
 from wire.results.network_facts import NetworkFacts
 
 
@@ -43,7 +46,7 @@ def test_a_pair_is_lost_if_either_half_is() -> None:
 
 
 def test_a_network_survives_json() -> None:
-    assert NetworkFacts.from_dict(NETWORK.to_dict()) == NETWORK
+    assert schema.read(NetworkFacts, json.loads(json.dumps(NETWORK.to_dict()))) == NETWORK
     assert NETWORK.host_at("s1-eth2") == "bob"
     assert NETWORK.host_at("bob-eth0") == "s1"
     assert NETWORK.host_at("c0") == ""

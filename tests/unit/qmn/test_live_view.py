@@ -29,6 +29,7 @@ from qmn.live_view.server import PAGE
 from qmn.live_view.sources import timeline_of_run
 from qmn.live_view.timeline import Timeline
 from qmn.timeouts import LIVE_LIST_S, LIVE_SELDOM_S
+from wire.results import schema
 from wire.results.network_facts import NetworkFacts
 
 EXAMPLES = {
@@ -346,7 +347,7 @@ def test_a_thousand_hosts_have_places_of_their_own() -> None:
     ]
     facts = {"addresses": {f"h{n}": f"10.0.{n // 250}.{n % 250}" for n in range(1024)}}
     facts |= {"source": "h0", "fibers": fibers, "switches": switches, "copper": []}  # type: ignore[dict-item]
-    places = placed(NetworkFacts.from_dict(facts))
+    places = placed(schema.read(NetworkFacts, facts))
     assert len(places) == 1024 + 32
     assert len(set(places.values())) == len(places)
 

@@ -74,8 +74,8 @@ def test_rates_and_counts_come_from_sender_and_controller(tmp_path: Path) -> Non
     )
     facts = message_run(tmp_path, b"two bits", said)
     lines = [
-        {"event": "path_ready", "setup_ms": 3.0, "packet_in_count": 5},
-        {"event": "stopped", "packet_in_count": 9},
+        {"time_ns": 1, "event": "path_ready", "setup_ms": 3.0, "packet_in_count": 5},
+        {"time_ns": 2, "event": "stopped", "packet_in_count": 9},
     ]
     (tmp_path / RECORD).write_text("".join(json.dumps(line) + "\n" for line in lines))
     complete(facts, tmp_path)
@@ -112,8 +112,8 @@ def test_a_run_without_a_code_says_nothing_of_codes() -> None:
 
 
 def test_a_line_that_is_still_being_written_is_left_out(tmp_path: Path) -> None:
-    (tmp_path / RECORD).write_text('{"event": "switch"}\n{"event": "fib')
-    assert read_record(tmp_path) == [{"event": "switch"}]
+    (tmp_path / RECORD).write_text('{"time_ns": 1, "event": "switch"}\n{"time_ns": 2, "ev')
+    assert read_record(tmp_path) == [{"time_ns": 1, "event": "switch"}]
     assert read_record(tmp_path / "nowhere") == []
 
 

@@ -3,7 +3,8 @@
 import json
 from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import Any, cast, get_args
+from types import UnionType
+from typing import Any, cast, get_args, get_origin, get_type_hints
 
 import pytest
 from json_schema import problems
@@ -14,6 +15,7 @@ from qmn.results.result import complete
 from qmn.results.run_result import RunResult
 from topologies.system.processes.programs import ROOT
 from wire.application_lines import figures, moment
+from wire.malformed import MalformedPacket
 from wire.parameters.fiber import FiberOptics
 from wire.parameters.physics import Detectors, Device, Memory, PairSource, Sensor
 from wire.results.figures import Figures, PairFigures, ServiceFigures
@@ -119,8 +121,15 @@ def of_services() -> list[type[Figures]]:
 def test_figures_are_read_back_as_those_of_their_service(kind: Any, whole: bool) -> None:
     """By their names alone, also where a session has not come to all of them."""
     names = [each.name for each in fields(kind) if whole or each.default is MISSING]
-    read = figures({"event": "done", **{name: [] for name in names}})
+    hints = get_type_hints(kind)
+    read = figures({"event": "done", **{name: some(hints[name]) for name in names}})
     assert (type(read), list(vars(read))) == (kind, names)
+
+
+def some(hint: Any) -> Any:
+    """Return a value of a figure's type."""
+    kind = (get_args(hint) or (hint,))[0] if isinstance(hint, UnionType) else hint
+    return (get_origin(kind) or kind)()
 
 
 SESSION = {"peer": "bob", "opened": True, "keys": 0, "qber": None, "mine": 3, "theirs": 4}
@@ -154,13 +163,13 @@ def test_moments_are_read_as_what_they_are_of(line: dict[str, Any], kind: type[M
 
 
 def test_moments_that_no_program_tells_are_refused() -> None:
-    with pytest.raises(TypeError, match="is none of Moment, SessionMoment"):
+    with pytest.raises(MalformedPacket, match="is none of Moment, SessionMoment"):
         moment({"event": "key", "luck": 1}, 1.0)
 
 
 def test_figures_that_no_service_has_are_refused() -> None:
     for told in ({"luck": 1}, {"states": 7}, {**vars(teleported()), "luck": 1}):
-        with pytest.raises(TypeError, match="none of Figures, TeleportFigures"):
+        with pytest.raises(MalformedPacket, match="none of Figures, TeleportFigures"):
             figures(told)
     with pytest.raises(TypeError, match="TeleportFigures has no luck"):
         teleported(luck=1)

@@ -6,6 +6,7 @@ import subprocess
 import time
 import zipfile
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import pytest
@@ -14,12 +15,16 @@ from recorded_run import record_run
 from qmn.__main__ import described
 from qmn.kept_runs import run_index
 from qmn.kept_runs.run_archive import BadArchive, imported
+from qmn.kept_runs.run_comparison import figures as compare_figures
+from qmn.kept_runs.run_comparison import parameters as compare_parameters
 from qmn.kept_runs.run_index import INDEX, Run, runs_in
+from qmn.live_view.layout import described as described_network
 from qmn.reports.run_facts import BadRun, read_result
 from qmn.results import schema
 from qmn.verbs import runs as verb
 from qmn.verbs.live import shown
 from topologies.system.processes.owners import owner, this_process
+from wire.malformed import MalformedPacket
 from wire.results.run_result import BEGUN
 
 OLD, NEW = "20260101T100000-chain", "20260301T100000-chain-1"
@@ -124,6 +129,99 @@ def test_an_index_that_is_lost_or_spoiled_is_made_anew(runs: Path, spoiled: byte
 def test_a_run_without_a_result_is_listed_as_such(runs: Path) -> None:
     (runs / NEW / "result.json").unlink()
     assert [run.outcome for run in runs_in(runs)] == ["done", "no result"]
+
+
+@pytest.mark.parametrize(
+    ("result", "why"),
+    [
+        ("[" * 200_000, "is not JSON"),
+        ("[" * 33 + "]" * 33, "deeper than 32"),
+        ("", "is not JSON"),
+        ('"text"', "neither an object nor a list"),
+        ("[]", "the result: [] is not object"),
+        ('{"parameters": 5}', "the result.parameters: 5 is not object"),
+        ('{"parameters": {"fec": {}}}', "{} is none of bool, int, float, str"),
+        ('{"service": ["x"]}', "the result.service: ['x'] is none of str"),
+        ('{"delivered": 1}', "the result.delivered: 1 is none of bool"),
+        ('{"seed": true}', "the result.seed: True is none of int"),
+        ('{"error": "\\ud800"}', "is none of str"),
+        ('{"seed": 1' + "0" * 400 + "}", "is none of int"),
+    ],
+)
+def test_a_result_that_is_none_is_listed_as_not_readable(
+    runs: Path, capsys: pytest.CaptureFixture[str], result: str, why: str
+) -> None:
+    (runs / NEW / "result.json").write_text(result)
+    old, new = runs_in(runs)
+    assert old.outcome == "done"
+    assert new.outcome.startswith("not readable: ")
+    assert why in new.outcome
+    assert called(runs) == 0
+    assert called(runs, "compare", OLD, NEW) == 1
+    assert called(runs, "prune", "--older-than", "1h", "--dry-run") == 0
+    told = capsys.readouterr()
+    assert f"would remove {NEW}" in told.out
+    assert told.err.startswith("qmn: ")
+    with pytest.raises(BadRun):
+        read_result(runs / NEW)
+
+
+def test_a_result_that_cannot_be_opened_is_listed_as_not_readable(runs: Path) -> None:
+    (runs / NEW / "result.json").unlink()
+    (runs / NEW / "result.json").mkdir()
+    assert "not readable: [Errno 21] Is a directory" in runs_in(runs)[1].outcome
+
+
+@pytest.mark.parametrize("name", ["20261399T100000-x", "20260101T250000-x", "00000101T100000-x"])
+def test_a_folder_without_a_time_of_this_calendar_is_no_run(runs: Path, name: str) -> None:
+    (runs / name).mkdir()
+    assert [run.name for run in runs_in(runs)] == [OLD, NEW]
+
+
+SPOILED: tuple[Any, ...] = (
+    None,
+    True,
+    -1,
+    10**30,
+    1e308,
+    float("nan"),
+    "",
+    "a b",
+    [],
+    ["x"],
+    {},
+    {"a": 1},
+    [[]],
+)
+
+
+def spoiled(given: Any, random: Random) -> Any:
+    """Return decoded JSON in which one part is another, or missing."""
+    if not isinstance(given, dict | list) or not given or random.random() < 0.1:
+        return random.choice(SPOILED)
+    place: Any = random.choice([*given] if isinstance(given, dict) else range(len(given)))
+    copy: Any = given.copy()
+    if random.random() < 0.1:
+        del copy[place]
+    else:
+        copy[place] = spoiled(copy[place], random)
+    return copy
+
+
+def test_a_spoiled_result_is_read_whole_or_refused(runs: Path) -> None:
+    good = json.loads((runs / OLD / "result.json").read_text())
+    random, refused = Random(1), 0
+    for _ in range(1_000):
+        (runs / NEW / "result.json").write_text(json.dumps(spoiled(good, random)))
+        run_index.read_run(runs / NEW)
+        try:
+            _result, network = read_result(runs / NEW)
+            described_network(network)
+            compare_parameters(runs / OLD, runs / NEW)
+            compare_figures(runs / OLD, runs / NEW)
+        except (BadRun, MalformedPacket):
+            refused += 1
+    assert 500 < refused < 1_000
 
 
 def runner_of(kind: str) -> str:
