@@ -7,9 +7,10 @@ from contextlib import contextmanager
 from functools import partial
 from types import ModuleType
 
-import netqasm.sdk
+import netqasm.sdk.toolbox
 from netqasm.runtime.settings import SIMULATOR_ENV, Simulator
 
+from hosts.netqasm_sdk import sim_states
 from hosts.netqasm_sdk.connection import Connection, get_qubit_state
 from hosts.netqasm_sdk.placement import Placement
 from hosts.netqasm_sdk.round_end import SOCKET, RoundEnd
@@ -18,7 +19,7 @@ from hosts.netqasm_sdk.texts import BroadcastChannel, Exchange, Socket
 from hosts.timeouts import ROUND_TIMEOUT_S
 from wire.netqasm.texts import NAME_BYTES
 
-NAME = "netqasm.sdk.external"
+NAME, SIM_STATES = "netqasm.sdk.external", "netqasm.sdk.toolbox.sim_states"
 
 
 @contextmanager
@@ -46,15 +47,17 @@ def installed(
     module.simulate_application = partial(simulate_application, placement, told, ends)  # type: ignore[attr-defined]
     # Of the simulators that the SDK knows, the one whose own parts it never imports.
     os.environ.setdefault(SIMULATOR_ENV, Simulator.SIMULAQRON.value)
-    before = sys.modules.get(NAME)
-    sys.modules[NAME] = netqasm.sdk.external = module
+    netqasm.sdk.external, netqasm.sdk.toolbox.sim_states = module, sim_states
+    replaced: dict[str, ModuleType] = {NAME: module, SIM_STATES: sim_states}
+    before = {name: sys.modules.get(name) for name in replaced}
+    sys.modules.update(replaced)
     try:
         yield ends
     finally:
-        if before is None:
-            del sys.modules[NAME]
-        else:
-            sys.modules[NAME] = before
+        for name, original in before.items():
+            del sys.modules[name]
+            if original is not None:
+                sys.modules[name] = original
         for exchange in exchanges.values():
             exchange.close()
 
