@@ -48,6 +48,9 @@ CLOSE_TIMEOUT_S = 5.0  # until a light path is taken down
 PATH_POLL_S = 0.0002  # between two looks whether it is
 IDLE_S = 5.0  # that a network without sessions is watched
 
+# Command line
+SWITCHES_TIMEOUT_S = 30.0  # until all switches have connected to the controller
+
 # Live view
 LIVE_PAUSE_MS = 60  # in which the dispatcher gathers events: a page draws a picture of them
 LIVE_LINES_S = 0.05  # between two looks at what programs have written

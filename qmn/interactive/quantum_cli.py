@@ -2,13 +2,16 @@
 
 import logging
 import os
+import select
 import subprocess
 import sys
 from collections.abc import Collection, Iterable
+from pathlib import Path
 from typing import Any
 
 from mininet.cli import CLI
-from mininet.log import lg
+from mininet.log import lg, output
+from mininet.util import quietRun
 
 from qmn.interactive import cli_tables
 from qmn.jobs.transfer import TransferError
@@ -17,7 +20,11 @@ from qmn.live.controller_console import NoAnswer, wide_console
 from qmn.network.custom_topology import BadTopology
 from qmn.options import BadInput
 from qmn.scripting.network import QuantumNetwork
+from qmn.timeouts import SWITCHES_TIMEOUT_S
+from topologies.networks.discovery import heard_again
+from topologies.networks.network import Interrupted
 from topologies.system.processes.programs import ROOT, NetworkError, callers_environment
+from topologies.timeouts import SHELL_POLL_MS
 from wire.parameters.checks import NEAR, range_words, remedy
 
 STATUS = "QMN_STATUS"  # variable in a host's shell: how the last command of a script ended
@@ -50,13 +57,14 @@ class QuantumCLI(CLI):
     """
 
     prompt = "qmn> "
+    identchars = CLI.identchars + "-."  # of the first word of a line
     helpStr = CLI.helpStr.replace(CLI.prompt, prompt)  # noqa: N815 (Mininet's name)
 
     def __init__(self, network: QuantumNetwork, script: Iterable[str] | None = None) -> None:
         self.network = network
         self.failures = 0
         self._script = script
-        self._told = ""
+        self._told: set[str] = set()
         self._errors = MininetErrors()
         lg.addHandler(self._errors)
         normal = lg.ch.stream
@@ -92,9 +100,21 @@ class QuantumCLI(CLI):
         before = self._errors.count
         sys.stdout.flush()  # so that what `sh` prints comes behind it
         try:
-            stop = super().onecmd(line)
+            host, *command = line.split(None, 1)[:2] or [""]
+            if command and host in self.mn:  # though there is a verb of this name
+                self.default(line)
+                stop = False
+            else:
+                stop = super().onecmd(line)
+        except Interrupted:
+            raise
         except FAULTS as error:
+            self._told.add(str(error))
             self._fail(str(error))
+            return False
+        except Exception as error:  # noqa: BLE001 - whatever a verb of Mininet raises
+            text = " ".join(str(error).split())
+            self._fail(f"{line.strip()}: {type(error).__name__}{text and f': {text}'}")
             return False
         self.failures += self._errors.count > before
         return bool(stop)
@@ -104,9 +124,9 @@ class QuantumCLI(CLI):
         try:
             self.network.check()
         except NetworkError as error:
-            if str(error) != self._told:
-                self._told = str(error)
-                self._fail(self._told)
+            if str(error) not in self._told:
+                self._told.add(str(error))
+                self._fail(str(error))
         return stop
 
     def _fail(self, text: str) -> None:
@@ -126,6 +146,62 @@ class QuantumCLI(CLI):
         else:
             known = {name[3:] for name in self.get_names() if name.startswith("do_")} | set(self.mn)
             super().default(line + ("" if host in self.mn else _meant(host, known)))
+
+    def waitForNode(self, node: Any) -> None:  # noqa: N802 (Mininet's name)
+        """Pass keys on, and show output, until the command has ended; or its shell: NetworkError.
+
+        Mininet would wait for the output of a shell that has ended, for ever.
+        """
+        if self.isatty():
+            quietRun("stty -icanon min 1")  # so that programs get each key
+        typed, shown = self.stdin.fileno(), node.stdout.fileno()
+        poller = select.poll()
+        for file in (typed, shown):
+            poller.register(file, select.POLLIN)
+        while node.waiting:
+            try:
+                ready = {
+                    file for file, event in poller.poll(SHELL_POLL_MS) if event & select.POLLIN
+                }
+                if typed in ready:
+                    node.write(self.stdin.read(1))
+                if shown in ready:
+                    output(node.monitor())
+                elif node.shell_ended:
+                    node.waiting = False
+                    raise NetworkError(node.no_shell)
+            except KeyboardInterrupt:
+                node.sendInt()
+
+    def do_source(self, line: str) -> None:
+        """Do the commands of a file.
+        Usage: source FILE"""
+        (path,) = _words(line, "source FILE", 1)
+        try:
+            lines = Path(path).read_text(errors="replace").splitlines()
+        except OSError as error:
+            raise BadInput(f"source {path}: {error.strerror}") from error
+        for each in lines:
+            self.onecmd(each)
+
+    def do_switch(self, line: str) -> None:
+        """Stop a switch, or start it: then the controller has heard of it.
+        Usage: switch NAME start|stop"""
+        name, act = _words(line, "switch NAME start|stop", 2)
+        switches = {switch.name: switch for switch in self.mn.switches}
+        if name not in switches or act not in ("start", "stop"):
+            known = switches if name not in switches else ("start", "stop")
+            wrong = name if name not in switches else act
+            raise BadInput(f"switch: {wrong!r}: {remedy(wrong, sorted(known))}")
+        with heard_again(self.network.runtime, switches[name], act == "start"):
+            super().do_switch(line)
+
+    def do_wait(self, line: str) -> None:
+        """Wait until the switches have connected to the controller.
+        Usage: wait"""
+        _words(line, "wait", 0)
+        if not self.mn.waitConnected(timeout=SWITCHES_TIMEOUT_S):
+            raise NetworkError(f"not all switches have connected in {SWITCHES_TIMEOUT_S:g} s")
 
     def do_sh(self, line: str) -> None:
         """Run a command of this machine's shell, which finds `qmn`.

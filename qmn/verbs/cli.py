@@ -4,6 +4,7 @@ Commands come from the keyboard, or from a file: qmn cli sdc < commands
 """
 
 import argparse
+import io
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -141,4 +142,6 @@ def obey(network: QuantumNetwork) -> int:
     if sys.stdin.isatty():
         QuantumCLI(network)
         return 0
+    assert isinstance(sys.stdin, io.TextIOWrapper)
+    sys.stdin.reconfigure(errors="replace")  # a line that is not UTF-8 is one that fails
     return 1 if QuantumCLI(network, script=sys.stdin).failures else 0

@@ -19,6 +19,7 @@ from loaded import run_qmn
 from test_metrics_of_a_run import counted, metrics
 from test_timeline_of_a_run import fields
 
+from qmn.interactive.quantum_cli import QuantumCLI
 from qmn.jobs.transfer import TransferError
 from qmn.options import BadInput
 from qmn.scripting.network import start
@@ -96,6 +97,39 @@ def test_a_script_goes_on_after_failures_and_its_status_tells(tmp_path: Path) ->
     assert "no path" in refused or "cut" in refused
     assert false == "*** alice false: status 1"
     assert re.search(r"alice-q0 .* cut ", done.stdout)
+
+
+def test_a_shell_that_ends_and_bytes_of_no_encoding_end_nothing_else(tmp_path: Path) -> None:
+    script = """
+        alice printf "\\351t\\351\\n"
+        alice exit
+        alice echo never
+        bob exec true
+        bob echo never
+        charlie echo still here
+        alice qsend bob over light
+    """
+    done = cli(script, "sdc", runs=tmp_path)
+    assert done.returncode == 1
+    ended = "died in mid-run: its shell was ended; start the network again"
+    assert done.stderr.splitlines() == [
+        f"*** {name} {ended}" for name in 2 * ["alice"] + 2 * ["bob"]
+    ]
+    assert "\N{REPLACEMENT CHARACTER}t\N{REPLACEMENT CHARACTER}\n" in done.stdout
+    assert "still here\n" in done.stdout
+    assert "bob: over light\n" in done.stdout
+
+
+def test_switch_start_is_over_when_the_controller_has_heard_of_it(tmp_path: Path) -> None:
+    with start("sdc", folder=tmp_path) as network:
+        cli = QuantumCLI(network, [])
+        for name, dpid in (("q1", 0x1001), ("s1", 1)):
+            cli.onecmd(f"switch {name} stop")
+            cli.onecmd(f"switch {name} start")
+            facts = [fact for fact in read_record(tmp_path) if fact.get("dpid") == dpid]
+            assert [fact["event"] for fact in facts].count("switch") == 2
+            cli.onecmd(f"switch {name} start")  # nothing new is waited for
+        assert cli.failures == 0
 
 
 def test_ctrl_c_ends_the_verb_and_ctrl_d_the_network(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +77,25 @@ class Discovery:
                 port = str(node.intfs[int(end.port)])
                 if not up(port):
                     yield f"{name} at {port}"
+
+
+@contextmanager
+def heard_again(network: Runtime, switch: Any, starts: bool) -> Iterator[None]:
+    """Start a switch meanwhile, and wait until the controller has heard of it, if it is to.
+
+    Raise NetworkError if it has not in time.
+    """
+    ours = switch.name not in network.programmed_elsewhere
+    waits = starts and ours and not switch.stands
+    with closing(NewFacts(network.logs)) as facts:
+        facts.read()
+        yield
+        limit_s = network.patience_s(DISCOVERY_TIMEOUT_S, MESSAGES_OF_A_START)
+        deadline = time.monotonic() + limit_s
+        while waits and f"switch {int(switch.dpid, 16):#x}" not in found(facts.read()):
+            if time.monotonic() > deadline:
+                raise NetworkError(f"the controller did not find {switch.name} in {limit_s:g} s")
+            time.sleep(POLL_S)
 
 
 def refuse_cut(since: Mapping[str, float], now: float) -> None:

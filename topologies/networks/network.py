@@ -355,7 +355,7 @@ class Network:
             raise NetworkError(f"{first.name} died in mid-run: {first.end()}")
         for node in self._watched():
             if node.shell_ended:
-                raise NetworkError(f"{node.name} died in mid-run: its shell was ended")
+                raise NetworkError(node.no_shell)
         # Seen twice: what ends because its host's shell does may have ended before that.
         before = self._struck
         self._struck = next((each for each in self._applications if each.struck_down), None)

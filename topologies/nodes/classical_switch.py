@@ -127,6 +127,12 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
             words += [f'target="{target}"', *(f"{key}={value}" for key, value in settings.items())]
         rows = ",".join(f"@{self.name}c{number}" for number in range(len(targets)))
         openvswitch.change(*words, "--", "set", "bridge", self.name, f"controller=[{rows}]")
+        self._uuids: list[str] = []  # in which Mininet keeps the rows of before
+
+    @property
+    def stands(self) -> bool:
+        """Whether the bridge is there."""
+        return self._laid
 
     def _patience(self, controller: str) -> dict[str, int]:
         """Let Open vSwitch wait as long for a controller as the way there takes.

@@ -1,5 +1,6 @@
 """The command line: what words mean, without a network."""
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -88,6 +89,11 @@ def test_qping_ends_with_statistics_also_where_a_round_fails(
         ("qpings alice bob", "*** Unknown command: qpings alice bob: did you mean qping?"),
         ("alise qping bob", "*** Unknown command: alise qping bob: did you mean alice?"),
         ("link alice", "invalid number of args: link"),
+        ("source /nowhere", "*** source /nowhere: No such file or directory"),
+        ("source", "usage: source FILE"),
+        ("x nobody", "*** x nobody: KeyError: 'nobody'"),
+        ("noecho", "*** noecho: ValueError: not enough values to unpack (expected 3, got 2)"),
+        ("switch q9 start", "*** switch: 'q9': there are none"),
     ],
 )
 def test_a_command_that_fails_is_one_line_and_counts(
@@ -111,6 +117,24 @@ def test_a_program_that_has_died_is_told_once(
     network.dead = "dispatcher died in mid-run"
     assert QuantumCLI(network, ["nodes", "nodes"]).failures == 1
     assert capsys.readouterr().err == "*** dispatcher died in mid-run\n"
+
+
+def test_a_sourced_file_goes_on_after_a_failure(network: Unstarted, tmp_path: Path) -> None:
+    (tmp_path / "lines").write_bytes(b"x \351\nqsend alice bob hi\n")
+    assert QuantumCLI(network, [f"source {tmp_path / 'lines'}"]).failures == 1
+    assert [each[2] for each in network.asked] == [b"hi"]
+
+
+@pytest.mark.parametrize("name", ["net", "qping", "sh", "net-1"])
+def test_a_host_named_like_a_verb_is_a_host(
+    network: Unstarted, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    network.net.hosts.append(SimpleNamespace(name=name, waiting=False))
+    network.net.nameToNode[name] = network.net.hosts[-1]
+    commands: list[str] = []
+    monkeypatch.setattr(QuantumCLI, "default", lambda _cli, line: commands.append(line))
+    assert QuantumCLI(network, [f"{name} echo hello"]).failures == 0
+    assert commands == [f"{name} echo hello"]
 
 
 def test_py_sees_what_scripts_see(network: Unstarted, capsys: pytest.CaptureFixture[str]) -> None:

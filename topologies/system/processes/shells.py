@@ -1,5 +1,6 @@
 """The shell of a Mininet node, which Mininet would wait for for ever when it is slow or gone."""
 
+import codecs
 import os
 import pty
 import select
@@ -112,6 +113,7 @@ class ShellWatcher:
         """Speak with a shell by its terminal, and wait for its prompt."""
         self.shell, self.master = shell, terminal
         self.stdin = self.stdout = os.fdopen(self.master)
+        self.decoder = codecs.getincrementaldecoder("utf-8")("replace")  # Mininet's would raise
         self.pollOut = select.poll()
         self.pollOut.register(self.stdout, select.POLLIN)
         nodes: Any = self
@@ -185,6 +187,17 @@ class ShellWatcher:
         self._deadline = time.monotonic() + COMMAND_TIMEOUT_S
         output: str = super().cmd(*arguments, **options)  # type: ignore[misc]
         return output
+
+    def sendCmd(self, *arguments: object, **options: object) -> None:  # noqa: N802 (Mininet's name)
+        """Begin a command in the node's shell; raise NetworkError if that has ended."""
+        if self.shell_ended:
+            raise NetworkError(self.no_shell)
+        super().sendCmd(*arguments, **options)  # type: ignore[misc]
+
+    @property
+    def no_shell(self) -> str:
+        """What is wrong with a node whose shell has ended, and the remedy."""
+        return f"{self.name} died in mid-run: its shell was ended; start the network again"
 
     def monitor(self, timeoutms: int | None = None, findPid: bool = True) -> str:  # noqa: N803
         """Return what the shell has said; one that ends in mid-command says no more."""
