@@ -11,7 +11,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from mininet.log import warn
+
 from programs.ways import Ways, shortest
+from topologies.catalogue.map_parts import spelling
 from topologies.catalogue.maps import Map, Place, Position, positions, read_map
 from topologies.catalogue.node_kinds import node_device
 from topologies.fabric import FabricTopo, Mininet, controllers, findController
@@ -49,6 +52,9 @@ class MapTopo(FabricTopo):
                 "the map says how long fibres are: leave length_km out, or say of which"
             )
         read = read_map(map)
+        if read.unused:
+            warn(f"map {read.name}: not used here: {', '.join(read.unused)}\n")
+        self.places = {spelling(place.called): place.name for place in read.places}
         places = chosen(read, hosts_at) or read.places
         self.set_up(addresses=len(read.places) * 2 + 2, **fiber)
         self._device = waiting_for_the_other_half(self._device)

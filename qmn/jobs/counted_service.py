@@ -145,6 +145,8 @@ def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription
     if request.eve is not None:
         request = replace(request, network=eavesdropping.with_eve(request.network))
     network = describe_network(request.network)
+    options = replace(request.options, host=network.node(request.receiver))
+    request = replace(request, sender=network.node(request.sender), options=options)
     if request.service == RELAYED:
         request, network = with_beam_splitter(request, network)
     ends = request.sender, request.receiver

@@ -71,8 +71,8 @@ def traffic_of(request: LoadRequest, network: NetworkDescription) -> Traffic:
     """Return the model's parameters; raise BadInput for hosts there are not."""
     hosts = network.hosts
     others = [host for host in hosts if host not in network.parts.sources]
-    openers = chosen("--from", request.senders, hosts) or others
-    acceptors = chosen("--to", request.receivers, hosts) or others
+    openers = chosen("--from", request.senders, network) or others
+    acceptors = chosen("--to", request.receivers, network) or others
     each = hosts_of_session(request)
     if not openers or any(len({*acceptors} - {host}) < each - 1 for host in openers):
         raise BadInput(
@@ -108,12 +108,12 @@ def hosts_of_session(request: LoadRequest) -> int:
     return PAIR
 
 
-def chosen(option_name: str, named: str, hosts: Sequence[str]) -> list[str]:
+def chosen(option_name: str, named: str, network: NetworkDescription) -> list[str]:
     """Return the hosts that are named with commas; raise BadInput for one there is not."""
-    found = [name for name in named.split(",") if name]
+    found = [network.node(name) for name in named.split(",") if name]
     for name in found:
-        if name not in hosts:
-            raise BadInput(f"{option_name} {name}: {remedy(name, hosts)}")
+        if name not in network.hosts:
+            raise BadInput(f"{option_name} {name}: {remedy(name, network.hosts)}")
     return found
 
 

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
@@ -49,6 +50,8 @@ def begun(
 ) -> tuple[runner.Job, RunContext]:
     """Return the job and its context, with a folder; raise before there is one."""
     network = describe_network(request.network)
+    options = replace(request.options, host=network.node(request.receiver))
+    request = replace(request, sender=network.node(request.sender), options=options)
     size = check_input(request, network.hosts, network.dark_hosts)
     check_light(SERVICE, (request.sender, request.receiver), network.parts)
     require_free(network.topo)

@@ -71,7 +71,9 @@ def checked(request: VpnRequest) -> tuple[VpnRequest, NetworkDescription]:
     """
     if request.eve.eve is not None:
         request = replace(request, network=eavesdropping.with_eve(request.network))
-    network, ends = describe_network(request.network), (request.sender, request.receiver)
+    network = describe_network(request.network)
+    ends = network.node(request.sender), network.node(request.receiver)
+    request = replace(request, sender=ends[0], receiver=ends[1])
     check_two_hosts(*ends, network.hosts, network.dark_hosts, FROM_TO)
     check_light(PROTOCOL, ends, network.parts)
     check_network(request.network)

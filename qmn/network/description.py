@@ -17,6 +17,7 @@ from qmn.network.options import MAP, NetworkOptions
 from qmn.network.part_options import PartOptions
 from qmn.network.time_scale import AUTO, Scale, scale_of
 from qmn.network.topologies import builder
+from topologies.catalogue.map_parts import spelling
 from topologies.catalogue.presets import preset
 from topologies.description.clashes import refuse_clashes
 from topologies.description.description import Description, describe
@@ -52,6 +53,11 @@ class NetworkDescription:
     def dark_hosts(self) -> list[str]:
         """The hosts that have no light."""
         return [name for name in self.topo.hosts() if name not in self.parts.hosts]
+
+    def node(self, name: str) -> str:
+        """Return the node of a name, or of the place of a map that has it; or the name itself."""
+        places: Mapping[str, str] = getattr(self.topo, "places", {})
+        return name if name in self.topo.nodes() else places.get(spelling(name), name)
 
     def with_policy(self, policy: Path) -> "NetworkDescription":
         """Return the same with another policy in force."""

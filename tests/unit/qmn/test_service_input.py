@@ -1,5 +1,9 @@
 """The options of a service are checked before anything starts."""
 
+import json
+from itertools import pairwise
+from pathlib import Path
+
 import pytest
 
 from hosts.middleware.services.distribution.options import DistributeOptions
@@ -108,3 +112,20 @@ def test_the_host_that_makes_pairs_can_be_chosen() -> None:
     assert options.source == "alice"
     with pytest.raises(BadInput, match="--source zoe: choose one of alice, bob, charlie"):
         options_of("distribute", "--source", "zoe")
+
+
+def test_hosts_can_be_named_as_the_places_of_a_map_in_any_script(tmp_path: Path) -> None:
+    names = ("東京", "大阪", "Zürich")
+    ways = [
+        {"node1": one, "node2": other, "distance": 1000, "attenuation": 0.0002}
+        for one, other in pairwise(names)
+    ]
+    file = tmp_path / "own.json"
+    file.write_text(json.dumps({"nodes": [{"name": n} for n in names], "qconnections": ways}))
+    request, network = checked(
+        parse("teleport", "--map", str(file), "--from", "大阪", "--to", "zürich")
+    )
+    assert (request.sender, request.receiver) == ("h2", "zurich")
+    assert network.node("東京") == "h"
+    with pytest.raises(BadInput, match="unknown host '京都'"):
+        checked(parse("teleport", "--map", str(file), "--from", "京都", "--to", "東京"))

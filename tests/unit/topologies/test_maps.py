@@ -1,6 +1,7 @@
 """Maps as packages and files have them, and the networks that are made of them."""
 
 import json
+import re
 from importlib.resources import files
 from itertools import combinations
 from math import pi
@@ -11,7 +12,8 @@ import networkx
 import pytest
 from mininet.topo import Topo
 
-from topologies.catalogue.maps import EARTH_KM, BadMap, great_circle_km, positions, read_map
+from topologies.catalogue.map_parts import EARTH_KM, great_circle_km
+from topologies.catalogue.maps import BadMap, positions, read_map
 from topologies.links.copper_link import CopperLink
 from topologies.links.fiber import FiberLink
 from topologies.mapped import MapTopo
@@ -82,9 +84,47 @@ def test_graphml_says_lengths_or_positions(tmp_path: Path) -> None:
     assert quarter.length_km == pytest.approx(EARTH_KM * pi / 2)
     assert said.length_km == 7.5
     assert len(positions(found)) == 3
-    file.write_text(GRAPHML.replace('<data key="d3">7.5</data>', ""))
-    with pytest.raises(BadMap, match="1 to 2 has no dist, in km, and not both ends have Longitude"):
+    nowhere = re.sub('<data key="d[123]">[0-9.]+</data>', "", GRAPHML)
+    file.write_text(nowhere)
+    with pytest.raises(BadMap, match=r"0 to 1 has no dist, in km, and no place .* has Longitude"):
         read_map(str(file))
+
+
+def graphml_file(
+    folder: Path, positions: dict[str, tuple[float, float] | None], *ends: str, kind: str = ""
+) -> str:
+    """Return a GraphML file of places, some without position, and edges as "a b"."""
+    graph = (networkx.MultiDiGraph if kind == "directed" else networkx.MultiGraph)()
+    for name, at in positions.items():
+        known = {} if at is None else {"Longitude": at[0], "Latitude": at[1]}
+        graph.add_node(name, label=name, **known)
+    graph.add_edges_from(each.split() for each in ends)
+    networkx.write_graphml(graph, folder / "own.graphml")
+    return str(folder / "own.graphml")
+
+
+def test_a_place_without_position_is_in_the_middle_of_its_neighbours(tmp_path: Path) -> None:
+    degree_km = EARTH_KM * pi / 180
+    places = {"west": (179.0, 0.0), "east": (-179.0, 0.0), "mid": None, "end": None}
+    read = read_map(graphml_file(tmp_path, places, "west mid", "mid east", "mid end"))
+    assert [way.length_km for way in read.ways] == pytest.approx([degree_km, degree_km, 0.0])
+    east, north = positions(read)["mid"]
+    assert (abs(east), north) == pytest.approx((180.0, 0.0))
+
+
+def test_a_fibre_that_a_directed_file_names_twice_is_one(tmp_path: Path) -> None:
+    at: dict[str, tuple[float, float] | None] = {"aa": (0.0, 0.0), "bb": (1.0, 0.0)}
+    ends = ("aa bb", "bb aa", "bb aa", "aa bb", "bb aa")
+    both = read_map(graphml_file(tmp_path, at, *ends, kind="directed"))
+    assert len(both.ways) == 3  # as many as the direction that is named more often
+    assert len(read_map(graphml_file(tmp_path, at, *ends)).ways) == 5
+
+
+@pytest.mark.parametrize("name", ["東京", " 東京", "Zu\u0308rich", "ZÜRICH"])
+def test_a_place_is_found_by_its_name_in_any_script(tmp_path: Path, name: str) -> None:
+    at: dict[str, tuple[float, float] | None] = {"東京": (139.7, 35.7), "Zürich": (8.5, 47.4)}
+    read = read_map(graphml_file(tmp_path, at, "東京 Zürich"))
+    assert read.place(name).name == ("h" if "東京" in name else "zurich")
 
 
 def test_a_great_circle_is_that_of_published_places() -> None:
@@ -111,11 +151,41 @@ def test_sequence_s_metres_are_kilometres_here(tmp_path: Path) -> None:
     ]
     file.write_text(json.dumps({"nodes": STAR["nodes"], "qchannels": channels}))
     assert [way.length_km for way in read_map(str(file)).ways] == [0.8, 0.8]
+    file.write_text(json.dumps({**STAR, "qchannels": channels, "stop_time": 1, "templates": {}}))
+    both = read_map(str(file))
+    assert [way.length_km for way in both.ways] == [0.5, 0.5, 0.8, 0.8]
+    assert both.unused == ("nodes.type", "qconnections.type", "stop_time", "templates")
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"hello", b"<graphml", b"\xff\xfe", b"", b"<a/>", b"<a>" * 100_000, GRAPHML[:-9].encode()],
+)
+def test_a_file_that_is_no_graphml_is_one_line_with_its_name(
+    tmp_path: Path, content: bytes
+) -> None:
+    file = tmp_path / "bad.graphml"
+    file.write_bytes(content)
+    with pytest.raises(BadMap) as caught:
+        read_map(str(file))
+    assert str(caught.value).startswith(str(file)) or content == b"<a/>"
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
     ("content", "text"),
     [
+        ("[" * 200_000, "bad.json is not a map: it is nested too deeply"),
+        ("{", "bad.json is not a map of its kind: JSONDecodeError"),
+        (
+            '{"nodes": [{"name": "a"}], "qchannels": [{"source": "a", "destination": "a"}]}',
+            "bad.json: a way from a to a: join two different nodes",
+        ),
+        (
+            '{"nodes": [{"name": "a"}, {"name": "b"}], "qchannels": [{"source": "a",'
+            ' "destination": "b", "distance": 1e999, "attenuation": 0}]}',
+            "map bad: a way from a to b of inf km",
+        ),
         ("{}", "is not a map of its kind: KeyError 'nodes'"),
         ("[]", "is not a map of its kind"),
         ('{"nodes": []}', "has no places"),
