@@ -18,6 +18,8 @@ def sense(layer: PhysicalLayer, node: str, name: BlockName) -> Feedback:
     phase_rad = layer.devices.of(node).sensor.phase_rad
     layer.sabot.require_capacity(block.register, [GateStep("RZ", angle_rad=phase_rad)])
     layer.take_up(block)
+    if not block.fibers_passed:  # it is no light, but a qubit that was made here
+        block.kept = True
     drift.twirl_turn(block, layer.sabot, layer.draws)
     layer.sabot.gate("RZ", block.register, angle_rad=phase_rad)
     further.gate(layer.sabot, block, "RZ", phase_rad)

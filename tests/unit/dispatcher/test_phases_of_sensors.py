@@ -5,13 +5,14 @@ from math import cos, pi, sqrt
 import numpy as np
 import pytest
 import uvloop
+from five_sigma import within
 
 from dispatcher.laboratory import Laboratory, block_id
 from dispatcher.refusal import Refusal
 from dispatcher.sabot.dense import TooLarge
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import CreateRequest, Gate, MeasureRequest
-from wire.parameters.physics import BadParameter, Device, Gates, Sensor
+from wire.parameters.physics import BadParameter, Detectors, Device, Gates, Sensor
 
 COUNT = 20_000
 
@@ -69,6 +70,19 @@ def test_a_phase_is_no_gate_and_has_none_of_its_noise() -> None:
         return int(np.bitwise_xor(*found).sum())
 
     assert uvloop.run(parity()) == 0
+
+
+def test_probes_that_are_made_here_are_read_with_the_errors_of_gates() -> None:
+    """A bit told wrongly with r leaves 1 - 2 r of the fringe; detectors count light alone."""
+    wrong = Device(gates=Gates(readout_error=0.1), detectors=Detectors(readout_error=0.5))
+    hosts = laboratory(alice=wrong)
+
+    async def probe() -> int:
+        await hosts.host("alice").prepare(np.full(COUNT, 2, np.uint8))  # |+>
+        await hosts.host("alice").sense((0, 0))
+        return int((await hosts.host("alice").measure((0, 0), MeasureRequest.X)).sum())
+
+    assert within(uvloop.run(probe()), COUNT, 0.1)
 
 
 def test_what_is_not_at_the_host_takes_no_phase_of_it() -> None:
