@@ -58,14 +58,15 @@ def angular_width(bandwidth_nm: float) -> float:
 def overlap(first: Spectrum, second: Spectrum, filter_rad_per_s: float) -> Overlap:
     """Return the overlap of two photons.
 
-    A filter gives both its own width. Where a width is 0 nothing is known of it: photons overlap
-    if they are of one colour, and not at all if they are of two.
+    A filter gives both its own width. Where only one width is known, both photons are as wide;
+    where none is, they overlap if they are of one colour, and not at all if they are of two.
     """
     spectra = first, second
     apart_mhz = second.frequency_mhz - first.frequency_mhz if all(s[2] for s in spectra) else 0
     widths = [filter_rad_per_s or angular_width(each.bandwidth_nm) for each in spectra]
-    if not all(widths):
+    if not any(widths):
         return Overlap(0.0 if apart_mhz else 1.0)
+    widths = [width or max(widths) for width in widths]
     d = 2e6 * math.pi * apart_mhz
     # Longer wavelengths come later: the phase of frequencies has the other sign.
     p, q = (

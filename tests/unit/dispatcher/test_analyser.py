@@ -133,6 +133,15 @@ def test_photons_overlap_as_the_integral_of_their_amplitudes(
     assert found.least(abs(apart_ps)) <= found.apart(apart_ps) * (1 + 1e-9) + 1e-12
 
 
+def test_where_one_width_alone_is_known_both_photons_are_as_wide() -> None:
+    """Then exp(-(s tau)^2) of them overlaps, as of equal spectra."""
+    known, unknown = Spectrum(0.5), Spectrum()
+    width_rad_per_s, apart_ps = angular_width(0.5), 1.5
+    expected = np.exp(-((width_rad_per_s * apart_ps * 1e-12) ** 2))
+    assert overlap(known, unknown, 0.0).apart(apart_ps) == pytest.approx(expected)
+    assert overlap(unknown, known, 0.0).apart(apart_ps) == pytest.approx(expected)
+
+
 def test_light_of_two_colours_without_a_width_does_not_overlap() -> None:
     one, other = Spectrum(0.0, 0.0, 193_400_000), Spectrum(0.0, 0.0, 193_412_500)
     assert overlap(one, other, 0.0).apart(0.0) == 0.0
