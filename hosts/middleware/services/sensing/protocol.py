@@ -121,7 +121,8 @@ class Leader(line.Leader):
             "mean_error_rad": error / hosts,
             "heisenberg_limit_rad": 1 / (hosts * sqrt(count)),
             "standard_limit_rad": 1 / sqrt(hosts * count),
-            "visibility": sum(phase.visibility for phase in phases) / len(phases),
+            # What an estimate has beyond 1 is chance.
+            "visibility": sum(min(phase.visibility, 1.0) for phase in phases) / len(phases),
         }
 
 
