@@ -9,6 +9,10 @@ seen (Hwang 2003; Lo, Ma, Chen 2005).
 But for their equation 5, of the phase error: its term for random sampling is that of a normal
 distribution, which few errors are far from, and is the chance of one number of errors, not of all
 below. The tail of the hypergeometric distribution itself takes its place.
+
+Their lower bounds of counts, n - delta, are 0 here where they are negative: there are no fewer
+bits than none. Keys are longer for it than by the formulas as they stand where few pulses of an
+intensity are seen, by 7 % in one case.
 """
 
 from dataclasses import dataclass
