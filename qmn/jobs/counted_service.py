@@ -11,7 +11,7 @@ from rich.console import Console
 from controller_apps.policy.schedules import PARALLEL
 from hosts.middleware.services.interception.passing import SPLIT
 from hosts.middleware.services.key_distribution.options import KeyOptions
-from hosts.middleware.services.sensing.options import SensingOptions
+from hosts.middleware.services.sensing.options import SEPARATE, SensingOptions
 from hosts.middleware.services.teleportation import qubit_states
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.service_options import ServiceOptions
@@ -22,6 +22,7 @@ from qmn.jobs.policies import scheduling_policy, tapping_policy
 from qmn.jobs.run_context import RunContext
 from qmn.network.checks import FROM_TO, LINE, check_network, check_two_hosts
 from qmn.network.description import NetworkDescription, describe_network
+from qmn.network.idle_settings import check_settings, emitters_of
 from qmn.network.light_checks import check_light
 from qmn.options import BadInput, check_ranges
 from qmn.requests.service import ServiceRequest
@@ -158,7 +159,11 @@ def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription
     check_source(request.options, network.hosts)
     named = verb_of(request.service).source
     taking_part = *ends, *request.others
-    check_light(request.service, taking_part, network.parts, request.options.source, named)
+    source = request.options.source
+    check_light(request.service, taking_part, network.parts, source, named)
+    separate = isinstance(request.options, SensingOptions) and request.options.probes == SEPARATE
+    emitters = emitters_of(request.service, taking_part, network.parts, source, separate)
+    check_settings(request.service, emitters, request.network.device)
     check_network(request.network)
     check_ranges(request.run)
     check_ranges(request)

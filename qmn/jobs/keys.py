@@ -3,7 +3,8 @@
 import time
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
+from functools import partial, reduce
+from operator import or_
 
 from rich.console import Console
 
@@ -13,6 +14,7 @@ from qmn.jobs.passing_eavesdropper import PassingEavesdropper, check_passing
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.network.checks import check_network
 from qmn.network.description import NetworkDescription, describe_network
+from qmn.network.idle_settings import check_settings, emitters_of
 from qmn.network.key_options import key_service
 from qmn.network.light_checks import check_light
 from qmn.options import check_ranges
@@ -51,6 +53,9 @@ def checked(request: KeysRequest) -> tuple[KeysRequest, NetworkDescription]:
     service = service_of(request, network)
     for pair in service.pairs:
         check_light(service.link.protocol, pair, network.parts)
+    protocol = service.link.protocol
+    emitters = reduce(or_, (emitters_of(protocol, pair, network.parts) for pair in service.pairs))
+    check_settings(protocol, emitters, request.network.device)
     check_passing(request.eve, service.pairs[0], network)
     return request, network
 

@@ -17,6 +17,7 @@ from qmn.jobs.run_context import RunContext
 from qmn.network.checks import FROM_TO, check_network, check_two_hosts
 from qmn.network.custom_topology import short_name
 from qmn.network.description import describe_network
+from qmn.network.idle_settings import check_settings, emitters_of
 from qmn.network.light_checks import check_light
 from qmn.options import BadInput, check_ranges
 from qmn.requests.superdense import SERVICE, SuperdenseRequest
@@ -53,7 +54,9 @@ def begun(
     options = replace(request.options, host=network.node(request.receiver))
     request = replace(request, sender=network.node(request.sender), options=options)
     size = check_input(request, network.hosts, network.dark_hosts)
-    check_light(SERVICE, (request.sender, request.receiver), network.parts)
+    ends = request.sender, request.receiver
+    check_light(SERVICE, ends, network.parts)
+    check_settings(SERVICE, emitters_of(SERVICE, ends, network.parts), request.network.device)
     require_free(network.topo)
     tell_estimate(request, size, console)
     folder = begin_folder(request.run.runs, short_name(request.network.topology))

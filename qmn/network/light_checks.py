@@ -28,7 +28,7 @@ def check_light(
     asked = Service[service.upper()]
     for opener, acceptor in pairwise(hosts):
         maker = source or parts.source_for(opener)
-        by = _making(asked, opener, maker, parts)
+        by = making(asked, opener, maker, parts)
         ends = {Role.OPENER: opener, Role.ACCEPTOR: acceptor}
         if uses_source(asked, by):
             _refuse_source(service, ends.values(), maker, named)
@@ -47,7 +47,7 @@ def check_source(service: str, parts: Description) -> None:
         _refuse_source(service, (), next(reversed(parts.sources), ""), True)
 
 
-def _making(service: Service, opener: str, source: str, parts: Description) -> Making:
+def making(service: Service, opener: str, source: str, parts: Description) -> Making:
     """Return who makes the pairs of a session, as its opener's stack chooses."""
     if opener == source:
         return Making.OPENER
