@@ -52,7 +52,9 @@ async def seen(laboratory: Laboratory, host: str, half: int = 0) -> np.ndarray:
     """Return in which pulses a host sees something of a half; nowhere if nothing has come."""
     if await laboratory.host(host).receive((0, half), f"{host}-q0") is None:
         return np.zeros(COUNT, dtype=bool)
-    return await laboratory.host(host).measure((0, half)) != NO_CLICK
+    bits = await laboratory.host(host).measure((0, half))
+    clicked: np.ndarray = bits != NO_CLICK
+    return clicked
 
 
 @pytest.mark.parametrize("mean", [0.4, 1.9])
