@@ -187,8 +187,16 @@ def test_a_block_without_light_counts_and_tells_what_was_meant() -> None:
     topics = [Topic.COMING, Topic.ARRIVED, Topic.CORRECTIONS, Topic.STATES]
     assert [message.topic for message in said] == topics  # type: ignore[attr-defined]
     assert ends.bob.said[2 * 2 - 1] == values(5, Topic.COUNTS, 2, [0, 0, 0], 32)
-    dark = Ends(unlit=frozenset(range(1, 6))).run()
-    assert [each.fidelity for each in dark] == [None, None]
+
+
+def test_a_session_of_which_nothing_arrives_ends_with_a_reason() -> None:
+    ends = Ends(unlit=frozenset(range(1, 6)))
+    with pytest.raises(SessionError, match=f"none of {COUNT} states arrived: see that fibres"):
+        ends.scene.run(ends.sending)
+    assert ends.bench.told[-1].fidelity is None
+    long = Ends(unlit=frozenset(range(1, 100)), count=2000)
+    with pytest.raises(SessionError, match="none of 500 states arrived"):  # of ten blocks
+        long.scene.run(long.sending)
 
 
 def test_nothing_is_measured_before_the_bits_have_come_however_they_are_cut() -> None:

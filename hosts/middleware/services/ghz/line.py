@@ -194,7 +194,8 @@ class Leader(ABC):
             dark = 0 if self.states > before else dark + 1
             if dark == MOST_DARK:
                 text = f"no state of the last {MOST_DARK} blocks was seen by all hosts: see that "
-                raise SessionError(Reason.NO_LIGHT, f"{text}fibres are whole, and the loss")
+                text += "fibres are whole, the loss, and the detectors"
+                raise SessionError(Reason.NO_LIGHT, text)
             yield Tell(self._summary((yield Now()) - began_s))
 
     def _size(self) -> int:

@@ -158,7 +158,8 @@ class Watch:
         self._dark = 0 if seen else self._dark + 1
         if self._dark == MOST_DARK:
             text = f"of the last {MOST_DARK} blocks no pair was found in equal bases at both ends"
-            raise SessionError(Reason.NO_LIGHT, f"{text}: see that fibres are whole, and the loss")
+            text += ": see that fibres are whole, the loss, and the detectors"
+            raise SessionError(Reason.NO_LIGHT, text)
 
     def summary(self) -> SealFigures:
         """Return what the application is told."""

@@ -37,6 +37,7 @@ from wire.outcomes import NO_COINCIDENCE
 from wire.results.figures import TeleportFigures
 
 MAX_NUMBER = (1 << 32) - 1
+MOST_DARK = 10  # blocks from the first on of which nothing arrives
 STATE_BLOCKS = 1 << 31  # numbers of the blocks of states, beside those of pairs
 
 
@@ -87,6 +88,9 @@ def send(side: OpenerSide, state: str, count: int) -> Steps[None]:
         counts = yield from hear(Topic.COUNTS, number, 3, MAX_NUMBER)
         tally.add(size, *counts.tolist())
         yield Tell(tally.summary((yield Now()) - began_s))
+        if not tally.arrived and (number == MOST_DARK or tally.states == count):
+            text = f"none of {tally.states} states arrived: see that fibres are whole, the loss, "
+            raise SessionError(Reason.NO_LIGHT, f"{text}and the detectors of both ends")
 
 
 def _measured(side: OpenerSide, number: int, states: States, size: int) -> Steps[Symbols]:
