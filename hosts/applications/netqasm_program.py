@@ -8,8 +8,9 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Callable
-from contextlib import redirect_stdout
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from hosts.netqasm_sdk.external import installed
 from hosts.netqasm_sdk.outcomes import plain
 from hosts.netqasm_sdk.placement import Placement
 from hosts.netqasm_sdk.ranks import counts
+from hosts.stack_socket import QuantumSocketError
 
 Main = Callable[..., Any]
 
@@ -48,6 +50,26 @@ def begin(main: Main, role: str, host: str, inputs: dict[str, Any], logs: Path) 
     return main(app_config=config, **inputs)
 
 
+class ProgramError(Exception):
+    """A program has failed: the text says of which role, where, and why."""
+
+
+@contextmanager
+def located(role: str, folder: Path, number: int | None = None) -> Iterator[None]:
+    """Raise errors with the role, the round, counted from 0, and the line in the folder."""
+    try:
+        yield
+    except Exception as error:
+        frames = traceback.extract_tb(error.__traceback__)
+        own = [frame for frame in frames if Path(frame.filename).is_relative_to(folder)]
+        words = [role] if number is None else [role, f"round {number + 1}"]
+        words += [f"{Path(each.filename).name}, line {each.lineno}" for each in own[-1:]]
+        place = ", ".join(words)
+        if isinstance(error, QuantumSocketError):
+            raise QuantumSocketError(f"{place}: {error}", error.reason) from error
+        raise ProgramError(f"{place}: {type(error).__name__}: {error}") from error
+
+
 def main() -> int:
     """Read the arguments, run the program, and turn faults into one line and an exit status."""
     parser = argparse.ArgumentParser(
@@ -65,7 +87,8 @@ def main() -> int:
     role = arguments.role
     placement = Placement(**arguments.placement, stacks={role: arguments.stack})
     program = arguments.path.is_file()
-    os.chdir(arguments.path.parent if program else arguments.path)
+    folder = arguments.path.parent if program else arguments.path
+    os.chdir(folder)
     set_log_level("INFO")
 
     def work_of_rank() -> None:
@@ -77,19 +100,21 @@ def main() -> int:
 
         with installed(placement, told), redirect_stdout(sys.stderr):
             rank, size = list(placement.hosts).index(role), len(placement.hosts)
-            found = counts(arguments.path, rank, size, arguments.rounds)
+            with located(role, folder):
+                found = counts(arguments.path, rank, size, arguments.rounds)
         say("result", {"round": 0, "output": found})
         say("done", {"rounds": arguments.rounds})
 
     def work() -> None:
         with installed(placement) as ends:
-            with redirect_stdout(sys.stderr):
-                entry = load(arguments.path, role)
+            with redirect_stdout(sys.stderr), located(role, folder):
+                entry = load(folder, role)
             for number in range(arguments.rounds):
-                with redirect_stdout(sys.stderr):
+                with redirect_stdout(sys.stderr), located(role, folder, number):
                     host = placement.host(role)
                     output = begin(entry, role, host, arguments.inputs, arguments.logs)
-                say("result", {"round": number, "output": plain(output)})
+                    output = plain(output)
+                say("result", {"round": number, "output": output})
                 ends[role].wait()
         say("done", {"rounds": arguments.rounds})
 
