@@ -13,13 +13,13 @@ from qmn.reports.light_paths import fiber_name, light_paths, photons_by_port
 from qmn.reports.markup import table
 from qmn.reports.run_facts import RunFacts, read_run
 from qmn.results.result import said_size
+from qmn.results.run_folder import REPORT
 from qmn.results.run_result import RunResult
 from qmn.results.service_result import number_text
 from wire.device import OF_LIGHT, setting_name
 from wire.results.figures import Figures, SentFigures
 from wire.results.run_result import KeysJob, LoadJob
 
-REPORT = "report.html"
 MOST_FIBERS = 24  # whose table is seen at once
 LAST_WORD = "Counts are the sender's last word; the figures may know more."
 # Of a page that has no script: a run may be another person's.

@@ -9,6 +9,7 @@ from pathlib import Path
 from qmn.options import BadInput
 
 PRIVATE = 0o700  # mode
+REPORT = "report.html"  # of `qmn run`, made again by `qmn report`
 STAMP = "%Y%m%dT%H%M%S"  # when a run began, at the start of its name
 
 
@@ -34,17 +35,24 @@ def begin_folder(runs: Path, name: str) -> Path:
     """Return the new folder of a run; raise BadInput if it cannot be made."""
     try:
         folder = make_folder(runs, name)
+        point_latest(folder)
     except OSError as error:
-        raise BadInput(f"cannot write to --runs {runs}: {error.strerror}") from error
-    point_latest(folder)
+        place = error.filename2 or error.filename
+        reason = f"{place}: {error.strerror}" if place else str(error)
+        raise BadInput(f"cannot write to --runs {runs}: {reason}") from error
     return folder
 
 
 def point_latest(folder: Path) -> None:
-    """Let runs/latest point to this run."""
+    """Let runs/latest point to this run; if it cannot, remove the folder and raise OSError."""
     link = folder.with_name(f".latest-{folder.name}")
-    link.symlink_to(folder.name)
-    link.replace(folder.with_name("latest"))
+    try:
+        link.symlink_to(folder.name)
+        link.replace(folder.with_name("latest"))
+    except OSError:
+        link.unlink(missing_ok=True)
+        folder.rmdir()
+        raise
 
 
 def give_to_invoker(folder: Path) -> None:

@@ -62,10 +62,15 @@ class DiskKeeper:
 
 def nearly_full(folder: Path) -> str:
     """Return in words that the disk of a folder is nearly full, "" if it is not."""
-    usage = shutil.disk_usage(folder)
-    if usage.free >= min(RESERVE_BYTES, usage.total // 100):
+    if has_room(folder):
         return ""
     return (
-        f"the disk of {folder} is nearly full: {usage.free / 1e6:,.0f} MB are free; make room, or "
-        "write less (--no-capture, --no-events, --no-record)"
+        f"the disk of {folder} is nearly full: {shutil.disk_usage(folder).free / 1e6:,.0f} MB are "
+        "free; make room, or write less (--no-capture, --no-events, --no-record)"
     )
+
+
+def has_room(folder: Path, further_bytes: int = 0) -> bool:
+    """Return whether the reserve of a folder's disk stays free if so many bytes are written."""
+    usage = shutil.disk_usage(folder)
+    return usage.free - further_bytes >= min(RESERVE_BYTES, usage.total // 100)

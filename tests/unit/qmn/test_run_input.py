@@ -15,7 +15,7 @@ from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.topologies import TOPOLOGIES
 from qmn.options import BadInput
 from qmn.requests.superdense import SuperdenseRequest
-from qmn.results.run_folder import make_folder, point_latest
+from qmn.results.run_folder import begin_folder, make_folder, point_latest
 from qmn.verbs.run import superdense_request
 from topologies.catalogue.node_kinds import ION_TRAP
 from topologies.catalogue.presets import PRESETS
@@ -223,6 +223,24 @@ def test_two_runs_in_one_second_have_folders_of_their_own(tmp_path: Path) -> Non
     for folder in (first, second):
         point_latest(folder)
         assert os.readlink(tmp_path / "latest") == folder.name
+
+
+@pytest.mark.parametrize(
+    ("blocked", "text"),
+    [
+        ("runs/latest/file", "runs/latest: Is a directory"),
+        ("runs", "runs: Not a directory|runs: File exists"),
+    ],
+)
+def test_where_no_folder_of_a_run_can_be_made_the_place_is_said(
+    tmp_path: Path, blocked: str, text: str
+) -> None:
+    (tmp_path / blocked).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / blocked).touch()
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(BadInput, match=f"cannot write to --runs .*({text})"):
+        begin_folder(tmp_path / "runs", "sdc")
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_devices_are_those_of_the_preset_but_for_what_is_said() -> None:

@@ -2,6 +2,8 @@
 
 import json
 import os
+import re
+import shutil
 import subprocess
 import time
 import zipfile
@@ -410,6 +412,75 @@ def test_a_file_that_is_no_run_is_refused_and_leaves_nothing(
     with pytest.raises(BadArchive, match="is not a run"):
         imported(file, tmp_path / "runs")
     assert [path.name for path in tmp_path.iterdir()] == ["hostile.zip"]
+
+
+@pytest.mark.parametrize("name", ["latest", "notes", "20261399T100000-x", "index.sqlite"])
+def test_a_folder_that_is_called_as_no_run_is_refused(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    file = tmp_path / "named.zip"
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr(f"{name}/result.json", "{}")
+    before = sorted(runs.rglob("*"))
+    assert called(runs, "import", str(file)) == 1
+    assert f"{name} is not the name of a run, such as 2026" in capsys.readouterr().err
+    assert sorted(runs.rglob("*")) == before
+
+
+def test_scripts_and_pages_of_a_file_are_left_out(tmp_path: Path) -> None:
+    file = tmp_path / "code.zip"
+    with zipfile.ZipFile(file, "w") as archive:
+        for name in ("result.json", "qmn.lua", "dispatcher.proto", "report.html"):
+            archive.writestr(f"{OLD}/{name}", "{}")
+    folder = imported(file, tmp_path / "runs")
+    assert [path.name for path in folder.iterdir()] == ["result.json"]
+
+
+def test_the_reserve_of_the_disk_stays_free_of_an_import(
+    runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two MB of zeros are in an archive of a few kB; the reserve is one GiB."""
+    file = tmp_path / "bomb.zip"
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(f"{OLD}/result.json", "{}")
+        archive.writestr(f"{OLD}/zeros", bytes(2_000_000))
+    assert file.stat().st_size < 10_000
+    usage = type(shutil.disk_usage(tmp_path))
+    for free, fits in (((1 << 30) + 1_999_999, False), ((1 << 30) + 2_000_002, True)):
+        left = usage(total=200 << 30, used=0, free=free)
+        monkeypatch.setattr(shutil, "disk_usage", lambda _folder, left=left: left)
+        folder = tmp_path / f"of {free}"
+        if fits:
+            assert (imported(file, folder) / "zeros").stat().st_size == 2_000_000
+        else:
+            with pytest.raises(BadArchive, match=r"holds 2 MB, .* nearly full: make room"):
+                imported(file, folder)
+            assert list(folder.iterdir()) == []
+
+
+def test_a_spoiled_archive_is_refused_in_one_line(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One byte of it is another, or the end is missing."""
+    whole, file = tmp_path / "whole.zip", tmp_path / "spoiled.zip"
+    assert called(runs, "export", OLD, str(whole)) == 0
+    capsys.readouterr()
+    random, good, refused = Random(1), whole.read_bytes(), 0
+    for number in range(400):
+        data = bytearray(good)
+        if number % 4:
+            at = random.randrange(len(data)) if number % 2 else -random.randrange(1, 400)
+            data[at] = random.randrange(256)
+        else:
+            del data[random.randrange(len(data)) :]
+        file.write_bytes(data)
+        if called(tmp_path / "other", "import", str(file)) == 0:
+            shutil.rmtree(tmp_path / "other" / OLD)
+        else:
+            refused += 1
+            assert re.fullmatch(r"qmn: .*\n", capsys.readouterr().err)
+            assert list((tmp_path / "other").glob("*")) == []
+    assert refused > 200
 
 
 @pytest.mark.parametrize("data", [b"", b"PK\x03\x04", b"no zip"])
