@@ -82,6 +82,7 @@ def test_nothing_takes_the_covers_off(shared_network: Network) -> None:
         "unshare --map-root-user --mount umount /run/qmn",
         "unshare --map-root-user --mount bash -c 'mount --bind / /mnt && cd /mnt'",
         "umount --lazy /run",
+        "umount /dev/shm",
         "umount /dev/pts",
         "mount -o remount,rw /run/qmn",
         "mount --move /run/qmn /mnt",
@@ -119,6 +120,23 @@ def test_what_is_shown_to_a_host_it_cannot_change(shared_network: Network) -> No
     connect = f"socket.socket(socket.AF_UNIX).connect({runtime.socket('charlie')!r})"
     said = charlie.cmd(f'{sys.executable} -c "import socket; {connect}; print(42)"')
     assert said.strip() == "42"
+
+
+def test_a_host_does_not_see_where_programs_of_another_meet(shared_network: Network) -> None:
+    """As wireguard-go and wg do in /run/wireguard, and others by shared memory and queues."""
+    alice, charlie = (shared_network.host(name) for name in ("alice", "charlie"))
+    bound = "socket.socket(socket.AF_UNIX).bind('/run/wireguard/wg0.sock')"
+    made = alice.cmd(
+        f'mkdir -p /run/wireguard && {sys.executable} -c "import socket; {bound}" && '
+        "echo secret > /dev/shm/kept && ipcmk --queue > /dev/null; echo status=$?"
+    )
+    assert made.strip() == "status=0"
+    looks = "ls /run/wireguard /dev/shm; ipcs --queues"
+    for seen in (alice.cmd(looks), alice.pexec(["sh", "-c", looks])[0]):
+        assert all(word in seen for word in ("wg0.sock", "kept", "0x")), seen
+    for seen in (charlie.cmd(looks), charlie.pexec(["sh", "-c", looks])[0]):
+        assert not [word for word in ("wg0.sock", "kept", "0x") if word in seen]
+    alice.cmd("rm -r /run/wireguard /dev/shm/kept; ipcrm --all=msg")
 
 
 def test_a_host_has_terminals_of_its_own_and_no_others(shared_network: Network) -> None:

@@ -45,7 +45,7 @@ def test_each_host_has_one_with_the_users_of_this_machine(shared_network: Networ
 
 def test_a_command_is_where_the_shell_is(shared_network: Network) -> None:
     alice = shared_network.host("alice")
-    kinds = ("user", "mnt", "net", "pid")
+    kinds = ("user", "mnt", "net", "pid", "ipc")
     links = " ".join(f"/proc/self/ns/{kind}" for kind in kinds)
     said, errors, status = alice.pexec(f"readlink {links}", cwd=None)
     assert (errors, status) == ("", 0)

@@ -3,7 +3,8 @@
 Until it is confined, a host's shell is as Mininet's. Then that becomes the keeper of another:
 
     keeper (node.shell)      the host's network, this machine's files and processes
-     `- shell                the host's network, and processes and covered files of its own
+     `- shell                the host's network, and processes, /run, /dev/shm, System V IPC and
+                             covered files of its own
 
 Our programs of a host are started beside the keeper: those of the host cannot reach them. Where
 the kernel allows it the shell is in a user namespace, which the host's network belongs to: root
@@ -34,7 +35,16 @@ SHELL = Path(__file__).with_name("confined_shell")
 # Without a user namespace. What could take covers off: mounting, opening files by their numbers,
 # the kernel's memory. And what could take limits off.
 GIVEN_UP = "-sys_admin,-dac_read_search,-sys_module,-sys_rawio,-sys_boot,-perfmon,-sys_resource"
-APART = ["unshare", "--pid", "--fork", "--kill-child", "unshare", "--mount", "--mount-proc"]
+APART = [
+    "unshare",
+    "--pid",
+    "--fork",
+    "--kill-child",
+    "unshare",
+    "--mount",
+    "--ipc",
+    "--mount-proc",
+]
 READ, WRITTEN = "ro", "rw"  # access to what is shown: words of mount(8)
 FIRST_SHOWN = 10  # descriptor by which the shell has the first of what is shown
 CLONE_NEWPID = 0x20000000
@@ -45,6 +55,8 @@ RULED = [Path("/proc/sys"), Path("/sys")]
 RULED_IN_SOME = [Path("/proc", name) for name in ("bus", "fs", "irq", "sysrq-trigger")]
 # Of its own, or else root of one host could read what is typed on another, or by who runs it.
 TERMINALS = "qmn-terminals /dev/pts devpts newinstance,mode=0620,ptmxmode=0666"
+# Where programs meet by sockets and files: else a host had the keys of another's WireGuard.
+MEETING_PLACES = "qmn-run /run tmpfs mode=755,size=64m", "qmn-shm /dev/shm tmpfs mode=1777"
 OWN_NETWORK = [Path("/proc/sys/net"), Path("/sys/devices/virtual/net")]  # all that a host has of it
 LIBC = ctypes.CDLL(None, use_errno=True)
 
@@ -128,9 +140,9 @@ class ConfinedNode(ShellWatcher):
         if self._user is None:
             limits = ["prlimit", f"--data={self._memory_bytes}"]
             given_up = ["setpriv", f"--bounding-set={GIVEN_UP}"]
-            return ["mnexec", "-a", pid, *limits, *given_up]
+            return ["nsenter", "--target", pid, "--ipc", "mnexec", "-a", pid, *limits, *given_up]
         # At once: programs that the host sees may be others, and must not run with more powers.
-        where = ["--user", "--net", "--mount", "--preserve-credentials"]
+        where = ["--user", "--net", "--mount", "--ipc", "--preserve-credentials"]
         enter = ["nsenter", "--target", pid, *where]
         limited = ["sh", "-c", LIMITED, os.path.abspath(folder), str(self._memory_bytes // KIB)]
         return [*enter, *limited]
@@ -174,7 +186,7 @@ def fstab(shown: Mapping[Path, str], covered: Sequence[Path], ruled: Sequence[Pa
     mount(8): there may be a thousand hosts.
     """
     # Sources, or else places, that nobody else writes so: what is there is not mounted again.
-    covers = [f"qmn-cover {escaped(folder)} tmpfs mode=755" for folder in covered]
+    covers = [f"qmn-cover {escaped(folder)} tmpfs mode=755,X-mount.mkdir" for folder in covered]
     binds = [
         f"/proc/self/fd/{number} {escaped(folder)} none bind,X-mount.mkdir"
         for number, folder in enumerate(shown, FIRST_SHOWN)
@@ -190,7 +202,9 @@ def fstab(shown: Mapping[Path, str], covered: Sequence[Path], ruled: Sequence[Pa
         for place in [f"{path.parent}/./{path.name}"]
         for line in (f"{path} {place} none bind", f"none {place} none remount,bind,{access}")
     ]
-    return "".join(f"{line}\n" for line in (*covers, *binds, *closes, *kernel, TERMINALS))
+    return "".join(
+        f"{line}\n" for line in (*MEETING_PLACES, *covers, *binds, *closes, *kernel, TERMINALS)
+    )
 
 
 def escaped(folder: Path) -> str:
