@@ -28,7 +28,7 @@ UNEQUAL_ARMS = "pairs heralded by unequal arms are Bell states"
 READY_STATION = "detectors of a station are never dead, and click once for a photon"
 UNLIKE_DETECTORS = "heralds by dark counts of a station's unlike detectors are as of like ones"
 STRAYED = "light of heralded attempts that strays in switches is lost"
-UNLIKE_LIGHT = "photons of unlike light in one block have one spectrum and way"
+UNLIKE_LIGHT = "photons of unlike light in one block or pulse count as alike"
 FREE_WAIT = "light waits for its host, which cannot keep it, in a fibre without loss"
 
 

@@ -4,7 +4,8 @@ Each photon of a pair is looked at by two detectors: those of one arm tell the p
 from Phi-), those of the other its parity (Phi from Psi). A coincidence is a click in either arm at
 most a window apart. What makes photons distinguishable is how much later one half has come as
 a whole, but for what a delay line has taken out, the drift and jitter of each photon, different
-rates, and different colours (dispatcher.devices.overlap). A lone photon takes either detector of
+rates, different colours (dispatcher.devices.overlap), and of qubits in time bins how fibres have
+turned their polarisation (dispatcher.fiber.turn). A lone photon takes either detector of
 its arm at random.
 
 Distinguishable photons interfere less (Hong, Ou, Mandel, Phys. Rev. Lett. 59, 2044): with
@@ -161,9 +162,12 @@ class Analyser:
             return np.zeros(0, dtype=np.intp)
         # Draw as if all were as far apart as the worst; keep of those what their own mismatch says.
         some = random.events("interference", worst)
-        if mismatch.ps is None or not overlap.rad_per_s:
+        if not isinstance(overlap.most, np.ndarray) and (
+            mismatch.ps is None or not overlap.rad_per_s
+        ):
             return some
-        wrong = self._wrong(mismatch.ps[some], overlap)
+        apart_ps = mismatch.all_ps if mismatch.ps is None else mismatch.ps[some]
+        wrong = self._wrong(apart_ps, overlap.of(some))
         return some[random.generator("visibility").random(some.size) * worst < wrong]
 
     def _wrong(self, mismatch_ps: Each, overlap: Overlap) -> Each:

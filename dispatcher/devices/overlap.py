@@ -1,4 +1,4 @@
-"""The overlap of two photons in time and colour, which decides how well they interfere.
+"""The overlap of two photons, which decides how well they interfere: in time and colour, as here.
 
 Photons of Gaussian spectra, of rms widths s and s' of their intensity (rad/s) and d apart, that
 come apart by tau, with phases b w^2 / 2 and b' w^2 / 2 by dispersion about their own colours,
@@ -16,6 +16,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dispatcher.devices.decay import Each
 from wire.optical import DEFAULT_FREQUENCY_MHZ
@@ -27,7 +28,7 @@ FREQUENCY_HZ = DEFAULT_FREQUENCY_MHZ * 1e6
 class Overlap(NamedTuple):
     """The overlap of photons that come best together, and how it falls as they come apart."""
 
-    most: float = 1.0
+    most: Each = 1.0
     rad_per_s: float = 0.0  # falls as exp(-(rad_per_s tau)^2); 0: light of one colour, however late
     best_ps: float = 0.0  # the mismatch at which it is most; other than 0 of two colours
 
@@ -39,7 +40,11 @@ class Overlap(NamedTuple):
 
     def least(self, most_ps: float) -> float:
         """Return how far photons overlap at least that come so far apart at most."""
-        return float(self.apart(self.best_ps + abs(self.best_ps) + most_ps))
+        return float(np.min(self.apart(self.best_ps + abs(self.best_ps) + most_ps)))
+
+    def of(self, photons: NDArray[np.integer]) -> "Overlap":
+        """Return that of some photons."""
+        return self._replace(most=self.most[photons]) if isinstance(self.most, np.ndarray) else self
 
 
 class Spectrum(NamedTuple):

@@ -169,6 +169,7 @@ class Effect(NamedTuple):
     # Coherent rotation about the Z axis. Angles add up and become a Pauli at the measurement.
     angles_rad: NDArray[np.float64] | None = None
     turn: Turn | None = None  # about any axis; turns are composed, and become Paulis too
+    polarization: Turn | None = None  # of light whose qubits are not in its polarisation
     delays_ps: NDArray[np.float64] | None = None
     transmission: float = 1.0  # how likely light that is in the same pulse comes through
     exact: bool = True  # whether this is what the physics does, or an approximation of it

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dispatcher.approximations import LOSS_OF_POLARISATION, MODE_DISPERSION, approximation
-from dispatcher.fiber.fluctuations import wander
-from dispatcher.fiber.noise import Effect, Passage, depolarized
+from dispatcher.fiber.fluctuations import PolarizationDrift, wander
+from dispatcher.fiber.noise import Effect, NoiseModel, Passage, depolarized
+from dispatcher.fiber.turn import of_paulis
 
 MEAN_MAXWELL = math.sqrt(8 / math.pi)  # mean length of three normal components of rms 1
 
@@ -75,3 +76,22 @@ class PolarizationModeDispersion:
         named = approximation(MODE_DISPERSION, most)
         own = paulis(passage, np.arange(passage.photons))
         return Effect(paulis=own, of_further=paulis, delays_ps=own_ps, exact=False, named=named)
+
+
+def effect_on(encoding: str, model: NoiseModel, passage: Passage) -> Effect:
+    """Return what a model does to qubits of an encoding.
+
+    Qubits in time bins have one polarisation, which is turned with the light and decides how well
+    that interferes with other light. Of mode dispersion the delays alone count: of one photon that
+    is exact on average over its axis, |<1|2>|^2 = exp(-(s delay / 2)^2).
+    """
+    effect = model.effect(passage)
+    if encoding == "polarization":
+        return effect
+    if isinstance(model, PolarizationDrift):
+        return effect._replace(turn=None, polarization=effect.turn, exact=True)
+    if isinstance(model, PolarizationDependentLoss) and effect.paulis is not None:
+        return effect._replace(paulis=None, polarization=of_paulis(effect.paulis))
+    if isinstance(model, PolarizationModeDispersion):
+        return effect._replace(paulis=None, of_further=None)
+    return effect

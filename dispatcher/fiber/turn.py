@@ -4,6 +4,7 @@ A turn is the operator w - i (x X + y Y + z Z): by an angle a about an axis n, w
 (x, y, z) = sin(a / 2) n.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,8 @@ Quaternions = NDArray[np.float64]  # shape (..., 4)
 # How conjugation by I, X, Z and XZ changes the signs of a quaternion, and transposition does.
 SIGNS = np.array([[1, 1, 1, 1], [1, 1, -1, -1], [1, -1, -1, 1], [1, -1, 1, -1]], np.float64)
 TRANSPOSED = np.array([1, 1, -1, 1], np.float64)
+INVERSE = np.array([1, -1, -1, -1], np.float64)
+OF_PAULIS = np.eye(4)[[0, 1, 3, 2]]  # I, X, Z and XZ, but for phases
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,52 @@ class Turn:
     def behind(self, pauli: int) -> "Turn":
         """Return the turn that follows a Pauli as this one comes before it: P T = T' P."""
         return Turn(self.starts, self.quaternions * SIGNS[pauli])
+
+
+STILL = Turn(np.zeros(1, np.int64), np.array([[1.0, 0.0, 0.0, 0.0]]))
+
+
+def of_paulis(paulis: NDArray[np.uint8]) -> Turn:
+    """Return the turn of each photon by I, X, Z or XZ, shape (k,)."""
+    starts = np.flatnonzero(np.diff(paulis, prepend=np.uint8(255)))
+    return Turn(starts, OF_PAULIS[paulis[starts]])
+
+
+def merged(one: Turn | None, other: Turn | None, members: NDArray[np.bool_]) -> Turn | None:
+    """Return one turn, but the other one for the photons of a mask, shape (k,)."""
+    if one is other:
+        return one
+    one, other = one or STILL, other or STILL
+    changes = np.flatnonzero(np.diff(members)) + 1
+    starts = np.unique(np.concatenate([one.starts, other.starts, changes]))
+    mine, theirs = (each.quaternions[each.stretch(starts)] for each in (one, other))
+    return Turn(starts, np.where(members[starts][:, None], theirs, mine))
+
+
+def gathered(picks: Sequence[tuple[Turn | None, NDArray[np.uint32]]]) -> Turn | None:
+    """Return the turns of the photons at these positions of several, one after the other."""
+    if all(turn is None for turn, _positions in picks):
+        return None
+    each = [(turn or STILL, positions.astype(np.int64)) for turn, positions in picks]
+    parts = [turn.quaternions[turn.stretch(positions)] for turn, positions in each]
+    quaternions = np.concatenate(parts)
+    new = np.ones(len(quaternions), dtype=bool)
+    new[1:] = (np.diff(quaternions, axis=0) != 0).any(axis=1)
+    starts = np.flatnonzero(new)
+    return Turn(starts, quaternions[starts])
+
+
+def alignment(one: Turn | None, other: Turn | None, photons: int) -> float | NDArray[np.float64]:
+    """Return |<H|A* B|H>|^2 of photons that began as H and were turned by A, and by B."""
+    if one is other:
+        return 1.0
+    one, other = one or STILL, other or STILL
+    starts = np.union1d(one.starts, other.starts)
+    mine, theirs = (each.quaternions[each.stretch(starts)] for each in (one, other))
+    kept = np.square(product(mine * INVERSE, theirs)[:, [0, 3]]).sum(axis=1)
+    if starts.size == 1:
+        return float(kept[0])
+    return np.repeat(kept, np.diff(starts, append=photons))
 
 
 def product(later: Quaternions, earlier: Quaternions) -> Quaternions:

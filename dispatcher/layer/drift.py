@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dispatcher.approximations import twirled_phase, twirled_turn
-from dispatcher.fiber.turn import SIGNS, TRANSPOSED, Turn, product
+from dispatcher.fiber.turn import SIGNS, STILL, TRANSPOSED, Turn, product
 from dispatcher.layer.ownership import Block, Pulses
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.draws import Draws
@@ -122,8 +122,7 @@ def _of_pairs(first: Block, second: Block) -> _PairTurns | None:
     one, other = first.pulses.turn, second.pulses.turn
     if one is None and other is None:
         return None
-    none = Turn(np.zeros(1, np.int64), np.array([[1.0, 0.0, 0.0, 0.0]]))
-    mine, theirs = one or none, other or none
+    mine, theirs = one or STILL, other or STILL
     starts = np.union1d(mine.starts, theirs.starts)
     left = mine.quaternions[mine.stretch(starts)]
     right = theirs.quaternions[theirs.stretch(starts)] * TRANSPOSED

@@ -45,6 +45,7 @@ class Pulses:
     delays_ps: NDArray[np.float64] | None = None  # later than the block's rate says
     angles_rad: NDArray[np.float64] | None = None  # coherent rotation about Z so far
     turn: Turn | None = None  # coherent rotation about any axis so far
+    polarization: Turn | None = None  # how it was turned, of light whose qubits are not in it
     encoding: str = ENCODINGS[0]
     bandwidth_nm: float = 0.0  # rms of the source's spectrum
     dispersion_ps_per_nm: float = 0.0  # of all fibres so far

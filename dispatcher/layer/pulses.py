@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from dispatcher.fiber.noise import Effect
+from dispatcher.fiber.turn import gathered, merged
 from dispatcher.layer.ownership import Block, Pulses
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.registers import Mask
@@ -91,6 +92,7 @@ def unite(pulses: Pulses, other: Pulses, members: Mask) -> None:
         )
     pulses.delays_ps = _merged(pulses.delays_ps, other.delays_ps, members)
     pulses.angles_rad = _merged(pulses.angles_rad, other.angles_rad, members)
+    pulses.polarization = merged(pulses.polarization, other.polarization, members)
 
 
 def gather(picks: Sequence[tuple[Pulses, NDArray[np.uint32]]]) -> Pulses:
@@ -110,6 +112,7 @@ def gather(picks: Sequence[tuple[Pulses, NDArray[np.uint32]]]) -> Pulses:
         extras=joined([pulses.extras for pulses in every], np.uint8),
         delays_ps=joined([pulses.delays_ps for pulses in every], np.float64),
         angles_rad=joined([pulses.angles_rad for pulses in every], np.float64),
+        polarization=gathered([(pulses.polarization, at) for pulses, at in picks]),
         encoding=every[0].encoding,
         bandwidth_nm=max(pulses.bandwidth_nm for pulses in every),
         dispersion_ps_per_nm=max((pulses.dispersion_ps_per_nm for pulses in every), key=abs),

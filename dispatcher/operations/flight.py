@@ -18,12 +18,9 @@ from dispatcher.clock import Clock
 from dispatcher.devices.overlap import angular_width
 from dispatcher.fiber.classical_light import ClassicalLight
 from dispatcher.fiber.custom_noise import OwnNoise, of_all
-from dispatcher.fiber.fluctuations import PhaseDrift, PolarizationDrift
+from dispatcher.fiber.fluctuations import PhaseDrift
 from dispatcher.fiber.noise import MEMORYLESS, Effect, NoiseModel, Passage, Pattern, Schedule
-from dispatcher.fiber.polarization_modes import (
-    PolarizationDependentLoss,
-    PolarizationModeDispersion,
-)
+from dispatcher.fiber.polarization_modes import PolarizationDependentLoss, effect_on
 from dispatcher.fiber.turn import Turn
 from dispatcher.layer import drift, further, pulses
 from dispatcher.layer.kraus import Channels
@@ -38,9 +35,6 @@ from dispatcher.switch.optical_switch import Light, OpticalSwitch, Passed
 from wire.config import FiberEnd
 
 Noise = NDArray[np.uint8] | None  # photons that are noise in each pulse, shape (k,)
-
-# What qubits in time bins do not see.
-POLARIZED = (PolarizationDrift, PolarizationDependentLoss, PolarizationModeDispersion)
 
 
 @dataclass(frozen=True)
@@ -73,6 +67,7 @@ class Beam:
     applied: NDArray[np.uint8] | None = None  # what of that is in the state already
     rotation: int = 0  # Pauli that switches have added up to, and that is not in it
     turn: Turn | None = None  # rotations of polarisation by fibres, behind that Pauli
+    polarization: Turn | None = None  # the same of light whose qubits are not in it
     dispersion_ps_per_nm: float = 0.0
 
 
@@ -87,6 +82,7 @@ class Arrival:
     errors: list[int]  # to how many photons X, Z and XZ happened on the way
     rotation: int = 0
     turn: Turn | None = None
+    polarization: Turn | None = None
     dispersion_ps_per_nm: float = 0.0
     way_ps: float = 0.0  # in fibres
 
@@ -170,7 +166,7 @@ class Flight:
         self._apply(beam, photons)
         schedule = self._departure.after(beam.delay_ps)
         way = end, beam.block, schedule, beam.fibers_passed
-        turned = beam.rotation, beam.turn, beam.dispersion_ps_per_nm
+        turned = beam.rotation, beam.turn, beam.polarization, beam.dispersion_ps_per_nm
         return Arrival(*way, errors, *turned, beam.delay_ps)
 
     def _apply(self, beam: Beam, photons: Mask) -> None:
@@ -273,13 +269,14 @@ class Flight:
         width_rad_per_s = angular_width(block.pulses.bandwidth_nm)
         beam.dispersion_ps_per_nm += line.fiber.dispersion_ps_per_nm
         for name, model in line.noise.items():
-            if not meets(block.pulses.encoding, model):
+            encoding = block.pulses.encoding
+            if not meets(encoding, model):
                 continue
             history = self._layer.history.of_model(line.near.node, line.near.port, name)
             place = block.draws_for(f"fiber {beam.fibers_passed} {name}")
             where = self._layer.draws, block.name, place
             passage = Passage(*where, schedule, history, width_rad_per_s)
-            effect, of_further = _effects(model, passage, block.further)
+            effect, of_further = _effects(encoding, model, passage, block.further)
             where_told = f"in the fibre to {line.far.port} of {line.far.node}"
             told = f"{type(model).__name__} {where_told}"
             if effect.lost is not None:
@@ -296,6 +293,8 @@ class Flight:
             pulses.pass_on(block.pulses, beam.members, effect)
             if effect.turn is not None:
                 beam.turn = effect.turn.after(beam.turn)
+            if effect.polarization is not None:
+                beam.polarization = effect.polarization.after(beam.polarization)
             if of_further is not None:
                 further.meet(self._layer.sabot, block, beam.members, of_further)
             if effect.kraus is not None:
@@ -344,19 +343,19 @@ def _noise_of(block: Block, others: NDArray[np.int64], chosen: Mask) -> Noise:
 
 
 def _effects(
-    model: NoiseModel, passage: Passage, light: Further | None
+    encoding: str, model: NoiseModel, passage: Passage, light: Further | None
 ) -> tuple[Effect, Effect | None]:
     """Return what a fibre does to pulses and their own photons, and to further ones, if any.
 
     Each further photon is lost and errs by itself.
     """
     if light is None or not light.pulses.size:
-        return model.effect(passage), None
+        return effect_on(encoding, model, passage), None
     if isinstance(model, OwnNoise):
         return of_all(model, passage, light.pulses)
-    effect, beside = model.effect(passage), passage.beside(light.pulses.size)
+    effect, beside = effect_on(encoding, model, passage), passage.beside(light.pulses.size)
     if isinstance(model, (*MEMORYLESS, PolarizationDependentLoss)):
-        return effect, model.effect(beside)
+        return effect, effect_on(encoding, model, beside)
     paulis = None if effect.of_further is None else effect.of_further(beside, light.pulses)
     lost = None
     if effect.transmission < 1:
@@ -368,6 +367,4 @@ def meets(encoding: str, model: NoiseModel) -> bool:
     """Return whether a noise model changes qubits of an encoding just now."""
     if isinstance(model, ClassicalLight):
         return not model.dark
-    if isinstance(model, POLARIZED):
-        return encoding == "polarization"
     return encoding == "time-bin" or not isinstance(model, PhaseDrift)

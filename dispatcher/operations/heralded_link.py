@@ -87,14 +87,18 @@ class Link:
 
     @property
     def visibility(self) -> float:
-        """Return the most that photons can have, whenever they come."""
-        return self.station.analyser.visibility * self.overlap.most
+        """Return the most that photons can have, however they come."""
+        return self.station.analyser.visibility * float(self.overlap.most)
 
     @property
     def heralds(self) -> Heralds:
-        """Return how likely an attempt is heralded."""
+        """Return how likely an attempt is heralded, of light that is most alike."""
+        return self.heralds_of(self.visibility)
+
+    def heralds_of(self, visibility: float) -> Heralds:
+        """Return the same of light that interferes so well."""
         kind = two_click if self.scheme == "two-click" else single_click
-        return kind(self.arms, self.dark, self.visibility)
+        return kind(self.arms, self.dark, visibility)
 
     @property
     def seen(self) -> float:

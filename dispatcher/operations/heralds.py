@@ -17,9 +17,10 @@ from dispatcher.approximations import (
     twirled_phase,
     twirled_turn,
 )
+from dispatcher.devices.decay import Each
 from dispatcher.devices.heralding import KINDS, phase_wrong
 from dispatcher.fiber.noise import Effect
-from dispatcher.fiber.turn import TRANSPOSED, Turn, product
+from dispatcher.fiber.turn import STILL, TRANSPOSED, alignment, product
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import BlockName
 from dispatcher.operations.heralded_link import Link
@@ -30,7 +31,6 @@ from wire.config import BadConfig
 BOTH_BRIGHT = KINDS.index("11")
 PSI_PLUS, PSI_MINUS = np.uint8(1), np.uint8(3)
 TURNED = np.array([1, 3, 2, 0], np.uint8)  # X, XZ, Z by their chances, or I
-STILL = Turn(np.zeros(1, np.int64), np.array([[1.0, 0.0, 0.0, 0.0]]))
 Bytes = NDArray[np.uint8]
 MAX_BATCHES = 5_000  # in which pairs are drawn; many of them are dropped for their age then
 
@@ -149,7 +149,8 @@ class Drawing:
         ]
         rotated, twirled = _rotated(met, random)
         light = met[0].paulis ^ met[1].paulis ^ rotated
-        light ^= _distinguished(link, met, random)
+        visibility = _visibility(link, met)
+        light ^= _distinguished(link, visibility, random)
         light[random.events("readout", link.told_wrongly)] ^= PHASE
         first = light * (kind == 0)  # the others are entangled with no light
         second = np.zeros(count, np.uint8)
@@ -158,7 +159,7 @@ class Drawing:
             at = own.events("error", 1 - emitter.fidelity)
             errors[at] ^= 1 + own.which("which", at.size, np.ones(3))
         told = np.where(_minus(link, random), PSI_MINUS, PSI_PLUS).astype(np.uint8)
-        come = _clicked(link, met, kind, random)
+        come = _clicked(link, met, kind, random) & _bunched(link, kind, visibility, random)
         every = twirled | met[0].approximations | met[1].approximations | link.approximations
         effect = self._custom_noise(place, count)
         if effect is not None:
@@ -260,14 +261,33 @@ def _rotated(met: Sequence[Met], random: PhotonRandom) -> tuple[Bytes, Approxima
     return paulis, twirled
 
 
-def _distinguished(link: Link, met: Sequence[Met], random: PhotonRandom) -> Bytes:
-    """Return which phases are wrong, as light of both hosts could be told apart."""
-    wrong = np.zeros(random.photons, np.uint8)
-    if not link.overlap.rad_per_s or all(each.delays_ps is None for each in met):
-        chance = float(phase_wrong(link.scheme, link.heralds, link.visibility))
-        wrong[random.events("interference", chance)] = PHASE
-        return wrong
+def _visibility(link: Link, met: Sequence[Met]) -> Each:
+    """Return how well light of both hosts interferes, by its time, colour and polarisation."""
     first, second = (0.0 if each.delays_ps is None else each.delays_ps for each in met)
-    own = link.station.analyser.visibility * link.overlap.apart(first - second)
-    chances = phase_wrong(link.scheme, link.heralds, own)
-    return (random.uniform("interference") < chances) * PHASE
+    overlap = link.overlap.apart(first - second) if link.overlap.rad_per_s else link.overlap.most
+    aligned = alignment(met[0].polarization, met[1].polarization, met[0].arrived.size)
+    return link.station.analyser.visibility * overlap * aligned
+
+
+def _distinguished(link: Link, visibility: Each, random: PhotonRandom) -> Bytes:
+    """Return which phases are wrong, as light of both hosts could be told apart."""
+    chances = phase_wrong(link.scheme, link.heralds, visibility)
+    wrong = np.zeros(random.photons, np.uint8)
+    if isinstance(chances, np.ndarray):
+        wrong[random.uniform("interference") < chances] = PHASE
+    else:
+        wrong[random.events("interference", chances)] = PHASE
+    return wrong
+
+
+def _bunched(link: Link, kind: Bytes, visibility: Each, random: PhotonRandom) -> NDArray[np.bool_]:
+    """Draw which heralds there are, of those that there would be of light that is most alike.
+
+    Two photons that are less alike leave together less often, by which a chance falls linearly.
+    """
+    if np.all(visibility == link.visibility):
+        return np.ones(kind.size, bool)
+    most, least = (np.array(link.heralds_of(v).chances)[kind] for v in (link.visibility, 0.0))
+    falls = (most - least) * (1 - visibility / link.visibility)
+    together: NDArray[np.bool_] = random.uniform("bunching") * most >= falls
+    return together

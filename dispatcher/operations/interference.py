@@ -3,7 +3,8 @@
 Photons that are alone go by either output, each for itself. One in each arm are Bell-measured,
 whatever they are entangled with. Several, as of weak laser pulses, interfere all at once: how they
 leave follows from their states (dispatcher.devices.beam_splitter), which have to be known for it.
-A photon of the second arm that can be told from those of the first, by time or colour, is alone.
+A photon of the second arm that can be told from those of the first, by time, colour or, of qubits
+in time bins, polarisation, is alone.
 """
 
 from typing import NamedTuple
@@ -163,7 +164,7 @@ class Interference:
     ) -> Mask:
         """Draw which photons of the second arm cannot be told from those of the first."""
         apart_ps = mismatch.ps[pulses] if mismatch.ps is not None else np.float64(mismatch.all_ps)
-        alike = analyser.visibility(apart_ps, overlap)
+        alike = analyser.visibility(apart_ps, overlap.of(pulses))
         if np.all(alike == 1):
             return np.ones(pulses.size, dtype=bool)
         told = self._random.generator("distinguishable").random(pulses.size) >= alike

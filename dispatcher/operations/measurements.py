@@ -10,6 +10,7 @@ from dispatcher.devices.analyser import Analyser, Analysis, Half
 from dispatcher.devices.detector import Train
 from dispatcher.devices.detectors import Told
 from dispatcher.devices.overlap import Overlap, overlap
+from dispatcher.fiber.turn import alignment
 from dispatcher.layer import drift, further, part_noise, pulses
 from dispatcher.layer.layer import PhysicalLayer, tally
 from dispatcher.layer.ownership import Block, BlockName, Pulses
@@ -102,7 +103,7 @@ class Measurements:
         feedback.last_ns = max(first.last_ns, second.last_ns)
         like = layer.devices.of(node).analyser
         by_gates = like.kind == "gates"
-        matched = _matched(like, first.pulses, second.pulses)
+        matched = _matched(like, first.pulses, second.pulses, first.register.size)
         waited, apart_ps = "", 0.0
         if not by_gates:
             waited, apart_ps = self._let_wait(like, matched, (first, second))
@@ -263,9 +264,11 @@ class Measurements:
         return self._layer.draws.photons(block.name, purpose, block.register.size)
 
 
-def _matched(like: BellAnalyser, one: Pulses, other: Pulses) -> Overlap:
+def _matched(like: BellAnalyser, one: Pulses, other: Pulses, photons: int) -> Overlap:
     """Return how alike the photons of two blocks are to an analyser."""
-    return overlap(one.spectrum, other.spectrum, like.bandwidth_rad_per_s)
+    spectra = overlap(one.spectrum, other.spectrum, like.bandwidth_rad_per_s)
+    aligned = alignment(one.polarization, other.polarization, photons)
+    return spectra._replace(most=spectra.most * aligned)
 
 
 def _tell_bits(feedback: Feedback, told: Bytes, packed: bool) -> None:

@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 
 from dispatcher.devices import hardware
+from dispatcher.fiber.turn import merged
 from dispatcher.layer import drift, further, part_noise, pulses
 from dispatcher.layer.layer import PhysicalLayer, tally
 from dispatcher.layer.ownership import Block, BlockName, Pulses
@@ -153,3 +154,4 @@ def _renew(light: Pulses, members: Mask) -> None:
         light.delays_ps = light.delays_ps * ~members
     if light.angles_rad is not None:
         light.angles_rad = light.angles_rad * ~members
+    light.polarization = merged(light.polarization, None, members)

@@ -15,6 +15,7 @@ from dispatcher.devices.overlap import angular_width
 from dispatcher.fiber.channels import ChannelCrosstalk
 from dispatcher.fiber.classical_light import ClassicalLight
 from dispatcher.fiber.noise import Loss, Passage, Pattern, Schedule
+from dispatcher.fiber.polarization_modes import effect_on
 from dispatcher.fiber.turn import Turn
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.network import Line
@@ -80,6 +81,7 @@ class Met:
     paulis: NDArray[np.uint8]
     angles_rad: NDArray[np.float64] | None = None
     turn: Turn | None = None
+    polarization: Turn | None = None  # of light whose qubits are not in it
     delays_ps: NDArray[np.float64] | None = None
     approximations: Approximations = EXACT
 
@@ -157,7 +159,7 @@ class Follower:
             history = self._layer.history.of_model(line.near.node, line.near.port, model_name)
             where = self._layer.draws, name, f"{place} {model_name}"
             passage = Passage(*where, schedule, history, self._width_rad_per_s)
-            effect = model.effect(passage)
+            effect = effect_on(self._encoding, model, passage)
             met.approximations |= effect.approximations
             for given, what in ((effect.kraus, "Kraus operators"), (effect.extras, "extras")):
                 if given is not None and not isinstance(model, ChannelCrosstalk):
@@ -174,6 +176,8 @@ class Follower:
                 met.angles_rad = more if met.angles_rad is None else met.angles_rad + more
             if effect.turn is not None:
                 met.turn = effect.turn.after(met.turn)
+            if effect.polarization is not None:
+                met.polarization = effect.polarization.after(met.polarization)
             if effect.delays_ps is not None:
                 later = effect.delays_ps
                 met.delays_ps = later if met.delays_ps is None else met.delays_ps + later

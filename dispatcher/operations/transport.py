@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 
 import grpc
 
+from dispatcher.approximations import UNLIKE_LIGHT, approximation
 from dispatcher.devices import hardware
 from dispatcher.fiber.noise import Pattern
 from dispatcher.layer import cutoff, drift, further, pulses
@@ -164,6 +165,8 @@ class Transport:
         if block.pulses.turn is not None:
             block.pulses.turn = block.pulses.turn.behind(arrival.rotation)
         drift.turn(block, arrival.turn)
+        if arrival.polarization is not None:
+            block.pulses.polarization = arrival.polarization.after(block.pulses.polarization)
         block.way_ps += arrival.way_ps
         block.pulses.dispersion_ps_per_nm += arrival.dispersion_ps_per_nm
         block.start_ns = arrival.schedule.first_ns
@@ -199,6 +202,8 @@ class Transport:
         if (further.lit(there) & further.lit(block)).any():  # angles are of pulses
             for part in (there, block):
                 drift.twirl(part, layer.sabot, layer.draws)
+            if there.pulses.polarization is not block.pulses.polarization:
+                there.pulses.approximations |= approximation(UNLIKE_LIGHT, 0.5)
         pulses.unite(there.pulses, block.pulses, further.lit(block))
         layer.sabot.unite(there.register, block.register)
         further.unite(layer.sabot, there, block)
