@@ -4,20 +4,29 @@ docker/run leads to the page in a container from the machine's loopback; a comma
 several networks leads to that of each from one address (command_page.py).
 """
 
+import atexit
 import os
+import pwd
 import secrets
 import shutil
 import socket
 import subprocess
+import sys
 import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 
 from programs.connection_shares import SharedListener
+from qmn.live_view.pages import NUMBER, Pages
 
 LOOPBACK = "127.0.0.1"
 SAID = "live view"
 DESKTOP = ("PATH", "LANG", "DISPLAY", "WAYLAND_DISPLAY", "XAUTHORITY", "DBUS_SESSION_BUS_ADDRESS")
+
+REDIRECT = """<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>qmn</title>
+<meta name="referrer" content="no-referrer"><meta http-equiv="refresh" content="0; url=%s"></html>
+"""
 
 
 @dataclass(frozen=True)
@@ -36,13 +45,12 @@ class Place:
 
 
 def place_given() -> Place | None:
-    """Return where docker/run, or a command of several networks, wants it; None if neither."""
-    told = os.environ.get
+    """Return where a command of several networks, or docker/run, wants it; None if neither."""
+    told, pages = os.environ.get, Pages.of_command()
+    if pages is not None and (number := int(told(NUMBER, "0"))):
+        return Place(pages.port, Path(pages.socket(number)), pages.secret, number)
     path, port = told("QMN_LIVE_SOCKET"), told("QMN_LIVE_PORT")
-    if not path or not port:
-        return None
-    number = int(told("QMN_LIVE_NUMBER", "0"))
-    return Place(int(port), Path(path), told("QMN_LIVE_SECRET", ""), number)
+    return Place(int(port), Path(path)) if path and port else None
 
 
 def listen(place: Place) -> tuple[SharedListener, int]:
@@ -60,20 +68,27 @@ def say(address: str, browser: bool) -> None:
     """Tell where the page is, and open it where there is a browser of the user's own."""
     print(f"{SAID}: {address}", flush=True)
     if browser and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        open_browser(address)
+        try:
+            open_browser(address)
+        except OSError as error:
+            print(f"qmn: no browser is opened: {error}", file=sys.stderr)
 
 
 def open_browser(address: str) -> None:
-    """Open the page in the browser of who called sudo; root itself has none."""
+    """Open the page in the browser of who called sudo; root itself has none. Raise OSError.
+
+    All users see command lines: a browser gets the address by a file that its user alone can read.
+    """
     if os.geteuid() != 0:
-        webbrowser.open(address)
+        webbrowser.open(redirect(address, pwd.getpwuid(os.getuid())).as_uri())
         return
     user, opener = os.environ.get("SUDO_USER", "root"), shutil.which("xdg-open")
     if user == "root" or opener is None:
         return
+    file = redirect(address, pwd.getpwnam(user))
     own = {"XDG_RUNTIME_DIR": f"/run/user/{os.environ['SUDO_UID']}"}  # sudo leaves it out
     subprocess.run(
-        ["setsid", "--fork", "runuser", "-u", user, "--", opener, address],
+        ["setsid", "--fork", "runuser", "-u", user, "--", opener, file.as_uri()],
         check=False,
         # No mark of a run: the browser stays when its network is cleared away.
         env={name: os.environ[name] for name in DESKTOP if name in os.environ} | own,
@@ -81,3 +96,19 @@ def open_browser(address: str) -> None:
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
+
+
+def redirect(address: str, user: pwd.struct_passwd) -> Path:
+    """Write a page that leads to an address, for a user alone; it goes with this process.
+
+    It is in the home folder, as packed browsers (snap) can read neither /tmp nor hidden folders.
+    """
+    home = user.pw_dir if Path(user.pw_dir).is_dir() else None
+    with NamedTemporaryFile(
+        "w", dir=home, prefix="qmn-live-", suffix=".html", delete=False
+    ) as file:
+        path = Path(file.name)
+        atexit.register(path.unlink, missing_ok=True)
+        os.fchown(file.fileno(), user.pw_uid, user.pw_gid)
+        file.write(REDIRECT % address)
+    return path

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from qmn.live_view.acts import ACTS
 from qmn.live_view.address import SAID
-from qmn.live_view.pages import Pages
+from qmn.live_view.pages import NUMBER, Pages
 from qmn.timeouts import LIVE_START_S
 from topologies.system.processes import owners
 from topologies.system.processes.programs import Program, python
@@ -40,9 +40,8 @@ def live_view(wanted: bool, folder: Path, say: Say = SAY) -> Iterator[None]:
     command = [python(), "-m", "qmn", "live"]
     with ExitStack() as stack:
         if pages is not None:
-            told = stack.enter_context(pages.one_more(folder.name))
-            environment = (f"{name}={value}" for name, value in told.items())
-            command = ["env", *environment, *command, "--no-browser"]
+            number = stack.enter_context(pages.one_more(folder.name))
+            command = ["env", f"{NUMBER}={number}", *command, "--no-browser"]
         stack.callback(server.stop)
         server.start(command)
         server.wait_for(SAID, LIVE_START_S)

@@ -15,6 +15,7 @@ from pathlib import Path
 from topologies.system.runs.runtime import LIVE_PAGES
 
 SECRET, PORT, NAME, SOCKET = "secret", "port", "name", "socket"
+NUMBER = "QMN_LIVE_NUMBER"  # in the environment of what serves a network
 ENDED = "ended"  # what the socket is then called
 
 
@@ -39,19 +40,19 @@ class Pages:
             file.write_text(secrets.token_urlsafe(16))
         return file.read_text()
 
+    @property
+    def port(self) -> int:
+        """The port of the command's address."""
+        return int((self.folder / PORT).read_text())
+
     @contextmanager
-    def one_more(self, name: str) -> Iterator[dict[str, str]]:
-        """Number a network that begins; yield what its server is told by its environment."""
+    def one_more(self, name: str) -> Iterator[int]:
+        """Number a network that begins; yield that, by which its server finds the rest here."""
         number = self._next()
         own = self.folder / str(number)
         (own / NAME).write_text(name)
         try:
-            yield {
-                "QMN_LIVE_SOCKET": self.socket(number),
-                "QMN_LIVE_PORT": (self.folder / PORT).read_text(),
-                "QMN_LIVE_SECRET": self.secret,
-                "QMN_LIVE_NUMBER": str(number),
-            }
+            yield number
         finally:
             if (own / SOCKET).exists():
                 (own / SOCKET).rename(own / ENDED)

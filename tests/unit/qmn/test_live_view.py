@@ -4,6 +4,7 @@ import base64
 import hashlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -23,12 +24,14 @@ from recorded_run import MS, START_NS, record_run
 
 from qmn.__main__ import described as parser
 from qmn.live_view import acts, pace
-from qmn.live_view.address import Place, place_given, say
+from qmn.live_view.address import Place, place_given
 from qmn.live_view.layout import placed
+from qmn.live_view.pages import Pages
 from qmn.live_view.server import PAGE
 from qmn.live_view.sources import timeline_of_run
 from qmn.live_view.timeline import Timeline
 from qmn.timeouts import LIVE_LIST_S, LIVE_SELDOM_S
+from topologies.system.processes.programs import ROOT
 from wire.results import schema
 from wire.results.network_facts import NetworkFacts
 
@@ -310,29 +313,95 @@ def test_in_a_container_the_page_is_where_its_environment_says(
     assert place_given() == Place(8000, Path("/live/socket"))
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root is somebody else's by sudo")
-def test_by_sudo_the_page_opens_in_the_users_own_browser(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_network_of_a_command_finds_its_place_in_the_folder_of_that(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pages = Pages(tmp_path)
+    (tmp_path / "port").write_text("8000")
+    monkeypatch.setenv("QMN_LIVE_PAGES", str(tmp_path))
+    with pages.one_more("a network") as number:
+        monkeypatch.setenv("QMN_LIVE_NUMBER", str(number))
+        assert place_given() == Place(8000, tmp_path / "1" / "socket", pages.secret, 1)
+
+
+OPENER = """#!/bin/sh
+cp "${1#file://}" told.new && stat -c %u:%a "${1#file://}" >>told.new && id -u >>told.new
+env >>told.new; mv told.new told; while [ -e told ]; do sleep 0.1; done
+"""
+ADDRESS = "http://127.0.0.1:1/the-secret/"
+SAY = """
+import sys
+from qmn.live_view.address import say
+say(sys.stdin.readline().strip(), True)
+sys.stdin.read()
+"""
+ROOT_ALONE = pytest.mark.skipif(os.geteuid() != 0, reason="only root is somebody else's by sudo")
+NOBODY = "65534"
+
+
+def command_lines() -> str:
+    """Return those of all processes, as every user sees them."""
+    said = []
+    for file in Path("/proc").glob("[0-9]*/cmdline"):
+        with suppress(OSError):  # it has ended
+            said.append(file.read_text(errors="replace"))
+    return "\n".join(said)
+
+
+@contextmanager
+def opened(
+    as_user: list[str], further: dict[str, str]
+) -> Iterator[tuple[Path, "subprocess.Popen[bytes]"]]:
+    """Let a program open the page; yield the folder that its opener writes to, and the program."""
     with TemporaryDirectory(prefix="qmn-browser-") as folder:
-        at, told = Path(folder), Path(folder, "told")
+        at = Path(folder)
         at.chmod(0o777)
         opener = at / "xdg-open"
-        opener.write_text(
-            f'#!/bin/sh\nid -u >{told}.new\necho "$1" >>{told}.new\nenv >>{told}.new\n'
-        )
-        opener.write_text(f"{opener.read_text()}mv {told}.new {told}\n")
+        opener.write_text(OPENER.replace("told", f"{at}/told"))
         opener.chmod(0o755)
-        asked = {"SUDO_USER": "nobody", "SUDO_UID": "65534", "DISPLAY": ":0", "QMN_RUN": "mark"}
-        for name, value in {**asked, "PATH": f"{at}:{os.environ['PATH']}"}.items():
-            monkeypatch.setenv(name, value)
-        say("http://127.0.0.1:1/x/", browser=True)
-        deadline = time.monotonic() + DEADLINE_S
+        environment = {
+            "PATH": f"{at}:{os.environ['PATH']}",
+            "DISPLAY": ":0",
+            "QMN_RUN": "mark",
+            "BROWSER": str(opener),
+            "PYTHONPATH": str(ROOT),
+            **further,
+        }
+        command = [*as_user, sys.executable, "-c", SAY]
+        with subprocess.Popen(command, stdin=subprocess.PIPE, env=environment) as program:
+            assert program.stdin is not None
+            program.stdin.write(f"{ADDRESS}\n".encode())
+            program.stdin.flush()
+            yield at, program
+
+
+@pytest.mark.parametrize(
+    "by_sudo", [pytest.param(True, marks=ROOT_ALONE), False], ids=["by sudo", "as a user"]
+)
+def test_a_browser_gets_the_address_by_a_file_of_its_user_and_by_no_command_line(
+    by_sudo: bool,
+) -> None:
+    root = os.geteuid() == 0
+    user = NOBODY if root else str(os.getuid())
+    dropped = ["setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups"]
+    by = {"SUDO_USER": "nobody", "SUDO_UID": NOBODY} if by_sudo else {}
+    with opened(dropped if root and not by_sudo else [], by) as (folder, program):
+        deadline, told, seen = time.monotonic() + DEADLINE_S, folder / "told", ""
         while not told.exists():
             assert time.monotonic() < deadline, "nobody has opened a browser"
-            time.sleep(0.05)
-        user, address, *environment = told.read_text().splitlines()
-    assert (user, address) == ("65534", "http://127.0.0.1:1/x/")
-    assert {"DISPLAY=:0", "XDG_RUNTIME_DIR=/run/user/65534"} <= set(environment)
-    assert not any(line.startswith("QMN_RUN") for line in environment)  # `qmn clean` ends those
+            seen += command_lines()
+        seen += command_lines()  # the opener is there still
+        found = re.findall(r"file://(\S+?/qmn-live-\S+?\.html)", seen)
+        program.communicate(timeout=DEADLINE_S)
+        text = told.read_text()
+    assert found
+    assert f"url={ADDRESS}" in text
+    assert f"{user}:600\n{user}\n" in text  # owner and mode of the file, and who opens it
+    assert "the-secret" not in seen
+    assert not any(map(os.path.exists, found))
+    if by_sudo:
+        assert {"DISPLAY=:0", f"XDG_RUNTIME_DIR=/run/user/{NOBODY}"} <= set(text.splitlines())
+        assert "QMN_RUN" not in text  # `qmn clean` ends those
 
 
 def test_a_thousand_hosts_have_places_of_their_own() -> None:

@@ -642,9 +642,8 @@ def test_a_server_that_dies_is_told(chromium: Browser, tmp_path: Path) -> None:
 def served_in(pages: Pages, tmp_path: Path, name: str) -> Iterator[View]:
     """Serve the page of one network of a command, as `live_view` has it done."""
     view = replace(live(tmp_path), name=name)
-    with pages.one_more(name) as told:
-        number, port = int(told["QMN_LIVE_NUMBER"]), int(told["QMN_LIVE_PORT"])
-        place = Place(port, Path(told["QMN_LIVE_SOCKET"]), told["QMN_LIVE_SECRET"], number)
+    with pages.one_more(name) as number:
+        place = Place(pages.port, Path(pages.socket(number)), pages.secret, number)
         with served(view, place):
             yield view
 
