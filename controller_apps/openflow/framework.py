@@ -161,15 +161,20 @@ def wsgi() -> Any:
 
 
 def load_stock_apps(modules: Iterable[str]) -> None:
-    """Import apps that are not ours, before serve_on: they declare options.
+    """Import apps that are not ours, and those that they need: before serve_on, for options.
 
     Raise ValueError naming a module that is not there.
     """
-    for module in modules:
+    manager = app_manager.AppManager.get_instance()
+    needed = list(modules)
+    for module in needed:  # grows
         try:
             _import(module)
         except ImportError as error:
             raise ValueError(f"apps: cannot load {module!r} on {NAME}: {error}") from error
+        app = manager.load_app(module)
+        services = _handler.get_dependent_services(app) if app else []
+        needed += [service for service in services if service not in needed]
 
 
 def serve_on(

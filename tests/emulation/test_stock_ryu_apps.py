@@ -1,4 +1,4 @@
-"""Ryu's own apps, unchanged, on our quantum switch: ofctl_rest, topology.switches, rest_topology.
+"""Ryu's own apps, unchanged, on our quantum switch: gui_topology, and the apps that it needs.
 
 And our REST, which shares their HTTP server.
 """
@@ -19,7 +19,8 @@ from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
 from topologies.system.runs.runtime import free_port
 
-APPS = ["ryu.app.ofctl_rest", "ryu.topology.switches", "ryu.app.rest_topology"]
+# It needs ofctl_rest, ws_topology and rest_topology, which needs topology.switches.
+APPS = ["ryu.app.gui_topology.gui_topology"]
 Q1 = 0x1001
 
 
