@@ -14,6 +14,7 @@ Of all of them state alone, and of state the leaves that are here. What is not m
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from qswitch_agent.hardware.optics import CrossConnect, PortReading, Readings
 from qswitch_agent.telemetry.tree import Element, Large, Leaf, Path, Value
@@ -28,13 +29,25 @@ from wire.optical import (
     PortLight,
 )
 
+OPEN_CONFIG = "OpenConfig working group"
+
+
+class Model(NamedTuple):
+    """A YANG module as gNMI's Capabilities name it."""
+
+    name: str
+    organization: str
+    version: str  # of OpenConfig's modules openconfig-version, of others their revision
+
+
+# Versions are those of github.com/openconfig/public at 94f58962; the leaves here are in them.
 MODELS = (
-    "openconfig-interfaces",
-    "openconfig-platform",
-    "openconfig-platform-transceiver",
-    "openconfig-transport-line-common",
-    "openconfig-wavelength-router",
-    "qmn-light",
+    Model("openconfig-interfaces", OPEN_CONFIG, "3.8.1"),
+    Model("openconfig-platform", OPEN_CONFIG, "0.32.0"),
+    Model("openconfig-platform-transceiver", OPEN_CONFIG, "1.0.0"),
+    Model("openconfig-transport-line-common", OPEN_CONFIG, "0.6.0"),
+    Model("openconfig-wavelength-router", OPEN_CONFIG, "1.2.0"),
+    Model("qmn-light", "qmn", "2026-11-22"),
 )
 UP, DOWN = "UP", "DOWN"
 PORT_TYPE = "openconfig-platform-types:PORT"

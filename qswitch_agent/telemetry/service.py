@@ -62,7 +62,7 @@ class Telemetry(gNMIServicer):  # type: ignore[misc]
 
     async def Capabilities(self, _request: Any, _context: Any) -> Any:
         """Tell models and encodings."""
-        models = [gnmi.ModelData(name=name, organization="", version="") for name in MODELS]
+        models = [gnmi.ModelData(**model._asdict()) for model in MODELS]
         return gnmi.CapabilityResponse(
             supported_models=models, supported_encodings=ENCODINGS, gNMI_version=VERSION
         )

@@ -1,9 +1,11 @@
 """OpenConfig over gNMI, asked by pygnmi, a client that is not ours."""
 
 import asyncio
+import re
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import grpc
@@ -13,6 +15,7 @@ from pygnmi.create_gnmi_path import gnmi_path_generator
 from pygnmi.spec.v080 import gnmi_pb2 as gnmi
 from pygnmi.spec.v080.gnmi_pb2_grpc import add_gNMIServicer_to_server
 
+import qswitch_agent.telemetry
 from qswitch_agent.hardware.optics import (
     CircuitReading,
     CrossConnect,
@@ -183,7 +186,13 @@ def test_capabilities_name_models_and_encodings(served: Served) -> None:
     with served.client() as client:
         told = client.capabilities()
     assert {"json", "json_ietf", "proto"} == set(told["supported_encodings"])
-    assert "openconfig-platform" in {model["name"] for model in told["supported_models"]}
+    models = {model["name"]: model for model in told["supported_models"]}
+    assert "openconfig-platform" in models
+    assert all(model["organization"] and model["version"] for model in models.values())
+    module = (Path(qswitch_agent.telemetry.__file__).parent / "qmn-light.yang").read_text()
+    own = models["qmn-light"]
+    assert f'organization "{own["organization"]}";' in module
+    assert re.findall(r"revision ([0-9-]+) ", module)[0] == own["version"]  # the newest is first
     assert told["gnmi_version"] == "0.8.0"
 
 
