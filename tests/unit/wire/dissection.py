@@ -76,18 +76,24 @@ def _ether() -> Any:
 
 
 def tshark(
-    folder: Path, frames: Sequence[bytes], *options: str, interface: int = 0, passes: int = 2
+    folder: Path,
+    frames: Sequence[bytes],
+    *options: str,
+    interface: int = 0,
+    passes: int = 2,
+    most_bytes: int | None = None,
 ) -> list[str]:
     """Return the lines that tshark prints of the frames; fail if a dissector has an error.
 
-    Frames that name later ones are shown in the second pass alone.
+    Frames that name later ones are shown in the second pass alone. The capture has `most_bytes` of
+    each frame at most.
     """
     file = folder / "frames.pcapng"
     with file.open("wb") as opened:
         writer = Writer(opened, INTERFACES)
         for number, frame in enumerate(frames):
             time_ns = START_NS + number * STEP_NS
-            writer.write(Packet(time_ns, frame, len(frame), interface))
+            writer.write(Packet(time_ns, frame[:most_bytes], len(frame), interface))
     return tshark_file(file, *options, passes=passes)
 
 
@@ -116,12 +122,15 @@ def shown(
     names: Sequence[str],
     interface: int = 0,
     passes: int = 2,
+    most_bytes: int | None = None,
 ) -> list[dict[str, list[str]]]:
     """Return, for each frame, all values of each field; fail if a dissector has an error."""
     options = ["-T", "fields", "-E", f"aggregator={AGGREGATOR}", "-E", f"separator={SEPARATOR}"]
     for name in [*names, LUA_ERROR]:
         options += ["-e", name]
-    lines = tshark(folder, frames, *options, interface=interface, passes=passes)
+    lines = tshark(
+        folder, frames, *options, interface=interface, passes=passes, most_bytes=most_bytes
+    )
     assert len(lines) == len(frames)
     rows: list[dict[str, list[str]]] = []
     for line in lines:

@@ -236,6 +236,32 @@ def test_messages_are_put_together_across_segments(tmp_path: Path) -> None:
     assert sum(len(row["qmeta.frames.crc32"]) for row in rows) == 4096 + 4
 
 
+@pytest.mark.parametrize("passes", [1, 2])
+@pytest.mark.parametrize("most_bytes", [60, 96, 128, 150])
+def test_what_a_capture_has_cut_is_not_malformed(
+    tmp_path: Path, most_bytes: int, passes: int
+) -> None:
+    sealed = [Datagram(message, "alice", 9).seal(KEY, Datagram.FROM_HOST) for message in DEVICES]
+    datagrams = [datagram(data, DEVICE_PORT) for data in sealed]
+    stream = b"".join(message.encode() for message in METADATA) * 3
+    ends = [*range(0, len(stream), 300), len(stream)]
+    segments = [segment(stream[start:end], seq=1 + start) for start, end in pairwise(ends)]
+    frames = [*datagrams, *segments]
+    names = ["qdev.malformed", "qmeta.malformed", "_ws.malformed", "_ws.col.Info"]
+    rows = shown(tmp_path, frames, names, passes=passes, most_bytes=most_bytes)
+    assert not any(row[name] for row in rows for name in names[:3])
+    whole = [frame for frame in datagrams if len(frame) <= most_bytes]
+    cut = [row for row in rows[: len(datagrams)] if row[names[3]] == ["cut by the capture"]]
+    assert len(cut) == len(datagrams) - len(whole)
+    assert "cut by the capture" in "".join(rows[len(datagrams)][names[3]])
+
+
+def test_a_cut_event_is_not_malformed(tmp_path: Path) -> None:
+    record = encode_record(EVENT)
+    rows = shown(tmp_path, [record], ["qevent.malformed"], interface=1, most_bytes=len(record) - 1)
+    assert rows == [{"qevent.malformed": []}]
+
+
 def test_requests_and_answers_are_linked(tmp_path: Path) -> None:
     ask = [SETUP, Emit(1, 2, 3, 4), Block(1, 5, 0, 0, 1), Block(1, 6, 0, 0, 1), Finish(1, 0, b"")]
     answers = [Answer(1, 0), Answer(1, 0), Report(1, 6, 0), Report(1, 5, 0), Answer(1, 0)]

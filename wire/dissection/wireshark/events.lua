@@ -169,6 +169,11 @@ function qevent.dissector(buffer, pinfo, tree)
     pinfo.cols.protocol = "QEVENT"
     local item = tree:add(qevent, buffer:range())
     local problem, seen = nil, {}
+    if is_cut(buffer) then
+        item:append_text(", " .. CUT)
+        pinfo.cols.info = CUT
+        return buffer:len()
+    end
     if buffer:len() < format.header or buffer:range(0, 2):uint() ~= format.magic then
         problem = "not a quantum event"
     elseif buffer:range(2, 1):uint() ~= format.version then

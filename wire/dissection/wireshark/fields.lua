@@ -3,6 +3,10 @@
 -- Some bit operations and integers differ between the Lua versions of Wireshark 4; these do not.
 local byte_sizes = { [1] = "uint8", [2] = "uint16", [4] = "uint32", [8] = "uint64" }
 
+-- Whether the capture has kept a part of a packet alone: what is missing is no fault of its sender.
+local function is_cut(buffer) return buffer:len() < buffer:reported_len() end
+local CUT = "cut by the capture"
+
 -- Returns the ProtoField of a described field, shared by all kinds that have one of its name.
 local function make_field(made, prefix, field)
     local abbreviation = prefix .. "." .. field.name

@@ -43,8 +43,10 @@ local refused = ProtoExpert.new(
     "qmeta.refused", "refused", expert.group.RESPONSE_CODE, expert.severity.WARN)
 qmeta.experts = { malformed, refused }
 
+-- Of each direction of a connection: the first packet of which the capture has a part alone.
+local first_cut = {}
 local ledger, dissected = new_ledger(), {}
-function qmeta.init() ledger, dissected = new_ledger(), {} end
+function qmeta.init() ledger, dissected, first_cut = new_ledger(), {}, {} end
 
 -- Returns why a set-up message asks for what there is not, or nil.
 local function check_setup(values)
@@ -240,7 +242,7 @@ local function summary(kind, values)
 end
 
 -- Dissects one whole message.
-local function add_message(buffer, pinfo, tree, place, copy)
+local function add_message(buffer, pinfo, tree, place, copy, cut)
     local kind = kinds[buffer:range(3, 1):uint()]
     local item = tree:add(qmeta, buffer:range(), "Quantum metadata: " .. kind.name)
     item:add(header.magic, buffer:range(0, 2))
@@ -264,7 +266,7 @@ local function add_message(buffer, pinfo, tree, place, copy)
         add_numbers(item, values, data)
     elseif kind.name == "Envelope" and data then
         local trees = { own = item, outer = tree }
-        words = words .. " " .. add_content(trees, values.topic, data, pinfo, place, copy)
+        words = words .. " " .. add_content(trees, values.topic, data, pinfo, place, copy or cut)
     end
     return words
 end
@@ -292,16 +294,27 @@ local function mark(tree, range, problem)
     tree:add(qmeta, range, "Quantum metadata: malformed"):add_proto_expert_info(malformed, problem)
 end
 
+local function mark_cut(tree, range) tree:add(qmeta, range, "Quantum metadata: " .. CUT) end
+
+-- Whether bytes are missing of what one end has sent until here: messages begin anywhere then.
+local function behind_cut(buffer, pinfo)
+    local stream = end_of(pinfo.src, pinfo.src_port) .. " " .. end_of(pinfo.dst, pinfo.dst_port)
+    if is_cut(buffer) and not pinfo.visited then
+        first_cut[stream] = first_cut[stream] or pinfo.number
+    end
+    return first_cut[stream] and first_cut[stream] <= pinfo.number
+end
+
 function qmeta.dissector(buffer, pinfo, tree)
     dissected[pinfo.number] = true
     pinfo.cols.protocol = "QMETA"
-    local offset, summaries = 0, {}
+    local offset, summaries, cut = 0, {}, behind_cut(buffer, pinfo)
     while offset < buffer:len() do
         local rest = buffer:range(offset)
         local length, more, problem = message_length(rest)
-        if problem then
-            mark(tree, rest, problem)
-            summaries[#summaries + 1] = "malformed"
+        if problem or is_cut(buffer) and (more or length > rest:len()) then
+            if cut then mark_cut(tree, rest) else mark(tree, rest, problem) end
+            summaries[#summaries + 1] = cut and CUT or "malformed"
             break
         end
         if more or length > rest:len() then
@@ -309,7 +322,8 @@ function qmeta.dissector(buffer, pinfo, tree)
             pinfo.desegment_len = more and DESEGMENT_ONE_MORE_SEGMENT or length - rest:len()
             break
         end
-        summaries[#summaries + 1] = add_message(buffer(offset, length):tvb(), pinfo, tree, offset)
+        summaries[#summaries + 1] = add_message(
+            buffer(offset, length):tvb(), pinfo, tree, offset, false, cut)
         offset = offset + length
     end
     if #summaries > 0 then pinfo.cols.info = table.concat(summaries, ", ") end

@@ -252,6 +252,11 @@ end
 function qdev.dissector(buffer, pinfo, tree)
     pinfo.cols.protocol = "QDEV"
     local item = tree:add(qdev, buffer:range())
+    if is_cut(buffer) then
+        item:append_text(", " .. CUT)
+        pinfo.cols.info = CUT
+        return buffer:len()
+    end
     local problem = dissect(buffer, pinfo, item)
     if problem then
         item:add_proto_expert_info(malformed, problem)
