@@ -33,6 +33,9 @@ PSI_PLUS, PSI_MINUS = np.uint8(1), np.uint8(3)
 TURNED = np.array([1, 3, 2, 0], np.uint8)  # X, XZ, Z by their chances, or I
 Bytes = NDArray[np.uint8]
 MAX_BATCHES = 5_000  # in which pairs are drawn; many of them are dropped for their age then
+# Attempts in a row of which no light came in its gate, until the station reports: in a few
+# seconds of this computer. A small batch takes as long as one of so many.
+MAX_EMPTY, SMALL = 1_000_000, 2000
 
 
 @dataclass
@@ -89,7 +92,7 @@ class Drawing:
     ) -> None:
         """Draw for the two halves of a block of pairs that a link makes by a station."""
         self._layer, self._node, self._link, self._names = layer, node, link, names
-        self._batches = 0
+        self._batches = self._empty = 0
         self.dropped = 0  # pairs, by the cut-off of a memory
         self._followers = [
             Follower(layer, way, device.source, link.scheme == "single-click")
@@ -99,13 +102,14 @@ class Drawing:
     async def draw(self, count: int, rounds: int) -> tuple[Heralded, int]:
         """Return heralds, at most so many of so many rounds, and how many rounds that took.
 
-        Pairs that get too old before there are as many are dropped, and made again.
+        Pairs that get too old before there are as many are dropped, and made again. Fewer rounds
+        are made where light hardly ever comes in its gate.
         Returns when the clicks of the last round are. Light that proves not to have come through
         is drawn anew, from the attempt behind it.
         """
         link, chance = self._link, self._link.heralds.probability
         found, begin, most = Heralded.none(), 0, rounds * link.modes
-        while chance and found.count < count and begin < most and self._batches < MAX_BATCHES:
+        while chance and found.count < count and begin < most and not self._gives_up:
             wanted, self._batches = count - found.count, self._batches + 1
             place = f"heralds {self._batches}"
             await asyncio.sleep(0)  # others are served meanwhile
@@ -115,12 +119,18 @@ class Drawing:
             if places.size:
                 in_rounds = places // link.modes
                 await self._layer.clock.wait_until(link.clicks_ns(int(in_rounds[-1]) + 1))
-                found = self._kept(found.joined(self._meet(in_rounds, place)))
+                met = self._meet(in_rounds, place)
+                self._empty = 0 if met.count else self._empty + max(places.size, SMALL)
+                found = self._kept(found.joined(met))
             begin = int(places[-1]) + 1 if places.size == wanted else most
         used = -(-begin // link.modes) if chance else rounds
         await self._layer.clock.wait_until(link.clicks_ns(used))
         self._count(used * link.modes)
         return found, used
+
+    @property
+    def _gives_up(self) -> bool:
+        return self._batches >= MAX_BATCHES or self._empty >= MAX_EMPTY
 
     def _kept(self, found: Heralded) -> Heralded:
         """Return those that are young enough when the last has come."""

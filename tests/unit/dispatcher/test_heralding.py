@@ -3,6 +3,7 @@
 import asyncio
 from collections import defaultdict
 from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import replace
 from itertools import product
 from math import cos, erf, exp, expm1, factorial, prod, sin, sqrt
 from pathlib import Path
@@ -531,6 +532,19 @@ def test_a_result_says_how_much_light_of_attempts_would_stray() -> None:
         assert laboratory.layer.approximations.sizes == {STRAYED: pytest.approx(0.01)}
 
     scene(act, of_little_light(DOUBLE), switch=QuantumSwitch("q1", crosstalk_db=20.0))
+
+
+@pytest.mark.parametrize("count", [1, 4000])
+def test_a_station_reports_when_hardly_any_light_comes_in_its_gate(count: int) -> None:
+    """Two clicks with a jitter of 1 ms in gates of 1 ns: (1e-9 / 1e-3)^2 / 2 pi of the attempts."""
+
+    async def act(laboratory: Laboratory) -> None:
+        told, attempts, _took_s = await heralded(laboratory, count)
+        assert told.size == 0
+        assert 0 < attempts < 3_000_000
+
+    station = replace(STATION, detectors=Detectors(jitter_ps=1e9))
+    scene(act, Device(emitter=Emitter("two-click")), station)
 
 
 LATE = """import numpy as np

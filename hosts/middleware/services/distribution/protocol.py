@@ -296,7 +296,7 @@ class Opening:
         pairs, count = self._pairs, self._options.count
         if self._dark == MOST_DARK:
             text = f"no pair of the last {MOST_DARK} blocks of light has arrived at both ends"
-            remedy = "see that fibres are whole, and the loss"
+            remedy = "see that fibres are whole, the loss, and the detectors"
             if self._cutoff_s < inf:
                 remedy += f", or choose {self._longer}"
             raise SessionError(Reason.NO_LIGHT, f"{text}: {remedy}")
