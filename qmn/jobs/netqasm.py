@@ -1,7 +1,8 @@
 """The job of a NetQASM application: its programs run on hosts, as they are, and return something.
 
 A folder has a program app_ROLE.py for each role, and perhaps its inputs in ROLE.yaml and the host
-of each role in roles.yaml, as NetQASM's own `netqasm simulate` wants it. A file is a NetQMPI
+of each role in roles.yaml, as NetQASM's own `netqasm simulate` wants it; nodes there that are no
+hosts, and its network.yaml, are of a network that does not run. A file is a NetQMPI
 program of all ranks, whose roles are rank_0, rank_1, ...
 """
 
@@ -17,6 +18,7 @@ from rich.console import Console
 
 from qmn.jobs.carried import CarriedApplication
 from qmn.jobs.in_the_way import lost_light
+from qmn.jobs.netqasm_folder import check_inputs, left_out, read_yaml
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.jobs.transfer import TransferError, follow_all
 from qmn.network.checks import check_network
@@ -45,6 +47,7 @@ class Application:
     hosts: Mapping[str, str]
     inputs: Mapping[str, Mapping[str, Any]]
     rounds: int
+    notes: Sequence[str] = ()  # about files that are not applied
 
 
 def run(request: NetqasmRequest, signals: Signals, console: Console) -> int:
@@ -52,6 +55,8 @@ def run(request: NetqasmRequest, signals: Signals, console: Console) -> int:
     description = describe_network(replace(request.network, looking=request.looking))
     request = with_machines(request, description.hosts)
     application = checked(request, description.hosts)
+    for note in application.notes:
+        console.print(note)
     require_free(description.topo)
     folder = begin_folder(request.run.runs, "netqasm")
     context = RunContext(description, request.run, folder, signals, console)
@@ -101,9 +106,36 @@ def checked(request: NetqasmRequest, hosts: Sequence[str]) -> Application:
     for role, name, value in map(_input, request.input):
         _require(role, roles, "--input")
         inputs[role][name] = value
-    placed = {**read_yaml(folder / "roles.yaml"), **dict(map(_placed, request.place))}
-    path = request.path.resolve()
-    return Application(path, placement(roles, placed, hosts), inputs, request.rounds)
+    path, nodes = request.path.resolve(), read_yaml(folder / "roles.yaml")
+    if path.is_dir():
+        for role in roles:
+            check_inputs(path / f"{PREFIX}{role}{SUFFIX}", role, inputs[role])
+    of_file = {role: node for role, node in nodes.items() if node in hosts or role not in roles}
+    found = placement(roles, {**of_file, **dict(map(_placed, request.place))}, hosts)
+    notes = [*_other_nodes(nodes, of_file, found), *_other_network(folder / "network.yaml")]
+    return Application(path, found, inputs, request.rounds, notes)
+
+
+def _other_nodes(
+    nodes: Mapping[str, Any], of_file: Mapping[str, Any], found: Mapping[str, str]
+) -> list[str]:
+    """Return a note about nodes of roles.yaml that are no hosts: nodes of a simulator's network."""
+    others = {role: node for role, node in nodes.items() if role not in of_file}
+    if not others:
+        return []
+    instead = told({role: found[role] for role in others})
+    return [f"roles.yaml: there is no host {', '.join(map(str, others.values()))}; {instead}"]
+
+
+def _other_network(file: Path) -> list[str]:
+    """Return a note about a simulator's network, in the place of which ours runs."""
+    if not file.exists():
+        return []
+    if noise := left_out(file):
+        text = f"{', '.join(noise)}; set noise by --depolarizing and --device"
+    else:
+        text = "it is ideal; hosts and fibres are those of --topology"
+    return [f"network.yaml is not applied: {text}"]
 
 
 def roles_of(path: Path, ranks: int | None) -> list[str]:
@@ -149,17 +181,6 @@ def placement(
     if len(set(chosen.values())) < len(chosen):
         raise BadInput(f"two roles on one host: {told(chosen)}; give each its own (--place)")
     return {role: chosen[role] for role in roles}
-
-
-def read_yaml(file: Path) -> dict[str, Any]:
-    """Return what a file says by name; nothing if there is no file."""
-    try:
-        fields = yaml.safe_load(file.read_text()) if file.exists() else None
-    except (yaml.YAMLError, OSError) as error:
-        raise BadInput(f"cannot read {file}: {error}") from error
-    if fields is not None and not isinstance(fields, dict):
-        raise BadInput(f"{file} does not say values by name")
-    return fields or {}
 
 
 def play(

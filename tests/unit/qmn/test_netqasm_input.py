@@ -3,6 +3,7 @@
 import argparse
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import netqasm.examples.apps
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from qmn.jobs.carried import new_of
 from qmn.jobs.netqasm import checked, placement, with_machines
 from qmn.options import BadInput
+from qmn.requests.netqasm import NetqasmRequest
 from qmn.verbs.netqasm import add_parser, request_of
 from wire.packed_folder import Entry, Kind
 
@@ -17,12 +19,16 @@ APPS = Path(netqasm.examples.apps.__file__).parent
 HOSTS = ["alice", "bob", "charlie"]
 
 
-def application(folder: Path, *words: str) -> object:
-    """Return what the command line asks for, checked."""
+def request(folder: Path, *words: str) -> NetqasmRequest:
+    """Return the request of a command line."""
     parser = argparse.ArgumentParser()
     add_parser(parser.add_subparsers())
-    arguments = parser.parse_args(["netqasm", str(folder), *words])
-    return checked(request_of(arguments), HOSTS)
+    return request_of(parser.parse_args(["netqasm", str(folder), *words]))
+
+
+def application(folder: Path, *words: str) -> object:
+    """Return what the command line asks for, checked."""
+    return checked(request(folder, *words), HOSTS)
 
 
 def test_roles_are_at_the_hosts_of_their_names_and_others_where_there_is_room() -> None:
@@ -58,6 +64,8 @@ def test_inputs_come_from_files_and_the_command_line_which_goes_first(tmp_path: 
         (["--place", "sender=bob", "--place", "receiver=bob"], "two roles on one host"),
         (["--input", "phi=1"], "write ROLE.NAME=VALUE"),
         (["--input", "sender.phi=["], "--input sender.phi=["),
+        (["--input", "sender.thetha=2"], "main of app_sender.py has no such parameter: did you"),
+        (["--input", "receiver.theta=2"], "input receiver.theta: main of app_receiver.py has no"),
         (["--rounds", "0"], "--rounds 0: choose 1 to"),
     ],
 )
@@ -88,6 +96,82 @@ def test_a_netqmpi_program_has_as_many_roles_as_ranks(tmp_path: Path) -> None:
     (tmp_path / "program.txt").write_text("")
     with pytest.raises(BadInput, match=r"it is FILE\.py"):
         application(tmp_path / "program.txt", "--ranks", "2")
+
+
+@pytest.mark.parametrize(
+    ("program", "words", "text"),
+    [
+        ("def main(app_config=None, *, rounds=1): ...", ["rond=2"], "no such parameter: did you"),
+        ("def main(app_config=None, x=0): ...", ["zeta=2"], "choose one of x (--input or alice"),
+        ("def main(app_config): ...", ["x=2"], "it takes no input (--input or alice.yaml)"),
+        ("def main(app_config, x, y=1): ...", ["y=2"], "needs x: give --input alice.x=VALUE"),
+        ("def main(app_config=None, *, x): ...", [], "needs x: give --input alice.x=VALUE"),
+        ("x = 1\ndef main(:\n", [], "app_alice.py, line 2"),
+    ],
+)
+def test_inputs_that_main_does_not_take_are_refused(
+    tmp_path: Path, program: str, words: list[str], text: str
+) -> None:
+    (tmp_path / "app_alice.py").write_text(program)
+    inputs = [part for word in words for part in ("--input", f"alice.{word}")]
+    with pytest.raises(BadInput) as refused:
+        application(tmp_path, *inputs)
+    assert text in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        "def main(app_config=None, **inputs): ...",
+        "def main(app_config, x, y=1): ...",
+        "from elsewhere import main",
+        "@wrapped\ndef main(): ...",
+    ],
+)
+def test_inputs_that_main_may_take_are_given(tmp_path: Path, program: str) -> None:
+    (tmp_path / "app_alice.py").write_text(program)
+    (tmp_path / "alice.yaml").write_text("x: 3\n")
+    assert application(tmp_path).inputs == {"alice": {"x": 3}}  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("apps", ["apps", "qne_apps"])
+def test_all_applications_of_the_sdk_are_accepted(apps: str) -> None:
+    folders = [file.parent for file in (APPS.parent / apps).glob("*/app_*.py")]
+    assert len(folders) > 10
+    hosts = [*HOSTS, "dave"]
+    for folder in folders:
+        assert checked(request(folder), hosts).path == folder.resolve()
+
+
+NETWORK = """
+nodes:
+  - {name: delft, gate_fidelity: 0.95, qubits: [{id: 0, t1: 0, t2: 0}]}
+  - {name: leiden, gate_fidelity: 1, qubits: [{id: 0, t1: 1000, t2: 0}]}
+links:
+  - {name: ch1, node_name1: delft, node_name2: leiden, noise_type: Depolarise, fidelity: 0.8}
+  - {name: ch2, node_name1: delft, node_name2: alice, noise_type: NoNoise, fidelity: 0.5}
+"""
+
+
+def test_nodes_of_a_simulators_network_are_hosts_of_ours(tmp_path: Path) -> None:
+    for role in ("david", "alice", "bob"):
+        (tmp_path / f"app_{role}.py").write_text("")
+    (tmp_path / "roles.yaml").write_text("david: delft\nalice: leiden\nbob: charlie\n")
+    found: Any = application(tmp_path)
+    assert found.hosts == {"alice": "alice", "bob": "charlie", "david": "bob"}
+    assert found.notes == [
+        "roles.yaml: there is no host delft, leiden; david on bob, alice on alice"
+    ]
+    (tmp_path / "network.yaml").write_text(NETWORK)
+    found = application(tmp_path, "--place", "david=alice", "--place", "alice=bob")
+    assert found.hosts == {"alice": "bob", "bob": "charlie", "david": "alice"}
+    assert found.notes[1] == (
+        "network.yaml is not applied: fidelity 0.8 (Depolarise) of ch1, gate_fidelity 0.95 "
+        "of delft, t1 and t2 of leiden; set noise by --depolarizing and --device"
+    )
+    (tmp_path / "network.yaml").write_text("links: [{name: ch1}]\n")
+    with pytest.raises(BadInput, match="is not a network of `netqasm simulate`"):
+        application(tmp_path)
 
 
 def test_what_is_no_application_is_refused(tmp_path: Path) -> None:
