@@ -9,6 +9,7 @@ from importlib import import_module
 from types import MappingProxyType
 
 from qmn.as_root import NoRoot, become_root
+from qmn.machine_limits import limit_met
 from qmn.parser import Parser
 from qmn.printable_text import guard_standard_streams
 from qmn.version import ShowVersion
@@ -98,7 +99,13 @@ def run_verb() -> int:
         except NoRoot as error:
             print(f"qmn: {error}", file=sys.stderr)
             return 1
-    status: int = arguments.call(arguments)
+    try:
+        status: int = arguments.call(arguments)
+    except OSError as error:
+        if not (limit := limit_met(error)):
+            raise
+        print(f"qmn: {limit}", *getattr(error, "__notes__", ()), sep="\n", file=sys.stderr)
+        return 1
     return status
 
 

@@ -5,6 +5,7 @@ Kernel features are tried in a network namespace of their own, which ends with t
 
 import os
 import re
+import resource
 import shutil
 import socket
 import subprocess
@@ -18,7 +19,7 @@ from pathlib import Path
 from qmn.live.running import dispatcher_of_running_network
 from qmn.timeouts import TRY_TIMEOUT_S
 from topologies.networks import leftovers
-from topologies.networks.network import interfaces_of
+from topologies.networks.network import LEAST_FILES, interfaces_of
 from topologies.system.open_vswitch import openvswitch
 from topologies.system.processes.programs import ROOT, NetworkError
 from topologies.system.runs.runtime import RUNTIME_ROOT
@@ -43,6 +44,7 @@ class Finding:
 def check_machine() -> Iterator[Finding]:
     """Yield all findings."""
     yield user()
+    yield open_files()
     yield from kernel()
     yield packages()
     yield python_packages()
@@ -60,6 +62,18 @@ def user() -> Finding:
         return Finding("user", WORKS, "root")
     remedy = "`sudo qmn doctor` checks more; verbs that need root ask for it by themselves"
     return Finding("user", LIMITED, f"not root but user {os.geteuid()}", remedy)
+
+
+def open_files() -> Finding:
+    """How many files a program may open."""
+    _soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    unlimited = hard == resource.RLIM_INFINITY
+    if unlimited or hard >= LEAST_FILES:
+        return Finding("open files", WORKS, "no limit" if unlimited else f"up to {hard:,}")
+    remedy = f"raise the hard limit: ulimit -Hn {LEAST_FILES}"
+    return Finding(
+        "open files", FAILS, f"at most {hard:,}; a network needs {LEAST_FILES:,}", remedy
+    )
 
 
 def kernel() -> Iterator[Finding]:

@@ -5,9 +5,10 @@ A program's log keeps its newest lines, at most LOG_BYTES twice: in the log, and
 nearly full, the run ends before it is.
 """
 
+import os
 import shutil
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Self
 
@@ -19,16 +20,16 @@ RESERVE_BYTES = 1 << 30  # that stay free, or a hundredth of a disk that is smal
 
 
 class DiskKeeper:
-    """Looks at logs and disk once a second, also while a person thinks at the keyboard."""
+    """Looks at logs and disks once a second, also while a person thinks at the keyboard."""
 
     def __init__(
         self,
-        folder: Path,
+        folders: Sequence[Path],
         programs: Callable[[], Iterable[Program]],
         bound: Callable[[], None] = lambda: None,
     ) -> None:
         """`bound` is called to end other files that have become too long."""
-        self._folder = folder
+        self._folders = folders
         self._programs = programs
         self._bound = bound
         self._ended = threading.Event()
@@ -48,20 +49,27 @@ class DiskKeeper:
             self.look()
 
     def look(self) -> None:
-        """Cut logs that have become long, and note if the disk is nearly full."""
+        """Cut logs that have become long, and note if a disk is nearly full."""
         for program in list(self._programs()):
             program.cut_log(LOG_BYTES)
         self._bound()
-        self._full = nearly_full(self._folder)
+        self.look_at_disks()
+
+    def look_at_disks(self) -> None:
+        """Note if a disk is nearly full."""
+        self._full = next(filter(None, map(nearly_full, self._folders)), "")
 
     def check(self) -> None:
-        """Raise NetworkError if the disk is nearly full."""
+        """Raise NetworkError if a disk was nearly full at the last look."""
         if self._full:
             raise NetworkError(self._full)
 
 
 def nearly_full(folder: Path) -> str:
     """Return in words that the disk of a folder is nearly full, "" if it is not."""
+    files = os.statvfs(folder)
+    if files.f_files and not files.f_favail:
+        return f"the disk of {folder} has no room for another file (`df -i`): delete some there"
     if has_room(folder):
         return ""
     return (

@@ -22,6 +22,7 @@ from topologies.networks.discovery import Discovery
 from topologies.networks.disk import DiskKeeper
 from topologies.networks.parallel import ParallelMininet
 from topologies.networks.placing import place
+from topologies.networks.switch_watch import SwitchWatch
 from topologies.nodes import DispatcherHost, OpticalSwitch, QuantumController, QuantumHost
 from topologies.nodes.controller import is_copper_switch
 from topologies.nodes.copper import COPPER
@@ -56,7 +57,7 @@ from wire.packed_folder import Entry
 from wire.parameters.checks import remedy
 from wire.parameters.physics import BadParameter
 
-MOST_FILES = 65_536
+LEAST_FILES, MOST_FILES = 1_024, 65_536
 CERTIFIED = QuantumHost, DispatcherHost, OpticalSwitch
 FIRST_CONTROLLER = "c0"  # Mininet's name of it
 SWITCHES = "switches"  # file in the private folder: what this run has made or will make
@@ -85,6 +86,7 @@ class Network:
         self._cleanup = ExitStack()
         self._daemons: dict[str, Owner] = {}  # of Open vSwitch
         self._stopped: dict[str, float] = {}  # what a signal has stopped, since when
+        self._switches = SwitchWatch()
         self._look_again_at = 0.0
         self._applications: list[Program] = []
         self._errands: dict[Program, Errand] = {}  # of those on other machines
@@ -140,7 +142,11 @@ class Network:
         else:
             openvswitch.start(self.runtime.name)
         self._disk = self._cleanup.enter_context(
-            DiskKeeper(self.runtime.logs, lambda: self.runtime.programs, self.captures.bound)
+            DiskKeeper(
+                (self.runtime.logs, self.runtime.folder),
+                lambda: self.runtime.programs,
+                self.captures.bound,
+            )
         )
         sweep()
         openvswitch.revive_if_ours(self.runtime.name)  # it may have ended with what was left
@@ -171,6 +177,7 @@ class Network:
         self.runtime.time_limited = True
         self._build_and_start()
         self._wait_until_ready()
+        self._switches = SwitchWatch(self.net.switches)
         self.runtime.time_limited = False
 
     def _build_and_start(self) -> None:
@@ -350,6 +357,7 @@ class Network:
         programs = (*self.runtime.programs, *self.captures.programs)
         if not all(program.running for program in programs):
             self._require_others_for(DAEMON_END_TIMEOUT_S)
+            self._switches.require_interfaces(0.0)
             # What ends because the dispatcher does was started later, and may have ended before.
             first = next(program for program in programs if not program.running)
             raise NetworkError(f"{first.name} died in mid-run: {first.end()}")
@@ -366,13 +374,16 @@ class Network:
         if time.monotonic() > self._look_again_at:
             self._look_again_at = time.monotonic() + STOPPED_LOOK_S
             self._require_none_stopped(STOPPED_TIMEOUT_S)
+            self._switches.require_interfaces(DAEMON_END_TIMEOUT_S)
 
     def _require_others_for(self, duration_s: float) -> None:
-        """Raise if a daemon of Open vSwitch ends, or another machine is lost, within so long.
+        """Raise if a disk is full, a daemon ends or another machine is lost within so long.
 
         A daemon's sockets close before it has ended, and programs end because of that. What is on
         a machine may end before who tells of it.
         """
+        self._disk.look_at_disks()
+        self._disk.check()
         deadline = time.monotonic() + duration_s
         while time.monotonic() < deadline:
             for machine in self.runtime.machines:
@@ -390,7 +401,14 @@ class Network:
         while time.monotonic() < deadline:
             self.check()
             time.sleep(POLL_S)
+        self._disk.look_at_disks()
+        self._disk.check()
         self._require_none_stopped(0.0)
+        self._switches.require_interfaces(0.0)
+        for program in self._applications:
+            if error := program.crash():
+                raise NetworkError(f"{program.name} ended: {error}")
+        self._switches.require_flows()
 
     def _require_none_stopped(self, patience_s: float) -> None:
         """Raise for what has been seen to be stopped by a signal for so long."""
@@ -411,9 +429,17 @@ class Network:
 
 
 def allow_files() -> None:
-    """Let this process have files open for the terminals of a thousand nodes, if it may."""
+    """Let this process have files open for the terminals of a thousand nodes, if it may.
+
+    Raise NetworkError if it may not even have those of a small network.
+    """
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     most = MOST_FILES if hard == resource.RLIM_INFINITY else min(hard, MOST_FILES)
+    if most < LEAST_FILES:
+        raise NetworkError(
+            f"this process may open {most} files, a network needs {LEAST_FILES}: raise the hard "
+            f"limit (`ulimit -Hn {LEAST_FILES}`)"
+        )
     if soft < most:
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
@@ -430,6 +456,7 @@ def require_free(topo: Topo) -> None:
     An ordinary user, another network that runs, bridges of other programs with its switches' names.
     """
     require_root()
+    allow_files()
     only_run().close()
     if openvswitch.installed() and openvswitch.running():
         refuse_bridges(topo, set(openvswitch.bridges()) - set(bridges_of_gone()))

@@ -23,7 +23,7 @@ class StockMininet(HeardOrders, IperfMininet):
     def build(self) -> None:
         """Make all nodes and links; from now on their programs' logs are looked after."""
         network = runtime.current()
-        self._keeper = DiskKeeper(network.logs, lambda: network.programs)
+        self._keeper = DiskKeeper([network.logs], lambda: network.programs)
         self._keeper.__enter__()
         with network.time_limit():
             super().build()

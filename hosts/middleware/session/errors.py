@@ -26,7 +26,8 @@ REMEDIES = {
     "one that every port on the way offers (`wavelength_pm`; the default is 1550120)",
     Reason.UNKNOWN_SESSION: "the controller knows no such session",
     Reason.UNSUPPORTED: "the other end does not offer what was asked for",
-    Reason.SWITCH_FAILED: "the quantum switch refused the light path; see its agent's log",
+    Reason.SWITCH_FAILED: "the quantum switch has not set up the light path: it sent an error, or "
+    "lost its connection to the controller; see the logs of its agent and of the controller",
     Reason.SWITCH_TIMEOUT: "the quantum switch was not ready in time; is its agent running?",
     Reason.NODE_SILENT: "a node of the chain has not answered the controller's order; is its "
     "stack running?",

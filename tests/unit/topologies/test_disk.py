@@ -22,7 +22,7 @@ def test_a_log_that_is_flooded_keeps_its_newest_lines(
 ) -> None:
     monkeypatch.setattr(disk, "LOG_BYTES", 50_000)
     flooded = Program("alice", tmp_path / "alice.log")
-    keeper = DiskKeeper(tmp_path, lambda: [flooded])
+    keeper = DiskKeeper([tmp_path], lambda: [flooded])
     flooded.start([sys.executable, "-c", FLOOD])
     while flooded.running:
         keeper.look()
@@ -39,7 +39,7 @@ def test_a_disk_that_is_nearly_full_ends_the_run_by_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert nearly_full(tmp_path) == ""
-    keeper = DiskKeeper(tmp_path, list)
+    keeper = DiskKeeper([tmp_path], list)
     keeper.look()
     keeper.check()
     full = type(shutil.disk_usage(tmp_path))(total=200 << 30, used=199 << 30, free=900_000_000)

@@ -257,6 +257,9 @@ def _start_missing(owner: str) -> None:
         _refuse_ended(seen)
         if DATABASE not in daemons() or UNREACHABLE in str(error):  # it has ended unseen
             raise NetworkError(f"{DATABASE} does not answer: {error}") from error
+        if SWITCH_DAEMON not in daemons():  # so has this one: ovs-ctl has but harmless warnings
+            log = LOG_FOLDER / f"{SWITCH_DAEMON}.log"
+            raise NetworkError(f"{SWITCH_DAEMON} ended at its start; its log: {log}") from error
         raise
 
 

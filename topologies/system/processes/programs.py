@@ -109,6 +109,7 @@ class Program:
         self.log = log
         self._process: Process | None = None
         self._told_to_end = False
+        self._is_python = False
         self._begins = 0  # where in the log this start of it does
 
     def start(
@@ -127,7 +128,7 @@ class Program:
         signal when the runner dies, so that nothing is left behind. It keeps the open files
         with these descriptors.
         """
-        self._told_to_end = False
+        self._told_to_end, self._is_python = False, command[0] in (python(), sys.executable)
         self._begins = self.log.stat().st_size if self.log.exists() else 0
         with self.log.open("ab") as log:
             if forks is not None and forks.serves(command):
@@ -163,6 +164,7 @@ class Program:
         self, machine: Elsewhere, command: Sequence[str], pid: int, python: bool = True
     ) -> None:
         """Start the command, or one of our modules, on another machine; its log is here."""
+        self._is_python = python
         self._begins = self.log.stat().st_size if self.log.exists() else 0
         self.log.touch()
 
@@ -236,7 +238,13 @@ class Program:
             return f"killed by {signal.Signals(-status).name}"
         if status == 0:
             return f"it ended by itself, or was told to (SIGTERM); its log: {self.log}"
-        return cause(self.said()) or f"status {status}; its log: {self.log}"
+        ours = cause(self.said()) if self._is_python else ""  # the log of any other is no cause
+        return ours or f"status {status}; its log: {self.log}"
+
+    def crash(self) -> str:
+        """Return the error that it did not handle, "" if it has not ended by one."""
+        said = self.said() if self.status else ""
+        return cause(said) if TRACEBACK in said else ""
 
     @property
     def stopped(self) -> bool:
