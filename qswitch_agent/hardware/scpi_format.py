@@ -9,11 +9,12 @@ port states  (E,E,F)           enabled, disabled (D), failed
 import re
 from collections.abc import Iterable, Mapping
 
-CONNECTIONS = re.compile(r"\(@([\d, ]*)\),\s*\(@([\d, ]*)\)")
-ERROR = re.compile(r'([+-]?\d{1,6}),\s*"([ -~]*)"')
+# ASCII: what float() takes for a space, or for a digit, and nothing more.
+CONNECTIONS = re.compile(r"\(@([\d, ]*)\),\s*\(@([\d, ]*)\)", re.ASCII)
+ERROR = re.compile(r'([+-]?\d{1,6}),\s*"([ -~]*)"', re.ASCII)
 LIST = re.compile(r"\(([^()]*)\)")
-NUMBER = re.compile(r"\s*[+-]?\d{1,4}(\.\d{1,9})?([eE][+-]?\d)?\s*")
-STATES = frozenset("EDF")
+NUMBER = re.compile(r"\s*[+-]?\d{1,4}(\.\d{1,9})?([eE][+-]?\d)?\s*", re.ASCII)
+STATE = re.compile(r"\s*([EDF])\s*", re.ASCII)
 
 
 class GarbledReply(ValueError):
@@ -72,10 +73,10 @@ def read_powers(text: str, count: int) -> list[float]:
 
 def read_states(text: str, count: int) -> list[str]:
     """Return E, D or F for each port that was asked for."""
-    states = [item.strip() for item in _items(text)]
-    if len(states) != count or not STATES.issuperset(states):
+    items = _items(text)
+    if len(items) != count or not all(map(STATE.fullmatch, items)):
         raise GarbledReply(f"{count} port states", text)
-    return states
+    return [item.strip() for item in items]
 
 
 def _items(text: str) -> list[str]:

@@ -6,6 +6,7 @@ answer, is told from one that is slow.
 """
 
 import asyncio
+import string
 
 from qswitch_agent.hardware.optics import HardwareRefusal
 from qswitch_agent.hardware.scpi_format import GarbledReply, is_error, read_error
@@ -86,6 +87,6 @@ class ScpiLink:
         except asyncio.LimitOverrunError as error:
             raise GarbledReply(f"lines of at most {LINE_LIMIT} bytes", "") from error
         try:
-            return line.decode("ascii").strip()
+            return line.decode("ascii").strip(string.whitespace)
         except UnicodeDecodeError as error:
             raise GarbledReply("ASCII characters", repr(line)) from error

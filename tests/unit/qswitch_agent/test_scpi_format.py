@@ -4,6 +4,7 @@ import random
 import re
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import pytest
@@ -44,6 +45,18 @@ GOOD: list[tuple[Reader, str, Any]] = [
 @pytest.mark.parametrize(("read", "text", "meaning"), GOOD)
 def test_a_reply_is_read(read: Reader, text: str, meaning: object) -> None:
     assert read(text) == meaning
+
+
+def test_a_reply_with_any_character_more_is_read_or_garbled() -> None:
+    """A separator of ASCII, 0x1c to 0x1f, is a space to str.strip and re, and none to float."""
+    for read, text, _meaning in GOOD:
+        for place in range(len(text) + 1):
+            for code in range(256):
+                with suppress(GarbledReply):
+                    read(text[:place] + chr(code) + text[place:])
+    for read, text in ((three_powers, "(0,-10.5\x1f,0)"), (three_states, "(E,D\x1d,F)")):
+        with pytest.raises(GarbledReply):
+            read(text)
 
 
 @pytest.mark.parametrize(
