@@ -7,6 +7,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from types import MappingProxyType
+from typing import Any
 
 from qmn.as_root import NoRoot, become_root
 from qmn.machine_limits import limit_met
@@ -19,37 +20,57 @@ from topologies.system.processes.signals import Signals
 # Until a verb runs there is nothing to clean up: Ctrl-C just ends the program.
 signal.signal(signal.SIGINT, signal.SIG_DFL)
 
-# By what somebody wants to do; each is a module of qmn.verbs.
-HEADINGS: Mapping[str, Sequence[str]] = MappingProxyType(
+# What verbs do, by what somebody wants to do; each is a module of qmn.verbs.
+HEADINGS: Mapping[str, Mapping[str, str]] = MappingProxyType(
     {
-        "start a network": ("run", "cli", "script", "netqasm", "apart", "worker"),
-        "look at a network, or at a run": (
-            "devices",
-            "paths",
-            "keys",
-            "spy",
-            "live",
-            "wireshark",
-            "report",
-            "runs",
-            "share",
-        ),
-        "change a running network": (
-            "send",
-            "link",
-            "set",
-            "policy",
-            "fault",
-            "tap",
-            "classical",
-            "calibrate",
-        ),
-        "make experiments": ("sweep", "curves", "lab", "demo", "attack", "bench"),
-        "use the simulator alone": ("sabot", "replay"),
-        "look after this machine": ("doctor", "clean"),
+        "start a network": {
+            "run": "start a network and do its job",
+            "cli": "a network with a command line",
+            "script": "run a Python script, which may start networks",
+            "netqasm": "run a NetQASM application on hosts",
+            "apart": "another verb, beside other networks on this machine",
+            "worker": "offer this machine to networks over several",
+        },
+        "look at a network, or at a run": {
+            "devices": "show the state of all devices",
+            "paths": "show light paths and fibres",
+            "keys": "show key links and relays",
+            "spy": "show what happens to the qubits",
+            "live": "see it in the browser",
+            "wireshark": "look at a run in Wireshark",
+            "report": "make a run's report anew",
+            "runs": "list, compare, prune and give away runs",
+            "share": "copy a run without what is secret in it",
+        },
+        "change a running network": {
+            "send": "send a text as light",
+            "link": "cut or mend links",
+            "set": "override a setting of a host",
+            "policy": "reload the policy file",
+            "fault": "make a quantum switch faulty",
+            "tap": "somebody who measures photons in fibres",
+            "classical": "power of classical light in fibres",
+            "calibrate": "compensate the drift of fibres",
+        },
+        "make experiments": {
+            "sweep": "measure a grid of parameters",
+            "curves": "check the physics against theory",
+            "lab": "published results as runs of the network",
+            "demo": "show what emerges in whole networks",
+            "attack": "try an attack on an emulated network",
+            "bench": "measure this machine",
+        },
+        "use the simulator alone": {
+            "sabot": "run quantum circuits on the simulator alone",
+            "replay": "do again what a run's dispatcher did, and compare",
+        },
+        "look after this machine": {
+            "doctor": "check this machine",
+            "clean": "remove what killed runs have left",
+        },
     }
 )
-VERBS = tuple(verb for verbs in HEADINGS.values() for verb in verbs)
+VERBS = {verb: text for verbs in HEADINGS.values() for verb, text in verbs.items()}
 # Verbs that print strings of runs and of hosts, and do not move the cursor.
 PRINTING = (
     *HEADINGS["look at a network, or at a run"],
@@ -58,14 +79,28 @@ PRINTING = (
 )
 
 
-def described(words: Sequence[str] = ()) -> Parser:
-    """Return a parser of the verb that is asked for, or of all, which takes longer to load."""
+class Verbs(argparse._SubParsersAction):  # type: ignore[type-arg]
+    """The verbs, each with its line of the help."""
+
+    def add_parser(self, name: str, **given: Any) -> Any:
+        """Add a verb, whose description is that line, too, if it has no other."""
+        text = VERBS[name]
+        return super().add_parser(name, **{"description": text} | given | {"help": text})
+
+
+def described(words: Sequence[str] = (), whole: bool = False) -> Parser:
+    """Return a parser of the verb that is asked for; or of all, by name, or with all options.
+
+    Only verbs with their options are loaded, which takes a second, and seconds for all.
+    """
     parser = Parser(prog="qmn", description=__doc__, headings=HEADINGS)
     parser.add_argument("--version", action=ShowVersion, help="print name and version, and end")
-    verbs = parser.add_subparsers(title="verbs", metavar="VERB", required=True)
-    all_verbs = () if words[:1] == ["--version"] else VERBS
-    for name in [name for name in VERBS if name in words[:1]] or all_verbs:
+    verbs = parser.add_subparsers(title="verbs", metavar="VERB", required=True, action=Verbs)
+    asked = VERBS if whole else [name for name in VERBS if name in words[:1]]
+    for name in asked:
         import_module(f"qmn.verbs.{name}").add_parser(verbs)
+    for name in () if asked else VERBS:
+        verbs.add_parser(name)
     return parser
 
 

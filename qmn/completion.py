@@ -36,7 +36,7 @@ _qmn_runs() {{
 
 def completed() -> argparse.ArgumentParser:
     """Return the parser of all verbs, with file names completed where one is meant."""
-    parser = described()
+    parser = described(whole=True)
     # The man page describes each verb in its turn, and would not say which there are.
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.description = "\n".join([f"{parser.description}\n", *lists(parser)])

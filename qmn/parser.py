@@ -1,7 +1,7 @@
 """The parser of the command line and of each verb on it."""
 
 import argparse
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from difflib import get_close_matches
 from textwrap import fill
 from types import MappingProxyType
@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 from wire.parameters.checks import check_choice, share
 
 REQUIRED = "the following arguments are required:"  # argparse's words
-NO_HEADINGS: Mapping[str, Sequence[str]] = MappingProxyType({})
+NO_HEADINGS: Mapping[str, Collection[str]] = MappingProxyType({})
 NUMBERS: dict[object, str] = {int: "a whole number", float: "a number"}
 
 
@@ -32,7 +32,7 @@ class Parser(argparse.ArgumentParser):
     wire/parameters/checks.py.
     """
 
-    def __init__(self, headings: Mapping[str, Sequence[str]] = NO_HEADINGS, **given: Any) -> None:
+    def __init__(self, headings: Mapping[str, Collection[str]] = NO_HEADINGS, **given: Any) -> None:
         """Be argparse's own, but for that; so are the parsers of verbs.
 
         Help has the verbs below under `headings`, which name them.

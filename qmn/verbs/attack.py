@@ -17,8 +17,7 @@ def add_parser(verbs: Any) -> None:
     from qmn.options import add_options
     from qmn.requests.run_options import LiveOptions
 
-    text = "try an attack on an emulated network"
-    parser = verbs.add_parser("attack", help=text, description=__doc__)
+    parser = verbs.add_parser("attack", description=__doc__)
     parser.add_argument(
         "name", metavar="NAME", choices=[*ATTACKS, EVERY], help=", ".join([*ATTACKS, f"or {EVERY}"])
     )

@@ -44,7 +44,7 @@ PACKET_INS_PER_PAIR = 2  # the set-up message, and the end of its connection
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
-    parser = verbs.add_parser("bench", help="measure this machine", description=__doc__)
+    parser = verbs.add_parser("bench", description=__doc__)
     parser.add_argument("--pairs", type=int, default=256, help="of the per-pair handshake (256)")
     parser.add_argument("--setups", type=int, default=500, help="light paths to set up (500)")
     text = "sizes of networks to start, 3 to 1024, with commas (4,16,64)"

@@ -8,8 +8,7 @@ from qmn.live.fiber_order import add_nodes, give
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
-    text = "compensate the drift of fibres"
-    parser = verbs.add_parser("calibrate", help=text, description=__doc__)
+    parser = verbs.add_parser("calibrate", description=__doc__)
     add_nodes(parser)
     parser.set_defaults(call=call, needs_root=True)
 

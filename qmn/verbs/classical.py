@@ -8,8 +8,7 @@ from qmn.live.fiber_order import add_nodes, give
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
-    text = "power of classical light in fibres"
-    parser = verbs.add_parser("classical", help=text, description=__doc__)
+    parser = verbs.add_parser("classical", description=__doc__)
     add_nodes(parser)
     parser.add_argument("power_mw", type=float, metavar="MW", help="launched into each; 0: none")
     parser.set_defaults(call=call, needs_root=True)

@@ -40,7 +40,6 @@ def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     parser = verbs.add_parser(
         "cli",
-        help="a network with a command line",
         usage="qmn cli TOPOLOGY [options]",
         description=__doc__,
         epilog=listed("topologies", {name: what for name, (_topo, what) in TOPOLOGIES.items()}),

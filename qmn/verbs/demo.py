@@ -37,7 +37,6 @@ def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     parser = verbs.add_parser(
         "demo",
-        help="show what emerges in whole networks",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -10,7 +10,7 @@ from qmn.live.tables import hosts_table, switch_table
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
-    parser = verbs.add_parser("devices", help="show the state of all devices", description=__doc__)
+    parser = verbs.add_parser("devices", description=__doc__)
     parser.add_argument("--json", action="store_true", help="print everything, for programs")
     parser.set_defaults(call=call, needs_root=True)
 

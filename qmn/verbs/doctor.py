@@ -16,7 +16,7 @@ STATUS_OF_FAILURE = 1
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
-    parser = verbs.add_parser("doctor", help="check this machine", description=__doc__)
+    parser = verbs.add_parser("doctor", description=__doc__)
     parser.add_argument("--json", action="store_true", help="print findings for programs")
     parser.set_defaults(call=call)
 

@@ -50,7 +50,7 @@ class BadFault(Exception):
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
-    parser = verbs.add_parser("fault", help="make a quantum switch faulty", description=__doc__)
+    parser = verbs.add_parser("fault", description=__doc__)
     parser.add_argument("switch", metavar="SWITCH", help="its name, as q1")
     kinds = parser.add_subparsers(dest="kind", metavar="FAULT", required=True)
     text = "a cross-connect is made now, and nothing can change it"

@@ -14,7 +14,7 @@ APPLICATIONS = ("application", "with", "by way of")
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
-    parser = verbs.add_parser("keys", help="show key links and relays", description=__doc__)
+    parser = verbs.add_parser("keys", description=__doc__)
     parser.add_argument("--json", action="store_true", help="as ETSI GS QKD 015 names it")
     parser.set_defaults(call=call, needs_root=True)
 

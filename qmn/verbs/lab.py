@@ -46,7 +46,6 @@ def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     parser = verbs.add_parser(
         "lab",
-        help="published results as runs of the network",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

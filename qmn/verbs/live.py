@@ -41,7 +41,7 @@ class LiveOptions:
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
-    parser = verbs.add_parser("live", help="see it in the browser", description=__doc__)
+    parser = verbs.add_parser("live", description=__doc__)
     add_run(parser, "default: the network that runs")
     add_options(parser, LiveOptions)
     parser.set_defaults(call=call, needs_root=lambda arguments: arguments.run is None)

@@ -17,10 +17,7 @@ from wire.parameters.option import WRITTEN
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
-    text = "run a NetQASM application on hosts"
-    parser = verbs.add_parser(
-        "netqasm", help=text, usage="qmn netqasm APP_DIR [options]", description=__doc__
-    )
+    parser = verbs.add_parser("netqasm", usage="qmn netqasm APP_DIR [options]", description=__doc__)
     text = "folder of the application, with app_ROLE.py for each of its roles; or a NetQMPI program"
     parser.add_argument("path", type=Path, metavar="APP_DIR", help=text)
     add_options(parser, NetqasmRequest, group="the application")

@@ -9,7 +9,7 @@ from qmn.live.light_paths import ask_and_show
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
-    parser = verbs.add_parser("paths", help="show light paths and fibres", description=__doc__)
+    parser = verbs.add_parser("paths", description=__doc__)
     parser.add_argument("--json", action="store_true", help="print everything, for programs")
     parser.set_defaults(call=call, needs_root=True)
 

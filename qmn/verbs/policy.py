@@ -8,7 +8,7 @@ from qmn.live.controller_console import answered, ask
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
-    parser = verbs.add_parser("policy", help="reload the policy file", description=__doc__)
+    parser = verbs.add_parser("policy", description=__doc__)
     parser.add_argument(
         "what", metavar="reload", choices=["reload"], help="overrides become those of the file"
     )

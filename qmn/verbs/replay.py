@@ -56,8 +56,7 @@ class Comparison:
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
-    text = "do again what a run's dispatcher did, and compare"
-    parser = verbs.add_parser("replay", help=text, description=__doc__)
+    parser = verbs.add_parser("replay", description=__doc__)
     add_run(parser)
     text = "run the noise models of one's own that the record names, from their files"
     parser.add_argument("--allow-code", action="store_true", help=text)

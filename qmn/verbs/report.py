@@ -10,7 +10,7 @@ from qmn.reports.report_file import NoReport, made_report
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
-    parser = verbs.add_parser("report", help="make a run's report anew", description=__doc__)
+    parser = verbs.add_parser("report", description=__doc__)
     add_run(parser)
     parser.set_defaults(call=call)
 

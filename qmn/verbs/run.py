@@ -31,8 +31,7 @@ OF_LIGHT = ("block_pairs", "rate_hz")
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb and its jobs."""
-    words = "start a network and do its job"
-    parser = verbs.add_parser("run", help=words, description=__doc__)
+    parser = verbs.add_parser("run", description=__doc__)
     parser.set_defaults(needs_root=True)
     jobs = parser.add_subparsers(dest="job", metavar="JOB", required=True)
     for name, (_topo, what) in TOPOLOGIES.items():

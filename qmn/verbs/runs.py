@@ -39,7 +39,6 @@ def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     parser = verbs.add_parser(
         "runs",
-        help="list, compare, prune and give away runs",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

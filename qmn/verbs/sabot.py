@@ -48,8 +48,7 @@ class CircuitRun:
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
-    text = "run quantum circuits on the simulator alone"
-    parser = verbs.add_parser("sabot", help=text, description=text)
+    parser = verbs.add_parser("sabot")
     acts = parser.add_subparsers(metavar="ACT", required=True)
     run = acts.add_parser("run", help="run a circuit", description=__doc__, epilog=LIMITS)
     text = "program in OpenQASM 2.0, or in .chp if so named; - for standard input"

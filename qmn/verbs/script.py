@@ -18,8 +18,7 @@ MODULE = "qmn.scripting.script"
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
-    text = "run a Python script, which may start networks"
-    parser = verbs.add_parser("script", help=text, description=__doc__)
+    parser = verbs.add_parser("script", description=__doc__)
     add_options(parser, LiveOptions)
     parser.add_argument("file", type=Path, metavar="FILE", help="the script")
     parser.add_argument("words", nargs=argparse.REMAINDER, metavar="…", help="its own arguments")

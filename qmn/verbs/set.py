@@ -11,7 +11,7 @@ DEFAULT = "default"
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
-    parser = verbs.add_parser("set", help="override a setting of a host", description=__doc__)
+    parser = verbs.add_parser("set", description=__doc__)
     parser.add_argument("device", metavar="HOST", help="alice, bob, ...")
     names = [name.replace("_", "-") for name in RANGES]
     parser.add_argument("setting", choices=names, metavar="SETTING", help=", ".join(names))

@@ -16,8 +16,7 @@ from qmn.kept_runs.shared_copy import CannotShare, share
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
-    text = "copy a run without what is secret in it"
-    parser = verbs.add_parser("share", help=text, description=__doc__)
+    parser = verbs.add_parser("share", description=__doc__)
     add_run(parser)
     parser.add_argument("copy", type=Path, metavar="COPY", help="a folder that does not exist yet")
     parser.set_defaults(call=call)

@@ -45,7 +45,7 @@ class BadFilter(Exception):
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
-    parser = verbs.add_parser("spy", help="show what happens to the qubits", description=__doc__)
+    parser = verbs.add_parser("spy", description=__doc__)
     add_run(parser, "default: what happens now; on a host, there")
     add = parser.add_argument
     add("--node", action="append", metavar="NAME", help="only this node (more than once)")

@@ -77,7 +77,6 @@ def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     parser = verbs.add_parser(
         "sweep",
-        help="measure a grid of parameters",
         usage="qmn sweep WHAT|FILE.toml [--PARAMETER VALUES …] [options]",
         description=__doc__,
         epilog=listed("WHAT", {each.name: each.what for each in EXPERIMENTS.values()}) + EXAMPLES,

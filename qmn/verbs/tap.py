@@ -8,8 +8,7 @@ from qmn.live.fiber_order import add_nodes, give
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
-    text = "somebody who measures photons in fibres"
-    parser = verbs.add_parser("tap", help=text, description=__doc__)
+    parser = verbs.add_parser("tap", description=__doc__)
     add_nodes(parser)
     text = "of the photons, measured in Z or X and sent on as they were found; 0: nobody is there"
     parser.add_argument("fraction", type=float, metavar="FRACTION", help=text)

@@ -29,8 +29,7 @@ FILTER = "qmeta || qevent"
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
-    text = "look at a run in Wireshark"
-    parser = verbs.add_parser("wireshark", help=text, description=__doc__)
+    parser = verbs.add_parser("wireshark", description=__doc__)
     add_run(parser, "latest", default="latest")
     parser.add_argument(
         "--whole", action="store_true", help="packets as captured, also of a long run"

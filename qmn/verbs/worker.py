@@ -21,8 +21,7 @@ SCHEMES = ("tcp", "tls")
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
-    text = "offer this machine to networks over several"
-    parser = verbs.add_parser("worker", help=text, description=__doc__)
+    parser = verbs.add_parser("worker", description=__doc__)
     add = parser.add_argument
     add("scheduler", metavar="tcp://…", help="Dask's scheduler, or tls://… with Dask's settings")
     add("--name", default=socket.gethostname(), help="of this machine (that of the host)")
