@@ -49,6 +49,15 @@ EFFECTS: dict[str, tuple[list[str], float]] = {
         [*fiber(phase_drift_rad_per_sqrt_km=0.12, phase_drift_time_s=1e-8), *TIME_BINS],
         (1 - exp(-0.432 / 2)) / 4,
     ),
+    "polarisation drift of time bins, which Z does not see": (  # at a relay, with (1 - V) / 2 in X
+        [
+            *("--protocol", "mdi"),
+            *fiber(polarization_drift_rad_per_sqrt_km=0.1, polarization_drift_time_s=1e-8),
+            *devices(alice__source__encoding="time-bin", bob__source__encoding="time-bin"),
+            *devices(charlie__detectors__encoding="time-bin"),
+        ],
+        (1 - exp(-0.3 / 3)) / 2 / 4,
+    ),
     "loss by polarisation": (  # about any axis: of 3 dB, amplitudes are 1 and 10^(-3 / 20)
         fiber(pdl_db=3, polarization_drift_time_s=1e-8),
         (1 - 10**-0.15) ** 2 / (3 * (1 + 10**-0.3)),
