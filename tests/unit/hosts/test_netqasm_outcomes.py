@@ -76,3 +76,17 @@ def test_an_outcome_that_is_not_known_yet_is_not_sent_as_a_number(tmp_path: Path
                 resolved({"m": [outcome]})
 
     outputs(tmp_path, {"alice": alice}, {"alice": "alice"})
+
+
+def test_an_outcome_of_a_branch_that_was_not_taken_is_returned_as_none(tmp_path: Path) -> None:
+    def alice(app_config: Any) -> dict[str, Any]:
+        from netqasm.sdk.external import NetQASMConnection
+
+        with NetQASMConnection("alice") as unit:
+            taken, other = one(unit), Qubit(unit)
+            with taken.if_eq(0):
+                skipped = other.measure()
+        return {"taken": taken, "skipped": [skipped]}
+
+    (found,) = outputs(tmp_path, {"alice": alice}, {"alice": "alice"})
+    assert plain(found["alice"]) == {"taken": 1, "skipped": [None]}
