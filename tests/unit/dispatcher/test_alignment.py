@@ -18,6 +18,7 @@ from dispatcher.fiber.turn import Turn, alignment, gathered, merged, of_paulis
 from dispatcher.laboratory import Laboratory
 from dispatcher.layer.ownership import BlockName
 from qmn.sweeps.link import configuration, fiber
+from wire.dispatcher_pb2 import AttemptRequest, Feedback
 from wire.outcomes import NO_CLICK
 from wire.parameters.physics import BellAnalyser, Detectors, Device, Emitter, PairSource
 
@@ -236,6 +237,36 @@ def test_heralds_of_scrambled_light_are_the_mean_over_its_overlap(
     bins = Detectors(encoding="time-bin")
     station = Device(detectors=bins, analyser=BellAnalyser("linear", visibility=best))
     scene(act, device, station, **drift(SCRAMBLED / sqrt(10.0)))
+
+
+@pytest.mark.parametrize("scheme", list(SCHEMES))
+def test_light_of_two_colours_heralds_pairs_with_less_of_a_phase(scheme: str) -> None:
+    """V = exp(-(d / 2s)^2) in Fock space, d 12.5 GHz apart."""
+    width_nm, apart_mhz, alpha, efficiency, count = 0.1, 12_500, 0.2, 0.5, 60_000
+    s = 2 * pi * 193.4e12**2 / 299_792_458 * width_nm * 1e-9
+    visibility = exp(-((2e6 * pi * apart_mhz / (2 * s)) ** 2))
+    told = in_fock_space(scheme, (Arm(efficiency, alpha),) * 2, 0.0, visibility)
+    phases = np.diag([1, 1, -1, -1])
+    state = told[1] + phases @ told[3] @ phases
+    chance = np.trace(state).real
+    device = Device(
+        PairSource(bandwidth_nm=width_nm), emitter=Emitter(scheme, efficiency, alpha, modes=100)
+    )
+
+    async def act(laboratory: Laboratory) -> None:
+        handler = laboratory._handlers["attempt"]
+
+        async def other(node: str, request: AttemptRequest) -> Feedback:
+            request.frequency_mhz = 193_400_000 + apart_mhz * (node == "bob")
+            return await handler(node, request)
+
+        laboratory._handlers["attempt"] = other
+        found, attempts, _took_s = await heralded(laboratory, count)
+        assert within(count, attempts, chance)
+        right = await correlations(laboratory, found)
+        assert within(*right["X"], (1 + 2 * (state[1, 2] + state[0, 3]).real / chance) / 2)
+
+    scene(act, device)
 
 
 def test_mode_dispersion_takes_single_clicks_apart() -> None:
