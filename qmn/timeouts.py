@@ -49,6 +49,7 @@ PATH_POLL_S = 0.0002  # between two looks whether it is
 IDLE_S = 5.0  # that a network without sessions is watched
 
 # Command line
+BACKGROUND_TIMEOUT_S = 300.0  # until programs in a host's background have ended
 SWITCHES_TIMEOUT_S = 30.0  # until all switches have connected to the controller
 
 # Live view

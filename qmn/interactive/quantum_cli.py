@@ -1,10 +1,12 @@
 """Mininet's command line with quantum verbs: `alice qsend bob hello` beside `alice ping bob`."""
 
 import logging
+import math
 import os
 import select
 import subprocess
 import sys
+import time
 from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
@@ -20,7 +22,7 @@ from qmn.live.controller_console import NoAnswer, wide_console
 from qmn.network.custom_topology import BadTopology
 from qmn.options import BadInput
 from qmn.scripting.network import QuantumNetwork
-from qmn.timeouts import SWITCHES_TIMEOUT_S
+from qmn.timeouts import BACKGROUND_TIMEOUT_S, SWITCHES_TIMEOUT_S
 from topologies.networks.discovery import heard_again
 from topologies.networks.network import Interrupted
 from topologies.system.processes.programs import ROOT, NetworkError, callers_environment
@@ -158,8 +160,14 @@ class QuantumCLI(CLI):
         poller = select.poll()
         for file in (typed, shown):
             poller.register(file, select.POLLIN)
+        waits = node.lastCmd.split()[:1] == ["wait"]  # for programs in the background
+        deadline = time.monotonic() + (BACKGROUND_TIMEOUT_S if waits else math.inf)
         while node.waiting:
             try:
+                if time.monotonic() > deadline:
+                    deadline = math.inf
+                    print(f"*** {node.name}: {BACKGROUND_TIMEOUT_S:g} s are over", file=sys.stderr)
+                    node.sendInt()
                 ready = {
                     file for file, event in poller.poll(SHELL_POLL_MS) if event & select.POLLIN
                 }

@@ -123,6 +123,14 @@ def test_a_socket_says_hello(tmp_path: Path) -> None:
     assert log.read_text() == "listening\n10.0.0.1: how are you?\n"
 
 
+def test_the_example_waits_for_a_listener_that_begins_later(tmp_path: Path) -> None:
+    log, program = tmp_path / "log", EXAMPLES / "hello.py"
+    bob = f"bob sh -c 'sleep 2; python {program}' > {log} &\n"
+    printed = said(f"{bob}alice python {program} bob hello\nbob wait\n", tmp_path / "runs")
+    assert "sent, by 35 Bell pairs" in printed  # 5 bytes: 20 pairs, times 7/4
+    assert log.read_text() == "listening\n10.0.0.1: hello\n"
+
+
 @pytest.fixture(scope="module")
 def protocols(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, list[str]]]:
     """Return what each program of hosts.qubits has printed at each host, on one network."""

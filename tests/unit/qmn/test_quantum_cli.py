@@ -1,5 +1,6 @@
 """The command line: what words mean, without a network."""
 
+import os
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import pytest
 from mininet.net import Mininet
 
+from qmn.interactive import quantum_cli
 from qmn.interactive.quantum_cli import QUANTUM_VERBS, QuantumCLI
 from qmn.jobs.transfer import TransferError
 from qmn.scripting.exchange import Exchange
@@ -123,6 +125,24 @@ def test_a_sourced_file_goes_on_after_a_failure(network: Unstarted, tmp_path: Pa
     (tmp_path / "lines").write_bytes(b"x \351\nqsend alice bob hi\n")
     assert QuantumCLI(network, [f"source {tmp_path / 'lines'}"]).failures == 1
     assert [each[2] for each in network.asked] == [b"hi"]
+
+
+def test_a_wait_for_the_background_has_a_deadline(
+    network: Unstarted, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(quantum_cli, "BACKGROUND_TIMEOUT_S", 0.1)
+    cli = QuantumCLI(network, [])
+    said, terminal = os.pipe()
+    with os.fdopen(said) as stdout, open(os.devnull) as cli.stdin:
+        monkeypatch.setattr(cli, "isatty", lambda: False)
+        host = SimpleNamespace(
+            name="bob", lastCmd="wait", stdout=stdout, waiting=True, shell_ended=False
+        )
+        host.write = lambda _keys: None
+        host.sendInt = lambda: setattr(host, "waiting", False)
+        cli.waitForNode(host)
+    os.close(terminal)
+    assert capsys.readouterr().err == "*** bob: 0.1 s are over\n"
 
 
 @pytest.mark.parametrize("name", ["net", "qping", "sh", "net-1"])
