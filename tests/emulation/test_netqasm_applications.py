@@ -233,3 +233,60 @@ def test_a_program_sees_of_the_run_what_its_host_is_shown(tmp_path: Path) -> Non
     own = ["alice", "alice/alice.sock", "keys", "keys/alice", "written", "written/alice"]
     assert [path for path in output["shown"] if path.count("/") < 2] == own
     assert not output["dispatcher"]
+
+
+SIMULATED = {  # as `netqasm simulate` has them: roles are at nodes of a network of its own
+    "app_alice.py": """
+from netqasm.sdk import EPRSocket, Qubit
+from netqasm.sdk.classical_communication.message import StructuredMessage
+from netqasm.sdk.external import NetQASMConnection, Socket
+
+def main(app_config=None):
+    texts, pairs = Socket("alice", "bob"), EPRSocket("bob")
+    with NetQASMConnection("alice", epr_sockets=[pairs], max_qubits=3) as unit:
+        one = Qubit(unit)
+        one.X()
+        one = one.measure()
+        unit.flush()
+        texts.send_structured(StructuredMessage("found", {"at": [one]}))
+        outcomes = []
+        for _ in range(2):
+            (half,), (info,) = pairs.create_keep_with_info()
+            outcomes.append(half.measure())
+            unit.flush()
+    return {"one": one, "outcomes": outcomes, "light": info.generation_duration}
+""",
+    "app_bob.py": """
+from netqasm.sdk import EPRSocket
+from netqasm.sdk.external import NetQASMConnection, Socket
+
+def main(app_config=None):
+    texts, pairs = Socket("bob", "alice"), EPRSocket("alice")
+    with NetQASMConnection("bob", epr_sockets=[pairs]) as unit:
+        payload = texts.recv_structured().payload
+        halves, infos = pairs.recv_keep_with_info(2)
+        outcomes = [half.measure() for half in halves]
+    return {"payload": payload, "outcomes": outcomes,
+            "light": [info.generation_duration for info in infos]}
+""",
+    "roles.yaml": "alice: delft\nbob: leiden\n",
+    "network.yaml": "nodes: []\nlinks:\n"
+    "- {name: ch, node_name1: delft, node_name2: leiden, noise_type: Bitflip, fidelity: 0.9}\n",
+}
+
+
+def test_outcomes_are_the_same_in_programs_messages_and_results(tmp_path: Path) -> None:
+    """X|0> is 1; of Phi+ outcomes are alike, pair by pair, however each end counts its requests."""
+    application = tmp_path / "simulated"
+    application.mkdir()
+    for name, text in SIMULATED.items():
+        (application / name).write_text(text)
+    result = run(tmp_path / "runs", str(application), "--rounds", "3")
+    assert result["job"]["roles"] == {"alice": "alice", "bob": "bob"}
+    for each in result["job"]["outputs"]:
+        alice, bob = each["alice"], each["bob"]
+        assert (alice["one"], bob["payload"]) == (1, {"at": [1]})
+        assert alice["outcomes"] == bob["outcomes"]
+        first, both = bob["light"]  # in us, the second with the light of the first
+        assert 0 < first < 1000
+        assert both == first + alice["light"]
