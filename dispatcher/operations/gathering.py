@@ -153,7 +153,7 @@ def require_places(layer: PhysicalLayer, node: str, more: int) -> None:
 
 
 def _unlike(blocks: Sequence[Block]) -> Approximations:
-    """Return what one spectrum and way for all may get wrong: any phase told by interference."""
+    """Return what one spectrum and way for all may get wrong: any phase that interference shows."""
     kinds = set()
     for block in blocks:  # a memory keeps width and colour alone
         dispersion = 0.0 if block.kept else block.pulses.dispersion_ps_per_nm

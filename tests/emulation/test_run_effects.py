@@ -127,7 +127,7 @@ def test_pairs_in_time_bins_swap_by_the_overlap_of_their_polarisations(tmp_path:
     words = ["swap", "--count", "400", "--sample", "0.8", *SCRAMBLED]
     for host in ("alice", "r1", "bob"):
         encodings = {"source__encoding": "time-bin", "detectors__encoding": "time-bin"}
-        words += devices(**{f"{host}__{name}": told for name, told in encodings.items()})
+        words += devices(**{f"{host}__{name}": encoding for name, encoding in encodings.items()})
     require_estimate(result_of(tmp_path, *words)["job"]["asking"], polarised(0.75), 0.0)
 
 

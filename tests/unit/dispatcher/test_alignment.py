@@ -93,11 +93,11 @@ async def swapped(laboratory: Laboratory, stored: bool = False) -> tuple[int, in
         await charlie.receive((number, 1), way[1])
         if stored:
             await charlie.store((number, 1))
-    told = await charlie.bell_measure((0, 1), (1, 1))
+    outcomes = await charlie.bell_measure((0, 1), (1, 1))
     bases = np.arange(COUNT, dtype=np.uint8) % 2
     ends = [await alice.measure((0, 0), bases=bases), await bob.measure((1, 0), bases=bases)]
-    seen = (told != NO_CLICK) & (told & 1 == 1)  # Psi, which all of them tell
-    wrong = (ends[0] ^ ends[1] ^ (told >> bases)) & 1
+    seen = (outcomes != NO_CLICK) & (outcomes & 1 == 1)  # Psi, which every kind reports
+    wrong = (ends[0] ^ ends[1] ^ (outcomes >> bases)) & 1
     in_x = seen & (bases == 1)
     return int(wrong[in_x].sum()), int(in_x.sum()), int(wrong[seen & (bases == 0)].sum())
 
@@ -171,16 +171,16 @@ def lasers(a: float, b: float, angle_rad: float) -> dict[int, float]:
     The mean over the phase between both: detectors of the four modes stay dark with exp(-n), n the
     light there. Of the second laser cos^2 of it interferes, and the rest is by itself.
     """
-    told = {1: 0.0, 3: 0.0}
+    chances = {1: 0.0, 3: 0.0}
     for phase in np.arange(64) * 2 * pi / 64:
         light = []
         for sign in (1, -1):
             alike = abs(sqrt(a) + sign * np.exp(1j * phase) * sqrt(b) * cos(angle_rad)) ** 2
             light.append((alike + b * sin(angle_rad) ** 2) / 4)  # in either of H and V
         (c, d), dark = (1 - np.exp(-np.array(light))), np.exp(-np.array(light))
-        told[1] += ((c * dark[1]) ** 2 + (d * dark[0]) ** 2) / 64
-        told[3] += 2 * c * d * dark[0] * dark[1] / 64
-    return told
+        chances[1] += ((c * dark[1]) ** 2 + (d * dark[0]) ** 2) / 64
+        chances[3] += 2 * c * d * dark[0] * dark[1] / 64
+    return chances
 
 
 @pytest.mark.parametrize("angle_rad", [0.0, 0.6, pi / 2])
@@ -220,15 +220,15 @@ def test_heralds_of_scrambled_light_are_the_mean_over_its_overlap(
     arms = (Arm(efficiency, alpha),) * 2
     state, phases = np.zeros((4, 4), complex), np.diag([1, 1, -1, -1])
     for place, weight in zip(PLACES + 0.5, WEIGHTS, strict=True):
-        told = in_fock_space(scheme, arms, 0.0, best * place**2)  # even in x^2, of weight 2 x
-        state += 2 * place * weight * (told[1] + phases @ told[3] @ phases)
+        states = in_fock_space(scheme, arms, 0.0, best * place**2)  # even in x^2, of weight 2 x
+        state += 2 * place * weight * (states[1] + phases @ states[3] @ phases)
     chance = np.trace(state).real
     state /= chance
 
     async def act(laboratory: Laboratory) -> None:
-        told, attempts, _took_s = await heralded(laboratory, count)
+        reported, attempts, _took_s = await heralded(laboratory, count)
         assert within(count, attempts, chance)
-        right = await correlations(laboratory, told)
+        right = await correlations(laboratory, reported)
         assert within(*right["Z"], (state[1, 1] + state[2, 2]).real)
         assert within(*right["X"], (1 + 2 * (state[1, 2] + state[0, 3]).real) / 2)
         assert within(*right["Y"], (1 + 2 * (state[1, 2] - state[0, 3]).real) / 2)
@@ -245,9 +245,9 @@ def test_light_of_two_colours_heralds_pairs_with_less_of_a_phase(scheme: str) ->
     width_nm, apart_mhz, alpha, efficiency, count = 0.1, 12_500, 0.2, 0.5, 60_000
     s = 2 * pi * 193.4e12**2 / 299_792_458 * width_nm * 1e-9
     visibility = exp(-((2e6 * pi * apart_mhz / (2 * s)) ** 2))
-    told = in_fock_space(scheme, (Arm(efficiency, alpha),) * 2, 0.0, visibility)
+    states = in_fock_space(scheme, (Arm(efficiency, alpha),) * 2, 0.0, visibility)
     phases = np.diag([1, 1, -1, -1])
-    state = told[1] + phases @ told[3] @ phases
+    state = states[1] + phases @ states[3] @ phases
     chance = np.trace(state).real
     device = Device(
         PairSource(bandwidth_nm=width_nm), emitter=Emitter(scheme, efficiency, alpha, modes=100)
@@ -279,8 +279,8 @@ def test_mode_dispersion_takes_single_clicks_apart() -> None:
     own = {"pmd_ps_per_sqrt_km": mean_ps / sqrt(10.0), "polarization_drift_time_s": FAST}
 
     async def act(laboratory: Laboratory) -> None:
-        told, _attempts, _took_s = await heralded(laboratory, count)
-        right = await correlations(laboratory, told)
+        reported, _attempts, _took_s = await heralded(laboratory, count)
+        right = await correlations(laboratory, reported)
         assert within(*right["X"], (1 + (1 - alpha) * amplitude) / 2)
         assert set(laboratory.layer.approximations.sizes) == {MODE_DISPERSION}
 
