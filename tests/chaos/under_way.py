@@ -102,6 +102,7 @@ class UnderWay:
         """Close the terminal, or the pipe, or fill the disk that the run writes to."""
         self._lost.set()
         if self.output == DISK:
+            os.truncate(f"{self._disk}/output", 0)  # its last page would have room
             machine.fill(Path(f"{self._disk}/filler"))
         self._reader.join()
 
