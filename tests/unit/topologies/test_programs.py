@@ -119,6 +119,27 @@ def test_what_it_said_when_all_was_well_is_no_cause(tmp_path: Path) -> None:
     assert fails(tmp_path, "") == told
 
 
+def test_the_log_of_a_program_that_is_not_ours_is_no_cause(tmp_path: Path) -> None:
+    """The last line of tcpdump when its interface has gone: tcpdump.c, print_statistics."""
+    log = tmp_path / "tcpdump.log"
+    capture = Program("tcpdump", log)
+    capture.start(["sh", "-c", "echo '0 packets dropped by kernel' >&2; exit 1"])
+    assert capture._process is not None
+    capture._process.wait(10)
+    assert (capture.end(), capture.crash()) == (f"status 1; its log: {log}", "")
+
+
+@pytest.mark.parametrize(
+    ("code", "error"),
+    [("raise OSError(28, 'No space left')", "OSError: [Errno 28] No space left"), ("exit(1)", "")],
+)
+def test_an_error_that_is_not_handled_is_a_crash(tmp_path: Path, code: str, error: str) -> None:
+    failed = program(tmp_path, code)
+    assert failed._process is not None
+    failed._process.wait(10)
+    assert failed.crash() == error
+
+
 def test_a_program_that_is_started_again_is_ready_when_it_says_so_again(tmp_path: Path) -> None:
     clock = program(tmp_path, "print('ready', flush=True)")
     clock.wait_for("ready", 10)
