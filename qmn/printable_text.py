@@ -35,13 +35,9 @@ class PrintableOutput(io.TextIOWrapper):
 
 
 def guard_standard_streams() -> None:
-    """Replace standard output and error of this process, which are its Outputs."""
+    """Let standard output and error of this process, as they are now, be PrintableOutputs."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
-        options = {
-            "encoding": stream.encoding,
-            "errors": "backslashreplace",
-            "line_buffering": stream.line_buffering,
-            "write_through": stream.write_through,
-        }
-        setattr(sys, name, PrintableOutput(stream.detach(), **options))
+        words = {"encoding": stream.encoding, "errors": "backslashreplace"}
+        buffered = {each: getattr(stream, each) for each in ("line_buffering", "write_through")}
+        setattr(sys, name, PrintableOutput(stream.detach(), **words, **buffered))

@@ -24,7 +24,7 @@ from qmn.reports.beside import Draw, report_beside
 from qmn.requests.request import Request
 from qmn.requests.run_options import RunOptions
 from qmn.results.result import network_facts, note_files
-from qmn.results.run_folder import give_to_invoker, given_at_the_end
+from qmn.results.run_folder import give_to_invoker, given_at_the_end, lasting
 from qmn.results.run_result import RunResult
 from qmn.results.software_share import note_software
 from qmn.results.timeline import timeline_of_run
@@ -196,7 +196,10 @@ def ending(
     """
     ended = Ended()
     fault: Exception | None = None
-    with report_beside() if report else nullcontext(_put_off) as draw:
+    with (
+        lasting(folder, (TransferError,)),
+        report_beside() if report else nullcontext(_put_off) as draw,
+    ):
         try:
             yield ended
         except (NetworkError, TransferError, Interrupted, LostOutput, OSError) as error:
@@ -204,12 +207,13 @@ def ending(
             facts.error = str(error)
             raise
         finally:
-            facts.timeline = timeline_of_run(folder)
-            complete(facts, folder)
-            ended.report = _report(folder, facts, draw)
-            if fault is not None and facts.network is not None:
-                fault.add_note(f"report to look at: {ended.report}")
-            give_to_invoker(folder)
+            if folder.is_dir():
+                facts.timeline = timeline_of_run(folder)
+                complete(facts, folder)
+                ended.report = _report(folder, facts, draw)
+                if fault is not None and facts.network is not None:
+                    fault.add_note(f"report to look at: {ended.report}")
+                give_to_invoker(folder)
 
 
 def _put_off(folder: Path) -> str:

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from qmn.network.options import NetworkOptions
-from qmn.results.run_folder import PRIVATE
+from qmn.results.run_folder import PRIVATE, lasting
 from qmn.results.run_result import NetworkResult
 from qmn.results.timeline import timeline_of_run
 from topologies.networks.network import Interrupted
@@ -31,15 +31,17 @@ def artifacts_of(options: NetworkOptions, folder: Path | None) -> Iterator[Netwo
         return
     folder.mkdir(mode=PRIVATE, parents=True, exist_ok=True)
     _forget_earlier(folder)
-    try:
-        yield facts
-    except (NetworkError, Interrupted, LostOutput, OSError) as error:
-        facts.error = str(error)
-        raise
-    finally:
-        facts.captures = [str(file) for file in sorted(folder.glob("*.pcap"))]
-        facts.timeline = timeline_of_run(folder)
-        facts.write(folder)
+    with lasting(folder):
+        try:
+            yield facts
+        except (NetworkError, Interrupted, LostOutput, OSError) as error:
+            facts.error = str(error)
+            raise
+        finally:
+            if folder.is_dir():
+                facts.captures = [str(file) for file in sorted(folder.glob("*.pcap"))]
+                facts.timeline = timeline_of_run(folder)
+                facts.write(folder)
 
 
 def _forget_earlier(folder: Path) -> None:

@@ -1,14 +1,18 @@
 """The folder a run leaves behind: runs/<time>-<topology>/, and runs/latest that points to it."""
 
+import errno
 import os
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from qmn.options import BadInput
+from topologies.networks.disk import GONE
+from topologies.system.processes.programs import NetworkError
 
 PRIVATE = 0o700  # mode
+NOT_WRITABLE = (errno.EACCES, errno.EPERM, errno.EROFS)
 REPORT = "report.html"  # of `qmn run`, made again by `qmn report`
 STAMP = "%Y%m%dT%H%M%S"  # when a run began, at the start of its name
 
@@ -55,10 +59,36 @@ def point_latest(folder: Path) -> None:
         raise
 
 
+@contextmanager
+def lasting(folder: Path, further: tuple[type[Exception], ...] = ()) -> Iterator[None]:
+    """Raise NetworkError if the folder of a run does not last, or cannot be written any more.
+
+    That is the cause of a NetworkError, an OSError or a further fault that comes of it.
+    """
+    faults: tuple[type[Exception], ...] = (NetworkError, OSError, *further)
+    try:
+        yield
+        if not folder.is_dir():
+            raise NetworkError(GONE)
+    except faults as error:
+        if not folder.is_dir():
+            text = f"{folder}: {GONE}"
+        elif isinstance(error, OSError) and error.errno in NOT_WRITABLE:
+            text = f"cannot write to the folder of the run, {folder}: {error.strerror}"
+        else:
+            raise
+        cause = NetworkError(text)
+        for note in getattr(error, "__notes__", ()):
+            if str(folder) not in note:  # which the cause explains
+                cause.add_note(note)
+        raise cause from error
+
+
 def give_to_invoker(folder: Path) -> None:
     """Let the user who called sudo own what the run leaves behind."""
     for path in (folder.with_name("latest"), folder, *folder.rglob("*")):
-        give(path)
+        with suppress(FileNotFoundError):  # the user has removed it
+            give(path)
 
 
 def give_tree(folder: Path) -> None:

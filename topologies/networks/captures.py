@@ -83,7 +83,7 @@ class Captures:
         with self._bounding:
             for program, file in list(self._files.items()):
                 there = program in self._elsewhere and program.status == -signal.SIGXFSZ
-                if there or file.stat().st_size >= most_bytes:
+                if there or (file.exists() and file.stat().st_size >= most_bytes):
                     del self._files[program]  # nobody shall think that it has died
                     self.full.append(file.name)
                     gib = self._network.settings.file_gib
@@ -114,7 +114,8 @@ class Captures:
                 self._files.clear()
 
     def _count_missed(self, program: Program) -> None:
-        self.packets_missed += packets_missed(program.log.read_text(errors="replace"))
+        if program.log.exists():  # not where the folder of the run has been removed
+            self.packets_missed += packets_missed(program.log.read_text(errors="replace"))
 
     def _bring_back(self) -> None:
         """Write here what was captured on other machines, by the clock of this one."""

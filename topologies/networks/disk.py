@@ -17,6 +17,7 @@ from topologies.timeouts import DISK_LOOK_S
 
 LOG_BYTES = 16 << 20
 RESERVE_BYTES = 1 << 30  # that stay free, or a hundredth of a disk that is smaller than 100 GiB
+GONE = "the folder of the run was removed or renamed while it ran: nothing more is left there"
 
 
 class DiskKeeper:
@@ -49,14 +50,19 @@ class DiskKeeper:
             self.look()
 
     def look(self) -> None:
-        """Cut logs that have become long, and note if a disk is nearly full."""
-        for program in list(self._programs()):
-            program.cut_log(LOG_BYTES)
-        self._bound()
-        self.look_at_disks()
+        """Cut logs that have become long; note if a disk is nearly full, or a folder gone."""
+        try:
+            for program in list(self._programs()):
+                program.cut_log(LOG_BYTES)
+            self._bound()
+            self.look_at_disks()
+        except (FileNotFoundError, NotADirectoryError):
+            self.look_at_disks()
+            if not self._full:
+                raise
 
     def look_at_disks(self) -> None:
-        """Note if a disk is nearly full."""
+        """Note if a disk is nearly full, or a folder gone."""
         self._full = next(filter(None, map(nearly_full, self._folders)), "")
 
     def check(self) -> None:
@@ -66,7 +72,9 @@ class DiskKeeper:
 
 
 def nearly_full(folder: Path) -> str:
-    """Return in words that the disk of a folder is nearly full, "" if it is not."""
+    """Return in words that the disk of a folder is nearly full, or that it is gone, or ""."""
+    if not folder.is_dir():
+        return f"{folder}: {GONE}"
     files = os.statvfs(folder)
     if files.f_files and not files.f_favail:
         return f"the disk of {folder} has no room for another file (`df -i`): delete some there"

@@ -47,3 +47,16 @@ def test_a_disk_that_is_nearly_full_ends_the_run_by_name(
     keeper.look()
     with pytest.raises(NetworkError, match=r"is nearly full: 900 MB are free; .*--no-capture"):
         keeper.check()
+
+
+def test_a_folder_that_is_removed_or_renamed_ends_the_run_by_name(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    for remove in (Path.rmdir, lambda path: path.rename(tmp_path / "elsewhere")):
+        folder.mkdir()
+        keeper = DiskKeeper([folder], list)
+        keeper.look()
+        keeper.check()
+        remove(folder)
+        keeper.look()
+        with pytest.raises(NetworkError, match=f"^{folder}: .* was removed or renamed"):
+            keeper.check()
