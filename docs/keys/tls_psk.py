@@ -52,6 +52,7 @@ def openssl(program: str, key_id: str, key: str, *words: str) -> list[str]:
 def serve() -> None:
     """Take the key that a client names, and serve one connection by it."""
     with socket.create_server(("", DOOR)) as listener:
+        listener.settimeout(LONGEST_S)
         print("listening", flush=True)
         client, _address = listener.accept()
     with client, client.makefile("rw") as lines:
@@ -62,13 +63,22 @@ def serve() -> None:
             print(named, file=lines, flush=True)
 
 
+def connected(host: str) -> socket.socket:
+    """Return a connection to a host, as soon as the server listens there."""
+    deadline = time.monotonic() + LONGEST_S
+    while True:
+        try:
+            return socket.create_connection((host, DOOR), LONGEST_S)
+        except ConnectionRefusedError:
+            if time.monotonic() > deadline:
+                raise
+        time.sleep(0.1)
+
+
 def call(host: str, text: str) -> int:
     """Have a new key, name it to the server, and say something by TLS; return openssl's status."""
     key_id, key = ask("sae-bob/enc_keys?size=256")
-    with (
-        socket.create_connection((host, DOOR), LONGEST_S) as server,
-        server.makefile("rw") as lines,
-    ):
+    with connected(host) as server, server.makefile("rw") as lines:
         print(key_id, file=lines, flush=True)
         if lines.readline().strip() != key_id:
             raise ConnectionError(f"{host} has not taken the key")
