@@ -15,6 +15,7 @@ from qmn.parser import Parser
 from qmn.printable_text import guard_standard_streams
 from qmn.version import ShowVersion
 from topologies.system.processes.outputs import forget_no_width, with_outputs
+from topologies.system.processes.programs import find_tools
 from topologies.system.processes.signals import Signals
 
 # Until a verb runs there is nothing to clean up: Ctrl-C just ends the program.
@@ -113,6 +114,7 @@ def needs_root(arguments: argparse.Namespace) -> bool:
 def main() -> int:
     """Find the verb, run it, and return its exit status."""
     forget_no_width()
+    find_tools()
     status = with_outputs(run_verb)
     # All is done. Ending takes a moment, in which a signal would say otherwise.
     for number in Signals.NUMBERS:

@@ -40,6 +40,7 @@ from qmn.scripting.tables import SIMPLE, Row, TableOf, Tabular, drawn, row_of
 from topologies.links.causality import worst
 from topologies.networks.network import Network, Signals
 from topologies.nodes import QuantumHost
+from topologies.system.processes.programs import find_tools
 from wire.parameters.checks import remedy
 from wire.results.run_result import EarlyNews
 
@@ -208,6 +209,7 @@ def start(
     --help`. Raise BadInput or BadTopology for what cannot be, NetworkError if it does not start;
     Ctrl-C is a KeyboardInterrupt, and cleans up, too.
     """
+    find_tools()
     of_machines = {name: options.pop(name) for name in MACHINES if name in options}
     asked = from_keywords(NetworkOptions, options)
     topo = topo or asked.topology or "sdc"

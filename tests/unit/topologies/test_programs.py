@@ -10,7 +10,13 @@ from pathlib import Path
 import pytest
 
 from topologies.system.processes.owners import marked
-from topologies.system.processes.programs import WITH_RUNNER, NetworkError, Program, stop_all
+from topologies.system.processes.programs import (
+    WITH_RUNNER,
+    NetworkError,
+    Program,
+    find_tools,
+    stop_all,
+)
 
 
 def program(folder: Path, code: str, name: str = "clock") -> Program:
@@ -173,3 +179,20 @@ def test_it_begins_only_while_its_runner_is_there(is_there: bool) -> None:
     command = [*WITH_RUNNER, str(runner), "echo", "begun"]
     done = subprocess.run(command, capture_output=True, check=False, timeout=10)
     assert (done.stdout, done.returncode) == ((b"begun\n", 0) if is_there else (b"", 1))
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("/usr/bin:/bin", "/usr/bin:/bin:/usr/local/sbin:/usr/sbin:/sbin"),  # as su leaves it
+        ("/usr/sbin:/own", "/usr/sbin:/own:/usr/local/sbin:/sbin"),
+        ("", f"{os.defpath}:/usr/local/sbin:/usr/sbin:/sbin"),  # no working directory
+    ],
+)
+def test_tools_of_root_are_found_behind_all_else(
+    monkeypatch: pytest.MonkeyPatch, before: str, after: str
+) -> None:
+    monkeypatch.setenv("PATH", before)
+    for _ in range(2):
+        find_tools()
+        assert os.environ["PATH"] == after

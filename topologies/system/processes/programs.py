@@ -23,6 +23,8 @@ ENVIRONMENT = {
         if not line.startswith("#")
     ),
 }
+# Where the tools of root are, which `su` leaves out of PATH.
+TOOLS = ("/usr/local/sbin", "/usr/sbin", "/sbin")
 CALLER = "QMN_CALLER"  # in the environment that bin/qmn has made of its caller's
 # The kernel ends it with the runner; if that has ended before it asked for this, it ends itself.
 UNLESS_ORPHANED = '[ "$PPID" = "$0" ] && exec "$@"'
@@ -32,6 +34,13 @@ TRACEBACK = "Traceback (most recent call last)"
 FRAME = re.compile(r"^[ |]*[|+][-+ |]*(\d+ -+)?(?=\S|$)")  # around errors of a group
 ERROR = re.compile(r"[A-Za-z_][\w.]*(:|$)")
 WELL = ("ready", "listening")
+
+
+def find_tools() -> None:
+    """Let this process, and what it starts, find the tools of root behind all else."""
+    folders = (os.environ.get("PATH") or os.defpath).split(os.pathsep)
+    missing = [folder for folder in TOOLS if folder not in folders]
+    os.environ["PATH"] = os.pathsep.join([*folders, *missing])
 
 
 def callers_environment() -> dict[str, str]:
