@@ -33,7 +33,7 @@ TESTS := tests/emulation -m image  # of test-docker; TESTS=tests/emulation for a
 # What notebooks need and a browser are large, and not in the image; and Docker lets no process take
 # files of others, nor make groups of processes.
 IN_GROUPS := several_together_do_not_take_more who_takes_more_does_not_go_on_by_swapping \
-    what_a_killed_run_leaves_is_found_and_goes
+    what_a_killed_run_leaves_goes_with_the_next
 TAKE_FILES := heavy_traffic_of_a_host_on_a_second_machine_is_that_of_one_machine \
     a_worker_that_is_killed_ends_the_run_by_name_and_leaves_nothing[open-vswitch]
 NOT_IN_IMAGE := $(patsubst %,--ignore=tests/emulation/test_%.py,notebooks held_packet_sockets \

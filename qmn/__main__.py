@@ -9,13 +9,14 @@ from importlib import import_module
 from types import MappingProxyType
 from typing import Any
 
-from qmn.as_root import NoRoot, become_root
+from qmn.as_root import NoRoot
 from qmn.machine_limits import limit_met
+from qmn.needs import provide
 from qmn.parser import Parser
 from qmn.printable_text import guard_standard_streams
 from qmn.version import ShowVersion
 from topologies.system.processes.outputs import forget_no_width, with_outputs
-from topologies.system.processes.programs import find_tools
+from topologies.system.processes.programs import NetworkError, find_tools
 from topologies.system.processes.signals import Signals
 
 # Until a verb runs there is nothing to clean up: Ctrl-C just ends the program.
@@ -29,10 +30,10 @@ HEADINGS: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "cli": "a network with a command line",
             "script": "run a Python script, which may start networks",
             "netqasm": "run a NetQASM application on hosts",
-            "apart": "another verb, beside other networks on this machine",
             "worker": "offer this machine to networks over several",
         },
         "look at a network, or at a run": {
+            "enter": "a shell, or a command, inside a network that runs",
             "devices": "show the state of all devices",
             "paths": "show light paths and fibres",
             "keys": "show key links and relays",
@@ -67,7 +68,6 @@ HEADINGS: Mapping[str, Mapping[str, str]] = MappingProxyType(
         },
         "look after this machine": {
             "doctor": "check this machine",
-            "clean": "remove what killed runs have left",
         },
     }
 )
@@ -105,12 +105,6 @@ def described(words: Sequence[str] = (), whole: bool = False) -> Parser:
     return parser
 
 
-def needs_root(arguments: argparse.Namespace) -> bool:
-    """Return whether this command needs root, as its verb says: always, or by its arguments."""
-    needed = getattr(arguments, "needs_root", False)
-    return bool(needed(arguments) if callable(needed) else needed)
-
-
 def main() -> int:
     """Find the verb, run it, and return its exit status."""
     forget_no_width()
@@ -130,12 +124,13 @@ def run_verb() -> int:
     arguments = described(sys.argv[1:]).parse_args()
     gc.freeze()
     gc.enable()
-    if needs_root(arguments):
-        try:
-            become_root(sys.argv[1:])
-        except NoRoot as error:
-            print(f"qmn: {error}", file=sys.stderr)
-            return 1
+    try:
+        entered = provide(arguments, sys.argv[1:])
+    except (NoRoot, NetworkError) as error:
+        print(f"qmn: {error}", file=sys.stderr)
+        return 1
+    if entered is not None:
+        return entered
     try:
         status: int = arguments.call(arguments)
     except OSError as error:

@@ -209,7 +209,8 @@ class AgentConfig(MeasuredConfig):
     hardware_ports: dict[str, list[int]] = field(default_factory=dict)
     programs: str = ""  # path of a Unix socket for ovs-ofctl and the like; empty: none
     credentials: Credentials | None = None  # controllers are reached by TLS
-    gnmi: str = ""  # where telemetry is served: "127.0.0.1:9339"; empty: nowhere
+    gnmi: str = ""  # path of a Unix socket at which telemetry is served; empty: nowhere
+    gnmi_fd: int | None = None  # a listening TCP socket that leads there
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> "AgentConfig":

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -10,7 +11,6 @@ from qmn.benchmarks.path_setups import path_setups
 from qmn.jobs.load import CONTROLLER, controller_s
 from qmn.timeouts import IDLE_S
 from topologies.networks.network import Network, Signals
-from topologies.system.processes.owners import marked
 from topologies.system.runs.runtime import Runtime
 from topologies.timeouts import POLL_S
 from topologies.tree import TreeTopo
@@ -57,7 +57,7 @@ def measured(folder: Path, hosts: int, signals: Signals) -> ManyHosts:
     with Network(topology, Runtime(log_folder=folder), signals) as network:
         started = time.monotonic()
         share = controller_share(network)
-        memory_mb = shared_memory_mb(network.runtime.name)
+        memory_mb = shared_memory_mb()
         setup_ms = path_setups(network, SETUPS).p50_ms
         ending = time.monotonic()
     ended = time.monotonic()
@@ -73,13 +73,11 @@ def controller_share(network: Network) -> float:
     return (controller_s(network) - before) / (time.monotonic() - began)
 
 
-def shared_memory_mb(run: str) -> float:
-    """Return the memory of all processes of a run: each page once, whoever shares it (PSS)."""
-    lines = [
-        line
-        for process, words in marked()
-        if words == run
-        for line in Path("/proc", str(process.pid), "smaps_rollup").read_text().splitlines()
-    ]
-    kib = sum(int(line.split()[1]) for line in lines if line.startswith("Pss:"))
+def shared_memory_mb() -> float:
+    """Return the memory of all processes of this run: each page once, whoever shares it (PSS)."""
+    kib = 0
+    for file in Path("/proc").glob("[0-9]*/smaps_rollup"):
+        with suppress(ProcessLookupError, FileNotFoundError):  # it has ended
+            lines = file.read_text().splitlines()
+            kib += sum(int(line.split()[1]) for line in lines if line.startswith("Pss:"))
     return kib * 1024 / 1e6

@@ -49,7 +49,7 @@ def baseline_times(network: Network, baseline: Baseline) -> Times:
     """Time a bare bridge of Open vSwitch under the framework that c0 uses."""
     port = free_port()
     program = start_baseline(network, baseline, port)
-    with bare_bridge(network.runtime.name, port):
+    with bare_bridge(port):
         return times_of(network, program)
 
 
@@ -76,14 +76,14 @@ def times_of(network: Network, program: Program) -> Times:
 
 
 @contextmanager
-def bare_bridge(owner: str, port: int) -> Iterator[None]:
+def bare_bridge(port: int) -> Iterator[None]:
     """A bridge without ports and without agent, of ours, for a controller at this port."""
     if BRIDGE in openvswitch.bridges():
         raise NetworkError(
             f"bridge {BRIDGE} exists already; remove it with `ovs-vsctl del-br {BRIDGE}`"
         )
     try:
-        openvswitch.add(BRIDGE, owner, f"tcp:127.0.0.1:{port}")
+        openvswitch.add(BRIDGE, f"tcp:127.0.0.1:{port}")
         yield
     finally:
         openvswitch.delete(BRIDGE)

@@ -11,7 +11,7 @@ from qmn.timeouts import MEASURE_TIMEOUT_S
 from topologies.networks.network import Network, Signals
 from topologies.repeaters import RepeatersTopo
 from topologies.sdc import SdcTopo
-from topologies.system.open_vswitch.openvswitch import SWITCH_DAEMON, daemons
+from topologies.system.open_vswitch import openvswitch
 from topologies.system.runs.runtime import Runtime
 from wire.application_lines import figures
 from wire.parameters.network import NetworkSettings
@@ -61,8 +61,8 @@ def final_key(told: KeyFigures) -> str:
 
 def processors_s(network: Network) -> float:
     """Return the processor time that the programs of a network and the switch have used."""
-    own_s = sum(program.processor_s for program in network.runtime.programs)
-    return own_s + daemons()[SWITCH_DAEMON].processor_s
+    programs = *network.runtime.programs, *openvswitch.programs()
+    return sum(program.processor_s for program in programs)
 
 
 def teleport_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]:

@@ -7,26 +7,20 @@ import os
 import re
 import resource
 import shutil
-import socket
 import subprocess
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import metadata
 from importlib.util import find_spec
-from pathlib import Path
 
-from qmn.live.running import dispatcher_of_running_network
 from qmn.timeouts import TRY_TIMEOUT_S
-from topologies.networks import leftovers
-from topologies.networks.network import LEAST_FILES, interfaces_of
+from topologies.networks.network import LEAST_FILES
+from topologies.system import namespaces
 from topologies.system.open_vswitch import openvswitch
 from topologies.system.processes.programs import ROOT, NetworkError
-from topologies.system.runs.runtime import RUNTIME_ROOT
-from wire.parameters.network import OPENFLOW_PORT
 
 WORKS, LIMITED, FAILS, UNCHECKED = "works", "limited", "fails", "unchecked"
-NAMES_OF_DEMO = ("s1", "q1")
 SETUP = "run `make setup`"
 SUDO = "run it with sudo"
 
@@ -50,10 +44,7 @@ def check_machine() -> Iterator[Finding]:
     yield python_packages()
     yield open_vswitch()
     yield docker()
-    yield running_network()
-    yield controller_port()
-    yield names()
-    yield left()
+    yield running_networks()
 
 
 def user() -> Finding:
@@ -162,7 +153,7 @@ def open_vswitch() -> Finding:
         return Finding(name, FAILS, "not installed", SETUP)
     if os.geteuid() != 0:
         return Finding(name, UNCHECKED, "installed", SUDO)
-    state = "running" if openvswitch.running() else "installed, a run starts and stops it"
+    state = "installed, each run starts its own"
     if openvswitch.datapath() == "kernel":
         return Finding(name, WORKS, f"{state}; switches in the kernel")
     remedy = "nothing need be done; switches are faster with the kernel module openvswitch"
@@ -179,65 +170,14 @@ def docker() -> Finding:
     return Finding("Docker", LIMITED, words, "start or install an engine, or use MODE=native")
 
 
-def running_network() -> Finding:
-    """Whether a network runs: there can be one."""
-    name = "running network"
+def running_networks() -> Finding:
+    """Whether networks run: there can be several, each in namespaces of its own."""
+    name = "running networks"
     try:
-        config = dispatcher_of_running_network()
+        found = namespaces.running()
     except NetworkError as error:
-        if "no network runs" in str(error):
-            return Finding(name, WORKS, "none: one can start")
-        return Finding(name, LIMITED, str(error), "wait, or end it; there can be one at a time")
-    place = Path(config.event_capture or config.socket).parent  # its events are not always written
-    return Finding(name, LIMITED, f"one runs, see {place}", "end it before you start another")
-
-
-def controller_port() -> Finding:
-    """The controller's TCP port."""
-    name = f"port {OPENFLOW_PORT} (controller)"
-    try:
-        with socket.create_server(("127.0.0.1", OPENFLOW_PORT)):
-            return Finding(name, WORKS, "free")
-    except OSError as error:
-        remedy = "end what listens there (`ss -ltnp`), or `qmn run --openflow-port PORT`"
-        return Finding(name, LIMITED, str(error.strerror), remedy)
-
-
-def names() -> Finding:
-    """Names that a run needs and somebody else has."""
-    name = f"names {', '.join(NAMES_OF_DEMO)}"
-    foreign: list[str] = []
-    ours: set[str] = set()
-    try:
-        if openvswitch.installed() and os.geteuid() == 0 and openvswitch.running():
-            bridges = set(openvswitch.bridges()) & set(NAMES_OF_DEMO)
-            ours = {bridge for bridge in bridges if openvswitch.owner_of(bridge)}
-            foreign += [f"bridge {bridge}" for bridge in sorted(bridges - ours)]
-        if not ours and not leftovers.find().interfaces:
-            taken = [found for wanted in NAMES_OF_DEMO for found in interfaces_of(wanted)]
-            foreign += [f"interface {found}" for found in taken]
-    except (NetworkError, PermissionError) as error:
         return Finding(name, UNCHECKED, str(error), SUDO)
-    if foreign:
-        remedy = "rename or remove what is not ours: `ovs-vsctl del-br`, `ip link del`"
-        return Finding(name, FAILS, f"taken: {', '.join(foreign)}", remedy)
-    return Finding(name, WORKS, "free, or ours")
-
-
-def left() -> Finding:
-    """What killed runs have left."""
-    name = "leftovers of earlier runs"
-    if os.geteuid() != 0:
-        return Finding(name, UNCHECKED, f"only root can look into {RUNTIME_ROOT}", SUDO)
-    try:
-        found = leftovers.find().lines()
-    except NetworkError as error:
-        return Finding(name, UNCHECKED, str(error), "see Open vSwitch above")
-    if found:
-        return Finding(
-            name, LIMITED, "; ".join(found), "run `qmn clean`; the next run does so, too"
-        )
-    return Finding(name, WORKS, "none")
+    return Finding(name, WORKS, ", ".join(map(str, found)) or "none")
 
 
 def _run(*command: str) -> tuple[int, str]:

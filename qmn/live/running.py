@@ -9,7 +9,7 @@ from typing import Any
 
 from qmn.results.run_result import NetworkResult
 from topologies.networks.heard_orders import patience_s
-from topologies.system.processes.owners import gone, this_process
+from topologies.system.namespaces import keeper, keeper_is_gone
 from topologies.system.processes.programs import NetworkError
 from topologies.system.runs.runtime import (
     DISPATCHER,
@@ -43,7 +43,7 @@ class RunningNetwork:
 def announce_network(runtime: Runtime, facts: NetworkResult) -> None:
     """Tell other programs of a network that has started, and note that in the folder of its run."""
     assert facts.network is not None
-    facts.write_begun(runtime.logs, str(this_process()))
+    facts.write_begun(runtime.logs, keeper())
     stacks = {host: runtime.socket(host) for host in runtime.addresses}
     told = RunningNetwork(
         str(runtime.logs),
@@ -75,7 +75,7 @@ def left_of_killed(folder: Path) -> dict[str, Any] | None:
     if (folder / RESULT).exists() or not (folder / BEGUN).exists():
         return None
     runner, known = schema.read_begun(folder)
-    if not gone(runner):
+    if not keeper_is_gone(runner):
         return None
     return {**known, "error": KILLED}
 

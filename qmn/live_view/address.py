@@ -19,6 +19,7 @@ from tempfile import NamedTemporaryFile
 
 from programs.connection_shares import SharedListener
 from qmn.live_view.pages import NUMBER, Pages
+from topologies.system.namespaces import machine_listener
 
 LOOPBACK = "127.0.0.1"
 SAID = "live view"
@@ -56,7 +57,7 @@ def place_given() -> Place | None:
 def listen(place: Place) -> tuple[SharedListener, int]:
     """Return a socket that listens there, and the port of the page; OSError if it is taken."""
     if place.socket is None:
-        listener = SharedListener(socket.create_server((LOOPBACK, place.port)))
+        listener = SharedListener(machine_listener(LOOPBACK, place.port))
         return listener, listener.getsockname()[1]
     place.socket.unlink(missing_ok=True)
     listener = SharedListener(socket.create_server(str(place.socket), family=socket.AF_UNIX))
@@ -90,7 +91,6 @@ def open_browser(address: str) -> None:
     subprocess.run(
         ["setsid", "--fork", "runuser", "-u", user, "--", opener, file.as_uri()],
         check=False,
-        # No mark of a run: the browser stays when its network is cleared away.
         env={name: os.environ[name] for name in DESKTOP if name in os.environ} | own,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,

@@ -16,7 +16,6 @@ from qmn.live_view.acts import ACTS
 from qmn.live_view.address import SAID
 from qmn.live_view.pages import NUMBER, Pages
 from qmn.timeouts import LIVE_START_S
-from topologies.system.processes import owners
 from topologies.system.processes.programs import Program, python
 from topologies.system.runs.runtime import LIVE_PAGES
 
@@ -68,9 +67,7 @@ def begin_page_of_command(say: Say = SAY) -> Program:
     """Start what serves it, until this process ends; raise NetworkError if it does not begin."""
     folder = Path(tempfile.mkdtemp(prefix="qmn-live-"))
     server = Program("live", folder / "live.log")
-    # Without the mark of a run: it stays when one of our networks is cleared away.
-    unmarked = ["env", f"--unset={owners.VARIABLE}", python()]
-    server.start([*unmarked, "-m", "qmn.live_view.command_page", str(folder)])
+    server.start([python(), "-m", "qmn.live_view.command_page", str(folder)])
     try:
         server.wait_for(SAID, LIVE_START_S)
     except BaseException:

@@ -23,8 +23,8 @@ from html import escape
 from pathlib import Path
 
 from programs.connection_shares import StreamServer
+from programs.relay import relay
 from qmn.live_view.address import LOOPBACK, Place, listen, place_given, say
-from qmn.live_view.loopback import joined
 from qmn.live_view.pages import PORT, Pages
 from qmn.timeouts import LIVE_HEAD_S, LIVE_LAST_S, LIVE_LOOK_AGAIN_S
 
@@ -88,7 +88,8 @@ async def answered(
     )
     number = int(asked[1] or 0) if asked else 0
     if number and pages.runs(number):
-        await joined(pages.socket(number), reader, writer, head)
+        connect = partial(asyncio.open_unix_connection, pages.socket(number))
+        await relay(connect, (reader, writer), head)
         return
     path = asked[2].decode(errors="replace") if asked else ""
     task = asyncio.current_task()

@@ -16,10 +16,10 @@ from mininet.log import warn
 
 from qmn.options import BadInput
 from qmn.timeouts import AGENT_END_TIMEOUT_S, CLUSTER_TIMEOUT_S, WORKERS_TIMEOUT_S
-from topologies.system.confinement.apart import OWN_NAMESPACES
 from topologies.system.machines.agent import MODULE
 from topologies.system.machines.gathering import gathered
 from topologies.system.machines.machine import Machine
+from topologies.system.namespaces import OWN_NAMESPACES
 from topologies.system.processes.commands import WITH_THIS_PROCESS
 from topologies.system.processes.programs import ROOT, NetworkError, python
 from wire.parameters.checks import remedy

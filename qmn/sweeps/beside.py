@@ -20,7 +20,7 @@ from qmn.sweeps.running import estimates
 from qmn.sweeps.scratch import scratch_folder
 from qmn.timeouts import SWEEP_POLL_S
 from topologies.networks.network import require_root
-from topologies.system.confinement.apart import apart
+from topologies.system.namespaces import in_own_namespaces
 from topologies.system.processes.programs import ENVIRONMENT, NetworkError, cause, python
 
 PROGRAM = "qmn.emulated.point"
@@ -42,7 +42,7 @@ class Networks:
                 if self._ended:
                     raise SweepError("the sweep has ended")
                 process = subprocess.Popen(
-                    apart([python(), "-P", "-m", PROGRAM]),
+                    in_own_namespaces([python(), "-P", "-m", PROGRAM]),
                     env=environment,
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,

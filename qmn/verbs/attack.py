@@ -7,6 +7,8 @@ import argparse
 import sys
 from typing import Any
 
+from qmn.needs import Needs
+
 EVERY = "all"
 OFF, ON = "off", "on"
 
@@ -24,7 +26,7 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument("--attempts", type=int, help="how often it is tried (default: its own)")
     parser.add_argument("--defence", choices=[OFF, ON], help="only without it, or only with it")
     add_options(parser, LiveOptions)
-    parser.set_defaults(call=call, needs_root=True)
+    parser.set_defaults(call=call, needs=Needs.NETWORK)
 
 
 def call(arguments: argparse.Namespace) -> int:

@@ -27,6 +27,7 @@ from qmn.benchmarks.service_rates import (
     swap_benchmarks,
     teleport_benchmarks,
 )
+from qmn.needs import Needs
 from qmn.timeouts import MEASURE_TIMEOUT_S, RUN_TIMEOUT_S
 from topologies.networks.network import Interrupted, Network, Signals, require_root
 from topologies.sdc import SdcTopo
@@ -49,7 +50,7 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument("--setups", type=int, default=500, help="light paths to set up (500)")
     text = "sizes of networks to start, 3 to 1024, with commas (4,16,64)"
     parser.add_argument("--hosts", type=sizes, default=(4, 16, 64), metavar="N,N", help=text)
-    parser.set_defaults(call=call, needs_root=True)
+    parser.set_defaults(call=call, needs=Needs.NETWORK)
 
 
 def sizes(text: str) -> tuple[int, ...]:

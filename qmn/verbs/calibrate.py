@@ -4,13 +4,14 @@ import argparse
 from typing import Any
 
 from qmn.live.fiber_order import add_nodes, give
+from qmn.needs import Needs
 
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     parser = verbs.add_parser("calibrate", description=__doc__)
     add_nodes(parser)
-    parser.set_defaults(call=call, needs_root=True)
+    parser.set_defaults(call=call, needs=Needs.RUNNING)
 
 
 def call(arguments: argparse.Namespace) -> int:

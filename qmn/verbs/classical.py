@@ -4,6 +4,7 @@ import argparse
 from typing import Any
 
 from qmn.live.fiber_order import add_nodes, give
+from qmn.needs import Needs
 
 
 def add_parser(verbs: Any) -> None:
@@ -11,7 +12,7 @@ def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("classical", description=__doc__)
     add_nodes(parser)
     parser.add_argument("power_mw", type=float, metavar="MW", help="launched into each; 0: none")
-    parser.set_defaults(call=call, needs_root=True)
+    parser.set_defaults(call=call, needs=Needs.RUNNING)
 
 
 def call(arguments: argparse.Namespace) -> int:

@@ -13,6 +13,7 @@ from typing import Any
 from qmn.live.metrics_targets import urls
 from qmn.live_view.beside import live_view
 from qmn.machines.options import MachineOptions
+from qmn.needs import Needs
 from qmn.network.checks import check_network
 from qmn.network.custom_topology import BadTopology, short_name
 from qmn.network.description import describe_network
@@ -53,7 +54,7 @@ def add_parser(verbs: Any) -> None:
     add_options(parser, Q0Options)
     add_options(parser, MachineOptions)
     add_options(parser, CliOptions, group=WRITTEN)
-    parser.set_defaults(call=call, needs_root=True)
+    parser.set_defaults(call=call, needs=Needs.NETWORK)
 
 
 def call(arguments: argparse.Namespace) -> int:

@@ -11,6 +11,7 @@ from typing import Any
 
 from qmn.emulated.catalogue import DEMOS
 from qmn.emulated.of_time import TIME_SCALE
+from qmn.needs import Needs
 from qmn.network.time_scale import REAL
 from qmn.options import add_options, read
 from qmn.requests.run_options import LiveOptions
@@ -42,7 +43,11 @@ def add_parser(verbs: Any) -> None:
     )
     parser.add_argument("name", nargs="?", choices=[*DEMOS], metavar="NAME", help=", ".join(DEMOS))
     add_options(parser, DemoOptions)
-    parser.set_defaults(call=call, needs_root=lambda arguments: arguments.name is not None)
+    parser.set_defaults(call=call, needs=_needed)
+
+
+def _needed(arguments: argparse.Namespace) -> Needs:
+    return Needs.ROOT if arguments.name is not None else Needs.NOTHING
 
 
 def call(arguments: argparse.Namespace) -> int:

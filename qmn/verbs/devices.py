@@ -6,13 +6,14 @@ from typing import Any
 
 from qmn.live.controller_console import answered, ask, wide_console
 from qmn.live.tables import hosts_table, switch_table
+from qmn.needs import Needs
 
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     parser = verbs.add_parser("devices", description=__doc__)
     parser.add_argument("--json", action="store_true", help="print everything, for programs")
-    parser.set_defaults(call=call, needs_root=True)
+    parser.set_defaults(call=call, needs=Needs.RUNNING)
 
 
 def call(arguments: argparse.Namespace) -> int:

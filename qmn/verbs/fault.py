@@ -8,6 +8,7 @@ from typing import Any
 import grpc
 
 from qmn.live.running import dispatcher_of_running_network
+from qmn.needs import Needs
 from qmn.options import read
 from qmn.timeouts import ORDER_TIMEOUT_S
 from topologies.system.processes.programs import NetworkError
@@ -62,7 +63,7 @@ def add_parser(verbs: Any) -> None:
     temperature.add_argument("temperature_c", type=float, metavar="CELSIUS")
     text = "nothing is stuck any more, and the temperature is as it was"
     kinds.add_parser("repair", help=text, description=text)
-    parser.set_defaults(call=call, needs_root=True)
+    parser.set_defaults(call=call, needs=Needs.RUNNING)
 
 
 def call(arguments: argparse.Namespace) -> int:

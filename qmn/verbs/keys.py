@@ -7,6 +7,7 @@ from typing import Any
 from qmn.live.controller_console import answered, ask, wide_console
 from qmn.live.key_links import KeyLink, key_links
 from qmn.live.tables import table
+from qmn.needs import Needs
 
 LINKS = ("key link", "", "", "keys ready", "of the other end", "bits/s", "QBER", "state")
 APPLICATIONS = ("application", "with", "by way of")
@@ -16,7 +17,7 @@ def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     parser = verbs.add_parser("keys", description=__doc__)
     parser.add_argument("--json", action="store_true", help="as ETSI GS QKD 015 names it")
-    parser.set_defaults(call=call, needs_root=True)
+    parser.set_defaults(call=call, needs=Needs.RUNNING)
 
 
 def call(arguments: argparse.Namespace) -> int:

@@ -20,6 +20,7 @@ from qmn.labs import catalogue, runs_done
 from qmn.labs.lab import Lab, Run
 from qmn.labs.networks import carry_out
 from qmn.live_view.beside import page_of_command
+from qmn.needs import Needs
 from qmn.options import BadInput, add_options, read
 from qmn.requests.run_options import LiveOptions
 from qmn.results.run_folder import give_tree, make_folder
@@ -56,7 +57,11 @@ def add_parser(verbs: Any) -> None:
         help="of a lab, or its folder as ./NAME; none: list them",
     )
     add_options(parser, LabOptions)
-    parser.set_defaults(call=call, needs_root=lambda arguments: arguments.names or arguments.all)
+    parser.set_defaults(call=call, needs=_needed)
+
+
+def _needed(arguments: argparse.Namespace) -> Needs:
+    return Needs.NETWORK if arguments.names or arguments.all else Needs.NOTHING
 
 
 def call(arguments: argparse.Namespace) -> int:

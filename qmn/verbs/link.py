@@ -13,6 +13,7 @@ from typing import Any
 
 from qmn.live.controller_console import NoAnswer, ask
 from qmn.live.running import announced_network
+from qmn.needs import Needs
 from qmn.timeouts import ORDER_TIMEOUT_S
 from topologies.networks.heard_orders import ends_between, until_heard
 from topologies.system.processes.programs import NetworkError
@@ -29,7 +30,7 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument("a", metavar="NODE", help="one end of the links, as alice")
     parser.add_argument("b", metavar="NODE", help="their other end, as q1")
     parser.add_argument("state", metavar="down|up", choices=["down", "up"])
-    parser.set_defaults(call=call, needs_root=True)
+    parser.set_defaults(call=call, needs=Needs.RUNNING)
 
 
 def call(arguments: argparse.Namespace) -> int:
@@ -76,6 +77,5 @@ def switch_ends(facts: NetworkFacts, a: str, b: str) -> list[str]:
         raise NetworkError(f"no link between {a} and {b} ends at a switch")
     missing = [name for name in found if not (INTERFACES / name).exists()]
     if missing:
-        text = f"{missing[0]} is not of this network namespace"
-        raise NetworkError(f"{text}: try `qmn apart --of PID link …`")
+        raise NetworkError(f"there is no interface {missing[0]} any more")
     return found

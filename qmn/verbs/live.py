@@ -21,6 +21,7 @@ from qmn.live_view.layout import described
 from qmn.live_view.server import View, serve
 from qmn.live_view.sources import following, timeline_of_run
 from qmn.live_view.timeline import Timeline
+from qmn.needs import Needs
 from qmn.options import add_options, read
 from qmn.reports.run_facts import BadRun, read_result
 from topologies.system.processes.programs import NetworkError
@@ -44,7 +45,11 @@ def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("live", description=__doc__)
     add_run(parser, "default: the network that runs")
     add_options(parser, LiveOptions)
-    parser.set_defaults(call=call, needs_root=lambda arguments: arguments.run is None)
+    parser.set_defaults(call=call, needs=_needed)
+
+
+def _needed(arguments: argparse.Namespace) -> Needs:
+    return Needs.RUNNING if arguments.run is None else Needs.NOTHING
 
 
 def call(arguments: argparse.Namespace) -> int:

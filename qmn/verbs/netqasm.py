@@ -7,6 +7,7 @@ from typing import Any
 
 from qmn.jobs import netqasm
 from qmn.jobs.run_context import guarded
+from qmn.needs import Needs
 from qmn.network.options import KEYS, NetworkOptions
 from qmn.network.topologies import add_topology
 from qmn.options import add_options, read
@@ -24,7 +25,7 @@ def add_parser(verbs: Any) -> None:
     add_topology(parser)
     add_options(parser, NetworkOptions, leave_out=KEYS)
     add_options(parser, RunOptions, leave_out=["place"], group=WRITTEN)
-    parser.set_defaults(call=_call, needs_root=True)
+    parser.set_defaults(call=_call, needs=Needs.NETWORK)
 
 
 def _call(arguments: argparse.Namespace) -> int:

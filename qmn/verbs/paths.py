@@ -5,13 +5,14 @@ from typing import Any
 
 from qmn.live.controller_console import answered
 from qmn.live.light_paths import ask_and_show
+from qmn.needs import Needs
 
 
 def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     parser = verbs.add_parser("paths", description=__doc__)
     parser.add_argument("--json", action="store_true", help="print everything, for programs")
-    parser.set_defaults(call=call, needs_root=True)
+    parser.set_defaults(call=call, needs=Needs.RUNNING)
 
 
 def call(arguments: argparse.Namespace) -> int:

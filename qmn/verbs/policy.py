@@ -4,6 +4,7 @@ import argparse
 from typing import Any
 
 from qmn.live.controller_console import answered, ask
+from qmn.needs import Needs
 
 
 def add_parser(verbs: Any) -> None:
@@ -12,7 +13,7 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument(
         "what", metavar="reload", choices=["reload"], help="overrides become those of the file"
     )
-    parser.set_defaults(call=call, needs_root=True)
+    parser.set_defaults(call=call, needs=Needs.RUNNING)
 
 
 def call(_arguments: argparse.Namespace) -> int:

@@ -9,6 +9,7 @@ from hosts.middleware.services.superdense.options import SuperdenseOptions
 from hosts.timeouts import MAX_BLOCK_S
 from qmn.jobs import counted_service, keys, load, superdense, vpn
 from qmn.jobs.run_context import guarded
+from qmn.needs import Needs
 from qmn.network.key_options import KeyServiceOptions
 from qmn.network.options import KEYS, NETWORK, NetworkOptions
 from qmn.network.topologies import TOPOLOGIES, add_topology, topology_name
@@ -32,7 +33,7 @@ OF_LIGHT = ("block_pairs", "rate_hz")
 def add_parser(verbs: Any) -> None:
     """Describe the verb and its jobs."""
     parser = verbs.add_parser("run", description=__doc__)
-    parser.set_defaults(needs_root=True)
+    parser.set_defaults(needs=Needs.NETWORK)
     jobs = parser.add_subparsers(dest="job", metavar="JOB", required=True)
     for name, (_topo, what) in TOPOLOGIES.items():
         _add_superdense(jobs, name, what)

@@ -9,6 +9,7 @@ from typing import Any, NoReturn
 
 from qmn.live_view.beside import begin_page_of_command
 from qmn.live_view.pages import Pages
+from qmn.needs import Needs
 from qmn.options import add_options
 from qmn.requests.run_options import LiveOptions
 from topologies.system.processes.programs import ENVIRONMENT, NetworkError, callers_environment
@@ -22,7 +23,7 @@ def add_parser(verbs: Any) -> None:
     add_options(parser, LiveOptions)
     parser.add_argument("file", type=Path, metavar="FILE", help="the script")
     parser.add_argument("words", nargs=argparse.REMAINDER, metavar="…", help="its own arguments")
-    parser.set_defaults(call=call, needs_root=True)
+    parser.set_defaults(call=call, needs=Needs.NETWORK)
 
 
 def call(arguments: argparse.Namespace) -> int:

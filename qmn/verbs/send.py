@@ -6,6 +6,7 @@ from typing import Any
 
 from hosts.quantum_socket import QuantumSocketError
 from qmn.live.running import announced_network
+from qmn.needs import Needs
 from qmn.scripting.exchange import carried, ends
 from qmn.timeouts import STALL_TIMEOUT_S
 from topologies.system.processes.programs import NetworkError
@@ -19,7 +20,7 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument("sender", metavar="HOST", help="that sends, as alice")
     parser.add_argument("receiver", metavar="HOST", help="that receives, as bob")
     parser.add_argument("text", metavar="TEXT")
-    parser.set_defaults(call=call, needs_root=True)
+    parser.set_defaults(call=call, needs=Needs.RUNNING)
 
 
 def call(arguments: argparse.Namespace) -> int:

@@ -4,6 +4,7 @@ import argparse
 from typing import Any
 
 from qmn.live.controller_console import NoAnswer, answered, ask
+from qmn.needs import Needs
 from wire.device import RANGES, setting_number
 
 DEFAULT = "default"
@@ -18,7 +19,7 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument(
         "value", metavar="VALUE", help="a number, a name (fec golay), or `default` to undo it"
     )
-    parser.set_defaults(call=call, needs_root=True)
+    parser.set_defaults(call=call, needs=Needs.RUNNING)
 
 
 def call(arguments: argparse.Namespace) -> int:

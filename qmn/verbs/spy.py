@@ -16,6 +16,7 @@ from qmn.kept_runs.named_run import add_run
 from qmn.live.event_sources import attached, recorded, single, through_stack
 from qmn.live.running import dispatcher_of_running_network
 from qmn.live.unread_events import dropped
+from qmn.needs import Needs
 from qmn.options import read
 from topologies.system.processes.programs import NetworkError
 from topologies.system.runs.runtime import EVENT_CAPTURE
@@ -65,7 +66,11 @@ def add_parser(verbs: Any) -> None:
     add("--history", action="store_true", help="begin with what the dispatcher still remembers")
     add("--per-qubit", action="store_true", help="also what became of single photons")
     add("--json", action="store_true", help="one JSON object a line, for programs")
-    parser.set_defaults(call=call, needs_root=lambda arguments: arguments.run is None)
+    parser.set_defaults(call=call, needs=_needed)
+
+
+def _needed(arguments: argparse.Namespace) -> Needs:
+    return Needs.RUNNING if arguments.run is None else Needs.NOTHING
 
 
 def session_number(text: str) -> int:

@@ -25,6 +25,7 @@ from rich.progress import (
 
 from qmn.emulated.catalogue import EMULATED
 from qmn.live_view.beside import page_of_command
+from qmn.needs import Needs
 from qmn.options import add_options, read, titled
 from qmn.parser import listed
 from qmn.requests.run_options import LiveOptions
@@ -93,7 +94,11 @@ def add_parser(verbs: Any) -> None:
         titled(parser, f"the grid{part}").add_argument(
             f"--{name.replace('_', '-')}", dest=f"axis_{name}", metavar="VALUES", help=helps
         )
-    parser.set_defaults(call=call, needs_root=starts_networks)
+    parser.set_defaults(call=call, needs=_needed)
+
+
+def _needed(arguments: argparse.Namespace) -> Needs:
+    return Needs.ROOT if starts_networks(arguments) else Needs.NOTHING
 
 
 class Help(argparse.Action):

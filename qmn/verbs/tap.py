@@ -4,6 +4,7 @@ import argparse
 from typing import Any
 
 from qmn.live.fiber_order import add_nodes, give
+from qmn.needs import Needs
 
 
 def add_parser(verbs: Any) -> None:
@@ -12,7 +13,7 @@ def add_parser(verbs: Any) -> None:
     add_nodes(parser)
     text = "of the photons, measured in Z or X and sent on as they were found; 0: nobody is there"
     parser.add_argument("fraction", type=float, metavar="FRACTION", help=text)
-    parser.set_defaults(call=call, needs_root=True)
+    parser.set_defaults(call=call, needs=Needs.RUNNING)
 
 
 def call(arguments: argparse.Namespace) -> int:

@@ -12,6 +12,7 @@ from contextlib import suppress
 from typing import Any
 from urllib.parse import urlsplit
 
+from qmn.needs import Needs
 from qmn.timeouts import CLUSTER_TIMEOUT_S
 from topologies.networks.network import require_root
 from topologies.system.processes.programs import NetworkError
@@ -26,7 +27,7 @@ def add_parser(verbs: Any) -> None:
     add("scheduler", metavar="tcp://…", help="Dask's scheduler, or tls://… with Dask's settings")
     add("--name", default=socket.gethostname(), help="of this machine (that of the host)")
     add("--listen", default="", metavar="ADDRESS", help="of this machine (on the way there)")
-    parser.set_defaults(call=call, needs_root=True)
+    parser.set_defaults(call=call, needs=Needs.ROOT)
 
 
 def call(arguments: argparse.Namespace) -> int:

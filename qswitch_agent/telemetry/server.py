@@ -1,4 +1,7 @@
-"""Serves a switch's telemetry at an address, beside what the agent does."""
+"""Serves a switch's telemetry beside what the agent does.
+
+The server of gRPC has a Unix socket: gRPC cannot be given a TCP socket that listens already.
+"""
 
 import asyncio
 from collections.abc import AsyncIterator
@@ -8,7 +11,9 @@ from functools import partial
 import grpc
 from pygnmi.spec.v080.gnmi_pb2_grpc import add_gNMIServicer_to_server
 
-from programs.connection_shares import grpc_options, keep_shares
+from programs.connection_shares import StreamServer, grpc_options
+from programs.metrics import inherited
+from programs.relay import relay
 from qswitch_agent.switch import Switch
 from qswitch_agent.telemetry.open_config import Fiber, Observed, leaves
 from qswitch_agent.telemetry.service import Telemetry
@@ -32,24 +37,26 @@ async def observe(switch: Switch, name: str) -> list[Leaf]:
 
 @asynccontextmanager
 async def serving(config: AgentConfig, switch: Switch) -> AsyncIterator[None]:
-    """Answer at the configured address meanwhile, if there is one."""
+    """Answer at the configured sockets meanwhile."""
+    assert config.gnmi_fd is not None
+    place = f"unix:{config.gnmi}"
     server = grpc.aio.server(options=[*OPTIONS, *grpc_options()])
     telemetry = Telemetry(partial(observe, switch, config.switch))
     add_gNMIServicer_to_server(telemetry, server)
     try:
         if config.credentials is None:
-            port = server.add_insecure_port(config.gnmi)
+            server.add_insecure_port(place)
         else:
             authority, certificate, private_key = config.credentials.read()
             shown = [(private_key, certificate)]
-            credentials = grpc.ssl_server_credentials(shown, authority, True)
-            port = server.add_secure_port(config.gnmi, credentials)
+            server.add_secure_port(place, grpc.ssl_server_credentials(shown, authority, True))
     except RuntimeError as error:
-        raise BadConfig(f"cannot serve gNMI on {config.gnmi}: is the port taken?") from error
+        raise BadConfig(f"cannot serve gNMI at {config.gnmi}: {error}") from error
     await server.start()
-    sharing = asyncio.create_task(keep_shares(port))
+    connect = partial(asyncio.open_unix_connection, config.gnmi)
+    entrance = StreamServer(lambda *near: relay(connect, near), inherited(config.gnmi_fd))
     try:
         yield
     finally:
-        sharing.cancel()
+        entrance.close()
         await server.stop(0)

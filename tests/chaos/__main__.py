@@ -4,11 +4,11 @@ python tests/chaos --minutes 10 --seed 1      (root; `make chaos MINUTES=10 SEED
 python tests/chaos --standing --strikes 100   (`make chaos STANDING=1 STRIKES=100`: standing.py)
 
 Each run has a job at random and is struck at a moment of its life at random (under_way.py):
-something of it is killed, told to end, stopped or cut, beside bridges, namespaces and processes
-that are not ours. If it goes on, or while it ends, it may be struck again. No run may hang, deliver
-wrong bytes, leave anything behind or touch what is not its own; and it names the cause, soon. Each
-is struck in namespaces of its own, several at once: this machine's Open vSwitch is not touched. It
-looks at a run from outside, with none of its code.
+something of it is killed, told to end, stopped or cut, beside namespaces and processes that are
+not ours. If it goes on, or while it ends, it may be struck again. No run may hang, deliver
+wrong bytes, leave anything behind or touch what is not its own; and it names the cause, soon. It
+looks at a run from outside, with none of its code. Those who strike have namespaces of their own,
+so that several do at once.
 
 Limits hold for a run that has a processor whenever it wants one. Beside others it gets more time,
 as much more as the kernel says that its process has had to wait for a processor (machine.slowed).
@@ -157,26 +157,13 @@ def one(number: int, seed: int, lengths: dict[str, float]) -> Outcome:
     mark = str(100_000 + number)
     with tempfile.TemporaryDirectory(prefix="chaos") as folder, machine.foreign_things(mark):
         place = Path(folder)
-        theirs = random.random() < 0.5  # whether Open vSwitch runs already, with a bridge
-        if theirs:
-            machine.start_open_vswitch()
-            bridge = ("add-br", machine.FOREIGN_BRIDGE, "--", "set", "bridge")
-            kind = (machine.FOREIGN_BRIDGE, "datapath_type=netdev")
-            machine.run("ovs-vsctl", "--timeout=60", "--may-exist", *bridge, *kind)
         before = machine.things()
         job = random.choice(JOBS)(random, place)
-        try:
-            outcome = _struck(number, random, job, place, lengths)
-            outcome.leftovers = _left_after(place, before, outcome) + machine.harm(mark)
-            if folders := sorted((place / "runs").glob("2*")):  # nothing writes there any more
-                status = 1 if outcome.status is None else outcome.status
-                outcome.faults += job.faults(folders[0], status)
-        finally:
-            if theirs:
-                machine.start_open_vswitch()
-                bridges = ("--if-exists", "del-br", machine.FOREIGN_BRIDGE)
-                machine.run("ovs-vsctl", "--timeout=60", *bridges)
-                machine.stop_open_vswitch()
+        outcome = _struck(number, random, job, place, lengths)
+        outcome.leftovers = machine.left(before) + machine.harm(mark)
+        if folders := sorted((place / "runs").glob("2*")):  # nothing writes there any more
+            status = 1 if outcome.status is None else outcome.status
+            outcome.faults += job.faults(folders[0], status)
         return outcome
 
 
@@ -218,23 +205,6 @@ def _made(run: UnderWay, random: Random, first: float) -> list[Made]:
             return [Made(found, phase, round(now - first, 2))]
         run.wait(0.05)
     return []
-
-
-def _left_after(place: Path, before: dict[str, set[str]], outcome: Outcome) -> list[str]:
-    """Return what is left: at once, or where the next run is to remove it, after that."""
-    struck = {made.strike.target for made in outcome.made}
-    if struck & set(machine.DAEMONS) and before["daemons"]:
-        machine.start_open_vswitch()  # theirs, which is not a run's to start
-        by_next = True
-    else:
-        by_next = outcome.status is None or outcome.is_forced
-    if by_next:
-        words = ("sdc", "--message", "after", "--no-capture")
-        after = UnderWay(command(words, place / "after"))
-        if (status := after.end(HANG_S * outcome.slowed)) != 0:
-            last = " | ".join(line for _at, line in after.said[-4:])
-            return [f"the next run failed with status {status}: {last}"]
-    return machine.left(before)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
 """The machine beside a run: seen with the machine's own tools, none of ours."""
 
 import os
-import signal
 import subprocess
 import time
 from collections.abc import Iterator
@@ -10,12 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 COMMAND_TIMEOUT_S = 70.0
-ENDING_S = 1.0  # that a daemon may take to end
 SETTLE_S = 6.0  # that processes may take to go once their run has ended
-CONTROL = "/usr/share/openvswitch/scripts/ovs-ctl"
-PID_FILES = Path("/var/run/openvswitch")
 DAEMONS = ("ovsdb-server", "ovs-vswitchd")
-FOREIGN_BRIDGE = "chaosbr"
 FOREIGN_LINK = ("s9-eth1", "s9-eth2")  # names as a switch's of ours would be
 FOREIGN_NAMESPACE = "chaosns"
 FOREIGN_FOLDER = Path("/run/qmn/4194000")  # as a run's of old; not ours
@@ -87,78 +82,20 @@ def descendants(pid: int) -> list[Process]:
     return found
 
 
-def daemons() -> dict[str, int]:
-    """Return the process ids of Open vSwitch's daemons that run."""
-    found = {}
-    for name in DAEMONS:
-        with suppress(OSError, ValueError):
-            pid = int((PID_FILES / f"{name}.pid").read_text())
-            if Path(f"/proc/{pid}/comm").read_text().strip() == name:
-                found[name] = pid
+def network_of(run: int) -> int | None:
+    """Return a process in the network in which a run has its switches; None if there is none."""
+    for process in descendants(run):
+        if process.command[:1] == (DAEMONS[1],):
+            return process.pid
+    return None
+
+
+def runner_of(keeper: int) -> int:
+    """Return the process that builds a network: two below who keeps its namespaces."""
+    found = keeper
+    for _ in range(2):
+        found = next((each.pid for each in processes() if each.parent == found), found)
     return found
-
-
-def monitors() -> dict[str, int]:
-    """Return the processes that start a crashed daemon again."""
-    return {
-        f"{name} monitor": process.pid
-        for process in processes()
-        for name in DAEMONS
-        if process.command[:1] and process.command[0].startswith(f"{name}: monitoring")
-    }
-
-
-def dumps_core(pid: int) -> bool:
-    """Whether a process has crashed and still writes its memory to the disk."""
-    with suppress(OSError):
-        return "CoreDumping:\t1" in Path(f"/proc/{pid}/status").read_text()
-    return False
-
-
-def start_open_vswitch() -> None:
-    """Start both daemons, or the one that is missing; let one go on that was stopped.
-
-    Where the monitor of one that has crashed starts it just now, ovs-ctl fails. One that is just
-    ending it takes for one that runs.
-    """
-    deadline = time.monotonic() + COMMAND_TIMEOUT_S
-    while True:
-        for pid in daemons().values():
-            with suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGCONT)
-        try:
-            run(CONTROL, "start", "--system-id=random")
-        except subprocess.CalledProcessError as error:
-            if time.monotonic() > deadline:
-                raise RuntimeError(f"Open vSwitch does not start: {error.stderr}") from error
-            time.sleep(0.1)
-        else:
-            started = daemons()
-            time.sleep(ENDING_S)
-            stays = daemons() == started and not any(map(dumps_core, started.values()))
-            if stays and len(started) == len(DAEMONS):
-                return
-            if time.monotonic() > deadline:
-                raise RuntimeError(f"of Open vSwitch only {[*started]} stay")
-
-
-def stop_open_vswitch() -> None:
-    """Stop both daemons, by force if one does not end in time; what starts them again goes first.
-
-    A monitor waits for up to 10 s between two crashes: a database would come in the next run.
-    """
-    deadline = time.monotonic() + COMMAND_TIMEOUT_S
-    while found := monitors():
-        if time.monotonic() > deadline:
-            raise RuntimeError(f"{', '.join(found)} does not end in {COMMAND_TIMEOUT_S:g} s")
-        for pid in found.values():
-            with suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
-        time.sleep(0.01)
-    subprocess.run([CONTROL, "stop"], capture_output=True, check=False, timeout=COMMAND_TIMEOUT_S)
-    for pid in daemons().values():
-        with suppress(ProcessLookupError):
-            os.kill(pid, signal.SIGKILL)
 
 
 def _until_inside(pid: int) -> None:
@@ -188,7 +125,7 @@ def foreign_things(mark: str) -> Iterator[None]:
 
 
 def harm(mark: str) -> list[str]:
-    """Return what has become of foreign things, but for bridges."""
+    """Return which foreign things have gone."""
     there = {
         f"interface {FOREIGN_LINK[0]}": Path("/sys/class/net", FOREIGN_LINK[0]).exists(),
         f"namespace {FOREIGN_NAMESPACE}": Path("/run/netns", FOREIGN_NAMESPACE).exists(),
@@ -199,20 +136,15 @@ def harm(mark: str) -> list[str]:
 
 
 def things() -> dict[str, set[str]]:
-    """Return the names of what a network makes on a machine, and is to take away again."""
-    bridges = set()
-    if len(daemons()) == len(DAEMONS):
-        bridges = set(run("ovs-vsctl", "--timeout=60", "list-br").split())
+    """Return the names of what a network makes on a machine, and the kernel is to take away."""
     return {
-        "bridges": bridges,
-        "daemons": set(daemons()),
         "interfaces": set(os.listdir("/sys/class/net")),
-        "folders": {path.name for path in Path("/run/qmn").glob("*") if path.is_dir()},
+        "folders": {path.name for path in Path("/run/qmn").glob("*")},
         "programs": {
             f"{process.pid} {' '.join(process.command)[:100]}"
             for process in processes()
             if any(word in " ".join(process.command) for word in ("mininet:", "/run/qmn/"))
-            or process.command[:1] == ("tcpdump",)
+            or process.command[:1] in {("tcpdump",), *((name,) for name in DAEMONS)}
         },
         "namespaces": {
             line.split()[0] for line in run("lsns", "-t", "net", "-n", "-o", "NS").splitlines()

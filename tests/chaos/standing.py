@@ -20,6 +20,7 @@ import machine
 
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
 from qmn.scripting.network import QuantumNetwork, start
+from topologies.system.open_vswitch import openvswitch
 from topologies.system.processes.programs import Program, python
 from wire.controller_lines import read_record
 
@@ -155,8 +156,8 @@ def agent_killed(standing: Standing, random: Random) -> str:
 
 def stopped(standing: Standing, random: Random) -> str:
     """Stop a program of the network, or a daemon of Open vSwitch, and let it go on."""
-    programs = {each.name: each.pid for each in standing.network.runtime.programs if each.running}
-    targets = sorted((programs | machine.daemons()).items())
+    programs = *standing.network.runtime.programs, *openvswitch.programs()
+    targets = sorted((each.name, each.pid) for each in programs if each.running)
     name, pid = random.choice(targets)
     os.kill(pid, signal.SIGSTOP)
     time.sleep(random.uniform(*STOPPED_S))
@@ -206,7 +207,6 @@ def strikes(count: int, seed: int, first: int, deadline: float) -> Iterator[Stru
 
     The last one is none, and tells what is left when the network is gone.
     """
-    machine.start_open_vswitch()
     before = machine.things()
     with tempfile.TemporaryDirectory(prefix="chaos") as folder:
         with start("ring", Path(folder) / "run", switches=3) as network:
@@ -217,7 +217,6 @@ def strikes(count: int, seed: int, first: int, deadline: float) -> Iterator[Stru
                 number += 1
             network.check()
         yield Struck(number, "the end", faults=machine.left(before), is_strike=False)
-    machine.stop_open_vswitch()
 
 
 def one(standing: Standing, number: int, random: Random) -> Struck:

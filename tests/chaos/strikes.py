@@ -5,9 +5,9 @@ import re
 import signal
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 from random import Random
 
 import machine
@@ -21,12 +21,14 @@ SIGNALS = (
     signal.SIGSTOP,
     signal.SIGSEGV,
 )
+Roles = Sequence[tuple[str, str]]
 RUNNER, OUTPUT = "runner", "output"
 TO_RUNNER = (
     *(signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL),
     *(signal.SIGQUIT, signal.SIGUSR1),
 )
 OUTPUT_SHARE = {PIPE: 0.05, TERMINAL: 0.5, DISK: 0.5}  # of strikes at a run that writes there
+OPEN_VSWITCH = tuple((f"^{name} ", name) for name in machine.DAEMONS)
 ROLES = (  # a pattern of the command line, and the name that a run gives to what matches
     (r"-m dispatcher ", "dispatcher"),
     (r"-m controller_apps ", "c0"),
@@ -76,10 +78,19 @@ def strike(run: UnderWay, random: Random) -> Strike | None:
 
 def process(runner: int, random: Random) -> Strike | None:
     """Strike one of the programs and shells of the run."""
+    return _one_of(ROLES, runner, random)
+
+
+def daemon(runner: int, random: Random) -> Strike | None:
+    """Strike a daemon of Open vSwitch."""
+    return _one_of(OPEN_VSWITCH, runner, random)
+
+
+def _one_of(roles: Roles, runner: int, random: Random) -> Strike | None:
     found = sorted(
         (name, each.pid)
         for each in machine.descendants(runner)
-        if (name := _role(" ".join(each.command)))
+        if (name := _role(roles, " ".join(each.command)))
     )
     if not found:
         return None
@@ -87,8 +98,8 @@ def process(runner: int, random: Random) -> Strike | None:
     return _sent(name, pid, random.choice(SIGNALS))
 
 
-def _role(command: str) -> str:
-    for pattern, name in ROLES:
+def _role(roles: Roles, command: str) -> str:
+    for pattern, name in roles:
         if matched := re.search(pattern, command):
             return matched.expand(name)
     return ""
@@ -100,20 +111,6 @@ def _sent(name: str, pid: int, number: signal.Signals) -> Strike | None:
     except ProcessLookupError:
         return None
     return Strike(name, number.name, (name,), stalls=number == signal.SIGSTOP)
-
-
-def daemon(_runner: int, random: Random) -> Strike | None:
-    """Strike a daemon of Open vSwitch, or what watches over it, whose end changes nothing."""
-    found = sorted(machine.daemons().items())
-    watching = sorted(machine.monitors().items())
-    if watching and random.random() < 0.2:
-        name, pid = random.choice(watching)
-        os.kill(pid, signal.SIGKILL)
-        return Strike(name, "SIGKILL", ())
-    if not found:
-        return None
-    name, pid = random.choice(found)
-    return _sent(name, pid, random.choice(SIGNALS))
 
 
 def the_runner(runner: int, random: Random) -> Strike | None:
@@ -135,17 +132,16 @@ def the_runner(runner: int, random: Random) -> Strike | None:
     return Strike(RUNNER, how, ("interrupted", "second"), ends=ends)
 
 
-def fiber(_runner: int, random: Random) -> Strike | None:
+def fiber(runner: int, random: Random) -> Strike | None:
     """Cut a fibre, at a quantum switch; a run may find another way, or say why it does not."""
-    names = sorted(path.name for path in Path("/sys/class/net").iterdir())
-    fibers = [name for name in names if re.fullmatch(r"q\d+-eth([2-9]|\d\d)", name)]
-    if not fibers:
+    inside = machine.network_of(runner)
+    if inside is None:
         return None
-    name = random.choice(fibers)
-    try:
-        machine.run("ip", "link", "set", name, "down")
-    except subprocess.CalledProcessError:
-        if Path("/sys/class/net", name).exists():
-            raise
-        return None  # it has just gone with its run
-    return Strike(f"fibre {name}", "down", ())
+    enter = ("nsenter", f"--net=/proc/{inside}/ns/net")
+    with suppress(subprocess.CalledProcessError):  # it has just ended
+        names = re.findall(r"(q\d+-eth(?:[2-9]|\d\d))@", machine.run(*enter, "ip", "link"))
+        if names:
+            name = random.choice(names)
+            machine.run(*enter, "ip", "link", "set", name, "down")
+            return Strike(f"fibre {name}", "down", ())
+    return None

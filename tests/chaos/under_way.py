@@ -134,7 +134,7 @@ class UnderWay:
     def _note(self, line: str) -> None:
         now = time.monotonic()
         self.said.append((now, line.strip()))
-        self.slowed = machine.slowed(self.pid) or self.slowed
+        self.slowed = machine.slowed(machine.runner_of(self.pid)) or self.slowed
         for number in range(len(self._begun), len(NAMES)):
             if any(words in line for words in PHASES[NAMES[number]]):
                 self._begun += [now] * (number + 1 - len(self._begun))

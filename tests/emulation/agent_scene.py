@@ -21,6 +21,7 @@ from typing import Any
 
 import grpc
 import pytest
+from conftest import open_vswitch
 from loaded import Running, forks
 from os_ken.ofproto import ofproto_v1_4 as ofp
 from os_ken.ofproto import ofproto_v1_4_parser as parser
@@ -370,6 +371,11 @@ def running_switch(
     folder: Path, controllers: int = 1, fiber_ports: Sequence[int] = FIBER_PORTS
 ) -> Iterator[Switch]:
     """A bridge of four fibre ports whose agent is ready, and its controllers are connected."""
+    with open_vswitch():
+        yield from _running_switch(folder, controllers, fiber_ports)
+
+
+def _running_switch(folder: Path, controllers: int, fiber_ports: Sequence[int]) -> Iterator[Switch]:
     names = veth_names()
     for near, far in zip(names[::2], names[1::2], strict=True):
         run("ip", "link", "add", near, "type", "veth", "peer", "name", far)

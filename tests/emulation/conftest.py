@@ -9,15 +9,20 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
-from fabric_scene import light_paths, running
+from fabric_scene import light_paths
+from fabric_scene import running as running_here
 from limits import SOON_S
 from loaded import forks, run_qmn, serving
 
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
+from topologies.system.kernel.interfaces import delete
+from topologies.system.namespaces import MACHINE_NETWORK, are_own, running
 from topologies.system.open_vswitch import openvswitch
+from topologies.system.processes.programs import Program
 from topologies.system.runs.runtime import RUNTIME_ROOT
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -89,7 +94,7 @@ def interfaces() -> set[str]:
 def our_processes() -> set[str]:
     """Return id and command line of all programs that these tests have started and that run now.
 
-    Wherever they are: on their own, as a daemon, in a network namespace. What has loaded programs
+    Wherever they are: on their own, in a network namespace. What has loaded programs
     for all tests is none of them.
     """
     found = set()
@@ -101,21 +106,35 @@ def our_processes() -> set[str]:
             command = (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode()
         except OSError:
             continue
-        daemon = command.startswith(openvswitch.DAEMONS)  # whether it runs is seen in things()
-        if "=".join(MARK).encode() in environment and not daemon:
+        if "=".join(MARK).encode() in environment:
             found.add(f"{folder.name} {command}")
     return found
 
 
+def in_runs(pattern: str) -> list[Path]:
+    """Return the private files of all runs that go on in namespaces of their own."""
+    folders = [Path(f"/proc/{run.first}/root{RUNTIME_ROOT}") for run in running()]
+    return [file for folder in folders for file in folder.glob(pattern)]
+
+
 @pytest.fixture(scope="session", autouse=True)
-def _open_vswitch() -> Iterator[None]:
-    """Let Open vSwitch run, so that the bridges before and after a test can be compared."""
-    started = not openvswitch.running()
-    if started:
-        openvswitch.start("tests")
-    yield
-    if started:
-        openvswitch.stop_if_ours("tests")
+def _machine() -> None:
+    """Let the namespaces of these tests be the machine on whose loopback networks serve."""
+    if are_own():
+        for words in (["umount"], ["mount", "--bind", "/proc/self/ns/net"]):
+            subprocess.run([*words, MACHINE_NETWORK], check=True)
+
+
+@contextmanager
+def open_vswitch() -> Iterator[None]:
+    """Run Open vSwitch for bridges that no network of ours makes."""
+    with TemporaryDirectory() as folder:
+        openvswitch.start(lambda name: Program(name, Path(folder, f"{name}.log")))
+        try:
+            yield
+        finally:
+            openvswitch.end()
+            delete(openvswitch.DATAPATH_INTERFACE)
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -127,7 +146,7 @@ def _programs_loaded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]
 
 @contextmanager
 def nothing_left() -> Iterator[None]:
-    """Check that bridges, interfaces, folders and programs are afterwards what they were before."""
+    """Check that interfaces, folders and programs are afterwards what they were before."""
     others, before = our_processes(), things()
     yield
     deadline = time.monotonic() + 10
@@ -140,15 +159,13 @@ def nothing_left() -> Iterator[None]:
 def things() -> dict[str, set[str]]:
     """Return the names of what a network makes on this machine."""
     return {
-        "bridges": set(openvswitch.bridges()),
-        "daemons": set(openvswitch.daemons()),
         "interfaces": interfaces(),
         "folders": {path.name for path in RUNTIME_ROOT.glob("*") if path.is_dir()},
     }
 
 
 @pytest.fixture(autouse=True)
-def _nothing_is_left(_open_vswitch: None) -> Iterator[None]:
+def _nothing_is_left() -> Iterator[None]:
     """Hold each test to account for what it leaves."""
     with nothing_left():
         yield
@@ -157,15 +174,13 @@ def _nothing_is_left(_open_vswitch: None) -> Iterator[None]:
 @pytest.fixture
 def network(tmp_path: Path) -> Iterator[Network]:
     """Start the superdense-coding network in this process."""
-    with running(SdcTopo, tmp_path) as network:
+    with running_here(SdcTopo, tmp_path) as network:
         yield network
 
 
 @pytest.fixture(scope="module")
-def _network_of_module(
-    tmp_path_factory: pytest.TempPathFactory, _open_vswitch: None
-) -> Iterator[Network]:
-    with nothing_left(), running(SdcTopo, tmp_path_factory.mktemp("run")) as network:
+def _network_of_module(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Network]:
+    with nothing_left(), running_here(SdcTopo, tmp_path_factory.mktemp("run")) as network:
         yield network
 
 

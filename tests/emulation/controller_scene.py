@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from conftest import open_vswitch
 from limits import SOON_S
 from loaded import forks
 from scapy.contrib.lldp import (
@@ -90,6 +91,11 @@ class Wire:
 @contextmanager
 def two_bridges() -> Iterator[dict[str, Wire]]:
     """Make both bridges and all wires; remove exactly these afterwards."""
+    with open_vswitch():
+        yield from _two_bridges()
+
+
+def _two_bridges() -> Iterator[dict[str, Wire]]:
     wires: dict[str, Wire] = {}
     try:
         for bridge, dpid in ((CLASSICAL, 1), (QUANTUM, 2)):

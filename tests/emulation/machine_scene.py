@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,8 +19,8 @@ from distributed import LocalCluster
 from limits import SOON_S
 
 from qmn.sweeps.cluster import HTTP_ADDRESS
-from topologies.system.confinement.apart import OWN_NAMESPACES, inside
 from topologies.system.confinement.confinement import descendants
+from topologies.system.namespaces import OWN_NAMESPACES
 
 HERE, THERE, PORT = "192.0.2.1", "192.0.2.2", 8786
 SCHEDULER = f"tcp://{HERE}:{PORT}"
@@ -55,6 +55,17 @@ class SecondMachine:
         while (now := self.things()) != before and time.monotonic() < deadline:
             time.sleep(0.02)
         assert now == before
+
+
+def inside(pid: int) -> list[int]:
+    """Return the processes below one that are in another namespace of processes."""
+    here = os.readlink("/proc/self/ns/pid")
+    found = []
+    for each in descendants(pid):
+        with suppress(FileNotFoundError, ProcessLookupError):  # it has ended
+            if os.readlink(f"/proc/{each}/ns/pid") != here:
+                found.append(each)
+    return found
 
 
 @contextmanager

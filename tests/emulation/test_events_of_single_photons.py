@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import ROOT, qmn_command, wait_until
+from conftest import ROOT, in_runs, qmn_command, wait_until
 from limits import SOON_S
 
 from dispatcher.layer.history import WATCHED_PHOTONS
-from topologies.system.runs.runtime import RUNTIME_ROOT
 
 PAIRS = 1_200  # of a block: more than a spy is told of one by one
 BLOCKS = 1
@@ -47,7 +46,7 @@ def test_a_run_and_a_spy_tell_of_as_many_single_photons_as_were_asked_for(tmp_pa
     command = [*qmn_command(tmp_path), *MESSAGE, *PACE, "--per-qubit", str(WRITTEN_PHOTONS)]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, cwd=ROOT, stdout=pipe, stderr=pipe, text=True) as run:
-        wait_until(lambda: list(RUNTIME_ROOT.glob("*/dispatcher.sock")), "a dispatcher")
+        wait_until(lambda: in_runs("*/dispatcher.sock"), "a dispatcher")
         watch = [*SPY, "--per-qubit", "--node", "bob"]
         with subprocess.Popen(watch, cwd=ROOT, stdout=pipe, stderr=pipe, text=True) as spy:
             output, problem = run.communicate(timeout=SOON_S)

@@ -37,7 +37,7 @@ def if_there(*programs: str) -> pytest.MarkDecorator:
 
 
 @pytest.fixture(scope="module")
-def _scene(tmp_path_factory: pytest.TempPathFactory, _open_vswitch: None) -> Iterator[Network]:
+def _scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Network]:
     folder = tmp_path_factory.mktemp("run")
     with nothing_left(), running(partial(SdcTopo, both_ways=True), folder) as network:
         network.capture("s1")

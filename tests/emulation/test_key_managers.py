@@ -66,7 +66,6 @@ class Scene:
         return int(said["stored_key_count"])
 
 
-@pytest.mark.usefixtures("_open_vswitch")
 def test_key_managers_wait_for_no_stopped_shell_for_ever(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -79,7 +78,7 @@ def test_key_managers_wait_for_no_stopped_shell_for_ever(
 
 
 @pytest.fixture(scope="module")
-def _scene(tmp_path_factory: pytest.TempPathFactory, _open_vswitch: None) -> Iterator[Scene]:
+def _scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
     folder = tmp_path_factory.mktemp("run")
     with nothing_left(), running(SdcTopo, folder) as network:
         network.capture("s1")

@@ -48,7 +48,7 @@ class Scene:
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory, _open_vswitch: None) -> Iterator[Scene]:
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
     """Run the network of the module until charlie can relay."""
     folder = tmp_path_factory.mktemp("run")
     policy = folder / "policy.toml"

@@ -7,13 +7,11 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, qmn_command, wait_until
+from conftest import ROOT, in_runs, qmn_command, wait_until
 from limits import PROGRAM_S
 from test_faults import SLOW
 
 from qmn.results import schema
-from topologies.system.open_vswitch import openvswitch
-from topologies.system.runs.runtime import RUNTIME_ROOT
 
 
 def long_run(folder: Path) -> list[str]:
@@ -31,8 +29,8 @@ def shown_until(terminal: int, text: str) -> None:
 
 
 def begun() -> bool:
-    """Whether the network has a private folder, and its switch a bridge."""
-    return any(RUNTIME_ROOT.glob("[0-9]*/switches")) and "s1" in openvswitch.bridges()
+    """Whether the network has programs."""
+    return bool(in_runs("*/dispatcher.json"))
 
 
 @pytest.mark.parametrize(

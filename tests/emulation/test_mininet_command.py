@@ -4,11 +4,18 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, open_vswitch
 from limits import PROGRAM_S, SOON_S
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _open_vswitch_of_the_machine() -> Iterator[None]:
+    with open_vswitch():
+        yield
 
 
 def mn(*arguments: str, commands: str = "", file: str = "topologies/sdc", topo: str = "sdc") -> str:

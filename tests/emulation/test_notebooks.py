@@ -12,7 +12,6 @@ FOLDER = ROOT / "examples" / "notebooks"
 
 
 @pytest.mark.parametrize("name", sorted(file.stem for file in FOLDER.glob("*.ipynb")))
-@pytest.mark.usefixtures("_open_vswitch")
 def test_a_notebook_runs_to_its_end(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,23 +1,13 @@
 """Sessions that cannot be or that break, and a second network: told, and the first goes on."""
 
-from pathlib import Path
 from threading import Timer
 
 import pytest
-from conftest import qmn, wait_until
+from conftest import wait_until
 
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
 from topologies.networks.network import Network
 from wire.metadata.vocabulary import Reason
-
-
-def test_a_second_network_on_the_same_machine_is_refused(
-    shared_network: Network, tmp_path: Path
-) -> None:
-    done = qmn(runs=tmp_path)
-    assert done.returncode == 1
-    assert "another qmn network is running" in done.stderr
-    shared_network.check()
 
 
 def test_no_listener_is_a_refusal_with_a_reason(shared_network: Network) -> None:

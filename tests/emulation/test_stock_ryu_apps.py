@@ -49,7 +49,7 @@ class Http:
 
 
 @pytest.fixture(scope="module")
-def network(tmp_path_factory: pytest.TempPathFactory, _open_vswitch: None) -> Iterator[Network]:
+def network(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Network]:
     """Start one whose controller also runs the stock apps."""
     address, folder = f"127.0.0.1:{free_port()}", tmp_path_factory.mktemp("run")
     with nothing_left(), running(SdcTopo, folder, rest=address, apps=APPS) as network:

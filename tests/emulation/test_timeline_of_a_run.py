@@ -9,11 +9,10 @@ from pathlib import Path
 from tempfile import TemporaryFile
 
 import pytest
-from conftest import ROOT, TSHARK, qmn, typed, verb, wait_until
+from conftest import ROOT, TSHARK, in_runs, qmn, typed, verb, wait_until
 from limits import SOON_S
 from loaded import read, running_qmn
 
-from topologies.system.runs.runtime import RUNTIME_ROOT
 from wire.dissection.dissectors import search_path
 
 
@@ -120,7 +119,7 @@ def test_a_spy_sees_every_event_of_a_network_and_ends_with_it(tmp_path: Path) ->
         running_qmn("cli", "sdc", "--runs", str(tmp_path), typed=True, end_s=60) as network,
     ):
         assert network.stdin is not None
-        wait_until(lambda: list(RUNTIME_ROOT.glob("*/network.json")), "a network")
+        wait_until(lambda: in_runs("*/network.json"), "a network")
         with running_qmn("spy", "--history", "--json", errors=errors) as process:
             network.stdin.write("alice qsend bob spied\n")
             first = process.stdout.readline()  # somebody watches

@@ -13,18 +13,12 @@ from scapy.utils import rdpcap
 
 from qmn.scripting.network import start
 from topologies.system.kernel.interfaces import network_of
-from topologies.system.open_vswitch import openvswitch
-from topologies.system.processes.programs import NetworkError
 from wire.config import DISPATCHER_PORT
 from wire.dissection.dissectors import SCRIPT
 from wire.parameters.network import OPENFLOW_PORT
 
 HANDSHAKE = 22  # first byte of a record in TLS (RFC 8446, 5.1)
 FEATURES_REPLY, BUNDLE_ADD = "6", "34"  # OpenFlow 1.4, 7.1
-
-
-def certificates() -> str:
-    return openvswitch.vsctl("--bare", "--columns=certificate", "list", "SSL").strip()
 
 
 def kinds(run: Path, file: str, *options: str) -> set[str]:
@@ -61,7 +55,6 @@ def test_a_run_by_tls_is_read_by_who_has_its_key_log(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     run = tmp_path / "latest"
     assert (run / "received").read_bytes() == b"hello"
-    assert certificates() == ""
     assert (run / "openflow.keys").stat().st_mode & 0o777 == 0o600
     for files, port in [("c0.pcap", OPENFLOW_PORT), ("s1-*.pcap", DISPATCHER_PORT)]:
         said = list(firsts(run.glob(files), port))
@@ -85,17 +78,3 @@ def test_who_is_not_certified_speaks_with_nobody(tmp_path: Path) -> None:
         with network_of(c0), pytest.raises(ConnectionRefusedError):
             socket.create_connection(("127.0.0.2", OPENFLOW_PORT), 5).close()
         assert network.send("alice", "bob", b"again").data == b"again"
-
-
-def test_a_certificate_of_somebody_elses_stays(tmp_path: Path) -> None:
-    files = [str(tmp_path / name) for name in ("key", "certificate", "authority")]
-    openvswitch.vsctl("set-ssl", *files)
-    try:
-        with pytest.raises(NetworkError, match="another is set"), start("sdc", tls=True):
-            pass
-        assert certificates() == files[1]
-        with start("sdc") as network:
-            assert network.send("alice", "bob", b"plain").data == b"plain"
-        assert certificates() == files[1]
-    finally:
-        openvswitch.vsctl("del-ssl")

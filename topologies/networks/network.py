@@ -2,9 +2,8 @@
 
 import os
 import resource
-import shutil
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
@@ -28,22 +27,20 @@ from topologies.nodes.controller import is_copper_switch
 from topologies.nodes.copper import COPPER
 from topologies.nodes.tls import OPEN_VSWITCH, OPERATOR
 from topologies.system.kernel import interfaces
-from topologies.system.kernel.memory_share import groups_of_gone
 from topologies.system.machines import user_space
 from topologies.system.machines.errand import Errand
 from topologies.system.machines.node import NodeElsewhere
 from topologies.system.machines.packing import unpacked
+from topologies.system.namespaces import are_own
 from topologies.system.open_vswitch import openvswitch
-from topologies.system.processes import owners
 from topologies.system.processes.outputs import LostOutput
-from topologies.system.processes.owners import Owner
 from topologies.system.processes.programs import NetworkError, Program, stop_all
 from topologies.system.processes.shells import ShellWatcher
 from topologies.system.processes.signals import CLEANED, NotCleanedUp
 from topologies.system.processes.signals import Interrupted as Interrupted
 from topologies.system.processes.signals import Signals as Signals
 from topologies.system.runs import runtime
-from topologies.system.runs.runtime import DISPATCHER, Runtime, folders_of_gone, only_run
+from topologies.system.runs.runtime import DISPATCHER, Runtime
 from topologies.timeouts import (
     DAEMON_END_TIMEOUT_S,
     END_TIMEOUT_S,
@@ -60,7 +57,6 @@ from wire.parameters.physics import BadParameter
 LEAST_FILES, MOST_FILES = 1_024, 65_536
 CERTIFIED = QuantumHost, DispatcherHost, OpticalSwitch
 FIRST_CONTROLLER = "c0"  # Mininet's name of it
-SWITCHES = "switches"  # file in the private folder: what this run has made or will make
 
 
 class Network:
@@ -84,7 +80,6 @@ class Network:
         self.captures = Captures(settings)
         self._openflow: Path | None = None  # its capture, from its beginning on
         self._cleanup = ExitStack()
-        self._daemons: dict[str, Owner] = {}  # of Open vSwitch
         self._stopped: dict[str, float] = {}  # what a signal has stopped, since when
         self._switches = SwitchWatch()
         self._look_again_at = 0.0
@@ -133,24 +128,15 @@ class Network:
     def _start(self) -> None:
         require_root()
         allow_files()
-        self._cleanup.enter_context(only_run())
         self._cleanup.callback(self._stop_programs)
         self.runtime.forks()  # what it loads takes longest
-        self._cleanup.callback(openvswitch.stop_if_ours, self.runtime.name)
-        if openvswitch.running():
-            openvswitch.adopt(self.runtime.name)
-        else:
-            openvswitch.start(self.runtime.name)
+        self._cleanup.callback(openvswitch.end)
+        openvswitch.start(self.runtime.daemon)
         self._disk = self._cleanup.enter_context(
             DiskKeeper(
-                (self.runtime.logs, self.runtime.folder),
-                lambda: self.runtime.programs,
-                self.captures.bound,
+                (self.runtime.logs, self.runtime.folder), self._programs, self.captures.bound
             )
         )
-        sweep()
-        openvswitch.revive_if_ours(self.runtime.name)  # it may have ended with what was left
-        self._daemons = openvswitch.daemons()
         self._signals.check()
         runtime.begin(self.runtime)
         topo = self._topo()
@@ -159,20 +145,16 @@ class Network:
         place(topo, self.runtime.places)
         refuse_taken_names(topo)
         require_certificates(topo, self.runtime)
-        (self.runtime.folder / SWITCHES).write_text("\n".join(topo.switches()))
         # Mininet would raise kernel limits for the whole machine, which is not ours to change.
         Mininet.inited = True
         self.net = ParallelMininet(topo=topo, controller=QuantumController, build=False)
         self._cleanup.callback(delete_interfaces_of, topo.switches())
         if self.runtime.places:
             self._cleanup.callback(user_space.remove)
-        if self.runtime.settings.tls:
-            self._cleanup.callback(openvswitch.forget_certificate, self.runtime.name.__eq__)
-        self._cleanup.callback(end_processes_of, self.runtime.name)
         self._cleanup.callback(self.runtime.from_elsewhere.close)
         self._cleanup.callback(self.net.stop)
+        self._cleanup.callback(openvswitch.end)
         self._cleanup.callback(self._stop_programs)
-        self._cleanup.callback(openvswitch.revive_if_ours, self.runtime.name)
         self._cleanup.callback(self.captures.end)
         self.runtime.time_limited = True
         self._build_and_start()
@@ -211,6 +193,10 @@ class Network:
         for node in (*self.net.hosts, *self.net.switches, *self.net.controllers):
             if isinstance(node, ShellWatcher):
                 yield node
+
+    def _programs(self) -> list[Program]:
+        """Return all that runs beside hosts' applications and captures; daemons come first."""
+        return [*openvswitch.programs(), *self.runtime.programs]
 
     def _stop_programs(self) -> None:
         """End the dispatcher and the copper to it last: to all others their end is a fault."""
@@ -351,10 +337,9 @@ class Network:
         self._signals.check()
         for machine in self.runtime.machines:
             machine.check()
-        openvswitch.require_alive(self._daemons)
         self._disk.check()
         self.captures.bound()
-        programs = (*self.runtime.programs, *self.captures.programs)
+        programs = (*self._programs(), *self.captures.programs)
         if not all(program.running for program in programs):
             self._require_others_for(DAEMON_END_TIMEOUT_S)
             self._switches.require_interfaces(0.0)
@@ -388,7 +373,7 @@ class Network:
         while time.monotonic() < deadline:
             for machine in self.runtime.machines:
                 machine.check()
-            openvswitch.require_alive(self._daemons)
+            openvswitch.require_alive()
             time.sleep(POLL_S)
 
     def explain(self) -> None:
@@ -414,11 +399,10 @@ class Network:
         """Raise for what has been seen to be stopped by a signal for so long."""
         now = time.monotonic()
         stopped = set()
-        of_the_network = *self.runtime.programs, *self.captures.programs
+        of_the_network = *self._programs(), *self.captures.programs
         for program in (*of_the_network, *self._applications):
             stopped |= {program.name} if program.stopped else set()
         stopped |= {node.name for node in self._watched() if node.shell_stopped}
-        stopped |= {name for name, daemon in self._daemons.items() if daemon.stopped}
         self._stopped = {name: self._stopped.get(name, now) for name in stopped}
         for name, since in self._stopped.items():
             if now - since >= patience_s:
@@ -453,57 +437,18 @@ def require_root() -> None:
 def require_free(topo: Topo) -> None:
     """Raise NetworkError, before a run makes a folder, for what it would be refused for at once.
 
-    An ordinary user, another network that runs, bridges of other programs with its switches' names.
+    An ordinary user, or bridges of this machine with the names of its switches.
     """
     require_root()
     allow_files()
-    only_run().close()
-    if openvswitch.installed() and openvswitch.running():
-        refuse_bridges(topo, set(openvswitch.bridges()) - set(bridges_of_gone()))
-
-
-def sweep() -> None:
-    """Remove what killed runs of ours have left: programs, bridges, interfaces, folders."""
-    owners.end_marked(owners.gone)
-    for group in groups_of_gone():
-        group.rmdir()
-    openvswitch.delete_finally(str(owners.this_process()), *bridges_of_gone())
-    openvswitch.forget_certificate(owners.gone)
-    for folder in folders_of_gone():
-        remove_links(switches_of(folder))
-        shutil.rmtree(folder)
-
-
-def bridges_of_gone() -> list[str]:
-    """Return the bridges whose run is gone."""
-    made = openvswitch.runs_of_bridges()
-    return sorted(name for name, run in made.items() if owners.gone(run))
-
-
-def switches_of(folder: Path) -> list[str]:
-    """Return the switches that the run of a private folder has made, or was about to make."""
-    names = folder / SWITCHES
-    return names.read_text().split() if names.exists() else []
-
-
-def remove_links(switches: list[str]) -> None:
-    """Remove what is left of switches that are gone, and of their links.
-
-    Most went with their hosts. Links between switches stay, and so do those of a host whose
-    namespace the kernel keeps until the last TCP connection in it has timed out.
-    """
-    bridges = set(openvswitch.bridges())
-    delete_interfaces_of([switch for switch in switches if switch not in bridges])
+    if not are_own():
+        refuse_bridges(topo)
 
 
 def delete_interfaces_of(switches: list[str]) -> None:
-    """Delete the interfaces that a switch of ours has, or that its daemon has left."""
-    interfaces.delete(*(name for switch in switches for name in interfaces_of(switch)))
-
-
-def end_processes_of(run: str) -> None:
-    """End what still runs in the network of a run, as a server that somebody has started there."""
-    owners.end_marked(lambda words: words == run)
+    """Delete the interfaces that switches have, and what the daemon has left that was killed."""
+    names = [name for switch in switches for name in interfaces_of(switch)]
+    interfaces.delete(*names, *([openvswitch.DATAPATH_INTERFACE] if are_own() else []))
 
 
 def interfaces_of(switch: str) -> list[str]:
@@ -531,9 +476,9 @@ def require_certificates(topo: Topo, network: Runtime) -> None:
         network.authority().check(name)
 
 
-def refuse_bridges(topo: Topo, there: Iterable[str]) -> None:
-    """Raise NetworkError for a switch whose name is that of a bridge that is there."""
-    taken = sorted(set(there) & set(topo.switches()))
+def refuse_bridges(topo: Topo) -> None:
+    """Raise NetworkError for a switch whose name is that of a bridge of this machine."""
+    taken = sorted(set(openvswitch.bridges()) & set(topo.switches()))
     if taken:
         raise NetworkError(
             f"bridge {taken[0]} exists already and is not ours; "
@@ -543,8 +488,7 @@ def refuse_bridges(topo: Topo, there: Iterable[str]) -> None:
 
 def refuse_taken_names(topo: Topo) -> None:
     """Raise NetworkError before Mininet would delete somebody else's bridge."""
-    refuse_bridges(topo, openvswitch.bridges())
-    openvswitch.await_end(topo.switches())
+    refuse_bridges(topo)
     for interface in [name for switch in topo.switches() for name in interfaces_of(switch)]:
         raise NetworkError(
             f"interface {interface} exists already and is not ours; "

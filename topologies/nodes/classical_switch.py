@@ -69,16 +69,11 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
         for switch in switches:
             switch.hang_up()
         try:
-            owner = runtime.current().name
-            openvswitch.delete_finally(owner, *(switch.name for switch in switches))
+            openvswitch.delete(*(switch.name for switch in switches))
         finally:
             for switch in switches:
                 switch.terminate()
         return switches
-
-    def bridgeOpts(self) -> str:  # noqa: N802 (Mininet's name)
-        """Return the bridge's options; the one that marks it as ours comes with its birth."""
-        return f"{super().bridgeOpts()} {openvswitch.OWNER}={self.network.name}"
 
     @classmethod
     def batchStartup(  # noqa: N802 (Mininet's name)

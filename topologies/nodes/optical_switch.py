@@ -15,7 +15,7 @@ from topologies.system.kernel.interfaces import switch_ipv6_off
 from topologies.system.open_vswitch import openvswitch
 from topologies.system.processes.programs import Program
 from topologies.system.runs.launching import launch
-from topologies.system.runs.runtime import DISPATCHER, free_port
+from topologies.system.runs.runtime import DISPATCHER
 from topologies.timeouts import READY_TIMEOUT_S, RECONNECT_MS
 from wire.config import AgentConfig
 from wire.credentials import Credentials
@@ -120,12 +120,12 @@ class OpticalSwitch(ClassicalSwitch):
         return credentials(self.network, self.name, {"localhost": LOOPBACK})
 
     def _gnmi(self) -> str:
-        """Return where the agent serves telemetry: there again if it is started again."""
+        """Return the path of the socket at which the agent serves telemetry."""
         network = self.network
         if not network.settings.gnmi:
             return ""
         certify_operator(network)
-        return network.gnmi_addresses.setdefault(self.name, f"{LOOPBACK}:{free_port()}")
+        return network.socket(f"{self.name}-gnmi")
 
     def _controllers(self, given: list[Controller]) -> list[str]:
         if self.controller_port is not None:

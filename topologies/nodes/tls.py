@@ -51,10 +51,7 @@ def certify_operator(network: Runtime) -> None:
 
 
 def certify_bridges(network: Runtime) -> None:
-    """Let Open vSwitch show one certificate for all of a run's bridges of copper.
-
-    It has one for all that it does: raise NetworkError where that is somebody else's.
-    """
+    """Let Open vSwitch show one certificate for all of a run's bridges of copper."""
     copper = [name for name in network.bridges if name not in network.switches]
     made = credentials(network, OPEN_VSWITCH, also=copper)
-    openvswitch.certify(network.name, made.authority, made.certificate, made.private_key)
+    openvswitch.certify(made.authority, made.certificate, made.private_key)

@@ -2,7 +2,6 @@
 
 import json
 import os
-import socket
 import subprocess
 import sys
 from typing import Any
@@ -12,7 +11,8 @@ import pytest
 from qmn.live import machine
 from qmn.live.machine import FAILS, LIMITED, UNCHECKED, WORKS, Finding
 from qmn.verbs import doctor
-from wire.config import DispatcherConfig
+from topologies.system import namespaces
+from topologies.system.namespaces import RunningRun
 
 
 def run(*words: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -34,7 +34,7 @@ def findings(done: subprocess.CompletedProcess[str]) -> dict[str, dict[str, Any]
 def test_every_finding_says_what_to_do_unless_it_works() -> None:
     done = run("--json")
     found = findings(done)
-    assert {"user", "packages", "Open vSwitch", "Docker", "leftovers of earlier runs"} <= set(found)
+    assert {"user", "packages", "Open vSwitch", "Docker", "running networks"} <= set(found)
     for finding in found.values():
         assert finding["state"] in (WORKS, LIMITED, FAILS, UNCHECKED)
         assert finding["found"]
@@ -65,13 +65,6 @@ def test_a_feature_that_is_not_there_is_told() -> None:
     assert finding.found
 
 
-def test_a_port_that_is_taken_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        monkeypatch.setattr(machine, "OPENFLOW_PORT", taken.getsockname()[1])
-        assert machine.controller_port().state == LIMITED
-    assert machine.controller_port().state == WORKS
-
-
 def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
     (tmp_path / "apt-packages.txt").write_text("python3\nno-such-package\n")
     monkeypatch.setattr(machine, "ROOT", tmp_path)
@@ -88,14 +81,12 @@ def test_a_missing_python_package_is_named(monkeypatch: pytest.MonkeyPatch, tmp_
     assert (finding.state, finding.found) == (FAILS, "missing: no-such-package")
 
 
-def test_a_running_network_that_writes_no_events_is_found(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    config = DispatcherConfig(
-        listen="", socket="/run/qmn/7/dispatcher.sock", seed=1, tokens={}, fibers=[], switches=[]
-    )
-    monkeypatch.setattr(machine, "dispatcher_of_running_network", lambda: config)
-    assert machine.running_network().found == "one runs, see /run/qmn/7"
+def test_running_networks_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(namespaces, "running", list)
+    assert machine.running_networks().found == "none"
+    two = [RunningRun(7, 8, "qmn cli sdc"), RunningRun(9, 10, "qmn run bb84")]
+    monkeypatch.setattr(namespaces, "running", lambda: two)
+    assert machine.running_networks().found == "7 (qmn cli sdc), 9 (qmn run bb84)"
 
 
 def test_people_read_state_name_and_remedy(capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from qmn.__main__ import described, needs_root
+from qmn.__main__ import described
+from qmn.needs import Needs, needs_of
 
 ROOT = Path(__file__).resolve().parents[3]
 QMN = ROOT / "bin" / "qmn"
@@ -68,7 +69,7 @@ def test_a_checkout_without_its_set_up_says_what_to_type(tmp_path: Path) -> None
 
 
 STEERS = (
-    "run sdc|run qkd --eve 1|cli ring|devices|paths|spy|policy reload|set alice fec golay|clean|"
+    "run sdc|run qkd --eve 1|cli ring|devices|paths|spy|policy reload|set alice fec golay|enter ls|"
     "fault q1 repair|calibrate alice q1|classical alice q1 1|tap alice q1 0|bench|"
     "sweep sdc --emulate|lab paper|lab --all"
 )
@@ -80,7 +81,7 @@ LOOKS = (
 
 @pytest.mark.parametrize("words", STEERS.split("|"))
 def test_what_starts_or_steers_a_network_needs_root(words: str) -> None:
-    assert needs_root(described(words.split()).parse_args(words.split()))
+    assert needs_of(described(words.split()).parse_args(words.split())) is not Needs.NOTHING
 
 
 @pytest.mark.parametrize("words", LOOKS.split("|"))
@@ -89,7 +90,7 @@ def test_what_looks_at_files_or_computes_does_not(
 ) -> None:
     (tmp_path / "runs" / "latest").mkdir(parents=True)
     monkeypatch.chdir(tmp_path)
-    assert not needs_root(described(words.split()).parse_args(words.split()))
+    assert needs_of(described(words.split()).parse_args(words.split())) is Needs.NOTHING
 
 
 def test_root_is_asked_of_sudo_with_the_very_same_words(tmp_path: Path) -> None:
@@ -104,7 +105,7 @@ def test_root_is_asked_of_sudo_with_the_very_same_words(tmp_path: Path) -> None:
 
 def test_where_there_is_no_sudo_the_user_hears_so(tmp_path: Path) -> None:
     environment = {**os.environ, "PATH": str(tmp_path)}
-    done = said(sys.executable, "-c", AN_ORDINARY_USER, "clean", cwd=ROOT, env=environment)
+    done = said(sys.executable, "-c", AN_ORDINARY_USER, "devices", cwd=ROOT, env=environment)
     assert done.returncode == 1
     assert done.stderr == "qmn: this needs root, and there is no sudo: run it as root\n"
 

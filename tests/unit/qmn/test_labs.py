@@ -15,6 +15,7 @@ from qmn.labs import catalogue, outcome
 from qmn.labs.drawing import draw_charts, picture
 from qmn.labs.lab import Chart, Finding, Lab, Published, Run, exactly, in_range, paired
 from qmn.labs.networks import words_of
+from qmn.needs import Needs, needs_of
 from qmn.options import BadInput
 from qmn.sweeps.estimates import NOTHING, Estimate
 from qmn.sweeps.figure import residuals
@@ -103,7 +104,7 @@ def test_every_run_of_a_lab_is_a_command(name: str, tmp_path: Path) -> None:
     for said in lab.runs.values():
         words = words_of(said, 1, tmp_path)
         arguments = described(words).parse_args(words)
-        assert arguments.needs_root
+        assert needs_of(arguments) is Needs.NETWORK
         if said.startswith("script "):  # which says no more than these to the script
             assert arguments.file.is_file()
             assert arguments.words == ["--seed", "1", "--runs", str(tmp_path)]

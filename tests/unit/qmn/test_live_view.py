@@ -362,7 +362,6 @@ def opened(
         environment = {
             "PATH": f"{at}:{os.environ['PATH']}",
             "DISPLAY": ":0",
-            "QMN_RUN": "mark",
             "BROWSER": str(opener),
             "PYTHONPATH": str(ROOT),
             **further,
@@ -401,7 +400,6 @@ def test_a_browser_gets_the_address_by_a_file_of_its_user_and_by_no_command_line
     assert not any(map(os.path.exists, found))
     if by_sudo:
         assert {"DISPLAY=:0", f"XDG_RUNTIME_DIR=/run/user/{NOBODY}"} <= set(text.splitlines())
-        assert "QMN_RUN" not in text  # `qmn clean` ends those
 
 
 def test_a_thousand_hosts_have_places_of_their_own() -> None:

@@ -57,31 +57,25 @@ def test_hosts_that_a_topology_of_ones_own_does_not_have_are_to_be_named() -> No
         checked("--topology", MY_NET, "--from", "srk", "--to", "h1")
 
 
-def test_a_run_that_is_refused_for_another_one_leaves_no_folder(
+def test_a_run_that_is_refused_for_a_bridge_of_the_machine_leaves_no_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(runtime, "RUNTIME_ROOT", tmp_path / "run")
     monkeypatch.setattr("topologies.networks.network.require_root", lambda: None)
+    monkeypatch.setattr("topologies.networks.network.are_own", lambda: False)
     runs = tmp_path / "runs"
     before = make_folder(runs, "sdc")
     point_latest(before)
     request = parse("--runs", str(runs))
-    lock, console = runtime.only_run(), Console(file=StringIO())
+    bridges = ["s1"]
+    monkeypatch.setattr(openvswitch, "bridges", lambda: bridges)
     with Signals() as signals:
-        with lock, pytest.raises(NetworkError, match="another qmn network is running"):
-            superdense.begun(request, signals, console)
+        with pytest.raises(NetworkError, match=r"^bridge s1 exists already and is not ours"):
+            superdense.begun(request, signals, Console(file=StringIO()))
         assert {path.name for path in runs.iterdir()} == {"latest", before.name}
         assert (runs / "latest").resolve() == before
-        monkeypatch.setattr(openvswitch, "installed", lambda: True)
-        monkeypatch.setattr(openvswitch, "running", lambda: True)
-        bridges = {"s1": "", "q1": "4194304-1-00000000"}  # of somebody else, and of a run that died
-        monkeypatch.setattr(openvswitch, "bridges", lambda: list(bridges))
-        monkeypatch.setattr(openvswitch, "runs_of_bridges", lambda: bridges)
-        with pytest.raises(NetworkError, match=r"^bridge s1 exists already and is not ours"):
-            superdense.begun(request, signals, console)
-        assert (runs / "latest").resolve() == before
-        del bridges["s1"]
-        _job, context = superdense.begun(request, signals, console)
+        bridges.clear()
+        _job, context = superdense.begun(request, signals, Console(file=StringIO()))
         assert (runs / "latest").resolve() == context.folder != before
 
 

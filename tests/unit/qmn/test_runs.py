@@ -25,7 +25,8 @@ from qmn.reports.run_facts import BadRun, read_result
 from qmn.results import schema
 from qmn.verbs import runs as verb
 from qmn.verbs.live import shown
-from topologies.system.processes.owners import owner, this_process
+from topologies.system.namespaces import keeper
+from topologies.system.processes.owners import namespace, owner
 from wire.malformed import MalformedPacket
 from wire.results.run_result import BEGUN
 
@@ -229,9 +230,9 @@ def test_a_spoiled_result_is_read_whole_or_refused(runs: Path) -> None:
 def runner_of(kind: str) -> str:
     """Return a process that runs, or one that has ended, as a run names its own."""
     if kind == "there":
-        return str(this_process())
+        return keeper()
     with subprocess.Popen(["sleep", "60"]) as process:
-        gone = str(owner(process.pid))
+        gone = f"{namespace()}.{owner(process.pid)}"
         process.kill()
     return gone
 

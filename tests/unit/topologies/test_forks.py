@@ -17,7 +17,6 @@ import pytest
 
 from topologies.system.processes import forks
 from topologies.system.processes.forks import Forked, ForkServer
-from topologies.system.processes.owners import marked, this_process
 from topologies.system.processes.programs import ENVIRONMENT, ROOT, NetworkError, Program, python
 
 DEADLINE_S = 20.0
@@ -144,14 +143,13 @@ def test_siblings_are_their_parents_own_children_and_share_nothing_random() -> N
     assert [len({*each}) for each in drawn] == [3] * 4
 
 
-def test_it_is_named_and_marked_and_has_the_environment_of_our_programs(
+def test_it_is_named_and_has_the_environment_of_our_programs(
     dispatcher: Program, tmp_path: Path
 ) -> None:
     pid = pid_of(dispatcher)
     assert proc(pid, "comm") == "ed\n"
     command = proc(pid, "cmdline").rstrip("\0").split("\0")
     assert command == [python(), "-m", "dispatcher", "--config", f"{tmp_path}/dispatcher.json"]
-    assert str(this_process()) in {run for process, run in marked() if process.pid == pid}
     environment = proc(pid, "environ").split("\0")
     assert {f"{name}={value}" for name, value in ENVIRONMENT.items()} <= set(environment)
 
@@ -232,7 +230,6 @@ def test_all_end_with_the_runner_however_it_ends(
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, **options) as runner:  # type: ignore[call-overload]
         pids = runner.stdout.readline().split()
         assert len(pids) == 2
-        # What the runner has forked off itself still has its environment, and no mark of a run.
         was_forked = proc(pids[0], "environ") == proc(runner.pid, "environ")
         assert was_forked == is_loaded
         runner.send_signal(number)

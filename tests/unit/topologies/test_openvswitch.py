@@ -1,167 +1,96 @@
-"""Open vSwitch that is missing or will not start."""
+"""Open vSwitch that is missing, that does not start, or whose daemon ends."""
 
-import os
-import subprocess
+import sys
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
+from topologies.system import namespaces
 from topologies.system.open_vswitch import openvswitch
 from topologies.system.processes import commands
-from topologies.system.processes.owners import Owner, owner, this_process
-from topologies.system.processes.programs import NetworkError
+from topologies.system.processes.programs import NetworkError, Program
 from topologies.timeouts import VSCTL_TIMEOUT_S
+
+Install = Callable[[str, str], None]
+
+
+@pytest.fixture
+def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
+    """Return what puts a shell script in the place of a command."""
+    monkeypatch.setenv("PATH", f"{tmp_path}:/bin:/usr/bin")
+
+    def put(name: str, script: str) -> None:
+        command = tmp_path / name
+        command.write_text(f"#!/bin/sh\n{script}\n")
+        command.chmod(0o755)
+
+    return put
+
+
+@pytest.fixture(autouse=True)
+def _alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Let it be a run's own, in this folder."""
+    monkeypatch.setattr(openvswitch, "RUN_FOLDER", tmp_path / "run")
+    monkeypatch.setattr(openvswitch, "SOCKET", tmp_path / "run" / "db.sock")
+    monkeypatch.setattr(openvswitch, "DATABASE_FILE", tmp_path / "etc" / "conf.db")
+    monkeypatch.setattr(namespaces, "are_own", lambda: True)
+    monkeypatch.setattr(commands, "COMMAND_LOOK_S", 0.01)
+    yield
+    openvswitch.end()
 
 
 def test_one_that_is_not_installed_is_named_with_the_remedy(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(openvswitch, "CONTROL", "/nowhere/ovs-ctl")
-    with pytest.raises(NetworkError, match="not installed; run `make setup`"):
-        openvswitch.start("test")
-
-
-def test_one_that_cannot_start_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    control = tmp_path / "ovs-ctl"
-    control.write_text("#!/bin/sh\necho 'no room for the database' >&2\nexit 1\n")
-    control.chmod(0o755)
-    monkeypatch.setattr(openvswitch, "CONTROL", str(control))
-    monkeypatch.setattr(openvswitch, "RUN_FOLDER", tmp_path)  # whatever runs on this machine
-    monkeypatch.setattr(openvswitch, "RUNTIME_ROOT", tmp_path)
-    monkeypatch.setattr(openvswitch, "_watched_over", set)
-    monkeypatch.setattr(openvswitch, "running", lambda: False)
-    with pytest.raises(NetworkError, match=r"ovs-ctl start .* failed: no room for the database"):
-        openvswitch.start("test")
-
-
-def test_it_is_started_again_where_a_daemon_was_just_ending(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Then ovs-ctl has taken that for one that runs, and started nothing."""
-    control, starts = tmp_path / "ovs-ctl", tmp_path / "starts"
-    control.write_text(f"#!/bin/sh\necho start >>{starts}\n")
-    control.chmod(0o755)
-    monkeypatch.setattr(openvswitch, "CONTROL", str(control))
-    monkeypatch.setattr(openvswitch, "RUNTIME_ROOT", tmp_path)
-    monkeypatch.setattr(openvswitch, "daemons", dict)
-    monkeypatch.setattr(openvswitch, "OPENVSWITCH_TIMEOUT_S", 5.0)
-    starts.touch()
-    monkeypatch.setattr(openvswitch, "running", lambda: starts.read_text().count("start") > 1)
-    watched = iter(
-        [{openvswitch.SWITCH_DAEMON}] * 3
-    )  # its monitor starts it again: no one else may
-    asked = []
-
-    def watched_over() -> set[str]:
-        asked.append(starts.read_text())
-        return next(watched, set())
-
-    monkeypatch.setattr(openvswitch, "_watched_over", watched_over)
-    openvswitch.start("test")
-    assert asked == ["", "", "", "", "start\n"]
-    assert (tmp_path / openvswitch.STARTED).read_text() == "test"
-
-
-def test_a_command_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "/nowhere")
-    with pytest.raises(NetworkError, match="not installed"):
-        openvswitch.running()
+    with pytest.raises(NetworkError, match="not installed; run `make setup`"):
+        openvswitch.start(lambda name: Program(name, Path("/dev/null")))
     with pytest.raises(NetworkError, match="ovs-vsctl is not installed"):
         openvswitch.vsctl("show")
 
 
-def test_a_database_that_is_ending_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_without_namespaces_that_of_the_machine_must_run(
+    install: Install, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    words = "ovs-vsctl: unix:db.sock: database connection failed (Connection refused)"
-    command = tmp_path / "ovs-vsctl"
-    command.write_text(f"#!/bin/sh\necho '{words}' >&2\nexit 1\n")
-    command.chmod(0o755)
-    monkeypatch.setenv("PATH", f"{tmp_path}:/bin")
-    monkeypatch.setattr(openvswitch, "daemons", dict)  # none is seen to be stopped or missing
-    with pytest.raises(NetworkError, match=r"^ovsdb-server does not answer: .*refused"):
-        openvswitch.vsctl("list-br")
+    install("ovs-vsctl", "exit 1")
+    monkeypatch.setattr(namespaces, "are_own", lambda: False)
+    with pytest.raises(NetworkError, match="does not run on this machine: start it"):
+        openvswitch.start(lambda name: Program(name, Path("/dev/null")))
+
+
+def test_one_that_cannot_start_says_why(install: Install, tmp_path: Path) -> None:
+    install("ovs-vsctl", "exit 0")
+    install("ovsdb-tool", "exit 0")
+    install("ovsdb-server", "echo 'no room for the database' >&2; exit 1")
+    with pytest.raises(
+        NetworkError, match=r"^ovsdb-server ended at its start: status 1; its log: "
+    ):
+        openvswitch.start(lambda name: Program(name, tmp_path / f"{name}.log"))
 
 
 def test_a_command_is_not_waited_for_when_a_daemon_has_died(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    install: Install, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    command = tmp_path / "ovs-vsctl"
-    command.write_text("#!/bin/sh\nexec sleep 60\n")
-    command.chmod(0o755)
-    monkeypatch.setenv("PATH", f"{tmp_path}:/bin:/usr/bin")
-    monkeypatch.setattr(commands, "COMMAND_LOOK_S", 0.01)
-    monkeypatch.setattr(openvswitch, "LAST_WORDS_TIMEOUT_S", 0.0)
-    dead = {openvswitch.SWITCH_DAEMON: Owner(1, 0, "00000000")}
-    monkeypatch.setattr(openvswitch, "daemons", lambda: dead)
+    install("ovs-vsctl", "exec sleep 60")
+    daemon = Program(openvswitch.SWITCH_DAEMON, tmp_path / "log")
+    daemon.start([sys.executable, "-c", "import os; os.abort()"])
+    monkeypatch.setitem(openvswitch._own, openvswitch.SWITCH_DAEMON, daemon)
     began = time.monotonic()
-    with pytest.raises(NetworkError, match=r"^ovs-vswitchd died in mid-run: "):
+    with pytest.raises(NetworkError, match=r"^ovs-vswitchd died in mid-run: killed by SIGABRT"):
         openvswitch.vsctl("add-br", "s1")
     assert time.monotonic() - began < VSCTL_TIMEOUT_S / 2
 
 
-def test_who_has_started_it_is_known_until_it_has_stopped(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_one_that_a_signal_has_stopped_is_named_with_the_remedy(
+    install: Install, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    control = tmp_path / "ovs-ctl"
-    control.write_text("#!/bin/sh\nexit 1\n")  # as one that was ended when half was stopped
-    control.chmod(0o755)
-    monkeypatch.setattr(openvswitch, "CONTROL", str(control))
-    monkeypatch.setattr(openvswitch, "RUNTIME_ROOT", tmp_path)
-    monkeypatch.setattr(openvswitch, "running", lambda: True)
-    monkeypatch.setattr(openvswitch, "bridges", list)
-    here = this_process()
-    monkeypatch.setattr(openvswitch, "daemons", lambda: {openvswitch.DATABASE: here})
-    monkeypatch.setattr(openvswitch, "_mark_of", {here: "run"}.get)
-    (tmp_path / openvswitch.STARTED).write_text(f"run\n{here}")
-    with pytest.raises(NetworkError, match=r"ovs-ctl stop failed"):
-        openvswitch.stop_if_ours("run")
-    assert openvswitch.starter() == "run"
-
-
-GONE, OTHER = "4194304-1-00000000", "4194303-1-00000000"  # no process has these ids
-
-
-@pytest.mark.parametrize(
-    ("mark", "noted", "starter"),
-    [
-        ("run", "run", "run"),
-        ("run", "another", "run"),  # a note that has been left, or put back
-        ("run", GONE, "run"),
-        (GONE, "run", "run"),  # which has taken them over
-        ("", "run", ""),  # the machine's own, started beside a run
-        (GONE, "", GONE),
-    ],
-)
-def test_the_mark_of_living_daemons_says_who_has_started_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mark: str, noted: str, starter: str
-) -> None:
-    environment = {"PATH": os.environ["PATH"], **({openvswitch.STARTER: mark} if mark else {})}
-    pipe = subprocess.PIPE
-    with subprocess.Popen(["cat"], 0, env=environment, stdin=pipe, stdout=pipe) as daemon:
-        try:
-            assert daemon.stdin
-            assert daemon.stdout
-            daemon.stdin.write(b"x")
-            assert daemon.stdout.read(1) == b"x"  # it runs, and has its environment
-            found = owner(daemon.pid)
-            assert found
-            monkeypatch.setattr(openvswitch, "RUNTIME_ROOT", tmp_path)
-            monkeypatch.setattr(openvswitch, "daemons", lambda: {openvswitch.DATABASE: found})
-            if noted:
-                (tmp_path / openvswitch.STARTED).write_text(f"{noted}\n{found}")
-            assert openvswitch.starter() == starter
-        finally:
-            daemon.kill()
-
-
-def test_a_note_about_other_daemons_says_nothing_of_these(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    here = this_process()
-    monkeypatch.setattr(openvswitch, "RUNTIME_ROOT", tmp_path)
-    monkeypatch.setattr(openvswitch, "daemons", lambda: {openvswitch.DATABASE: here})
-    monkeypatch.setattr(openvswitch, "_mark_of", {here: GONE}.get)
-    (tmp_path / openvswitch.STARTED).write_text(f"run\n{OTHER}")
-    assert openvswitch.starter() == GONE
+    install("ovs-vsctl", "exec sleep 60")
+    monkeypatch.setattr(openvswitch, "STOPPED_DAEMON_S", 0.05)
+    daemon = Program(openvswitch.SWITCH_DAEMON, tmp_path / "log")
+    stops = "import os, signal; os.kill(os.getpid(), signal.SIGSTOP)"
+    daemon.start([sys.executable, "-c", stops])
+    monkeypatch.setitem(openvswitch._own, openvswitch.SWITCH_DAEMON, daemon)
+    with pytest.raises(NetworkError, match=rf"stopped it; .*`kill -CONT {daemon.pid}`"):
+        openvswitch.vsctl("add-br", "s1")

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from topologies.system.processes.owners import marked
 from topologies.system.processes.programs import (
     WITH_RUNNER,
     NetworkError,
@@ -159,7 +158,7 @@ def test_one_that_is_stopped_by_a_signal_is_noticed_and_ends_when_told(tmp_path:
     sleeper = program(tmp_path, "print('ready', flush=True); import time; time.sleep(60)")
     sleeper.wait_for("ready", 10)
     assert not sleeper.stopped
-    (pid,) = (process.pid for process, run in marked() if process.pid == pid_of(sleeper))
+    pid = pid_of(sleeper)
     os.kill(pid, signal.SIGSTOP)
     os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOWAIT)
     assert sleeper.stopped

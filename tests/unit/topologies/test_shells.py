@@ -1,7 +1,6 @@
 """Shells of nodes that end, hang, or never come up, where Mininet alone would wait for ever."""
 
 import os
-import signal
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,7 +13,6 @@ from mininet.topo import Topo
 from topologies.networks.network import Network, Signals
 from topologies.system.kernel.interfaces import set_up, within
 from topologies.system.processes import shells
-from topologies.system.processes.owners import marked, this_process
 from topologies.system.processes.programs import NetworkError
 from topologies.system.processes.shells import ShellWatcher
 from topologies.system.runs.runtime import Runtime
@@ -159,14 +157,4 @@ def test_a_shell_that_dies_is_named_where_its_links_cannot_be_made() -> None:
     network.net = cast(Any, SimpleNamespace(build=build, hosts=[node], switches=[], controllers=[]))
     with pytest.raises(NetworkError, match=r"^alice died at its start: cannot make the link"):
         network._build_and_start()
-    node.terminate()
-
-
-def test_what_a_shell_starts_carries_the_mark_of_its_run() -> None:
-    node = Watched("watched", inNamespace=False)
-    node.cmd("sleep 60 &")
-    mine = {process.pid for process, run in marked() if run == str(this_process())}
-    child = int(node.lastPid or node.cmd("echo $!"))
-    assert child in mine
-    os.kill(child, signal.SIGKILL)
     node.terminate()

@@ -161,7 +161,7 @@ def test_a_second_signal_forces_the_end_of_what_hangs() -> None:
         words = process.stderr.read()
     assert process.returncode == 128 + signal.SIGINT
     assert "a second SIGINT has forced the end" in words
-    assert "`qmn clean`" in words
+    assert "the kernel ends what is left" in words
 
 
 def test_a_signal_that_is_sent_twice_at_once_counts_once(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,10 +4,8 @@ Each process may take so much for its data (RLIMIT_DATA): more is refused to it.
 lets a group of processes be made (cgroup, version 1 or 2, seldom in a container), all of a host
 may take so much together: who takes more then is killed. Our own programs are in no group.
 
-    /sys/fs/cgroup/memory/<our own group>/qmn.<processes>.<run>.alice    version 1
-    /sys/fs/cgroup/qmn.<processes>.<run>.alice                           version 2
-
-<processes> is the namespace of processes in which the run's own id says something.
+    /sys/fs/cgroup/memory/<our own group>/qmn.<keeper>.alice    version 1
+    /sys/fs/cgroup/qmn.<keeper>.alice                           version 2
 """
 
 import os
@@ -16,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple, Self
 
-from topologies.system.processes import owners
+from topologies.system import namespaces
 from topologies.system.processes.programs import NetworkError
 from topologies.timeouts import END_TIMEOUT_S, POLL_S
 from wire.parameters.physics import BadParameter
@@ -87,7 +85,7 @@ class MemoryGroup:
         if below is None:
             return None
         folder, version = below
-        name = f"{PREFIX}.{owners.namespace()}.{owners.this_process()}.{host}"
+        name = f"{PREFIX}.{namespaces.keeper()}.{host}"
         group = cls(folder / name, version)
         group.folder.mkdir()
         limit = limit_mib * MIB
@@ -125,6 +123,7 @@ class MemoryGroup:
 def groups_of_gone() -> Iterator[Path]:
     """Yield the groups that runs have left which are gone."""
     below = parent()
-    for folder in below[0].glob(f"{PREFIX}.{owners.namespace()}.*") if below else ():
-        if owners.gone(folder.name.split(".", 3)[2]):
+    for folder in below[0].glob(f"{PREFIX}.*") if below else ():
+        _prefix, *keeper, _host = folder.name.split(".", 3)
+        if namespaces.keeper_is_gone(".".join(keeper)):
             yield folder

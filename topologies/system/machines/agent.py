@@ -32,7 +32,6 @@ from topologies.system.machines.agent_files import AgentFiles
 from topologies.system.machines.relays import Stream, join
 from topologies.system.machines.source import fingerprint
 from topologies.system.machines.tunnel import TunnelEnd
-from topologies.system.processes.owners import mark
 from topologies.system.processes.programs import (
     ENVIRONMENT,
     ROOT,
@@ -135,7 +134,7 @@ class Agent(AgentFiles):
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             cwd=ROOT,
-            env={**callers_environment(), **own, **mark(), **header["environment"]},
+            env={**callers_environment(), **own, **header["environment"]},
             start_new_session=True,
         )
         self._follow_from_now_on(header["ask"], process)
@@ -156,7 +155,7 @@ class Agent(AgentFiles):
                 stdout=theirs,
                 stderr=theirs,
                 cwd=ROOT,
-                env={**callers_environment(), "PS1": PROMPT, **mark()},
+                env={**callers_environment(), "PS1": PROMPT},
                 start_new_session=True,
                 pass_fds=descriptors,
             )

@@ -18,10 +18,9 @@ from threading import Lock
 from topologies.system.kernel.interfaces import TUN, finish_checksums
 from topologies.system.kernel.packet_sockets import LIBC, PIDFD_GETFD, descriptors
 from topologies.system.open_vswitch import openvswitch
-from topologies.system.open_vswitch.openvswitch import OWNER
 from topologies.system.processes.commands import ip, run
-from topologies.system.processes.owners import this_process
-from topologies.system.processes.programs import NetworkError
+from topologies.system.processes.owners import RUNTIME_ROOT
+from topologies.system.processes.programs import NetworkError, Program
 from topologies.timeouts import COMMAND_TIMEOUT_S, NEIGHBOUR_TIMEOUT_S, POLL_S
 
 PORT = 4789  # of VXLAN (RFC 7348)
@@ -64,7 +63,7 @@ def make(name: str, mtu: int, identifier: int, ends: tuple[str, str], for_host: 
     words += ["--", "add-port", LINKS, tunnel, "--", "set", "interface", tunnel, *options]
     openvswitch.vsctl(*words)
     if for_host:
-        _let_interfaces_end_with(openvswitch.daemons()[openvswitch.SWITCH_DAEMON].pid)
+        _let_interfaces_end_with(openvswitch.switch_daemon_pid())
     for one, other in ((inner, tunnel), (tunnel, inner)):
         _add_flow(LINKS, f"in_port={one},actions=output:{other}")
 
@@ -76,17 +75,21 @@ def remove() -> None:
     openvswitch.delete(*BRIDGES)
 
 
+def _daemon(name: str) -> Program:
+    """Return a daemon of Open vSwitch whose log is as private as its sockets."""
+    RUNTIME_ROOT.mkdir(mode=0o755, parents=True, exist_ok=True)
+    return Program(name, RUNTIME_ROOT / f"{name}.log")
+
+
 @cache
 def _lay_under(local: str) -> None:
     """Make the bridges; `local` is the address of this machine that packets come to."""
-    owner = str(this_process())
     if not openvswitch.running():
-        openvswitch.start(owner)
+        openvswitch.start(_daemon)
     nic = _interface_of(local)
-    openvswitch.await_end(BRIDGES)
     made = []
     for bridge in BRIDGES:
-        settings = ["datapath_type=netdev", "fail_mode=secure", f"{OWNER}={owner}"]
+        settings = ["datapath_type=netdev", "fail_mode=secure"]
         made += ["--", "add-br", bridge, "--", "set", "bridge", bridge, *settings]
     mac = Path("/sys/class/net", nic, "address").read_text().strip()
     made += ["--", "set", "bridge", UNDER, f'other_config:hwaddr="{mac}"']

@@ -13,7 +13,6 @@ from threading import Lock, RLock
 from typing import Any
 
 from topologies.system.processes import fork_server
-from topologies.system.processes.owners import mark
 from topologies.system.processes.programs import ENVIRONMENT, ROOT, NetworkError, Program, python
 from topologies.timeouts import END_TIMEOUT_S, FORK_TIMEOUT_S, FORK_WAITS, POLL_S
 
@@ -174,10 +173,8 @@ class ThisProcess:
     ) -> Forked:
         """Start it, as Program.start says."""
         asked = request(name, command, namespace_pid, descriptors)
-        own = mark()
         pid = os.fork()
         if not pid:
-            os.environ.update(own)
             fork_server.serve(asked, [log, *descriptors])
         return Forked(pid)
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Protocol
 
-from topologies.system.processes.owners import mark, owner
+from topologies.system.processes.owners import owner
 from topologies.timeouts import POLL_S, STOP_TIMEOUT_S
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -130,8 +130,7 @@ class Program:
     ) -> None:
         """Start the command, in the network namespace of a process if one is given.
 
-        Its environment is marked as that of this run, and so is that of all it starts. `forks`
-        starts it, if it serves this command.
+        `forks` starts it, if it serves this command.
 
         The child gets a session of its own, so that Ctrl-C reaches only the runner, and a
         signal when the runner dies, so that nothing is left behind. It keeps the open files
@@ -164,7 +163,7 @@ class Program:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 cwd=ROOT,
-                env={**os.environ, **ENVIRONMENT, **mark()},
+                env={**os.environ, **ENVIRONMENT},
                 start_new_session=True,
                 pass_fds=descriptors,
             )
@@ -279,17 +278,17 @@ class Program:
             self._process.send_signal(signal.SIGTERM)
             self._process.send_signal(signal.SIGCONT)
 
-    def kill(self) -> None:
-        """End it at once, as a crash would; raise NetworkError if it does not end."""
+    def kill(self, timeout_s: float = STOP_TIMEOUT_S) -> None:
+        """End it at once, as a crash would; raise NetworkError if it does not end in time."""
         self._told_to_end = True
         if self._process is None:
             return
         self._process.kill()
         try:
-            self._process.wait(STOP_TIMEOUT_S)
+            self._process.wait(timeout_s)
         except subprocess.TimeoutExpired as error:
             raise NetworkError(
-                f"{self.name} (process {self._process.pid}) did not end in {STOP_TIMEOUT_S:g} s "
+                f"{self.name} (process {self._process.pid}) did not end in {timeout_s:g} s "
                 "although it was killed"
             ) from error
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from mininet.log import warn
 
-from topologies.system.processes.owners import mark, owner
+from topologies.system.processes.owners import owner
 from topologies.system.processes.programs import NetworkError, callers_environment
 from topologies.timeouts import COMMAND_TIMEOUT_S, END_TIMEOUT_S, SHELL_POLL_MS, SHELL_TIMEOUT_S
 
@@ -101,7 +101,7 @@ class ShellWatcher:
 
     def _environment(self) -> dict[str, str]:
         """Return what people's programs on the node have: what those have who call `qmn`."""
-        return {**callers_environment(), **self.environment(), **mark()}
+        return {**callers_environment(), **self.environment()}
 
     def popen(self, *arguments: Any, **options: Any) -> "subprocess.Popen[Any]":
         """Start a program as Mininet does, in the environment that the shell has."""

@@ -46,8 +46,8 @@ def interrupted_words(error: Interrupted | KeyboardInterrupt) -> str:
 class Signals:
     """Turns signals into an exception at the next check, never in the middle of a step.
 
-    A second one of a person who will not wait ends the process at once. All that the run has
-    started ends with it or is removed by the next run.
+    A second one of a person who will not wait ends the process at once, and with it all that the
+    run has started.
     """
 
     OF_TERMINAL = (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP)
@@ -156,8 +156,8 @@ def reset() -> None:
 def force_end(number: int) -> None:
     """End this process now; nothing that it is about to do is done."""
     words = (
-        f"qmn: a second {signal.Signals(number).name} has forced the end; what is left is removed "
-        "by the next run, or by `qmn clean`\n"
+        f"qmn: a second {signal.Signals(number).name} has forced the end; the kernel ends what is "
+        "left\n"
     )
     with suppress(OSError):
         os.write(sys.stderr.fileno(), words.encode())

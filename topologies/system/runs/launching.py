@@ -11,10 +11,11 @@ from typing import Any
 from mininet.node import Node
 
 from topologies.system.machines.machine import Machine
+from topologies.system.namespaces import machine_listener
 from topologies.system.processes.programs import NetworkError, Program, python
 from topologies.system.runs.elsewhere import carried
-from topologies.system.runs.runtime import Runtime, metrics_listener
-from wire.config import Config, ControllerConfig, MeasuredConfig
+from topologies.system.runs.runtime import Runtime, loopback_listener
+from wire.config import AgentConfig, Config, ControllerConfig, MeasuredConfig
 
 
 def launch(
@@ -92,23 +93,27 @@ def write(network: Runtime, name: str, config: Config, descriptors: dict[str, in
 def listeners(network: Runtime, name: str, kind: type[Config]) -> Iterator[dict[str, int]]:
     """Open the sockets that a program with such a configuration has from the runner.
 
-    Give their descriptors by field. A socket stays in the namespace that it was opened in: this
+    Give their descriptors by field. A socket stays in the network that it was opened in: the
     machine's.
     """
     with ExitStack() as stack:
         found = {}
         if network.settings.metrics and issubclass(kind, MeasuredConfig):
-            found["metrics_fd"] = stack.enter_context(metrics_listener(network, name))
+            listener = loopback_listener(network.metrics_addresses, name)
+            found["metrics_fd"] = stack.enter_context(listener)
+        if network.settings.gnmi and issubclass(kind, AgentConfig):
+            listener = loopback_listener(network.gnmi_addresses, name.removesuffix("-agent"))
+            found["gnmi_fd"] = stack.enter_context(listener)
         if network.settings.rest and issubclass(kind, ControllerConfig):
             found["rest_fd"] = stack.enter_context(rest_listener(network.settings.rest))
         yield {field: listener.fileno() for field, listener in found.items()}
 
 
 def rest_listener(address: str) -> socket.socket:
-    """Return a socket of this machine's namespace on which the controller serves HTTP."""
+    """Return a socket of the machine's network on which the controller serves HTTP."""
     host, _, port = address.rpartition(":")
     try:
-        return socket.create_server((host, int(port)))
+        return machine_listener(host, int(port))
     except (OSError, ValueError, OverflowError) as error:
         raise NetworkError(
             f"cannot serve HTTP on {address}: {error}; name another address for --rest, such as "

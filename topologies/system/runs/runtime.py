@@ -5,7 +5,6 @@ each fibre registers here as it is made, and the programs learn the rest from he
 """
 
 import atexit
-import fcntl
 import json
 import os
 import secrets
@@ -17,9 +16,10 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Lock
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 
 from topologies.system.machines.machine import Machine
+from topologies.system.namespaces import are_own, machine_listener
 from topologies.system.processes.forks import ForkServer
 from topologies.system.processes.owners import RUNTIME_ROOT as RUNTIME_ROOT
 from topologies.system.processes.owners import from_words, gone, this_process
@@ -259,6 +259,10 @@ class Runtime:
         self.programs.append(program)
         return program
 
+    def daemon(self, name: str) -> Program:
+        """Return a new program that its starter watches and ends."""
+        return Program(name, self.private_file(f"{name}.log"))
+
     def forks(self) -> ForkServer:
         """Return what forks programs off; the first time, it begins to load what they need."""
         with self._making:
@@ -279,14 +283,15 @@ class Runtime:
             shutil.rmtree(self.folder, ignore_errors=True)  # what ends just now may make a file
 
 
-def metrics_listener(network: Runtime, name: str) -> socket.socket:
-    """Return a socket on this machine's loopback for the metrics of a program.
+def loopback_listener(addresses: dict[str, str], name: str) -> socket.socket:
+    """Return a socket on the machine's loopback for a program, and note its address.
 
     A program that is started again keeps its address.
     """
-    address = network.metrics_addresses.setdefault(name, f"127.0.0.1:{free_port()}")
-    host, _, port = address.partition(":")
-    return socket.create_server((host, int(port)))
+    port = addresses.get(name, ":0").rpartition(":")[2]
+    listener = machine_listener("127.0.0.1", int(port))
+    addresses[name] = f"127.0.0.1:{listener.getsockname()[1]}"
+    return listener
 
 
 def free_port(count: int = 1) -> int:
@@ -312,31 +317,14 @@ def free_port(count: int = 1) -> int:
     )
 
 
-def only_run() -> IO[str]:
-    """Lock this machine, or what is apart on it (system/confinement/apart.py), for one network.
-
-    The lock ends with the file or the process.
-    """
-    RUNTIME_ROOT.mkdir(mode=0o755, parents=True, exist_ok=True)
-    lock = (RUNTIME_ROOT / "lock").open("a+")
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        lock.close()
-        raise NetworkError(
-            "another qmn network is running on this machine; end it first, or run this one "
-            "beside it by `qmn apart VERB …`"
-        ) from error
-    return lock
-
-
 NONE_RUNS = "no network runs on this machine; start one that stays, as with `qmn cli sdc`"
 
 
 def folders_of_running(root: Path | None = None) -> list[Path]:
-    """Return the private folders of runs that run now."""
+    """Return the private folders of runs that run now; in own namespaces none other are there."""
     found = (root or RUNTIME_ROOT).glob("*")
-    return sorted(path for path in found if (run := from_words(path.name)) and run.alive)
+    runs = ((path, from_words(path.name)) for path in found)
+    return sorted(path for path, run in runs if run and (are_own() or run.alive))
 
 
 def folders_of_gone(root: Path | None = None) -> list[Path]:
@@ -352,7 +340,8 @@ def current() -> Runtime:
     """Return the network that nodes are being made for; `mn` begins it by using it."""
     if _current is not None:
         return _current
-    atexit.register(only_run().close)
+    for left in folders_of_gone():
+        shutil.rmtree(left)
     runtime = begin(Runtime())
     atexit.register(runtime.remove)
     return runtime

@@ -1,0 +1,75 @@
+"""The needs of a verb before it runs, and how they are met."""
+
+import argparse
+import enum
+from collections.abc import Sequence
+
+from qmn.as_root import become_root
+from topologies.system import namespaces
+from topologies.system.kernel.memory_share import groups_of_gone
+from topologies.system.namespaces import RunningRun
+from topologies.system.processes.programs import NetworkError
+
+CHOOSE = "several networks run: {}; choose one, as in `qmn enter --run {} qmn devices`"
+
+
+class Needs(enum.Enum):
+    """What a verb needs."""
+
+    NOTHING = "nothing"
+    ROOT = "root"
+    NETWORK = "namespaces in which it starts networks"
+    RUNNING = "the namespaces of the network that runs"
+
+
+def needs_of(arguments: argparse.Namespace) -> Needs:
+    """Return what this command needs, as its verb says: always, or by its arguments."""
+    needed = getattr(arguments, "needs", Needs.NOTHING)
+    result: Needs = needed(arguments) if callable(needed) else needed
+    return result
+
+
+def provide(arguments: argparse.Namespace, words: Sequence[str]) -> int | None:
+    """Go on, perhaps in other processes, where what a command needs is there: return None there.
+
+    Else return an exit status. Raise NoRoot or NetworkError.
+    """
+    needed = needs_of(arguments)
+    if needed is Needs.NOTHING:
+        return None
+    become_root(words)
+    if needed is Needs.NETWORK:
+        return _own_namespaces(arguments, words)
+    if needed is Needs.RUNNING and (run := chosen()):
+        namespaces.visit(run)
+    return None
+
+
+def chosen(keeper: int | None = None) -> RunningRun | None:
+    """Return the run that is named by its keeper, or else the only one; None if there is none."""
+    runs = namespaces.running()
+    if keeper is not None:
+        named = [run for run in runs if run.keeper == keeper]
+        if not named:
+            there = ", ".join(map(str, runs)) or "none"
+            raise NetworkError(f"no network of process {keeper} runs; running: {there}")
+        return named[0]
+    if len(runs) > 1:
+        raise NetworkError(CHOOSE.format(", ".join(map(str, runs)), runs[0].keeper))
+    return runs[0] if runs else None
+
+
+def _own_namespaces(arguments: argparse.Namespace, words: Sequence[str]) -> int | None:
+    server = None
+    if getattr(arguments, "live", None):
+        # Served out here: the loopback of the run is another.
+        from qmn.live_view.beside import begin_page_of_command
+
+        server = begin_page_of_command()
+    several = (getattr(arguments, "machines", None) or 1) > 1 or getattr(arguments, "place", None)
+    for group in groups_of_gone():
+        group.rmdir()
+    status = namespaces.enter_new(["qmn", *words], own_network=not several)
+    if status is not None and server is not None:
+        server.stop()
+    return status
