@@ -1,6 +1,8 @@
 """The facts of a run that its report reads from the folder."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +69,10 @@ def read_run(folder: Path) -> RunFacts:
         raise BadRun(f"{folder} is of `qmn cli` or a script: only `qmn run` has a report")
     if not result.hosts or result.hosts[0] not in network.addresses:
         raise BadRun(f"{folder / RESULT}: hosts {result.hosts} are not of its network")
+    drawn = [network, result.time_scale, result.settings.loss_budget_db]
+    job = vars(result.job)
+    if not all(map(isfinite, _floats([*drawn, job.get("moments"), job.get("load")]))):
+        raise BadRun(f"{folder / RESULT}: a number to be drawn is infinite, or NaN")
     capture = folder / EVENT_CAPTURE
     events = recorded(capture, follow=False) if capture.exists() else iter(())
     return RunFacts(
@@ -77,6 +83,17 @@ def read_run(folder: Path) -> RunFacts:
         _setup_ms(read_record(folder)),
         _said(folder / SENDER_LOG) if result.message else [],
     )
+
+
+def _floats(value: Any) -> Iterator[float]:
+    """Yield the floats in lists, dictionaries and objects."""
+    if isinstance(value, float):
+        yield value
+    elif isinstance(value, list | tuple):
+        for each in value:
+            yield from _floats(each)
+    elif isinstance(value, dict) or hasattr(value, "__dict__"):
+        yield from _floats([*(value if isinstance(value, dict) else vars(value)).values()])
 
 
 def read_result(folder: Path) -> tuple[NetworkResult, NetworkFacts]:

@@ -22,6 +22,7 @@ from wire.results.network_facts import NetworkFacts
 
 METADATA, OPENFLOW, QUANTUM = "metadata", "openflow", "quantum"
 CONTROLLER = "c0"
+UNKNOWN = "unknown"  # a switch of a network that names none
 CODED = (Service.SDC, Service.PAIR_SOURCE)
 MAX_MOMENTS = 64
 MAX_EVENTS = 200  # looked at: more than can be shown
@@ -117,7 +118,7 @@ def copper_lane(network: NetworkFacts) -> str:
 
 
 def _lane_of(names: Sequence[str]) -> str:
-    return " … ".join(dict.fromkeys((names[0], names[-1]))) if names else ""
+    return " … ".join(dict.fromkeys((names[0], names[-1]))) if names else UNKNOWN
 
 
 def _metadata_step(flight: Flight) -> Step:

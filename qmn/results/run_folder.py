@@ -37,14 +37,21 @@ def make_folder(runs: Path, topology: str) -> Path:
 
 def begin_folder(runs: Path, name: str) -> Path:
     """Return the new folder of a run; raise BadInput if it cannot be made."""
-    try:
+    with writable("--runs", runs):
         folder = make_folder(runs, name)
         point_latest(folder)
+    return folder
+
+
+@contextmanager
+def writable(option: str, folder: Path) -> Iterator[None]:
+    """Raise BadInput, in the place of an OSError, if the folder of an option cannot be written."""
+    try:
+        yield
     except OSError as error:
         place = error.filename2 or error.filename
         reason = f"{place}: {error.strerror}" if place else str(error)
-        raise BadInput(f"cannot write to --runs {runs}: {reason}") from error
-    return folder
+        raise BadInput(f"cannot write to {option} {folder}: {reason}") from error
 
 
 def point_latest(folder: Path) -> None:

@@ -23,7 +23,7 @@ from qmn.live_view.beside import page_of_command
 from qmn.needs import Needs
 from qmn.options import BadInput, add_options, read
 from qmn.requests.run_options import LiveOptions
-from qmn.results.run_folder import give_tree, make_folder
+from qmn.results.run_folder import give_tree, make_folder, writable
 from qmn.sweeps.lines import BadTable
 from topologies.networks.network import Interrupted, Signals, require_root
 from topologies.system.processes.programs import NetworkError
@@ -172,7 +172,8 @@ def lab_done(
     from qmn.labs import drawing, outcome
 
     name = Path(name).name
-    folder = folder or make_folder(options.out, name)
+    with writable("--out", options.out):
+        folder = folder or make_folder(options.out, name)
     try:
         runs = all_runs(name, lab, folder, options.seed, signals.check, tell)
         findings = lab.findings(runs)

@@ -26,7 +26,7 @@ def call(arguments: argparse.Namespace) -> int:
     """Copy, and say what was left out."""
     try:
         left_out = share(arguments.run, arguments.copy)
-    except CannotShare as error:
+    except (CannotShare, OSError) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 2
     for file in left_out:

@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ET
 from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from recorded_run import ALICE, BOB, MS, NETWORK, SETUP, capture, record_run, segment
@@ -177,6 +178,43 @@ def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
     (tmp_path / "result.json").write_text("{}")
     with pytest.raises(NoReport, match="does not say what the network was"):
         made_report(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "why"),
+    [
+        ("network fibers 0 length_km", float("nan"), "infinite, or NaN"),
+        ("network fibers 0 a node", "nowhere", r"fibres to no node \(nowhere\)"),
+        ("network copper 0", ["s1", "s1-eth1", "alice"], "copper without two ends"),
+        ("hosts", [], "are not of its network"),
+        ("hosts 0", "nobody", "are not of its network"),
+        ("job asked confusion 0", [1, 2], "confusion must be a table of counts"),
+        ("job asked confusion 0 0", -1, "confusion must be a table of counts"),
+        ("network switches 0 paths", [{"in_port": 1}], "has no out_port"),
+    ],
+)
+def test_a_result_that_cannot_be_drawn_is_refused(
+    tmp_path: Path, place: str, value: Any, why: str
+) -> None:
+    """Of another person's run: the types are right, or nearly, and the values are not."""
+    file = record_run(tmp_path) / "result.json"
+    given = json.loads(file.read_text())
+    *way, last = (int(word) if word.isdecimal() else word for word in place.split())
+    inner: Any = given
+    for word in way:
+        inner = inner[word]
+    inner[last] = value
+    file.write_text(json.dumps(given))
+    with pytest.raises(NoReport, match=why):
+        made_report(tmp_path)
+
+
+def test_a_network_that_names_no_switch_of_copper_is_drawn(tmp_path: Path) -> None:
+    file = record_run(tmp_path) / "result.json"
+    given = json.loads(file.read_text())
+    given["network"]["copper_switches"] = []
+    file.write_text(json.dumps(given))
+    assert "unknown" in figures(made_page(tmp_path))["The handshake, in both layers"]
 
 
 def test_a_spoiled_capture_is_named_and_ends_no_run(tmp_path: Path) -> None:
