@@ -2,13 +2,12 @@
 
 import argparse
 from functools import partial
+from importlib import import_module
 from typing import Any
 
 from hosts.middleware.services import NAMES
 from hosts.middleware.services.superdense.options import SuperdenseOptions
 from hosts.timeouts import MAX_BLOCK_S
-from qmn.jobs import counted_service, keys, load, superdense, vpn
-from qmn.jobs.run_context import guarded
 from qmn.needs import Needs
 from qmn.network.key_options import KeyServiceOptions
 from qmn.network.options import KEYS, NETWORK, NetworkOptions
@@ -44,6 +43,13 @@ def add_parser(verbs: Any) -> None:
     _add_vpn(jobs)
 
 
+def _guarded(job: str, request: Any) -> int:
+    """Do what a module of qmn.jobs does; it is loaded now, as help has no use for it."""
+    from qmn.jobs.run_context import guarded
+
+    return guarded(partial(import_module(f"qmn.jobs.{job}").run, request))
+
+
 def _add_load(jobs: Any) -> None:
     """Describe heavy traffic."""
     text = "heavy traffic: many sessions of many hosts"
@@ -60,7 +66,7 @@ def _describe_load(parser: Parser) -> None:
 
 
 def _call_load(arguments: argparse.Namespace) -> int:
-    return guarded(partial(load.run, load_request(arguments)))
+    return _guarded("load", load_request(arguments))
 
 
 def load_request(arguments: argparse.Namespace) -> LoadRequest:
@@ -98,7 +104,7 @@ def _describe_superdense(parser: Parser, name: str) -> None:
 
 
 def _call_superdense(arguments: argparse.Namespace) -> int:
-    return guarded(partial(superdense.run, superdense_request(arguments)))
+    return _guarded("superdense", superdense_request(arguments))
 
 
 def superdense_request(arguments: argparse.Namespace) -> SuperdenseRequest:
@@ -146,7 +152,7 @@ def _describe_service(parser: Parser, name: str, verb: Verb) -> None:
 
 
 def _call_service(arguments: argparse.Namespace) -> int:
-    return guarded(partial(counted_service.run, service_request(arguments)))
+    return _guarded("counted_service", service_request(arguments))
 
 
 def service_request(arguments: argparse.Namespace) -> ServiceRequest:
@@ -159,7 +165,7 @@ def service_request(arguments: argparse.Namespace) -> ServiceRequest:
 def _add_keys(jobs: Any) -> None:
     """Describe the keeping of keys."""
     text = "keep keys of hosts, and deliver them to programs (ETSI GS QKD 014)"
-    parser = jobs.add_parser(keys.NAME, help=text, description=text)
+    parser = jobs.add_parser("keys", help=text, description=text)
     parser.put_off(partial(_describe_keys, parser))
 
 
@@ -173,7 +179,7 @@ def _describe_keys(parser: Parser) -> None:
 
 
 def _call_keys(arguments: argparse.Namespace) -> int:
-    return guarded(partial(keys.run, keys_request(arguments)))
+    return _guarded("keys", keys_request(arguments))
 
 
 def keys_request(arguments: argparse.Namespace) -> KeysRequest:
@@ -184,7 +190,7 @@ def keys_request(arguments: argparse.Namespace) -> KeysRequest:
 def _add_vpn(jobs: Any) -> None:
     """Describe the VPN."""
     text = "a VPN whose keys are of light, with a file moving through it"
-    parser = jobs.add_parser(vpn.NAME, help=text, description=text)
+    parser = jobs.add_parser("vpn", help=text, description=text)
     parser.put_off(partial(_describe_vpn, parser))
 
 
@@ -198,7 +204,7 @@ def _describe_vpn(parser: Parser) -> None:
 
 
 def _call_vpn(arguments: argparse.Namespace) -> int:
-    return guarded(partial(vpn.run, vpn_request(arguments)))
+    return _guarded("vpn", vpn_request(arguments))
 
 
 def vpn_request(arguments: argparse.Namespace) -> VpnRequest:
