@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from conftest import ROOT, qmn_words
 from limits import PROGRAM_S
-from test_faults import SLOW, long_run, read_until
+from test_faults import SLOW, child, long_run, read_until
 
 from topologies.networks.network import Network
 from topologies.system.processes.programs import python
@@ -35,7 +35,8 @@ ON_SMALL_DISK = ("unshare", "--mount", "--propagation=private", "sh", "-c")
 def test_what_was_deleted_is_the_cause(tmp_path: Path, strike: str, cause: str) -> None:
     with long_run(tmp_path) as run:
         read_until(run, "sending long")
-        subprocess.run(strike.split(), check=True)
+        inside = f"--target={child(run, 'ovs-vswitchd')}"
+        subprocess.run(["nsenter", inside, "--net", "--mount", *strike.split()], check=True)
         shown = run.finish(PROGRAM_S)
     assert run.returncode == 1
     (ending,) = re.findall("ending: (.*)", shown)
