@@ -36,14 +36,16 @@ from topologies.system.open_vswitch import openvswitch
 from topologies.system.processes.outputs import LostOutput
 from topologies.system.processes.programs import NetworkError, Program, stop_all
 from topologies.system.processes.shells import ShellWatcher
-from topologies.system.processes.signals import CLEANED, NotCleanedUp
+from topologies.system.processes.signals import CLEANED, NotCleanedUp, budget
 from topologies.system.processes.signals import Interrupted as Interrupted
 from topologies.system.processes.signals import Signals as Signals
 from topologies.system.runs import runtime
 from topologies.system.runs.runtime import DISPATCHER, Runtime
 from topologies.timeouts import (
+    CLEAN_UP_TIMEOUT_S,
     DAEMON_END_TIMEOUT_S,
     END_TIMEOUT_S,
+    INTERFACE_S,
     POLL_S,
     READY_TIMEOUT_S,
     STOPPED_LOOK_S,
@@ -108,7 +110,8 @@ class Network:
         """Remove everything, whatever reporting does; no further fault hides the cause."""
         try:
             self.runtime.time_limited = True
-            with self._signals.deferred(), self._cleanup:
+            limit_s = CLEAN_UP_TIMEOUT_S + INTERFACE_S * len(interfaces.all_here())
+            with self._signals.deferred(), budget(limit_s, "clean-up"), self._cleanup:
                 self._report(cause)
         except (NetworkError, OSError) as error:
             uncleaned = NotCleanedUp(error)

@@ -7,16 +7,19 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 
 import pytest
 
+from topologies.system.processes import signals as signals_module
+from topologies.system.processes.programs import NetworkError
 from topologies.system.processes.signals import (
     CLEANED,
     UNCLEANED,
     Interrupted,
     NotCleanedUp,
     Signals,
+    budget,
     interrupted_words,
 )
 
@@ -211,3 +214,34 @@ def test_signals_that_count_at_once_interrupt_or_end_what_is_being_done() -> Non
             with pytest.raises(Interrupted, match="SIGTERM"):
                 signals.check()
         os.kill(os.getpid(), signal.SIGINT)  # noted again, for the next check
+
+
+def test_many_waits_together_have_a_budget_and_each_step_after_it_a_moment(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of four steps that each wait for 10 s, none is left out."""
+    monkeypatch.setattr(signals_module, "OVERRUN_S", 0.05)
+    began, steps = time.monotonic(), []
+
+    def step(number: int) -> None:
+        steps.append(number)
+        time.sleep(10)
+
+    with ExitStack() as stack:
+        for number in range(4):
+            stack.callback(step, number)
+        left = stack.pop_all()
+    words = r"^clean-up did not end in 0\.1 s: it waited at .*py:"
+    with budget(0.1, "clean-up"), pytest.raises(NetworkError, match=words):
+        left.close()
+    assert steps == [3, 2, 1, 0]
+    assert time.monotonic() - began < 5
+    assert signal.getitimer(signal.ITIMER_REAL) == (0, 0)
+
+
+def test_what_is_within_its_budget_is_left_alone() -> None:
+    before = signal.getsignal(signal.SIGALRM)
+    with budget(60, "clean-up"):
+        pass
+    assert signal.getsignal(signal.SIGALRM) is before
+    assert signal.getitimer(signal.ITIMER_REAL) == (0, 0)

@@ -6,6 +6,7 @@ Those that tell of a fault of the program, and SIGKILL, end it at once.
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -13,7 +14,7 @@ from types import FrameType, TracebackType
 from typing import ClassVar, Self
 
 from topologies.system.processes.programs import NetworkError
-from topologies.timeouts import AGAIN_S
+from topologies.timeouts import AGAIN_S, OVERRUN_S
 
 # Notes of what has ended a run; the first also begins the words of NotCleanedUp.
 UNCLEANED, CLEANED = "cleaning up: ", "everything is cleaned up"
@@ -135,6 +136,30 @@ class Signals:
             for note in (*uncleaned, *getattr(error, "__notes__", ())):
                 interrupted.add_note(note)
             raise interrupted from error
+
+
+@contextmanager
+def budget(limit_s: float, what: str) -> Iterator[None]:
+    """Raise NetworkError if something takes longer, also when it consists of many waits.
+
+    What goes on after that, step by step, gets OVERRUN_S for each step. Only the main thread can
+    be interrupted so.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def overrun(_number: int, frame: FrameType | None) -> None:
+        where = f"{frame.f_code.co_filename}:{frame.f_lineno}" if frame else "somewhere"
+        raise NetworkError(f"{what} did not end in {limit_s:g} s: it waited at {where}")
+
+    before = signal.signal(signal.SIGALRM, overrun)
+    signal.setitimer(signal.ITIMER_REAL, limit_s, OVERRUN_S)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def _free() -> Iterator[int]:
