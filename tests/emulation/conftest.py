@@ -137,6 +137,13 @@ def open_vswitch() -> Iterator[None]:
             delete(openvswitch.DATAPATH_INTERFACE)
 
 
+@pytest.fixture(scope="module")
+def machines_open_vswitch() -> Iterator[None]:
+    """Run the Open vSwitch of the machine, which Mininet's own `mn` needs."""
+    with open_vswitch():
+        yield
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _programs_loaded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Load what networks are made of once."""

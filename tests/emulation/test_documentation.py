@@ -57,6 +57,7 @@ def test_a_replay_prints_what_the_page_says(tmp_path: Path) -> None:
     assert "exact: true" in bash("qmn sabot run runs/latest/quantum.qasm --shots 1", tmp_path)
 
 
+@pytest.mark.usefixtures("machines_open_vswitch")
 def test_mininets_own_program_does_what_the_page_says(tmp_path: Path) -> None:
     (block,) = [each for each in blocks("docs/networks.md") if "mininet>" in each]
     mn = next(line for line in block.splitlines() if "mn --custom" in line)

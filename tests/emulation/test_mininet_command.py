@@ -4,18 +4,13 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, open_vswitch
+from conftest import ROOT
 from limits import PROGRAM_S, SOON_S
 
-
-@pytest.fixture(scope="module", autouse=True)
-def _open_vswitch_of_the_machine() -> Iterator[None]:
-    with open_vswitch():
-        yield
+pytestmark = pytest.mark.usefixtures("machines_open_vswitch")
 
 
 def mn(*arguments: str, commands: str = "", file: str = "topologies/sdc", topo: str = "sdc") -> str:

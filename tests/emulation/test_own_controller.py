@@ -8,12 +8,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
 from conftest import ROOT
 from documentation import blocks
 from test_documentation import bash
 from test_mininet_command import mn
 
 from topologies.system.runs.runtime import free_port
+
+pytestmark = pytest.mark.usefixtures("machines_open_vswitch")
 
 
 @contextmanager

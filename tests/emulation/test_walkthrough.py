@@ -107,6 +107,7 @@ def test_what_is_typed_to_the_network_prints_what_is_shown(folder: Path) -> None
     answered(PROMPT, SESSION.removeprefix(SHELL), folder)
 
 
+@pytest.mark.usefixtures("machines_open_vswitch")
 def test_a_session_over_the_light_of_a_controller_of_ones_own_is_as_shown(folder: Path) -> None:
     controller, network = (
         in_folder(line, folder).removeprefix(SHELL).removeprefix("sudo ")
