@@ -59,6 +59,9 @@ class NodeElsewhere:
         if shell is not None:
             shell.send_signal(signal.SIGHUP)
 
+    def kill_group(self) -> None:
+        """Leave that to the agent there."""
+
     def terminate(self) -> None:
         """End the shell, and close its terminal."""
         super().terminate()  # type: ignore[misc]

@@ -168,10 +168,14 @@ class ShellWatcher:
             self.shell.wait(END_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             self._kill_shell()
-        if lived:  # what it was just forking did not hear of that
-            with suppress(ProcessLookupError):
-                os.killpg(self.shell.pid, signal.SIGKILL)
+        if lived:
+            self.kill_group()
         super().terminate()  # type: ignore[misc]
+
+    def kill_group(self) -> None:
+        """End what the shell was just forking as it ended, and what did not hear of that."""
+        with suppress(ProcessLookupError):
+            os.killpg(self.shell.pid, signal.SIGKILL)
 
     def cmd(self, *arguments: object, **options: object) -> str:
         """Run a command in the node's shell; one that has ended runs no more of them.
