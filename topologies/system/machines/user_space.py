@@ -15,6 +15,7 @@ from functools import cache
 from pathlib import Path
 from threading import Lock
 
+from topologies.system.kernel import interfaces
 from topologies.system.kernel.interfaces import TUN, finish_checksums
 from topologies.system.kernel.packet_sockets import LIBC, PIDFD_GETFD, descriptors
 from topologies.system.open_vswitch import openvswitch
@@ -73,6 +74,7 @@ def remove() -> None:
     _lay_under.cache_clear()
     _lead_to.cache_clear()
     openvswitch.delete(*BRIDGES)
+    interfaces.delete(*BRIDGES)  # they stay when its daemon is killed
 
 
 def _daemon(name: str) -> Program:
