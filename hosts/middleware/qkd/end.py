@@ -10,6 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum, auto
+from math import isfinite
 
 import numpy as np
 
@@ -315,6 +316,9 @@ class End(ABC):
         if not self._parameters.chsh_fraction:
             return
         bell, least = self.bell, self.bell.least(self._parameters.chsh_margin)
+        if not isfinite(bell.s):
+            text = f"S needs a test in each pair of settings, of {bell.pairs} in all: make more"
+            raise SessionFailed(AbortReason.LOCAL, f"{text} (--count)")
         if not bell.s > least:
             raise SessionFailed(
                 AbortReason.LOCAL,

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
+from math import isfinite
 from typing import Any
 from uuid import UUID
 
@@ -161,4 +162,5 @@ def some_only(counts: Counts) -> dict[str, Any]:
     bell = counts.bell
     if not bell.pairs:
         return decoys
-    return {**decoys, "chsh": bell.s, "chsh_error": bell.error, "chsh_pairs": bell.pairs}
+    s, error = (value if isfinite(value) else None for value in (bell.s, bell.error))
+    return {**decoys, "chsh": s, "chsh_error": error, "chsh_pairs": bell.pairs}

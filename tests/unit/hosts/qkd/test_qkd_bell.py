@@ -14,6 +14,7 @@ from qkd_ends import SHORT, Ends, make_ends, random_bits
 from hosts.middleware.qkd.bell_test import BellOutcomes, Correlations
 from hosts.middleware.qkd.end import State
 from hosts.middleware.qkd.sifting import Record
+from hosts.middleware.services.key_distribution.summary import Counts, some_only
 from wire.outcomes import NO_CLICK
 from wire.qkd import AbortReason, BellAnswer, BellTest, unframe
 
@@ -108,6 +109,27 @@ def test_too_few_tests_decide_nothing_and_so_against_a_key() -> None:
     assert bell.error == 0  # all alike: the margin decides
     bell.add(*(np.array([each], np.uint8) for each in (0, 0, 1)))
     assert bell.least(0.0) == pytest.approx(2 + 5 * bell.error)
+
+
+@pytest.mark.parametrize("tests", [1, 3])
+def test_s_without_a_test_in_each_pair_of_settings_is_null(tests: int) -> None:
+    """A mean of no outcomes is none: null in JSON (RFC 8259 knows no NaN), as the error of it."""
+    counts = Counts()
+    counts.bell.add(*np.array([[0, 1, 0], [0, 0, 1], [0, 0, 0]], np.uint8)[:, :tests])
+    expected = {"chsh": None, "chsh_error": None, "chsh_pairs": tests}
+    assert some_only(counts) == expected
+    counts.bell.add(*np.array([[1, 0, 1], [1, 1, 0], [0, 0, 0]], np.uint8))
+    assert some_only(counts)["chsh"] == 2  # 1 + 1 + 1 - 1
+
+
+def test_too_few_tests_end_a_key_with_the_count_and_no_nan() -> None:
+    """None of the four pairs of settings alone: alice's bases are all Z."""
+    alices, bobs = werner(np.random.default_rng(2), 1.0)
+    ends = make_ends(np.random.default_rng(1), TESTED)
+    ends.run((replace(alices, bases=np.zeros_like(alices.bases)), bobs))
+    assert ends.alice.failure is not None
+    assert ends.alice.failure.reason is AbortReason.LOCAL
+    assert "in each pair of settings" in str(ends.alice.failure)
 
 
 @pytest.mark.parametrize("dropped", [BellTest.KIND, BellAnswer.KIND])
