@@ -69,10 +69,10 @@ def start(program: Callable[[str], Program]) -> None:
         folder.resolve().mkdir(parents=True, exist_ok=True)
     run("ovsdb-tool", "create", str(DATABASE_FILE), str(SCHEMA), timeout_s=OPENVSWITCH_TIMEOUT_S)
     remote = [f"--remote=punix:{SOCKET}", *CERTIFICATES, "--pidfile"]
-    _begin(program, DATABASE, [DATABASE, str(DATABASE_FILE), *remote, *LOGGING], SOCKET)
+    _begin(program, DATABASE, [DATABASE, str(DATABASE_FILE), *remote, *LOGGING], running)
     vsctl(NO_WAIT, "init")
     command = [*FAST_MEMORY, SWITCH_DAEMON, f"unix:{SOCKET}", "--pidfile", *LOGGING]
-    _begin(program, SWITCH_DAEMON, command, RUN_FOLDER / f"{SWITCH_DAEMON}.pid")
+    _begin(program, SWITCH_DAEMON, command, (RUN_FOLDER / f"{SWITCH_DAEMON}.pid").exists)
 
 
 def _load_module() -> None:
@@ -83,12 +83,14 @@ def _load_module() -> None:
         run("modprobe", "openvswitch", timeout_s=OPENVSWITCH_TIMEOUT_S)
 
 
-def _begin(program: Callable[[str], Program], name: str, command: list[str], made: Path) -> None:
-    """Start a daemon, and wait until it has made a file."""
+def _begin(
+    program: Callable[[str], Program], name: str, command: list[str], is_ready: Callable[[], bool]
+) -> None:
+    """Start a daemon, and wait until it is ready."""
     _own[name] = daemon = program(name)
     daemon.start(command)
     deadline = time.monotonic() + OPENVSWITCH_TIMEOUT_S
-    while not made.exists():
+    while not is_ready():
         if not daemon.running:
             raise NetworkError(f"{name} ended at its start: {daemon.end()}")
         if time.monotonic() > deadline:
