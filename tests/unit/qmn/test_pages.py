@@ -5,6 +5,8 @@ What needs a network is in tests/emulation/test_documentation.py.
 
 import re
 import subprocess
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -89,6 +91,34 @@ def test_every_page_is_in_the_readme_which_stays_short() -> None:
     assert len(text.split()) <= 900
     for name in NAMES:
         assert not name.startswith("docs/") or f"]({name})" in text, name
+
+
+def changes(changelog: str) -> Iterator[tuple[str, str, list[str]]]:
+    """Yield version, heading and entries of each section; raise if a line is none of these."""
+    for version in changelog.split("\n## ")[1:]:
+        name, *sections = version.split("\n### ")
+        assert "\n" not in name.strip(), f"put entries under a heading: {name}"
+        for heading, *lines in map(str.splitlines, sections):
+            entries = [line for line in lines if line]
+            for entry in entries:
+                assert entry.startswith("- "), f"put an entry on one line: {entry}"
+            yield name.strip(), heading, [entry.removeprefix("- ") for entry in entries]
+
+
+def test_the_changelog_is_short_and_in_four_sections() -> None:
+    words: Counter[str] = Counter()
+    for version, heading, entries in changes((ROOT / "CHANGELOG.md").read_text()):
+        assert heading in {"Added", "Changed", "Fixed", "Removed"}, version
+        for entry in entries:
+            assert len(entry.split()) <= 25, f"at most 25 words an entry: {entry}"
+            words[version.split()[0]] += len(entry.split())
+    assert 0 < words["0.1.0"] <= 1500
+
+
+@pytest.mark.parametrize("spoiled", ["### Fixed\n\n- first\n  second", "- first\n\n### Fixed"])
+def test_an_entry_on_two_lines_or_outside_of_a_section_is_found(spoiled: str) -> None:
+    with pytest.raises(AssertionError, match=r"on one line:   second|under a heading"):
+        list(changes(f"# Changelog\n\n## 1\n\n{spoiled}\n"))
 
 
 def test_circuits_print_what_the_page_says(tmp_path: Path) -> None:
