@@ -171,7 +171,7 @@ def setup_times(times_ms: Sequence[float]) -> str:
             value, color=INK, linestyle=style, linewidth=1.5, label=f"p{share} {value:.2f} ms"
         )
     axes.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=6))
-    axes.set_xlabel("metadata to light path (ms)")
+    axes.set_xlabel("path set-up time (ms)")
     axes.set_ylabel("light paths")
     made.legend(loc="upper center", ncols=2, labelcolor=MUTED)
     return drawing.svg(made, "how long the set-up of light paths took")

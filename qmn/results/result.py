@@ -167,7 +167,7 @@ def rows_of_every_run(facts: RunResult, folder: Path, report: str) -> dict[str, 
     """
     setup = facts.path_setup_ms
     return {
-        "metadata to light path": "no path was set up" if setup.p50 is None else str(setup),
+        "path set-up time": "no path was set up" if setup.p50 is None else str(setup),
         **watched_light(facts.watched),
         **lost_waiting(facts),
         **software_share.rows(facts),

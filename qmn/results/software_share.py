@@ -34,27 +34,30 @@ def note_software(
 
 
 def rows(facts: NetworkResult) -> dict[str, str]:
-    """Return what is said of time, for a person to read."""
-    scale = facts.time_scale
-    told = {"time": f"1 s of the network took {scale:g} s here"}
+    """Return the rows about time, for a person to read; a scale of 1 needs none."""
+    scale, lines = facts.time_scale, {}
+    if scale != 1.0:
+        lines["time"] = f"1 s of the network took {scale:g} s here"
     share = facts.software_share
     if share is not None:
-        told["software"] = f"up to {share:.1%} of a wait in memory, {facts.software_s:.3g} s"
+        lines["software"] = (
+            f"programs account for up to {share:.1%} of a wait in memory, {facts.software_s:.3g} s"
+        )
         if share > DOMINATED and not facts.dominated_by_software:
-            told["software"] += ": harmless, as qubits do not decay so soon"
+            lines["software"] += "; no effect, as these memories do not decay in that time"
     early = facts.acausal
     if early is not None:
-        told["ACAUSAL"] = (
+        lines["ACAUSAL"] = (
             f"news of {early.origin} can be at {early.receiver} {early.early_s:.3g} s before light"
         )
     if facts.time_scale_kept is False:
-        told["BEWARE"] = _missed(facts)
+        lines["Warning"] = _missed(facts)
     if facts.dominated_by_software:
-        told["BEWARE"] = (
-            "waits were dominated by software: what they did to qubits is this machine's doing; "
+        lines["Warning"] = (
+            "fidelity here is limited by this computer's speed, not by the network; "
             "use --time-scale auto"
         )
-    return told
+    return lines
 
 
 def _missed(facts: NetworkResult) -> str:

@@ -24,7 +24,7 @@ def test_the_first_command_prints_what_the_readme_says(tmp_path: Path) -> None:
     assert mode.startswith("run-sdc: mode ")
     assert without_numbers(printed) == without_numbers(printed_of_run)
     assert "37 bytes, delivered exactly" in printed
-    assert "Bell pairs used         148" in printed
+    assert "Bell pairs used       148" in printed
 
 
 COMMANDS = commands("README.md", "qmn")

@@ -33,7 +33,7 @@ class SetUpTimes:
 
     def __str__(self) -> str:
         """Return it as people read it, if there was one."""
-        return f"p50 {self.p50:.2f} ms, p99 {self.p99:.2f} ms, n {self.n}"
+        return f"median {self.p50:.2f} ms, p99 {self.p99:.2f} ms, n {self.n}"
 
 
 @dataclass(frozen=True)

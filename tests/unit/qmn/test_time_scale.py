@@ -121,10 +121,10 @@ def test_what_auto_means_is_held_against_what_was_measured(software_s: float, ke
     assert facts.software_of_shortest == pytest.approx(software_s / 0.1)
     assert facts.shortest_time == ShortestTime("T2 of bob", 0.1)
     assert facts.time_scale_kept is kept
-    assert ("BEWARE" in rows(facts)) is not kept
+    assert ("Warning" in rows(facts)) is not kept
     if not kept:  # 1.1 % instead of 1 % wants 1.1 times the scale
-        assert "1.10% of T2 of bob" in rows(facts)["BEWARE"]
-        assert "a scale of 44 was needed" in rows(facts)["BEWARE"]
+        assert "1.10% of T2 of bob" in rows(facts)["Warning"]
+        assert "a scale of 44 was needed" in rows(facts)["Warning"]
 
 
 def test_a_scale_that_is_named_promises_nothing_but_is_told_its_share() -> None:
@@ -136,10 +136,22 @@ def test_a_scale_that_is_named_promises_nothing_but_is_told_its_share() -> None:
 def test_a_result_is_marked_if_most_of_a_wait_that_matters_was_software() -> None:
     marked = facts_of(0.9, 0.02, t2_s=0.1)
     assert marked.dominated_by_software is True
-    assert "BEWARE" in rows(marked)
+    assert "Warning" in rows(marked)
     assert facts_of(0.9, 0.02, t2_s=10.0).dominated_by_software is False  # .2 % of T2
     assert facts_of(0.4, 0.02, t2_s=0.1).dominated_by_software is False
-    assert "BEWARE" not in rows(facts_of(0.4, 0.02, t2_s=0.1))
+    assert "Warning" not in rows(facts_of(0.4, 0.02, t2_s=0.1))
+
+
+def test_a_wait_that_harms_nothing_and_a_scale_of_one_are_no_news() -> None:
+    lines = rows(facts_of(0.9, 0.02, t2_s=10.0))
+    assert lines["software"] == (
+        "programs account for up to 90.0% of a wait in memory, 0.02 s; "
+        "no effect, as these memories do not decay in that time"
+    )
+    assert "no effect" not in rows(facts_of(0.4, 0.02, t2_s=10.0))["software"]
+    assert "time" not in lines
+    slower = rows(facts_of(0.9, 0.02, t2_s=10.0, scale=Scale(5.0)))
+    assert slower["time"] == "1 s of the network took 5 s here"
 
 
 def test_where_nothing_waited_no_share_is_made_up() -> None:
