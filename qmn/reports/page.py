@@ -7,21 +7,23 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from hosts.middleware.services.key_distribution.options import KeyOptions
 from qmn.printable_text import printable
 from qmn.reports import figures
 from qmn.reports.light_paths import fiber_name, light_paths, photons_by_port
 from qmn.reports.markup import table
 from qmn.reports.run_facts import RunFacts, read_run
+from qmn.requests.service import ServiceRequest
 from qmn.results.result import said_size
 from qmn.results.run_folder import REPORT
 from qmn.results.run_result import RunResult
 from qmn.results.service_result import number_text
 from wire.device import OF_LIGHT, setting_name
-from wire.results.figures import Figures, SentFigures
+from wire.results.figures import Figures, KeyFigures, SentFigures
 from wire.results.run_result import KeysJob, LoadJob
 
 MOST_FIBERS = 24  # whose table is seen at once
-LAST_WORD = "Counts are the sender's last word; the figures may know more."
+LAST_COUNTS = "Counts are the sender's; figures may include later events."
 # Of a page that has no script: a run may be another person's.
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
 POLICY += "form-action 'none'"
@@ -59,11 +61,8 @@ def page(run: RunFacts) -> str:
 
 def _outcome(run: RunFacts) -> str:
     result, done = run.result, run.result.delivered
-    service = escape(result.service)
-    words = {True: f"{service}: done", False: f"{service}: NOT DONE"}
-    numbers = _numbers(result.asking)
+    verdict, numbers = _verdict(result), _numbers(result.asking)
     if result.message is not None:
-        words = {True: "delivered exactly", False: "NOT DELIVERED"}
         numbers["bytes of message"] = f"{result.message.bytes:,}"
     kind = "good" if done else "failed"
     numbers["seed"] = f"{result.seed}"
@@ -71,9 +70,23 @@ def _outcome(run: RunFacts) -> str:
         f"<div><b>{escape(value)}</b><span>{escape(name)}</span></div>"
         for name, value in numbers.items()
     )
-    error = f"<p>{escape(result.error)}</p>" if result.error else ""
-    heard = "" if done else "<p>Counts are the sender's last word; the figures may know more.</p>"
-    return f'<p class="{kind}">{words[done]}</p>{error}<div class="tiles">{tiles}</div>{heard}'
+    reason = result.error if result.error and result.error not in verdict else ""
+    error = f"<p>{escape(reason)}</p>" if reason else ""
+    note = "" if done else f"<p>{LAST_COUNTS}</p>"
+    return f'<p class="{kind}">{escape(verdict)}</p>{error}<div class="tiles">{tiles}</div>{note}'
+
+
+def _verdict(result: RunResult) -> str:
+    if result.message is not None:
+        return "delivered exactly" if result.delivered else "NOT DELIVERED"
+    if result.delivered:
+        return f"{result.service}: done"
+    figures_of_keys, request = result.asking, result.parameters
+    if isinstance(figures_of_keys, KeyFigures) and isinstance(request, ServiceRequest):
+        qber, options = figures_of_keys.qber, request.options
+        if isinstance(options, KeyOptions) and qber is not None and qber > options.max_qber:
+            return f"No key: an eavesdropper or noise (QBER {100 * qber:.1f} %)"
+    return f"{result.service}: {result.error or 'not done'}"
 
 
 def _numbers(told: Figures) -> dict[str, str]:

@@ -4,22 +4,24 @@ import json
 import re
 import xml.etree.ElementTree as ET
 from argparse import Namespace
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
-from recorded_run import ALICE, BOB, MS, NETWORK, SETUP, capture, record_run, segment
+from recorded_run import ALICE, BOB, MS, NETWORK, SETUP, capture, record_run, run_of, segment
 
 from qmn.reports import report_file
 from qmn.reports.error_counts import reported
 from qmn.reports.figures import _losses
 from qmn.reports.light_paths import Hop, LightPath, light_paths
-from qmn.reports.page import _fibers
+from qmn.reports.page import _fibers, _verdict
 from qmn.reports.report_file import NoReport, made_report, report_of_run
 from qmn.reports.run_facts import read_run
 from qmn.verbs import report
 from wire.metadata.blocks import Block, Emit, Frame, Report
+from wire.results.figures import KeyFigures
+from wire.results.run_result import ServiceJob
 
 FIGURES = [
     "The network",
@@ -103,6 +105,22 @@ def test_a_run_says_whether_it_delivered_and_with_which_seed(page: str, tmp_path
     lost = made_page(record_run(tmp_path, delivered=False))
     assert "NOT DELIVERED" in lost
     assert "delivered exactly" not in lost
+
+
+@pytest.mark.parametrize(
+    ("qber", "error", "verdict"),
+    [
+        (0.269, "no key: 566 of 2105 are wrong", "No key: an eavesdropper or noise (QBER 26.9 %)"),
+        (0.01, "no key: 20 blocks without light", "bb84: no key: 20 blocks without light"),
+        (None, None, "bb84: not done"),
+    ],
+)
+def test_a_run_without_a_key_says_why(qber: float | None, error: str | None, verdict: str) -> None:
+    counts = dict.fromkeys(each.name for each in fields(cast("Any", KeyFigures)))
+    figures_of_keys = KeyFigures(**cast("Any", counts | {"qber": qber}))
+    result = run_of("bb84", ServiceJob(asking=figures_of_keys), time_scale=1.0)
+    result.error = error
+    assert _verdict(result) == verdict
 
 
 def test_what_was_not_recorded_is_said_and_not_drawn(tmp_path: Path) -> None:
