@@ -4,9 +4,11 @@ from typing import Any
 
 import pytest
 
+from qmn.jobs import vpn
 from qmn.jobs.counted_service import checked
-from qmn.options import BadInput
+from qmn.options import BadInput, from_keywords
 from qmn.requests.service import service_request
+from qmn.requests.vpn import VpnRequest
 
 FIDELITY, WRONG = "source.fidelity=0.9", "source.preparation_error=0.1"
 MADE_WRONG = "gates.initialization_error=0.1"
@@ -63,3 +65,10 @@ def test_a_setting_that_does_nothing_in_a_job_is_refused(
 )
 def test_a_setting_that_acts_is_taken(service: str, word: str, options: dict[str, Any]) -> None:
     check(service, word, **options)
+
+
+@pytest.mark.parametrize("word", [f"alice.{FIDELITY}", f"bob.{DIAGONAL}", f"bob.{MADE_WRONG}"])
+def test_keys_of_a_vpn_refuse_what_bb84_does_not_feel(word: str) -> None:
+    with pytest.raises(BadInput) as refused:
+        vpn.checked(from_keywords(VpnRequest, {"device": [word]}, usual_topology="sdc"))
+    assert str(refused.value).startswith(f"--device {word}: ")
