@@ -31,6 +31,7 @@ OWN_NAMESPACES = ROOT / "topologies" / "own_namespaces"
 MACHINE_NETWORK = RUNTIME_ROOT / "machine-network"  # a file of the machine's network, inside
 ENTRIES = "*.run"  # on the machine: one for each run in namespaces of its own
 FORWARDED = {*Signals.NUMBERS, *Signals.OTHERS}
+KILLED = 128 + signal.SIGKILL
 SI_KERNEL = 0x80  # asm-generic/siginfo.h: of a terminal, which reaches all its processes by itself
 PR_SET_PDEATHSIG = 1
 CLONE_NEWNS, CLONE_NEWIPC, CLONE_NEWPID, CLONE_NEWNET = 0x20000, 0x8000000, 0x20000000, 0x40000000
@@ -94,6 +95,8 @@ def enter_new(command: Sequence[str], own_network: bool = True) -> int | None:
     status = keep(first)
     file.unlink(missing_ok=True)
     entry.close()
+    if status == KILLED:
+        print("qmn: the run was killed (SIGKILL); the kernel ended what was left", file=sys.stderr)
     return status
 
 
@@ -101,7 +104,12 @@ def enter(run: RunningRun) -> int | None:
     """Go on among the processes of a run, as `enter_new`; raise NetworkError if it has ended."""
     _join(run, ("pid", *JOINED))
     child = _fork()
-    return keep(child) if child else None
+    if not child:
+        return None
+    status = keep(child)
+    if status == KILLED:
+        print(f"qmn: run {run} has ended, and this command with it", file=sys.stderr)
+    return status
 
 
 def visit(run: RunningRun) -> None:
@@ -178,13 +186,16 @@ def _listen_outside(host: str, port: int) -> socket.socket:
 
 def _begun(file: Path) -> IO[str]:
     """Return a new entry, empty and locked."""
-    try:
-        RUNTIME_ROOT.mkdir(mode=0o755, parents=True, exist_ok=True)
-        entry = os.fdopen(os.open(file, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o600), "w")
-    except OSError as error:
-        raise NetworkError(f"{file} cannot be written: {error.strerror}") from error
-    _lock(entry)
-    return entry
+    while True:
+        try:
+            RUNTIME_ROOT.mkdir(mode=0o755, parents=True, exist_ok=True)
+            entry = os.fdopen(os.open(file, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o600), "w")
+        except OSError as error:
+            raise NetworkError(f"{file} cannot be written: {error.strerror}") from error
+        fcntl.flock(entry, fcntl.LOCK_EX)
+        if os.fstat(entry.fileno()).st_nlink:
+            return entry
+        entry.close()  # another process removed it as a leftover before it was locked
 
 
 def _lock(entry: IO[str]) -> bool:

@@ -1,5 +1,6 @@
 """Namespaces of a run: who keeps them, who runs in them, and what is left when one ends (root)."""
 
+import fcntl
 import os
 import pty
 import select
@@ -8,6 +9,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -168,6 +170,44 @@ def test_another_process_goes_on_inside_a_run(
         (found,) = namespaces.running()
         network = os.readlink(f"/proc/{found.first}/ns/net")
     assert (done.returncode, done.stdout.split()) == (5, [network, str(ROOT)])
+
+
+def test_a_killed_run_and_a_command_inside_it_end_with_a_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    enters = RUN.replace(
+        'status = namespaces.enter_new(["qmn", "run"])',
+        "(found,) = namespaces.running()\nstatus = namespaces.enter(found)",
+    )
+    with run(tmp_path, RUN + LOOKS) as process:
+        first_line(process)
+        with run(tmp_path, enters + LOOKS) as inside:
+            first_line(inside)
+            monkeypatch.setattr(namespaces, "RUNTIME_ROOT", tmp_path)
+            (found,) = namespaces.running()
+            os.kill(found.first, signal.SIGKILL)
+            # 128 + 9: what a shell gives for SIGKILL
+            assert (process.wait(30), inside.wait(30)) == (137, 137)
+    assert sorted(capfd.readouterr().err.splitlines()) == [
+        f"qmn: run {found} has ended, and this command with it",
+        "qmn: the run was killed (SIGKILL); the kernel ended what was left",
+    ]
+
+
+def test_an_entry_that_is_removed_before_it_is_locked_is_written_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(namespaces, "RUNTIME_ROOT", tmp_path)
+    file = tmp_path / "1.run"
+    with ThreadPoolExecutor(1) as thread, file.open("w") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        begun = thread.submit(namespaces._begun, file)
+        with pytest.raises(TimeoutError):
+            begun.result(timeout=0.5)
+        file.unlink()
+        held.close()
+        with begun.result(timeout=30) as entry:
+            assert os.path.samestat(os.fstat(entry.fileno()), file.stat())
 
 
 def test_who_visits_a_run_outlives_it(tmp_path: Path) -> None:
