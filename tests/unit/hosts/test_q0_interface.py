@@ -214,6 +214,23 @@ def test_a_packet_waits_for_light_by_the_clock_of_the_network(tmp_path: Path) ->
     with_scene(tmp_path, work, refuse, time_scale=3.0)
 
 
+def test_refused_packets_leave_room_in_the_queue(tmp_path: Path) -> None:
+    """Twice what it holds: the second half can be offered when the first has been refused."""
+
+    def refuse(setup: Setup) -> Setup:
+        return replace(setup, verdict=Verdict.REFUSED, reason=Reason.BUSY)
+
+    def work(scene: Scene) -> None:
+        count = 2 * MOST_QUEUED_BYTES // MTU
+        packet = scene.ping(size=MTU - 28)
+        for _ in range(count - 1):
+            scene.kernels["alice"].sends.put(packet)
+        errors = [scene.kernels["alice"].received() for _ in range(count)]
+        assert {(error[ICMP].type, error[ICMP].code) for error in errors} == {(3, 1)}
+
+    with_scene(tmp_path, work, refuse)
+
+
 def test_a_packet_that_its_sender_may_not_send_here_reaches_nobody(tmp_path: Path) -> None:
     forged: list[dict[str, Any]] = [
         {"src": "10.1.0.9"},

@@ -2,14 +2,17 @@
 
 import ipaddress
 import stat
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
 from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.x509.verification import PolicyBuilder, Store, VerificationError
 
 from topologies.daemons.key_managers import given
 from topologies.system.certificates.authority import CertificateAuthority, CertificateFiles
+from topologies.system.certificates.given import GivenCertificates
 from topologies.system.processes.programs import NetworkError
 
 ADDRESS = ipaddress.ip_address("10.0.0.1")
@@ -65,3 +68,27 @@ def test_a_folder_of_certificates_that_lacks_one_is_refused_by_name(tmp_path: Pa
     assert given(tmp_path / "certificates", ["sae-alice"]) == {"sae-alice": made}
     with pytest.raises(NetworkError, match=r"sae-bob.pem is missing"):
         given(tmp_path / "certificates", ["sae-alice", "sae-bob"])
+
+
+@pytest.mark.parametrize(("begins_h", "ends_h"), [(-2, -1), (1, 2)])
+def test_a_given_certificate_that_is_over_or_not_yet_valid_is_refused(
+    tmp_path: Path, begins_h: int, ends_h: int
+) -> None:
+    authority = CertificateAuthority(tmp_path / "made", "ours")
+    made = loaded(authority.issue("bob").certificate)
+    given_ones = GivenCertificates(tmp_path / "taken", tmp_path / "made")
+    given_ones.check("bob")
+    now = datetime.now(UTC)
+    dated = x509.CertificateBuilder(
+        issuer_name=made.issuer,
+        subject_name=made.subject,
+        public_key=made.public_key(),
+        serial_number=made.serial_number,
+        not_valid_before=now + timedelta(hours=begins_h),
+        not_valid_after=now + timedelta(hours=ends_h),
+        extensions=list(made.extensions),
+    ).sign(authority._key, hashes.SHA256())
+    path = tmp_path / "made" / "bob.pem"
+    path.write_bytes(dated.public_bytes(serialization.Encoding.PEM))
+    with pytest.raises(NetworkError, match=r"/bob\.pem holds from .* to .* UTC, not now"):
+        given_ones.issue("bob")

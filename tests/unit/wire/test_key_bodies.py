@@ -120,6 +120,16 @@ def test_a_container_has_keys_in_base64() -> None:
             decode_keys(bad)
 
 
+@pytest.mark.parametrize(
+    "text", ["Zm9v*YmFy", "Zm9v\nYmFy", "Zm9v YmFy", "Zm9vYm_-", "Zm9vYmF\u00e9"]
+)
+def test_a_key_with_characters_that_are_not_base64_is_refused(text: str) -> None:
+    """RFC 4648, section 3.3: reject them, do not skip them; - and _ are of another alphabet."""
+    body = json.dumps({"keys": [{"key_ID": ONE, "key": text}]}).encode()
+    with pytest.raises(MalformedPacket, match="key is not base64"):
+        decode_keys(body)
+
+
 def test_a_refusal_has_a_message() -> None:
     body = encode_refusal("size shall be a multiple of 8", [{"size": "257"}])
     assert json.loads(body) == {

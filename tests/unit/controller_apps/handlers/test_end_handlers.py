@@ -1,5 +1,6 @@
 """How sessions end: by a packet, by silence, by the deadline of a hold."""
 
+import struct
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -60,8 +61,10 @@ def test_later_data_installs_the_bypass_and_fin_removes_it(ready: Scene) -> None
     (deleted,) = ready.s1.take()
     assert (deleted.command, deleted.priority) == (ofproto.OFPFC_DELETE_STRICT, 300)
     assert dict(deleted.match.items()) == connection
+    assert (deleted.cookie, deleted.cookie_mask) == (FRAMED.session, (1 << 64) - 1)
     (dark,) = ready.q1.take()
     assert (dark.command, dark.cookie) == (ofproto.OFPFC_DELETE, FRAMED.session)
+    assert dark.cookie_mask == (1 << 64) - 1
     assert ready.recorded()[-1]["event"] == "torn_down"
 
 
@@ -77,6 +80,8 @@ def test_a_close_far_on_is_held_against_the_count_of_its_bypass(
     ready.quantum.time_passed(None)
     (question,) = ready.s1.take()
     assert question.multipart == ofproto.OFPMP_FLOW
+    cookie_and_mask = struct.unpack_from("!QQ", question.body, 16)  # OpenFlow 1.4, 7.3.5.2
+    assert cookie_and_mask == (FRAMED.session, (1 << 64) - 1)
     for xid, count in ((question.xid + 1, 4 << 20), (question.xid, 4 << 20)):
         assert ready.quantum.arbiter.is_live(FRAMED.session)
         counted = SimpleNamespace(byte_count=count)

@@ -139,6 +139,16 @@ def test_what_is_not_from_a_key_manager_of_the_network_changes_nothing(scene: Sc
     assert scene.hears(stranger) == []
 
 
+def test_the_last_datagram_of_a_key_manager_is_answered_once(scene: Scene) -> None:
+    """The same bytes again: neither for the host that sent them last, nor after another's."""
+    sealed = Datagram(ASKED, "alice", 50).seal(KEYS["alice"], FROM_KEY_MANAGER)
+    (route,) = scene.hears(sealed)
+    assert isinstance(route, KeyRoute)
+    assert scene.hears(sealed) == []
+    scene.link("bob", "r")
+    assert scene.hears(sealed) == []
+
+
 def test_the_fill_of_key_stores_is_recorded_when_it_changes(tmp_path: Path) -> None:
     scene = Scene(tmp_path)
 

@@ -161,6 +161,7 @@ def test_of_a_classical_switch_bypasses_of_live_sessions_stay(ready: Scene) -> N
         (FRAMED.session, 300, 40001),
     ]
     assert all(m.command == ofproto.OFPFC_DELETE_STRICT for m in deleted)
+    assert {m.cookie_mask for m in deleted} == {(1 << 64) - 1}
     assert ready.quantum.arbiter.sessions.by_number[FRAMED.session].bypassed
 
 

@@ -200,6 +200,22 @@ def test_the_key_is_no_longer_than_the_bound_of_long_and_short_ones_says() -> No
     assert floor(least) <= key_length(TERMS, n, in_x, leaked) < endless
 
 
+def test_the_probability_of_unequal_keys_is_shared_among_the_other_hosts() -> None:
+    """To the bit: n (1 - h(e)) - leak - log2(2 / (eps_sec^2 eps_cor / others)).
+
+    Of k tests none is wrong, so that Hoeffding's bound is the tighter one (key_length.py), which
+    has a closed form then: (1 - p)^k = (eps_sec / 4)^2 of key and tests, and e = p + p k / n.
+    """
+    n, k, leaked = 90_000, 40_000, 20_000
+    p = 1 - (1e-10 / 4) ** (2 / k)
+    errors = p + k / n * p
+    for others in (1, 2, 3, 7):
+        names = tuple(f"host{number}" for number in range(others + 1))
+        shared = 1e-15 / others
+        exact = n * (1 - entropy(errors)) - leaked - 128 - log2(2 / (1e-20 * shared))
+        assert key_length(replace(TERMS, names=names), n, Estimate(0, k), leaked) == floor(exact)
+
+
 def test_the_rate_of_endless_keys_is_that_of_theory() -> None:
     """1 - h(Q_X) - max h(Q_Z): h(.02) = .141441, h(.05) = .286397; zero at 11 % of both."""
     assert asymptotic_rate(0.02, 0.05) == pytest.approx(1 - 0.141441 - 0.286397, abs=1e-6)
