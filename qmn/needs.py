@@ -67,6 +67,7 @@ def _own_namespaces(arguments: argparse.Namespace, words: Sequence[str]) -> int 
 
         server = begin_page_of_command()
     several = (getattr(arguments, "machines", None) or 1) > 1 or getattr(arguments, "place", None)
+    namespaces.running()  # removes the entries of runs that were killed
     for group in groups_of_gone():
         group.rmdir()
     status = namespaces.enter_new(["qmn", *words], own_network=not several)

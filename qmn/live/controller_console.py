@@ -28,6 +28,8 @@ def ask(command: str, **fields: Any) -> Any:
         raise NoAnswer("the network belongs to root: run it with sudo") from error
     except ConsoleError as error:
         raise NoAnswer(str(error)) from error
+    except FileNotFoundError as error:
+        raise NoAnswer("the network is still starting, or just ending; try again") from error
     except (OSError, MalformedPacket) as error:
         raise NoAnswer(f"the controller does not answer at {path} ({error})") from error
 
