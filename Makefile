@@ -124,10 +124,10 @@ curves: setup ## Check the physics against theory and published figures, and dra
 labs: setup ## Hold published results beside runs of the network (runs/labs/; ARGS=--resume goes on)
 	bin/qmn lab --all $(value ARGS)
 
-picture: setup ## Make the README's picture of a report anew
+picture: setup ## Rebuild the README's picture of a report
 	@setup/picture
 
-lab-pictures: setup ## Make the figures on the labs' pages anew
+lab-pictures: setup ## Rebuild the figures on the labs' pages
 	@setup/lab-pictures
 
 # The theme would advertise its successor.

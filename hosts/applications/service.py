@@ -98,7 +98,7 @@ def main() -> int:
     parser.add_argument("--file", type=argparse.FileType("rb"), default=None, help=text)
     text = "for the bytes that come, of a service that carries some"
     parser.add_argument("--output", type=Path, default=None, help=text)
-    text = "seconds here for one of the network, in which is said how long bytes took (1)"
+    text = "seconds here for one of the network; times of bytes are the network's (1)"
     parser.add_argument("--time-scale", type=float, default=1.0, help=text)
     part = Part(**vars(parser.parse_args()))
     work = wait if part.host is None else ask

@@ -22,10 +22,12 @@ class KeyServiceOptions:
     key_pair: tuple[str, ...] = option(
         (), "hosts that keep keys, who opens sessions first (repeatable)", metavar="A:B"
     )
-    low_mark: int = option(32, "keys: with fewer, more (32)", metavar="N", range=(1, MOST_MARK))
+    low_mark: int = option(
+        32, "make more keys if fewer than this are left (32)", metavar="N", range=(1, MOST_MARK)
+    )
     high_mark: int = option(
         128,
-        "keys of either direction, until there are so many (128)",
+        "make keys until each direction has this many (128)",
         metavar="N",
         range=(1, MOST_MARK),
     )

@@ -31,7 +31,7 @@ class NetqasmRequest:
         metavar="ROLE.NAME=VALUE",
     )
     rounds: int = option(
-        1, "run it so many times, one after the other (1)", metavar="N", range=(1, 1_000_000)
+        1, "number of rounds, one after the other (1)", metavar="N", range=(1, 1_000_000)
     )
     looking: bool = option(True, "programs may not look at states (get_qubit_state)")
     network: NetworkOptions

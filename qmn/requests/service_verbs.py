@@ -36,12 +36,12 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
             scheduled=True,
         ),
         "ghz": Verb(
-            "make GHZ states of several hosts, and tell their fidelity",
+            "make GHZ states of several hosts, and estimate their fidelity",
             "states",
             line=True,
         ),
         "graph": Verb(
-            "make graph states of several hosts, and tell their fidelity",
+            "make graph states of several hosts, and estimate their fidelity",
             "states",
             line=True,
         ),
@@ -53,7 +53,7 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
             line=True,
         ),
         "sense": Verb(
-            "tell the sum of phases at several hosts, by GHZ states or by separate probes",
+            "estimate the sum of phases at several hosts, by GHZ states or by separate probes",
             "states",
             line=True,
         ),

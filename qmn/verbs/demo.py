@@ -1,6 +1,6 @@
-"""qmn demo [NAME]: what emerges in whole networks, measured and drawn beside what is expected.
+"""qmn demo [NAME]: effects of a whole network, measured and drawn beside theory.
 
-Without a name: which demos there are. Each is a sweep of emulated networks on a grid of its own;
+Without a name: list the demos. Each is a sweep of emulated networks on a grid of its own;
 `qmn sweep NAME --emulate` takes other grids.
 """
 

@@ -1,4 +1,4 @@
-"""qmn doctor: does this machine have what a network needs, and what is to be done if not?"""
+"""qmn doctor: check this machine for all that a network needs, and say how to mend the rest."""
 
 import argparse
 import json

@@ -1,4 +1,4 @@
-"""qmn report RUN: make the report of a finished run anew: report.html, one file to look at."""
+"""qmn report RUN: rebuild the report of a finished run: report.html, a single file."""
 
 import argparse
 import sys

@@ -119,8 +119,8 @@ def all_runs(folder: Path) -> list[Run]:
     """Return the runs of a folder; raise BadRequest if there is none."""
     if not folder.is_dir():
         raise BadRequest(
-            f"there is no folder {folder} of runs: name another by --runs, or make a run, as by "
-            "`qmn run sdc`"
+            f"no runs yet: {folder} does not exist; make a run with `qmn run sdc`, or name "
+            "another folder with --runs"
         )
     return runs_in(folder)
 

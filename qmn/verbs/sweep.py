@@ -45,7 +45,7 @@ from wire.parameters.option import option
 MAX_WORKERS = 256
 PARTS = ("source", "detectors", "analyser", "memory", "gates")  # whose parameters are so named
 EXAMPLES = """
-`qmn sweep WHAT --help` tells of the parameters of WHAT.
+`qmn sweep WHAT --help` lists the parameters of WHAT.
 
 values: 0.1   0.1,0.2,0.5   from:to:count (0:0.2:11)   from:to:count:log (1e-3:1:7:log)
 

@@ -1,4 +1,4 @@
-"""qmn tap NODE NODE FRACTION: have somebody measure photons in the fibres between two nodes."""
+"""qmn tap NODE NODE FRACTION: put an eavesdropper on the fibres between two nodes."""
 
 import argparse
 from typing import Any
@@ -11,7 +11,7 @@ def add_parser(verbs: Any) -> None:
     """Describe the verb."""
     parser = verbs.add_parser("tap", description=__doc__)
     add_nodes(parser)
-    text = "of the photons, measured in Z or X and sent on as they were found; 0: nobody is there"
+    text = "of the photons that she measures in Z or X and sends on; 0: no eavesdropper"
     parser.add_argument("fraction", type=float, metavar="FRACTION", help=text)
     parser.set_defaults(call=call, needs=Needs.RUNNING)
 

@@ -499,5 +499,5 @@ def test_where_no_folder_of_runs_is_the_remedy_is_said(
     nowhere = tmp_path / "nowhere"
     arguments = described(["runs"]).parse_args(["runs", "--runs", str(nowhere)])
     assert arguments.call(arguments) == 1
-    words = f"qmn: there is no folder {nowhere} of runs: name another by --runs, or make a run"
+    words = f"qmn: no runs yet: {nowhere} does not exist; make a run with `qmn run sdc`, or name"
     assert capsys.readouterr().err.startswith(words)

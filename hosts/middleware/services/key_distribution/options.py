@@ -42,7 +42,7 @@ class KeyOptions(ServiceOptions):
     # No key is begun later than that; 0: by the count.
     seconds: float = option(
         0.0,
-        "of the network: make keys for so long, however many bits that takes",
+        "make keys for this time of the network, whatever the number of bits",
         metavar="S",
         instead_of="length",
     )
