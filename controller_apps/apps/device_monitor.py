@@ -251,7 +251,7 @@ class DeviceMonitor(App):
         host = told.host
         if told.first or host in self._silent:
             self._silent.discard(host)
-            self.logger.info("%s is heard", host)
+            self.logger.info("%s connected", host)
             self.record.write("device", name=host, state="heard")
         state = self.hosts.states[host]
         if told.answer is not None and told.answer.reason != Reason.OK:
@@ -346,7 +346,7 @@ class DeviceMonitor(App):
             known = ", ".join(sorted(self.hosts.keys)) or "none"
             raise Refused(f"no device {device!r}; hosts with a node agent: {known}")
         if device not in self.hosts.states:
-            raise Refused(f"{device} has never been heard; is its stack running?")
+            raise Refused(f"{device} has sent no report yet; is its stack running?")
         known_names = [item.name for item in fields(DeviceSettings)]
         for name in settings:
             if name not in known_names:

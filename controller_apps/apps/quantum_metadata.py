@@ -238,7 +238,7 @@ class QuantumMetadata(App):
         self._taking_in[datapath.id, question.xid] = "classical"
 
     def _ready(self, dpid: int, kind: str) -> None:
-        self.logger.info("switch %#x is here: %s", dpid, kind)
+        self.logger.info("%s switch %#x connected", kind, dpid)
         self.record.write("switch", dpid=dpid, kind=kind)
 
     @on(ofp_event.EventOFPExperimenterStatsReply, CONFIG, MAIN)

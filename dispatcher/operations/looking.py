@@ -37,7 +37,7 @@ def look(layer: PhysicalLayer, node: str, request: LookRequest) -> LookReply:
         raise exhausted(f"{state.qubits} qubits are entangled here; a look is at {MOST_QUBITS}")
     vector = (state if isinstance(state, Dense) else Dense.from_stabilizers(state)).amplitudes[0]
     matrix = density(vector, component.shares.index(share), request.entangled)
-    layer.record(node, "look", block, detail="as no hardware could")
+    layer.record(node, "look", block, detail="which real hardware could not reveal")
     return LookReply(real=matrix.real.ravel(), imaginary=matrix.imag.ravel())
 
 

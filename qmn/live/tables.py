@@ -114,7 +114,7 @@ def features_of(host: dict[str, Any]) -> str:
     """Return what a host has announced that it can do, and how much it stores."""
     features = host.get("features")
     if features is None:
-        return "not told"
+        return "unknown"
     told = {"store": f"store {host['memory_qubits']:,}"}
     return " ".join(told.get(feature, feature) for feature in features) or "nothing"
 

@@ -127,7 +127,7 @@ export function keys(at, state) {
   table(at, ["key link", "keys ready", "at the other end", "store full (%)", "key (bit/s)", "QBER (%)", "state", "store has room for (keys)"], state.keyLinks.map((link) => [
     `${link.from_} → ${link.to}`, count(link.keys_ready), count(link.keys_ready_there), full(link), count(link.key_bits_per_s),
     link.qber === null ? "-" : (100 * link.qber).toFixed(2), link.state, link.max_key_count ? count(link.max_key_count) : "-",
-  ]), "No host has told of keys.");
+  ]), "No key links.");
 }
 
 // A store holds the keys of either end; records of earlier versions do not tell of how many it has room for.
@@ -139,7 +139,7 @@ const OF_NO_USE = new Set(["event", "session"]);
 
 export function job(at, state) {
   const rows = Object.entries(state.job).filter(([name, value]) => !OF_NO_USE.has(name) && value !== null && typeof value !== "object");
-  table(at, ["what the program says", ""], rows.map(([name, value]) => quantity(name, value)), "No program has said anything.");
+  table(at, ["output of the program", ""], rows.map(([name, value]) => quantity(name, value)), "No output yet.");
 }
 
 export function decisions(at, state) {
@@ -179,7 +179,7 @@ export function ports(at, state, name) {
   table(at, ["port", "state", "light to port", "photons in", "out", "lost", "frequency", "sent", "received", "temperature"], ports.map((each) => [
     each.port, each.up ? "up" : "cut", ways.get(each.port) ?? "-", count(each.photons_in), count(each.photons_out), count(each.photons_lost),
     optics(each.light, "frequency_mhz"), optics(each.light, "tx_power_dbm"), optics(each.light, "rx_power_dbm"), optics(each.light, "temperature_c"),
-  ]), "It has told of no port yet.");
+  ]), "No ports yet.");
 }
 
 export { element, table };

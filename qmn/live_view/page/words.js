@@ -48,8 +48,8 @@ function why(detail) {
 }
 
 const TOLD = {
-  switch: (m, names) => `${names[m.dpid] ?? `switch ${m.dpid}`} is here: a ${m.kind} switch`,
-  device: (m) => (m.state ? `${m.name} is ${m.state}` : ""), // of a port "port" tells, too
+  switch: (m, names) => `${m.kind} switch ${names[m.dpid] ?? m.dpid} connected`,
+  device: (m) => (m.state ? `${m.name} ${m.state === "heard" ? "connected" : `is ${m.state}`}` : ""), // of a port "port" tells, too
   port: (m, names) => `fibre at ${names[m.dpid] ?? m.dpid} port ${m.at}: ${m.up ? "whole" : "cut"}`,
   path_ready: (m) => `light path of ${about(m)} stands after ${digits(m.setup_ms)} ms`,
   chain_ready: (m) => `chain of ${about(m)} is ready after ${digits(m.setup_ms)} ms`,

@@ -146,7 +146,7 @@ def test_devices_are_shown_in_tables(capsys: pytest.CaptureFixture[str]) -> None
     words = "bob silent since 61 s store 4,000 measure bob-q0 (cut) 3 1 2 3,000 4 5 1,000 Hz, 64 B,"
     words += " FEC golay, interleaving on,"
     assert f"{words} 1,550,120 pm 1,000 Hz".split() in shown
-    assert ["eve", "never", "heard", "not", "told"] in shown
+    assert ["eve", "never", "heard", "unknown"] in shown
 
 
 def test_what_a_host_has_no_number_of_is_not_shown() -> None:

@@ -138,7 +138,7 @@ def test_the_fill_of_key_stores_is_shown(
     view = live(tmp_path)
     with served(view) as url:
         page = opened(chromium, url, said)
-        expect(page.locator("#keys")).to_have_text("No host has told of keys.")
+        expect(page.locator("#keys")).to_have_text("No key links.")
         link = KeyLink("alice", "bob", 1200, 1199, 9596, 4096, 0.0123, "active")
         told = {"devices": [], "sessions": [], "key_links": [asdict(link)]}
         view.timeline.add("devices", START_NS + 10**9, told)

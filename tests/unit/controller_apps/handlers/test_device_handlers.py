@@ -346,7 +346,7 @@ def test_a_host_that_does_not_answer_is_named_in_time(scene: Scene) -> None:
     ("device", "settings", "words"),
     [
         ("eve", {"fec": 0}, "no device 'eve'; hosts with a node agent: alice, bob"),
-        ("bob", {"fec": 0}, "bob has never been heard"),
+        ("bob", {"fec": 0}, "bob has sent no report yet"),
         ("alice", {"speed": 0}, "no setting 'speed'"),
         ("alice", {"rate_hz": 0}, "rate_hz 0: choose 1"),
     ],
