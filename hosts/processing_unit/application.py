@@ -131,7 +131,7 @@ class Application:
         pairs = told // FIELDS if words is None else read_word(words, 1, 1)
         if not 0 < pairs <= MAX_PAIRS or told != pairs * FIELDS:
             raise _refused(
-                f"{pairs} pairs, of which {told} numbers are to be told: ask for 1 to {MAX_PAIRS}, "
+                f"{pairs} pairs, and an array of {told} numbers: ask for 1 to {MAX_PAIRS}, "
                 f"with {FIELDS} numbers for each"
             )
         request = Request(node, socket, pairs, qubits, into, words is None)

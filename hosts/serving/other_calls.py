@@ -56,7 +56,7 @@ async def serve_interception(
         await asyncio.wait([working, coming], return_when=asyncio.FIRST_COMPLETED)
         if working.done():
             working.result()
-            raise HardwareError("nobody tells any more what arrives; is the network ending?")
+            raise HardwareError("reports of arriving light have stopped; is the network ending?")
         call, _payload = await coming
         if call != Call.CLOSE:
             raise SessionError(Reason.PROTOCOL, f"{call.name} while intercepting")

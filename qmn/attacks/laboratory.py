@@ -58,7 +58,7 @@ class LightAttack:
         return self.conduct(defended, attempts)
 
 
-KNOWN = "sifted bits that eve knows, and the key still tells her"
+KNOWN = "sifted bits that eve knows, and that the key still reveals"
 
 ATTACKS: dict[str, Attack | LightAttack] = {
     "arp-spoofing": Attack(

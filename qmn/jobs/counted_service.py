@@ -169,7 +169,7 @@ def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription
     check_ranges(request)
     check_attack(request)
     if request.hand_out is not None and request.hand_out.exists():
-        raise BadInput(f"--hand-out {request.hand_out} is there: name a new folder")
+        raise BadInput(f"--hand-out {request.hand_out} exists: name a new folder")
     if request.eve is not None:
         eavesdropping.check(ends, network)
         attack_of(request, network)  # whether it can be

@@ -41,7 +41,7 @@ class HandedOut:
 
     def _write(self, ours: list[bytes], theirs: list[bytes]) -> None:
         if ours != theirs:
-            raise NetworkError("the keys of both hosts differ, which their hashes should have told")
+            raise NetworkError("the keys of both hosts differ though their hashes agreed")
         for file, keys in zip(self._files, (ours, theirs), strict=True):
             file.write(b"".join(keys))
             file.flush()

@@ -99,7 +99,7 @@ def standing_still(said: Mapping[str, Mapping[str, Any] | None], limit_s: float)
             pairs = f"{fields['lost_pairs']:,} of {fields.get('bell_pairs', 0):,} pairs"
             return f"{text}; {pairs} were lost: is the loss of the fibres too high?"
     heard = [f"{name}: {last_word(fields)}" for name, fields in said.items()]
-    return f"{text}; none has told of lost light; last heard of {', of '.join(heard)}"
+    return f"{text}; no host reported lost light; last reports: {', '.join(heard)}"
 
 
 def last_word(fields: Mapping[str, Any] | None) -> str:

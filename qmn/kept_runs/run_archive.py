@@ -49,7 +49,7 @@ def exported(run: Path, file: Path, whole: bool = False) -> list[str]:
         try:
             file.touch(OWN_MODE if whole else FILE_MODE, exist_ok=False)
         except FileExistsError as error:
-            raise BadArchive(f"{file} is there already: choose another name") from error
+            raise BadArchive(f"{file} exists already: choose another name") from error
         with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
             for each in sorted(copy.iterdir()):
                 if each.is_file() and not each.is_symlink():
@@ -69,7 +69,7 @@ def imported(file: Path, runs: Path) -> Path:
             members = archive.infolist()
             folder = runs.resolve() / _checked(file, members)
             if folder.exists():
-                raise BadArchive(f"{folder} is there already: rename it to import another")
+                raise BadArchive(f"{folder} exists already: rename it to import another")
             folder.mkdir(mode=PRIVATE, parents=True)
             try:
                 _unpack(archive, members, folder)

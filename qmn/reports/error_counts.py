@@ -73,5 +73,5 @@ def said(told: Sequence[SentFigures], scale: float) -> ErrorCounts | None:
     if not told:
         return None
     counts = {label: [0, *(getattr(each, name) for each in told)] for label, name in NAMES.items()}
-    text = "As the sender heard of them, chunk by chunk"
+    text = "As reported to the sender, chunk by chunk"
     return ErrorCounts([0.0, *(each.elapsed_s * scale for each in told)], counts, text)

@@ -88,9 +88,9 @@ def waits_figure(job: LoadJob) -> str:
         ]
         for each in waits[:MOST_WAITS]
     ]
-    heads = ["waited", "for so long", "until", "for the light of"]
+    heads = ["waited", "duration", "until", "for the light of"]
     text = "Seconds that sessions of the host on the left waited until one of the host below gave "
-    text += "back the last of their light. Who was refused after waiting is not in it. "
+    text += "back the last of their light. Sessions that were refused after a wait are left out. "
     openers = {name for each in waits for name in (each.opener, each.after_opener)}
     if len(openers) > MOST_HOSTS:
         text += f"The {MOST_HOSTS} hosts with the longest waits are shown. "
@@ -122,7 +122,7 @@ def handshake_figure(run: RunFacts) -> str:
             text += f" Quantum events are missing: {NOT_WRITTEN}"
     if more:
         file = TIMELINE if (run.folder / TIMELINE).exists() else "the captures"
-        text += f" What followed is in {file}."
+        text += f" The rest is in {file}."
     return figure(
         title, handshake_diagram(steps, lanes(steps, run.network)), text, "wide handshake"
     )
@@ -171,7 +171,7 @@ def _errors(run: RunFacts) -> str:
         run.sender, run.result.time_scale or 1.0
     )
     if found is None:
-        return missing(title, "the sender has heard and said nothing.")
+        return missing(title, "the sender reported nothing.")
     text = f"{found.whence}; in the end: {found.last}."
     return figure(title, charts.errors(found.seconds, found.counts), text)
 
@@ -179,7 +179,9 @@ def _errors(run: RunFacts) -> str:
 def _confusion(run: RunFacts, bell_states: int) -> str:
     title, counts = "Symbols sent and received", run.confusion
     if counts is None:
-        return missing(title, "the receiver tells at the end, and the transfer had none.")
+        return missing(
+            title, "the receiver reports it at the end, which the transfer did not reach."
+        )
     if not counts.any():
         return missing(title, "no frame was delivered whole.")
     text = "Of the frames delivered in the end, with their rejected versions: before a frame's "

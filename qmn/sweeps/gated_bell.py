@@ -40,7 +40,7 @@ GATED_BELL = Experiment(
     "a Bell measurement of Phi+ by gates with noise",
     (ONE, TWO, pairs_parameter()),
     tuple(
-        Measure(name, f"how often {name.replace('_', ' ')} is told", partial(expected, state))
+        Measure(name, f"how often {name.replace('_', ' ')} is reported", partial(expected, state))
         for name, state in STATES.items()
     ),
     tell,

@@ -89,7 +89,9 @@ HERALDING = Experiment(
     (SCHEME, KM, LOSS, EFFICIENCY, BRIGHT, VISIBILITY, pairs_parameter()),
     (
         Measure("rate", "pairs a second of one mode (1/s)", rate, logarithmic=True),
-        Measure("fidelity", "fidelity to the Bell state told", lambda values: _heralds(values)[1]),
+        Measure(
+            "fidelity", "fidelity to the heralded Bell state", lambda values: _heralds(values)[1]
+        ),
     ),
     herald,
 )

@@ -191,7 +191,7 @@ KEY_SHEETS = (
                 logarithmic=measure in ("gain", "key"),
             )
             for measure, text in (
-                ("gain", "signals told of, in Z"),
+                ("gain", "signals announced, in Z"),
                 ("qber", "errors of signals in Z"),
                 ("qber_x", "errors of signals in X"),
                 ("key", "key of long blocks"),
@@ -213,7 +213,7 @@ KEY_SHEETS = (
                 logarithmic=measure in ("gain", "key"),
             )
             for measure, text in (
-                ("gain", "pulses told of, in Z"),
+                ("gain", "pulses announced, in Z"),
                 ("qber", "errors in Z"),
                 ("qber_x", "errors in X"),
                 ("key", "key of long blocks, photons being counted"),

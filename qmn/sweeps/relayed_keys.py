@@ -162,7 +162,7 @@ RELAYED_KEYS = Experiment(
     "MDI-QKD over distance, with decoy states",
     (LENGTH, MEAN, pairs_parameter(4_000_000)),
     (
-        Measure("gain", "signals told of, in Z", lambda values: _signal(values, Z)[0]),
+        Measure("gain", "signals announced, in Z", lambda values: _signal(values, Z)[0]),
         Measure("qber", "errors of signals in Z", lambda values: _qber(values, Z)),
         Measure("qber_x", "errors of signals in X", lambda values: _qber(values, X)),
         Measure("key", "secret bits per pair of signals", _key),

@@ -181,7 +181,7 @@ RELAYED_PAIRS = Experiment(
     "MDI-QKD over distance, by down-conversion",
     (LENGTH, STATISTICS, MEAN, HERALDING, pairs_parameter(2_000_000)),
     (
-        Measure("gain", "pulses told of, in Z", lambda values: _told(values, Z)[0]),
+        Measure("gain", "pulses announced, in Z", lambda values: _told(values, Z)[0]),
         Measure("qber", "errors in Z", lambda values: _qber(values, Z)),
         Measure("qber_x", "errors in X", lambda values: _qber(values, X)),
         Measure("key", "secret bits per pair of pulses", _key),

@@ -132,11 +132,13 @@ def of_this_node(options: SpyOptions, stack: str) -> Iterator[Event]:
     node = Path(stack).stem
     follow = options.follow is not False
     if not follow and not options.history:
-        text = f"--no-follow on {node}: add --history, or there is nothing to tell"
+        text = f"--no-follow on {node}: add --history, or there is nothing to show"
         raise BadFilter(text)
     for wanted in options.node:
         if wanted != node:
-            raise BadFilter(f"--node {wanted}: on {node} only what happens there is told")
+            raise BadFilter(
+                f"--node {wanted}: a host shows only its own events, here those of {node}"
+            )
     return through_stack(stack, single(options.session, 0), options.history, follow)
 
 

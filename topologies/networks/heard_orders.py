@@ -98,15 +98,15 @@ def until_heard(
             if time.monotonic() > deadline:
                 names = ", ".join(sorted(ends[each] for each in late))
                 raise NetworkError(
-                    f"the controller has not heard in {limit_s:.0f} s {what} {names}: "
+                    f"the controller had no report in {limit_s:.0f} s of {what} {names}: "
                     "`qmn devices` shows which switches it knows"
                 )
             time.sleep(POLL_S)
 
-    wait("of the fibre at", lambda whole: ends.keys() - whole.keys())
+    wait("the fibre at", lambda whole: ends.keys() - whole.keys())
     yield
     state = "mended" if up else "cut"
-    wait(f"that somebody has {state}", lambda whole: [e for e in ends if whole.get(e) != up])
+    wait(f"the {state} fibre at", lambda whole: [e for e in ends if whole.get(e) != up])
 
 
 def _whole(told: Any) -> dict[SwitchEnd, bool]:

@@ -164,6 +164,6 @@ def require_unrotated(switches: Iterable[QuantumSwitch]) -> None:
     for switch in switches:
         if switch.rotation or any(path.rotation for path in switch.paths):
             raise BadConfig(
-                f"{switch.name} rotates light, and with light=standing nobody tells the hosts; "
+                f"{switch.name} rotates light, of which light=standing does not inform hosts; "
                 "take rotation=0 or light=controller"
             )

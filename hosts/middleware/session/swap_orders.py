@@ -79,7 +79,7 @@ class Swaps:
                 self._used.add(found[0].chain)
                 return found[0]
         except TimeoutError as error:
-            text = f"no controller has told {self.address} its place in a chain of repeaters in "
+            text = f"no controller gave {self.address} its place in a chain of repeaters in "
             raise SessionError(Reason.NOT_ARBITRATED, f"{text}{ORDER_TIMEOUT_S:g} s") from error
 
     @contextmanager

@@ -150,7 +150,7 @@ def test_who_changes_what_is_said_on_the_way_is_found(
 ) -> None:
     """An outcome, a seed, a proof: no tag fits then, and nobody keeps a key."""
     text = refused(tmp_path, physics={"change": altered(topic, way)})
-    assert "somebody on the way has changed it" in text
+    assert "a message was changed on its way" in text
 
 
 def test_what_states_are_for_is_not_said_before_all_have_proved_that_they_hold_them(

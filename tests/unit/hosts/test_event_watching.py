@@ -52,7 +52,7 @@ def test_without_following_it_ends_behind_what_is_remembered(tmp_path: Path) -> 
 
 def test_neither_history_nor_following_is_refused(tmp_path: Path) -> None:
     _, said = spied(tmp_path, "--no-follow")
-    assert said == "qmn: --no-follow on alice: add --history, or there is nothing to tell\n"
+    assert said == "qmn: --no-follow on alice: add --history, or there is nothing to show\n"
 
 
 @pytest.mark.parametrize(
@@ -100,6 +100,8 @@ def test_the_verb_on_a_host_shows_what_happens_there(tmp_path: Path) -> None:
             assert json.loads(lines[0])["node"] == "alice"
             assert said == "qmn: 1 events shown, 0 dropped\n"
             _, said = await asyncio.to_thread(spied, tmp_path, "--node", "bob")
-            assert said == "qmn: --node bob: on alice only what happens there is told\n"
+            assert (
+                said == "qmn: --node bob: a host shows only its own events, here those of alice\n"
+            )
 
     network_loop.run(asyncio.wait_for(run(), 60))

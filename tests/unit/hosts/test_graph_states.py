@@ -237,7 +237,7 @@ def test_qubits_wait_in_memory_until_they_are_used(tmp_path: Path) -> None:
         ("complete", "bob", "without bob: no edges lead"),
         ("alice-bob", "", "no edges lead from the first host to number 3"),
         ("alice-bob,bob-zoe", "", "'bob-zoe' is not an edge between two of alice, bob, charlie"),
-        ("alice-bob,bob-alice,bob-charlie", "", "an edge is there once"),
+        ("alice-bob,bob-alice,bob-charlie", "", "an edge occurs twice: name each edge once"),
         ("pentagram", "", "write line, ring, star, complete, or edges as A-B,B-C"),
     ],
 )

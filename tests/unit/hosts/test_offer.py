@@ -58,5 +58,7 @@ def test_frames_that_a_code_or_an_alphabet_makes_too_long_are_refused() -> None:
 
 
 def test_an_analyser_that_tells_two_bell_states_carries_nothing() -> None:
-    with pytest.raises(SessionError, match=r"tells 2 Bell states: choose another analyser\.kind"):
+    with pytest.raises(
+        SessionError, match=r"distinguishes 2 Bell states: choose another analyser\.kind"
+    ):
         check_offer(PLAIN, 2)

@@ -293,7 +293,7 @@ def test_an_answer_with_another_analyser_ends_the_session() -> None:
     with pytest.raises(SessionError, match="does not say what its analyser can do"):
         Sender(SETUP, Answer(7, Reason.OK), "bob", 0.0)
     ends = Ends(replace(SETUP, handshake=Handshake.PER_PAIR))
-    with pytest.raises(SessionError, match="bob tells 3 Bell states apart, and did not"):
+    with pytest.raises(SessionError, match="bob distinguishes 3 Bell states, before 4"):
         ends.sender.single_encoding(answer_to(SETUP, 3, Pauli.I))
 
 

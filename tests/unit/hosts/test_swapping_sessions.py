@@ -162,7 +162,7 @@ def renamed(way: str, sent: list[int], become: list[int]) -> Change:
         ("forth", [1], [9], "bits of a swap at place 9, not of [1"),  # of none to the left
         ("back", [3, 2], [3, 3], "notice of a swap at place 3 for place 3, at place 2"),
         ("back", [3, 2], [1, 2], "notice of a swap at place 1 for place 2, at place 2"),
-        ("back", [3, 2], [4, 2], "nothing was heard of swaps at [3], which come first"),
+        ("back", [3, 2], [4, 2], "no report of the swaps at [3], which come first"),
         ("back", [3, 2], [3, 0], "notice of a swap at place 3 for place 0, at place 2"),
     ],
 )
@@ -212,7 +212,7 @@ def test_without_orders_from_a_controller_nothing_is_swapped(
     def scene() -> None:
         alice, bob = asked(tmp_path, nothing, count=100)
         for told in (alice, bob):
-            assert f"no controller has told {OWN_ADDRESS['alice']} its place" in told
+            assert f"no controller gave {OWN_ADDRESS['alice']} its place" in told
 
     inside(tmp_path, 1, scene, order=lambda _stacks, _session: None)
 
@@ -229,7 +229,7 @@ def test_a_repeater_without_an_order_refuses_its_link_and_alice_is_told(
     def scene() -> None:
         alice, bob = asked(tmp_path, nothing, count=100)
         for told in (alice, bob):
-            assert f"no controller has told {OWN_ADDRESS['r1']} its place" in told
+            assert f"no controller gave {OWN_ADDRESS['r1']} its place" in told
 
     inside(tmp_path, 1, scene, order=order)
 

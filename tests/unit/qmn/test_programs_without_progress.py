@@ -67,7 +67,7 @@ def test_light_is_not_blamed_where_none_was_lost(tmp_path: Path) -> None:
         text = why(asking, asked, silent)
     assert "loss" not in text
     assert text == (
-        "asking, asked, silent made no progress for 1 s; none has told of lost light; last heard "
-        "of asking: result (bell_pairs 4,000, lost_pairs 0), of asked: listening (port 7), "
-        "of silent: nothing yet"
+        "asking, asked, silent made no progress for 1 s; no host reported lost light; last "
+        "reports: asking: result (bell_pairs 4,000, lost_pairs 0), asked: listening (port 7), "
+        "silent: nothing yet"
     )

@@ -49,7 +49,7 @@ def test_options_reach_the_service() -> None:
         (["qkd", "--max-qber", "0.3"], "at 0.11 no key is secret"),
         (["qkd", "--count", "2000000000000"], "count 2000000000000: choose 1 to 1000000000000"),
         (["qkd", "--seconds", "-1"], "seconds -1.0: choose up to 31622400"),
-        (["qkd", "--hand-out", "/tmp"], "--hand-out /tmp is there: name a new folder"),
+        (["qkd", "--hand-out", "/tmp"], "--hand-out /tmp exists: name a new folder"),
         (["qkd", "--to", "alice"], "sender and receiver are both alice"),
         (["teleport", "--count", "0"], "count 0"),
     ],

@@ -120,7 +120,7 @@ def test_the_cause_of_an_end_is_the_error_and_no_frame_around_it(
 def test_what_it_said_when_all_was_well_is_no_cause(tmp_path: Path) -> None:
     log = tmp_path / "clock.log"
     assert fails(tmp_path, "import sys; sys.exit(3)") == f"status 3; its log: {log}"
-    told = f"it ended by itself, or was told to (SIGTERM); its log: {log}"
+    told = f"it ended by itself or by SIGTERM; its log: {log}"
     assert fails(tmp_path, "") == told
 
 

@@ -137,7 +137,7 @@ def _next_hop(remote: str) -> str:
             if "lladdr" in found:
                 return str(found["lladdr"])
         time.sleep(POLL_S)
-    raise NetworkError(f"nobody answers for {hop} in {NEIGHBOUR_TIMEOUT_S:g} s")
+    raise NetworkError(f"no neighbour answers for {hop} in {NEIGHBOUR_TIMEOUT_S:g} s")
 
 
 def _let_interfaces_end_with(pid: int) -> None:

@@ -245,7 +245,7 @@ class Program:
         if status < 0:
             return f"killed by {signal.Signals(-status).name}"
         if status == 0:
-            return f"it ended by itself, or was told to (SIGTERM); its log: {self.log}"
+            return f"it ended by itself or by SIGTERM; its log: {self.log}"
         ours = cause(self.said()) if self._is_python else ""  # the log of any other is no cause
         return ours or f"status {status}; its log: {self.log}"
 

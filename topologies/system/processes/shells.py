@@ -141,7 +141,7 @@ class ShellWatcher:
             if ended or late:
                 self._kill_shell()
                 what = "ended at its start" if ended else f"had no prompt in {SHELL_TIMEOUT_S:g} s"
-                words = said.strip() or f"it said nothing, status {self.shell.returncode}"
+                words = said.strip() or f"no output, status {self.shell.returncode}"
                 raise NetworkError(f"the shell of {self.name} {what}: {words}")
 
     def _kill_shell(self) -> None:

@@ -47,7 +47,7 @@ from wire.outcomes import BASES
 
 IN_BASIS = np.array([BASES.index(name) for name in "ZXZ"], np.uint8)  # KEY, TEST_X, TEST_Z
 NO_BLOCK = 0
-FORGED = "not everything that was said came as it was said: somebody on the way has changed it"
+FORGED = "a message was changed on its way: the tag over all messages is wrong"
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,7 @@ class Graph:
         if any(not 0 <= a < b < self.hosts for a, b in self.edges):
             raise ValueError(f"an edge joins two different ones of {self.hosts} hosts")
         if len(set(self.edges)) != len(self.edges):
-            raise ValueError("an edge is there once")
+            raise ValueError("an edge occurs twice: name each edge once")
         if apart := set(range(self.hosts)) - self._joined():
             raise ValueError(f"no edges lead from the first host to number {min(apart) + 1}")
         if not 0 <= self.hub < self.hosts:

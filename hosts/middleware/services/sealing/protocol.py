@@ -47,13 +47,13 @@ class SealOptions(ServiceOptions):
     rate_hz: int = option(100_000, "of the source (100000)", metavar="HZ", range=(1, MAX_RATE_HZ))
     whole_error: float = option(
         0.01,
-        "part of the pairs that differ though nobody is there, at most (0.01)",
+        "part of the pairs that differ without an eavesdropper, at most (0.01)",
         metavar="P",
         range=(1e-6, 0.2),
     )
     fraction: float = option(
         0.25,
-        "of the photons that an intruder measures, who is to be found (0.25)",
+        "of the photons that an eavesdropper measures, who is to be detected (0.25)",
         metavar="F",
         range=(0.001, 1.0),
     )
@@ -65,7 +65,7 @@ class SealOptions(ServiceOptions):
     )
     missed: float = option(
         0.01,
-        "that a test takes such an intruder for nobody, at most (0.01)",
+        "that a test misses such an eavesdropper, at most (0.01)",
         metavar="P",
         range=(1e-15, 0.1),
     )

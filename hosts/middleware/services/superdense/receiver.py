@@ -73,7 +73,7 @@ def check_offer(setup: Setup, symbols: int) -> FrameFormat:
             f"{MAX_FRAME_BYTES} and {MAX_BLOCK_PAIRS}",
         )
     if symbols not in ALPHABETS:
-        text = f"an analyser that tells {symbols} Bell states: choose another analyser.kind"
+        text = f"an analyser that distinguishes {symbols} Bell states: choose another analyser.kind"
         raise SessionError(Reason.UNSUPPORTED, text)
     return agreed_format(setup, symbols)
 

@@ -138,7 +138,8 @@ class Sender:
     def single_encoding(self, answer: Answer) -> int:
         """Return by which operators the pair is sent that this answers; or raise SessionError."""
         if _distinguishable_states(answer) != self.statistics.symbols:
-            text = f"{self._peer} tells {answer.symbols} Bell states apart, and did not"
+            before = self.statistics.symbols
+            text = f"{self._peer} distinguishes {answer.symbols} Bell states, before {before}"
             raise SessionError(Reason.PROTOCOL, text)
         return answer.encoding
 
@@ -217,7 +218,7 @@ class Sender:
                 Reason.NO_LIGHT,
                 f"{what} for {DARK_LIMIT_S:g} s; is a fibre cut, or its loss too high, or do the "
                 f"halves of a pair come to {self._peer} further apart than its delay line is long "
-                "(analyser.delay_line_km; `qmn spy RUN --kind bell-measure` tells)?",
+                "(analyser.delay_line_km; `qmn spy RUN --kind bell-measure` shows it)?",
             )
 
     def _give_up_if_too_noisy(self) -> None:

@@ -135,7 +135,7 @@ class Turn:
     def require(self) -> None:
         """Raise SessionError if somebody has not swapped, now that all have told."""
         if self._missing:
-            text = f"nothing was heard of swaps at {sorted(self._missing)}, which come first"
+            text = f"no report of the swaps at {sorted(self._missing)}, which come first"
             raise SessionError(Reason.PROTOCOL, text)
 
 

@@ -135,7 +135,9 @@ def _take_in(side: HostSide, number: int, size: int) -> Steps[tuple[int, int, in
     found = yield from _compared(name, operators, states)
     waited_us = (found.time_ns - stored.since_ns) // 1000
     if not 0 <= waited_us <= MAX_NUMBER:
-        raise SessionError(Reason.PROTOCOL, f"a wait of {waited_us} us cannot be told")
+        raise SessionError(
+            Reason.PROTOCOL, f"a wait of {waited_us} us is not of 0 to {MAX_NUMBER} us"
+        )
     there = seen & (found.outcomes != NO_COINCIDENCE)
     agreed = there & (found.outcomes == 0)
     return int(np.count_nonzero(there)), int(np.count_nonzero(agreed)), waited_us
