@@ -83,7 +83,7 @@ def test_every_page_begins_with_who_needs_it(name: str) -> None:
     title, blank, first = (ROOT / name).read_text().splitlines()[:3]
     assert title.startswith("# ")
     assert blank == ""
-    assert first.startswith("For whoever ")
+    assert first.startswith("For anyone who ")
 
 
 def test_every_page_is_in_the_readme_which_stays_short() -> None:
