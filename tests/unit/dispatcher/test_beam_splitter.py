@@ -10,7 +10,8 @@ import pytest
 from five_sigma import within
 
 from dispatcher.devices.beam_splitter import AMPLITUDES, outputs
-from dispatcher.laboratory import Laboratory
+from dispatcher.laboratory import SESSION, Laboratory
+from dispatcher.layer.ownership import BlockName
 from qmn.sweeps.link import configuration, fiber
 from qmn.sweeps.relay_theory import clicks, diagonal, rectilinear
 from wire.outcomes import NO_CLICK
@@ -123,6 +124,27 @@ def test_an_output_that_is_told_wrongly_makes_psi_minus_of_psi_plus() -> None:
     told = int(np.count_nonzero(outcomes != NO_CLICK))
     assert within(told, COUNT, ARRIVES**2 / 2)
     assert within(int(np.count_nonzero(outcomes == 3)), told, 2 * error * (1 - error))
+
+
+@pytest.mark.parametrize("extras", [(2, 0), (0, 2), (1, 1)])
+def test_noise_of_either_arm_clicks(extras: tuple[int, int]) -> None:
+    """Two photons without a state: in unlike polarisations with 1/2, by one output with 1/2."""
+    devices = {"charlie": Device(analyser=BellAnalyser("beam-splitter"))}
+    laboratory = Laboratory(configuration(1, [], devices))
+    layer, charlie = laboratory.layer, laboratory.host("charlie")
+
+    async def run() -> np.ndarray:
+        for number, each in enumerate(extras):
+            await charlie.prepare(np.zeros(COUNT, np.uint8), number)
+            (part,) = layer.ownership.parts(BlockName(SESSION, number, 0))
+            layer.sabot.lose(part.register, np.ones(COUNT, np.bool_))
+            if each:
+                part.pulses.extras = np.full(COUNT, each, np.uint8)
+        return await charlie.bell_measure((0, 0), (1, 0))
+
+    outcomes = asyncio.run(run())
+    for state in PSI.values():
+        assert within(int(np.count_nonzero(outcomes == state)), COUNT, 0.25)
 
 
 def test_pulses_of_unlike_photons_mark_the_result() -> None:

@@ -5,7 +5,7 @@ from collections import defaultdict
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import replace
 from itertools import product
-from math import cos, erf, exp, expm1, factorial, prod, sin, sqrt
+from math import cos, erf, exp, expm1, factorial, log1p, prod, sin, sqrt
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -137,6 +137,52 @@ def test_heralds_are_those_of_a_simulation_in_fock_space(
             at = int(kind, 2)
             chance = heralds.chances[KINDS.index(kind)] / 2
             assert state[at, at].real == pytest.approx(chance, rel=1e-9, abs=1e-15)
+
+
+def one_click(photons: int, dark: float, visibility: float) -> float:
+    """Return how likely exactly one of two detectors clicks, with so many photons in their mode."""
+    lit = {0: {(0, 0): 1.0}, 1: {(1, 0): 1.0}}.get(photons)
+    lit = lit or {(1, 0): (1 + visibility) / 2, (1, 1): (1 - visibility) / 2}
+    chance = 0.0
+    for (light, likely), darks in product(lit.items(), product((0, 1), repeat=2)):
+        if sum(map(max, light, darks)) == 1:
+            chance += likely * prod(dark if each else 1 - dark for each in darks)
+    return chance
+
+
+def enumerated(scheme: str, arms: tuple[Arm, Arm], dark: float, visibility: float) -> list[float]:
+    """Return the chances by KINDS, by which qubits have emitted what and whose light arrives."""
+    chances, single = dict.fromkeys(KINDS, 0.0), scheme == "single-click"
+    for bits, arrive in product(product((0, 1), repeat=2), repeat=2):
+        chance = 1.0
+        for arm, bit, there in zip(arms, bits, arrive, strict=True):
+            bright = arm.bright_state if single else 0.5
+            seen = arm.efficiency if bit or not single else 0.0
+            chance *= (bright if bit else 1 - bright) * (seen if there else 1 - seen)
+        for mode in (1,) if single else (0, 1):
+            photons = sum(there for bit, there in zip(bits, arrive, strict=True) if bit == mode)
+            chance *= one_click(photons, dark, visibility)
+        entangled = sum(bits) == 1 and sum(arrive) == (1 if single else 2)
+        chances["entangled" if entangled else f"{bits[0]}{bits[1]}"] += chance
+    return list(chances.values())
+
+
+@pytest.mark.parametrize("scheme", list(SCHEMES))
+@pytest.mark.parametrize(
+    ("first", "second", "dark", "visibility"),
+    [
+        (Arm(0.9, 0.1), Arm(0.3, 0.4), 0.05, 0.8),
+        (Arm(0.3, 0.4), Arm(0.9, 0.1), 0.05, 0.8),
+        (Arm(0.5, 0.3), Arm(0.5, 0.1), 0.02, 1.0),
+        (Arm(0.5, 0.3), Arm(0.1, 0.3), 0.02, 0.0),
+    ],
+)
+def test_all_chances_of_unlike_hosts_are_those_of_an_enumeration(
+    scheme: str, first: Arm, second: Arm, dark: float, visibility: float
+) -> None:
+    heralds = SCHEMES[scheme]((first, second), dark, visibility)
+    expected = enumerated(scheme, (first, second), dark, visibility)
+    assert heralds.chances == pytest.approx(expected, rel=1e-12)
 
 
 def fidelity(scheme: str, heralds: Heralds, visibility: float, right: bool) -> float:
@@ -317,6 +363,33 @@ def test_dark_counts_herald_pairs_that_are_none(scheme: str) -> None:
         assert within(*right["Y"], (1 + 2 * (state[1, 2] - state[0, 3]).real) / 2)
 
     scene(act, device, station)
+
+
+def test_bits_of_unlike_hosts_are_their_own() -> None:
+    """What is found in Z, (0, 0) to (1, 1), where a tenth of alice's light comes.
+
+    By the enumeration; entangled ones are Bell states, an approximation where arms are unequal.
+    """
+    count, dark, gate_s = 60_000, 0.03, 1e-8
+    device = Device(emitter=Emitter("single-click", 0.9, 0.3, modes=100))
+    detectors = Detectors(dark_count_hz=-log1p(-dark) / gate_s, gate_s=gate_s)
+    station = Device(detectors=detectors, analyser=BellAnalyser("linear"))
+    arms = Arm(0.09, 0.3), Arm(0.9, 0.3)
+    entangled, *rest = enumerated("single-click", arms, dark, 1.0)
+    likely = np.array(rest) + entangled * np.array([0, 0.5, 0.5, 0])
+
+    async def act(laboratory: Laboratory) -> None:
+        told, attempts, _took_s = await heralded(laboratory, count)
+        assert within(count, attempts, likely.sum())
+        bits = [
+            await laboratory.host(host).measure((0, half))
+            for half, host in enumerate(("alice", "bob"))
+        ]
+        found = np.bincount(2 * bits[0] + bits[1], minlength=4)
+        for number, chance in zip(found, likely / likely.sum(), strict=True):
+            assert within(int(number), told.size, float(chance))
+
+    scene(act, device, station, own={"alice": {"loss_db_per_km": 1.0}})
 
 
 @pytest.mark.parametrize("scheme", list(SCHEMES))

@@ -221,6 +221,45 @@ def test_storing_twice_goes_on_with_the_same_wait(tmp_path: Path) -> None:
     run(tmp_path, act, t2_s=1.0)
 
 
+@pytest.mark.parametrize(
+    "memory",
+    [
+        {"t2_s": 1.0},
+        {"t1_s": 1.0, "t2_s": 1.0},
+        {"t1_s": 1.0, "t2_s": 2.0, "damping": "dense"},
+        {"depolarizing_s": 1.0},
+        {"retrieval_s": 1.0},
+    ],
+    ids=["T2", "T1", "damping", "depolarising", "retrieval"],
+)
+def test_two_looks_at_half_a_time_are_one_wait_of_it(
+    tmp_path: Path, memory: dict[str, float | str]
+) -> None:
+    """Each look has random numbers of its own: none of what it does is done or undone twice."""
+    waited_s, left, depolarized = 0.6, 1.0, 0.0
+    t1_s, t2_s = (float(memory.get(name, np.inf)) for name in ("t1_s", "t2_s"))
+    if "retrieval_s" in memory:
+        left = np.exp(-2 * waited_s)  # of both halves
+    if "depolarizing_s" in memory:
+        depolarized = 1 - np.exp(-2 * waited_s)
+    expected = np.array(bell_probabilities(waited_s, t1_s, t2_s))
+    expected = left * (expected * (1 - depolarized) + depolarized / 4)
+
+    async def act(bench: Bench, clock: JumpingClock) -> None:
+        await bench.alice.create(COUNT)
+        for half in (0, 1):
+            await store(bench.alice, half)
+        for _look in range(2):
+            clock.time_ns += round(waited_s / 2 * 1e9)
+            for half in (0, 1):
+                (part,) = bench.layer.ownership.parts(BlockName(7, 0, half))
+                bench.layer.memories.look_in(part)
+        found = await bench.alice.bell_measure(block(0, 0), block(0, 1))
+        assert all(within(n, COUNT, p) for n, p in zip(counts(found), expected, strict=True))
+
+    run(tmp_path, act, **memory)
+
+
 def test_storing_and_reading_loses_with_the_efficiency(tmp_path: Path) -> None:
     async def act(bench: Bench, _clock: JumpingClock) -> None:
         await bench.alice.create(COUNT)

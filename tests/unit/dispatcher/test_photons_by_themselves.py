@@ -11,7 +11,7 @@ If all photons of a pulse erred together, it would be e.
 """
 
 from collections.abc import Awaitable, Callable
-from math import exp
+from math import exp, pi
 from typing import Any
 
 import numpy as np
@@ -20,12 +20,12 @@ import uvloop
 from five_sigma import within
 
 from dispatcher.fiber.noise import Effect, Passage
-from dispatcher.laboratory import Laboratory, LaboratoryHost
+from dispatcher.laboratory import RATE_HZ, Laboratory, LaboratoryHost
 from dispatcher.operations.adjustment import adjust
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import AdjustFiberRequest, Gate
 from wire.outcomes import NO_CLICK
-from wire.parameters.physics import Device, Gates, Memory, PairSource
+from wire.parameters.physics import Device, Gates, Memory, PairSource, Sensor
 
 COUNT, MEAN = 200_000, 1.9
 ONE, PLUS = 1, 2
@@ -60,7 +60,13 @@ def wrong(error: float, mean: float = MEAN) -> float:
 
 
 def weak_pulses(
-    state: int, act: "Act", device: Device, tapped: float = 0.0, **fiber: Any
+    state: int,
+    act: "Act",
+    device: Device,
+    tapped: float = 0.0,
+    mean: float = MEAN,
+    rate_hz: int = RATE_HZ,
+    **fiber: Any,
 ) -> np.ndarray:
     """Send weak pulses of one state from alice to bob; return what he measures at last."""
     found: list[np.ndarray] = []
@@ -68,14 +74,14 @@ def weak_pulses(
     async def inside() -> None:
         way = Fiber(FiberEnd("alice", "alice-q0"), FiberEnd("bob", "bob-q0"), **fiber)
         config = DispatcherConfig("", "", 1, {"alice": "", "bob": ""}, [way], [])
-        source = PairSource(statistics="poisson", mean_pairs=MEAN)
+        source = PairSource(statistics="poisson", mean_pairs=mean)
         config.devices.update(alice=Device(source=source), bob=device)
         laboratory = Laboratory(config)
         request = AdjustFiberRequest(a="alice", b="bob", tapped=tapped)
         adjust(laboratory.layer, request)
         alice, bob = laboratory.host("alice"), laboratory.host("bob")
         await alice.prepare(np.full(COUNT, state, np.uint8))
-        await alice.send({(0, 0): "alice-q0"})
+        await alice.send({(0, 0): "alice-q0"}, rate_hz)
         await bob.receive((0, 0), "bob-q0")
         await act(laboratory, bob)
         basis = state >> 1
@@ -168,3 +174,36 @@ def test_a_model_of_ones_own_loses_each_photon_by_itself(
 ) -> None:
     told = weak_pulses(ONE, waits, device, **fiber)
     assert within(int((told != NO_CLICK).sum()), COUNT, 1 - exp(-MEAN / 2))
+
+
+async def senses(laboratory: Laboratory, bob: LaboratoryHost) -> None:
+    """Let it take the phase of the sensor."""
+    await bob.sense((0, 0))
+
+
+def test_each_photon_of_a_weak_pulse_takes_the_phase_of_a_sensor() -> None:
+    """Half a turn makes |-> of |+>, of all photons of a pulse."""
+    told = weak_pulses(PLUS, senses, Device(sensor=Sensor(pi)))
+    seen = told != NO_CLICK
+    assert within(int(seen.sum()), COUNT, 1 - exp(-MEAN))
+    assert (told[seen] == 1).all()
+
+
+async def stays(laboratory: Laboratory, bob: LaboratoryHost) -> None:
+    """Store it: it is read out as one when it is measured."""
+    await bob.store((0, 0))
+
+
+def test_each_photon_of_a_weak_pulse_relaxes_by_the_wait_of_its_pulse() -> None:
+    """Pulses come one after the other in 2 s, and leave the memory at once: the first wait longest.
+
+    Of tenths of them; within one, e is as good as linear.
+    """
+    mean, span_s = 0.5, 2.0
+    memory = Memory(t1_s=T, t2_s=T)
+    told = weak_pulses(ONE, stays, Device(memory=memory), mean=mean, rate_hz=round(COUNT / span_s))
+    for tenth, bits in enumerate(told.reshape(10, -1)):
+        waited_s = span_s * (1 - (tenth + 0.5) / 10)
+        seen = bits != NO_CLICK
+        likely = wrong(1 - exp(-waited_s / T), mean)
+        assert within(int((bits[seen] == 0).sum()), int(seen.sum()), likely)
