@@ -37,7 +37,8 @@ for each in sockets:
 for pid in os.listdir("/proc"):
     if pid.isdigit():
         with open(f"/proc/{pid}/cmdline") as command:
-            if any(word in command.read() for word in ("hosts", "dispatcher", "qswitch_agent")):
+            packages = {word.partition(".")[0] for word in command.read().split("\\0")}
+            if packages & {"hosts", "dispatcher", "qswitch_agent"}:
                 found.append(f"sees process {pid}")
 print("found=" + "; ".join(found))
 """

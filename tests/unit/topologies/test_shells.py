@@ -61,7 +61,7 @@ def test_a_busy_shell_is_ended_with_its_command(command: str) -> None:
     ("script", "words"),
     [
         ("echo 'no mounts for you' >&2; exit 1", "ended at its start: no mounts for you"),
-        ("kill -INT $$", "ended at its start: no output, status -2"),
+        ("kill -KILL $$", "ended at its start: no output, status -9"),
     ],
 )
 def test_an_mnexec_that_fails_is_said_at_once(mnexec: MadeBy, script: str, words: str) -> None:
