@@ -27,7 +27,7 @@ from qmn.live_view import acts, pace
 from qmn.live_view.address import Place, place_given
 from qmn.live_view.layout import placed
 from qmn.live_view.pages import Pages
-from qmn.live_view.server import PAGE
+from qmn.live_view.server import AT_ONCE, PAGE
 from qmn.live_view.sources import timeline_of_run
 from qmn.live_view.timeline import Timeline
 from qmn.timeouts import LIVE_LIST_S, LIVE_SELDOM_S
@@ -208,6 +208,22 @@ def test_messages_come_until_the_network_has_ended(tmp_path: Path) -> None:
             ("ended", None),
         ]
         assert answer(f"{url}messages?after=x")[0] == 400
+
+
+def test_lists_that_are_full_are_followed_by_the_rest_at_once(tmp_path: Path) -> None:
+    """Of a network that goes on, in which nothing happens any more."""
+    view, count = live(tmp_path, most=3 * AT_ONCE), 2 * AT_ONCE + 1
+    view.timeline.add_all("event", [(START_NS, {"number": n}) for n in range(count)])
+    lists: list[int] = []
+    with (
+        served(view) as url,
+        urllib.request.urlopen(f"{url}messages", timeout=10) as response,  # noqa: S310
+    ):
+        while sum(lists) < count:
+            if response.readline() == b"event: messages\n":
+                response.readline()  # its number
+                lists.append(len(json.loads(response.readline().removeprefix(b"data: "))))
+    assert lists == [AT_ONCE, AT_ONCE, 1]
 
 
 STARTS_NETWORKS = [

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import time
 import zipfile
+import zlib
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -482,6 +483,28 @@ def test_a_spoiled_archive_is_refused_in_one_line(
             assert re.fullmatch(r"qmn: .*\n", capsys.readouterr().err)
             assert list((tmp_path / "other").glob("*")) == []
     assert refused > 200
+
+
+@pytest.mark.parametrize("end", [KeyboardInterrupt, zlib.error, OSError])
+def test_an_import_that_ends_in_its_middle_leaves_no_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: type[BaseException]
+) -> None:
+    file, copy = tmp_path / "run.zip", shutil.copyfileobj
+    with zipfile.ZipFile(file, "w") as archive:
+        for name in ("result.json", "second", "third"):
+            archive.writestr(f"{OLD}/{name}", "{}")
+
+    def break_off(packed: Any, written: Any) -> None:
+        copy(packed, written)
+        if Path(written.name).name == "second":
+            raise end
+
+    monkeypatch.setattr(shutil, "copyfileobj", break_off)
+    with pytest.raises((KeyboardInterrupt, BadArchive)):
+        imported(file, tmp_path / "runs")
+    assert list((tmp_path / "runs").iterdir()) == []
+    monkeypatch.undo()
+    assert len(list(imported(file, tmp_path / "runs").iterdir())) == 3
 
 
 @pytest.mark.parametrize("data", [b"", b"PK\x03\x04", b"no zip"])

@@ -3,6 +3,8 @@
 import asyncio
 import gc
 import warnings
+from asyncio import StreamReader
+from unittest.mock import patch
 
 import openflow_messages as of
 import pytest
@@ -699,6 +701,38 @@ def test_bridge_is_connected_when_the_controller_comes_up() -> None:
             await late.start(controller_port)
             controller = await late.connections.get()
             await controller.hears(hello())
+            await proxy.close()
+            for end in (bridge, controller):
+                end.writer.close()
+            late.server.close()
+
+    play(scene())
+
+
+def test_all_pieces_of_what_the_bridge_says_before_the_controller_comes_up_are_kept() -> None:
+    pieces = [hello()[:3], hello()[3:] + ECHO[:9], ECHO[9:], of.packet_in(9, of.PING)]
+    taken, read = bytearray(), StreamReader.read
+
+    async def counted(self: StreamReader, most: int = -1) -> bytes:
+        data = await read(self, most)
+        taken.extend(data)
+        return data
+
+    async def scene() -> None:
+        port, controller_port = free_port(), free_port()
+        async with running_switch() as (switch, *_rest):
+            proxy = Proxy(("127.0.0.1", controller_port), switch)
+            await proxy.serve(("127.0.0.1", port))
+            with patch.object(StreamReader, "read", counted):
+                bridge = End(*await asyncio.open_connection("127.0.0.1", port))
+                for number, piece in enumerate(pieces, 1):
+                    bridge.says(piece)
+                    while len(taken) < sum(map(len, pieces[:number])):
+                        await asyncio.sleep(0)
+            late = Listener()
+            await late.start(controller_port)
+            controller = await late.connections.get()
+            await controller.hears(hello(), ECHO, pieces[-1])
             await proxy.close()
             for end in (bridge, controller):
                 end.writer.close()

@@ -4,7 +4,7 @@ import asyncio
 import re
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +26,12 @@ from qswitch_agent.hardware.optics import (
 )
 from qswitch_agent.telemetry.messages import Unusable, path_of, require_encoding
 from qswitch_agent.telemetry.open_config import Fiber, Observed, leaves
-from qswitch_agent.telemetry.service import MAX_PATHS, Telemetry
+from qswitch_agent.telemetry.service import MAX_PATHS, MAX_STREAMS, Telemetry
 from qswitch_agent.telemetry.tree import Leaf, found
 from topologies.system.runs.runtime import free_port
 from wire.optical import ALL_VALID, ANY_PORT, VALID_RX_PWR, PathOptics, PortLight
 
+DEADLINE_S = 20.0  # of an answer
 LIGHT = PortLight(ALL_VALID, 193_100_000, 0, 12_500, 193_100_000, 0, 12_500, 15, -73, 305, 255)
 DARK = PortLight(ALL_VALID & ~VALID_RX_PWR, 0, 0, 0, 0, 0, 0, 15, -32768, 305, 255)
 POWER = "/components/component[name=q1-eth1]/port/optical-port/state/input-power/instant"
@@ -98,12 +99,13 @@ def serving(scene: Served) -> Iterator[Served]:
 
     thread = threading.Thread(target=loop.run_until_complete, args=(run(),))
     thread.start()
-    assert ready.wait(10)
+    assert ready.wait(DEADLINE_S)
     try:
         yield scene
     finally:
         loop.call_soon_threadsafe(ended.set)
-        thread.join()
+        thread.join(DEADLINE_S)
+        assert not thread.is_alive()
         loop.close()
 
 
@@ -196,23 +198,38 @@ def test_capabilities_name_models_and_encodings(served: Served) -> None:
     assert told["gnmi_version"] == "0.8.0"
 
 
-def subscription(kind: str, *paths: str, **more: Any) -> dict[str, Any]:
+CHANGES = {"mode": "on_change"}
+SAMPLES = {"mode": "sample", "sample_interval": 100_000_000}
+TOO_FREQUENT = {"mode": "sample", "sample_interval": 1_000_000}
+
+
+@contextmanager
+def subscribed(client: Any, kind: str, *paths: str, **more: Any) -> Iterator[Any]:
+    """Yield the responses of a subscription; it is cancelled after this, or at the deadline."""
     asked = [{"path": path, **more} for path in paths]
-    return {"subscription": asked, "mode": kind, "encoding": "json"}
+    responses = client.subscribe(
+        subscribe={"subscription": asked, "mode": kind, "encoding": "json"}
+    )
+    deadline = threading.Timer(DEADLINE_S, responses.cancel)
+    deadline.start()
+    try:
+        yield responses
+    finally:
+        deadline.cancel()
+        responses.cancel()
 
 
 def test_a_subscription_once_tells_everything_and_ends(served: Served) -> None:
-    with served.client() as client:
-        told = list(client.subscribe(subscribe=subscription("once", PHOTONS)))
+    with served.client() as client, subscribed(client, "once", PHOTONS) as responses:
+        told = list(responses)
     assert [each.WhichOneof("response") for each in told] == ["update", "sync_response"]
     assert told[0].update.update[0].val.json_val == b"1000000"
 
 
 def test_a_stream_tells_changes_and_what_is_gone(served: Served) -> None:
     counters = PHOTONS.rpartition("/")[0]  # of which lost ones and those that leave stay
-    asked = subscription("stream", counters, CHANNEL, mode="on_change")
-    with served.client() as client:
-        told = client.subscribe(subscribe=asked)
+    asked = "stream", counters, CHANNEL
+    with served.client() as client, subscribed(client, *asked, **CHANGES) as told:
         first = [next(told) for _ in range(3)]
         assert [each.WhichOneof("response") for each in first][-1] == "sync_response"
         served.seen = seen(2_000_000, standing=False)
@@ -223,15 +240,42 @@ def test_a_stream_tells_changes_and_what_is_gone(served: Served) -> None:
 
 
 def test_a_stream_of_samples_tells_what_has_not_changed_too(served: Served) -> None:
-    asked = subscription("stream", PHOTONS, mode="sample", sample_interval=100_000_000)
-    with served.client() as client:
-        told = client.subscribe(subscribe=asked)
+    with served.client() as client, subscribed(client, "stream", PHOTONS, **SAMPLES) as told:
         kinds = [next(told).WhichOneof("response") for _ in range(4)]
     assert kinds == ["update", "sync_response", "update", "update"]
 
 
 def test_samples_that_are_too_frequent_are_refused(served: Served) -> None:
-    asked = subscription("stream", PHOTONS, mode="sample", sample_interval=1_000_000)
-    with served.client() as client, pytest.raises(grpc.RpcError) as caught:
-        next(client.subscribe(subscribe=asked))
-    assert "sample_interval 0.001 s: at least 0.1 s" in str(caught.value)
+    with served.client() as client, subscribed(client, "stream", PHOTONS, **TOO_FREQUENT) as told:
+        text = refusal(told)
+    assert "sample_interval 0.001 s: at least 0.1 s" in text
+
+
+def refusal(responses: Any) -> str:
+    """Return why there is no response."""
+    with pytest.raises(grpc.RpcError) as caught:
+        next(responses)
+    return str(caught.value)
+
+
+def test_no_more_streams_than_there_may_be_are_open_at_a_time(served: Served) -> None:
+    with served.client() as client, ExitStack() as opened:
+        for _ in range(MAX_STREAMS):
+            next(opened.enter_context(subscribed(client, "stream", PHOTONS, **CHANGES)))
+        with subscribed(client, "once", PHOTONS) as told:
+            assert f"{MAX_STREAMS} subscriptions are open" in refusal(told)
+
+
+@pytest.mark.parametrize("end", ["done", "refused", "failed", "cancelled"])
+def test_33_subscriptions_one_after_the_other_are_served(served: Served, end: str) -> None:
+    """However each of them ends."""
+    served.fault = HardwareFault("no answer") if end == "failed" else None
+    kind = "once" if end == "done" else "stream"
+    more: dict[str, Any] = TOO_FREQUENT if end == "refused" else CHANGES
+    with served.client() as client:
+        for _ in range(MAX_STREAMS + 1):
+            with subscribed(client, kind, PHOTONS, **more) as told:
+                if end in ("refused", "failed"):
+                    assert "open" not in refusal(told)
+                else:
+                    assert next(told).update.update

@@ -19,6 +19,7 @@ from topologies.links.fiber import FiberLink
 from topologies.mapped import MapTopo
 from wire.parameters.physics import BellAnalyser
 
+MILE_KM = 1.609344  # the international mile
 GRAPHML = """<graphml xmlns="http://graphml.graphdrawing.org/xmlns">
 <key id="d0" for="node" attr.name="label" attr.type="string"/>
 <key id="d1" for="node" attr.name="Longitude" attr.type="double"/>
@@ -130,6 +131,25 @@ def test_a_place_is_found_by_its_name_in_any_script(tmp_path: Path, name: str) -
 def test_a_great_circle_is_that_of_published_places() -> None:
     """Nashville to Los Angeles, the usual example of the formula: 2886.4 km on a mean sphere."""
     assert great_circle_km((-86.67, 36.12), (-118.40, 33.94)) == pytest.approx(2886.4, abs=0.5)
+
+
+def test_graphml_s_towns_are_as_far_apart_as_is_published(tmp_path: Path) -> None:
+    """geopy's manual has Newport, Rhode Island, 536.997990696 miles from Cleveland, Ohio."""
+    at: dict[str, tuple[float, float] | None] = {"newport": (-71.312796, 41.49008)}
+    at["cleveland"] = -81.695391, 41.499498
+    (way,) = read_map(graphml_file(tmp_path, at, "newport cleveland")).ways
+    assert way.length_km == pytest.approx(536.997990696 * MILE_KM, rel=1e-6)
+
+
+def test_topohub_s_towns_are_north_and_east_of_greenwich_as_an_atlas_has_them() -> None:
+    """Berlin is at 52.52 N 13.41 E, Munich at 48.14 N 11.58 E: 504 km apart as the crow flies."""
+    places = {place.called: place.position for place in read_map("nobel-germany").places}
+    berlin, munich = places["Berlin"], places["Muenchen"]
+    assert berlin == pytest.approx((13.41, 52.52), abs=0.1)
+    assert munich == pytest.approx((11.58, 48.14), abs=0.1)
+    assert berlin
+    assert munich
+    assert great_circle_km(berlin, munich) == pytest.approx(504, rel=0.01)
 
 
 def test_sequence_s_metres_are_kilometres_here(tmp_path: Path) -> None:
