@@ -33,3 +33,9 @@ def test_outliers_are_as_common_and_as_far_out_as_normal_numbers(least: float) -
 def test_nothing_is_so_far_out_that_no_number_reaches_there() -> None:
     photons, numbers = RANDOM.outliers("nowhere", 40.0)
     assert photons.size == numbers.size == 0
+
+
+def test_further_photons_have_random_numbers_of_their_own() -> None:
+    few = PhotonRandom(Draws(1), (7, 0, 0), "here", 1000)
+    for photons in (few.beside(1000), few.at("there")):
+        assert not (photons.uniform("lost") == few.uniform("lost")).any()

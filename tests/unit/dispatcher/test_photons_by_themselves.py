@@ -19,6 +19,7 @@ import pytest
 import uvloop
 from five_sigma import within
 
+from dispatcher.devices.part_noise import Moment
 from dispatcher.fiber.noise import Effect, Passage
 from dispatcher.laboratory import RATE_HZ, Laboratory, LaboratoryHost
 from dispatcher.operations.adjustment import adjust
@@ -29,7 +30,7 @@ from wire.parameters.physics import Device, Gates, Memory, PairSource, Sensor
 
 COUNT, MEAN = 200_000, 1.9
 ONE, PLUS = 1, 2
-FLIP, LOSE = f"{__file__}:Flip", f"{__file__}:Lose"
+FLIP, FLIP_OLD, LOSE = (f"{__file__}:{name}" for name in ("Flip", "FlipOld", "Lose"))
 
 
 class Flip:
@@ -42,6 +43,14 @@ class Flip:
     def effect(self, passage: Passage) -> Effect:
         """Flip each by itself."""
         return Effect(paulis=passage.happens("flip", self.flip).astype(np.uint8))
+
+
+class FlipOld:
+    """A model of a user's own: X to each photon that has waited for more than a second."""
+
+    def effect(self, moment: Moment) -> Effect:
+        """Flip by the wait alone."""
+        return Effect(paulis=(moment.waited_s > 1.0).astype(np.uint8))
 
 
 class Lose:
@@ -207,3 +216,34 @@ def test_each_photon_of_a_weak_pulse_relaxes_by_the_wait_of_its_pulse() -> None:
         seen = bits != NO_CLICK
         likely = wrong(1 - exp(-waited_s / T), mean)
         assert within(int((bits[seen] == 0).sum()), int(seen.sum()), likely)
+
+
+def test_each_photon_of_a_weak_pulse_fades_by_the_wait_of_its_pulse() -> None:
+    """Of a Poisson pulse that waited for t any is left with 1 - exp(-m exp(-t / retrieval))."""
+    mean, span_s = 1.0, 2.0
+    memory = Memory(retrieval_s=T)
+    told = weak_pulses(ONE, stays, Device(memory=memory), mean=mean, rate_hz=round(COUNT / span_s))
+    for tenth, bits in enumerate(told.reshape(10, -1)):
+        waited_s = span_s * (1 - (tenth + 0.5) / 10)
+        likely = 1 - exp(-mean * exp(-waited_s / T))
+        assert within(int((bits != NO_CLICK).sum()), bits.size, likely)
+
+
+async def flips_some(laboratory: Laboratory, bob: LaboratoryHost) -> None:
+    """Do an X to every third pulse."""
+    await bob.apply((0, 0), np.array(np.arange(COUNT) % 3 == 0, np.uint8))
+
+
+def test_a_pauli_of_one_pulse_meets_all_its_photons_and_no_others() -> None:
+    told = weak_pulses(ONE, flips_some, Device())
+    expected = np.arange(COUNT) % 3 != 0
+    assert (told == expected)[told != NO_CLICK].all()
+
+
+def test_a_model_of_ones_own_has_each_photon_wait_as_its_pulse_does() -> None:
+    """Of two seconds of pulses the first half has waited for more than one."""
+    memory = Memory(noise=FLIP_OLD)
+    told = weak_pulses(ONE, stays, Device(memory=memory), rate_hz=COUNT // 2)
+    expected = np.arange(COUNT) >= COUNT // 2
+    about = np.abs(np.arange(COUNT) - COUNT // 2) < 10
+    assert (told == expected)[(told != NO_CLICK) & ~about].all()
