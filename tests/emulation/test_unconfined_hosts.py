@@ -43,6 +43,12 @@ def test_where_the_kernel_makes_no_user_namespaces_it_is_said_once(
             assert "denied" in alice.cmd(command), command
         assert "1 received" in alice.cmd(f"ping -c 1 {bob.IP()}")
         assert alice.pexec("id -u")[0].strip() == "0"
+        powers_and_memory = "grep CapBnd /proc/self/status; ulimit -d"
+        shell = alice.cmd(powers_and_memory).split()
+        assert alice.pexec(["sh", "-c", powers_and_memory])[0].split() == shell
+        with open("/proc/self/status") as status:
+            assert f"CapBnd:\t{shell[1]}\n" not in status.readlines()
+        assert int(shell[2]) == alice.memory_mib << 10  # in KiB
     words = "no user namespaces (unshare: unshare failed: No space left on device)"
     assert caplog.text.count(words) == 1
 

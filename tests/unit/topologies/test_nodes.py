@@ -1,6 +1,7 @@
 """The parameters of kinds of nodes, and what no node is made of."""
 
 import shlex
+import subprocess
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -111,3 +112,15 @@ def test_root_of_a_host_without_a_user_namespace_cannot_take_limits_off(
     words = shlex.split(told[0])
     given_up = words[words.index("bob") + 2].split(",")
     assert {"-sys_admin", "-sys_resource", "-dac_read_search", "-sys_module"} <= set(given_up)
+    assert words[words.index("bob") + 1] == str(64 << 10)  # KiB, as ulimit(1p) takes them
+
+
+def test_a_program_of_a_host_without_a_user_namespace_has_the_powers_and_memory_of_its_shell() -> (
+    None
+):
+    node: Any = SimpleNamespace(_confined=7, _user=None, _memory_bytes=64 << 20)
+    enter = ConfinedNode._enter(node, "/")
+    assert enter[enter.index("setpriv") :] == ["setpriv", f"--bounding-set={confinement.GIVEN_UP}"]
+    limited = enter[enter.index("prlimit") : enter.index("setpriv")]
+    said = subprocess.run([*limited, "sh", "-c", "ulimit -d"], capture_output=True, check=True)
+    assert int(said.stdout) == 64 << 10  # in KiB
