@@ -1,24 +1,33 @@
 """The outcome of a run, as a person is told, and a program that asks for the status."""
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from netqasm.examples import apps
 from recorded_run import message_run, sent
 from rich.console import Console
 
 from hosts.middleware.services.superdense.options import SuperdenseOptions
-from qmn.jobs import runner, superdense
+from qmn.__main__ import described
+from qmn.jobs import counted_service, keys, load, netqasm, runner, superdense, vpn
 from qmn.jobs.run_context import RunContext
+from qmn.jobs.transfer import TransferError
 from qmn.network.options import NetworkOptions
 from qmn.requests.run_options import RunOptions
 from qmn.requests.superdense import SuperdenseRequest
 from qmn.results.result import complete, show
 from qmn.results.run_result import RunResult
 from topologies.networks.network import Signals
+from topologies.system.processes.programs import NetworkError
+from wire.network_time import NetworkTime
+from wire.results.figures import StoredKeyFigures, TunnelFigures
 from wire.results.run_result import Approximated, ServiceJob
 
 
@@ -106,3 +115,124 @@ def test_the_status_is_that_of_the_bytes(
     assert ("delivered exactly" in text.getvalue()) == (status == 0)
     result = json.loads((tmp_path / "runs" / "latest" / "result.json").read_text())
     assert result["delivered"] is (status == 0)
+
+
+JOBS = {
+    "run sdc": runner,
+    "run teleport": runner,
+    "run qkd": runner,
+    "run distribute": runner,
+    "run keys --seconds 1": keys,
+    "run vpn": vpn,
+    "run load": load,
+    f"netqasm {Path(apps.__file__).parent / 'teleport'}": netqasm,
+}
+
+
+def status_of(words: str, runs: Path) -> int:
+    """Return the status of a command that writes into this folder of runs."""
+    whole = [*words.split(), "--runs", str(runs), "--no-report"]
+    arguments = described(whole).parse_args(whole)
+    status: int = arguments.call(arguments)
+    return status
+
+
+@pytest.fixture
+def no_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let jobs begin where no network could be started."""
+    for job in (superdense, counted_service, keys, vpn, load, netqasm):
+        monkeypatch.setattr(job, "require_free", lambda _topo: None)
+    monkeypatch.setattr(vpn, "require_installed", lambda *_: None)
+
+
+@pytest.mark.parametrize(
+    "fault", [NetworkError("q1 is broken"), TransferError("no light")], ids=str
+)
+@pytest.mark.parametrize("words", JOBS, ids=lambda words: words.split("/")[0])
+@pytest.mark.usefixtures("no_network")
+def test_a_job_whose_network_fails_has_status_1(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str, fault: Exception
+) -> None:
+    @contextmanager
+    def fails(*_: object) -> Iterator[None]:
+        raise fault
+        yield
+
+    monkeypatch.setattr(JOBS[words], "running_network", fails)
+    assert status_of(words, tmp_path) == 1
+    result = json.loads((tmp_path / "latest" / "result.json").read_text())
+    assert (result["delivered"], result["error"]) == (False, str(fault))
+
+
+@pytest.mark.parametrize("words", ["run teleport", "run qkd", "run distribute", "run swap"])
+@pytest.mark.parametrize("delivered", [True, False])
+@pytest.mark.usefixtures("no_network")
+def test_the_status_of_a_counted_service_says_whether_it_was_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str, delivered: bool
+) -> None:
+    def leave(_job: object, _context: object, facts: RunResult, _kept: object) -> None:
+        facts.delivered, facts.time_scale = delivered, 1.0
+
+    monkeypatch.setattr(runner, "use_network", leave)
+    assert status_of(words, tmp_path) == (0 if delivered else 1)
+
+
+@pytest.mark.parametrize("made", [0, 1, 7])
+@pytest.mark.usefixtures("no_network")
+def test_the_status_of_the_keeping_of_keys_says_whether_there_were_any(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, made: int
+) -> None:
+    told = StoredKeyFigures(
+        sessions=1,
+        sessions_without_key=0,
+        keys=made,
+        keys_per_s=0.0,
+        qber_lowest=None,
+        qber_highest=None,
+        elapsed_s=1.0,
+    )
+    managers = SimpleNamespace(programs={}, urls={}, authority=tmp_path)
+
+    @contextmanager
+    def running(_context: object, facts: RunResult) -> Iterator[Any]:
+        facts.time_scale = 1.0
+        runtime = SimpleNamespace(time=NetworkTime(1.0), clocks_ahead_s=dict)
+        yield SimpleNamespace(runtime=runtime, check=lambda: None)
+
+    monkeypatch.setattr(keys, "running_network", running)
+    monkeypatch.setattr(keys, "start_key_managers", lambda *_: managers)
+    monkeypatch.setattr("qmn.jobs.moments.summary", lambda *_: told)
+    assert status_of("run keys --seconds 1", tmp_path) == (0 if made else 1)
+
+
+@pytest.mark.parametrize("intact", [True, False, None])
+@pytest.mark.usefixtures("no_network")
+def test_the_status_of_a_tunnel_says_whether_its_file_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, intact: bool | None
+) -> None:
+    @contextmanager
+    def running(_context: object, facts: RunResult, _prepare: object) -> Iterator[None]:
+        facts.time_scale = 1.0
+        yield
+
+    def leave(*given: Any) -> None:
+        told: dict[str, Any] = {"file_intact": intact, "elapsed_s": 1.0}
+        if intact is not None:
+            given[-1].asking = TunnelFigures(**told)
+
+    monkeypatch.setattr(vpn, "running_network", running)
+    monkeypatch.setattr(vpn, "use_network", leave)
+    assert status_of("run vpn", tmp_path) == (0 if intact else 1)
+
+
+@pytest.mark.parametrize("answered", [True, False])
+@pytest.mark.usefixtures("no_network")
+def test_the_status_of_heavy_traffic_says_whether_all_sessions_were_answered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answered: bool
+) -> None:
+    def leave(*given: Any) -> None:
+        given[-1].delivered = answered
+
+    monkeypatch.setattr(load, "_drive", leave)
+    monkeypatch.setattr("qmn.jobs.load_result.show", lambda *_: None)
+    assert status_of("run load", tmp_path) == (0 if answered else 1)
