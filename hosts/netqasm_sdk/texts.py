@@ -35,6 +35,14 @@ from wire.netqasm.texts import (
 MOST_JOINED = 256  # connections that no socket has taken up yet
 
 
+def any_ready(sockets: Sequence["Socket"], timeout_s: float | None) -> bool:
+    """Return whether something can be read in time; unlike select, above 1,023 open files, too."""
+    poll = select.poll()
+    for each in sockets:
+        poll.register(each, select.POLLIN)
+    return bool(poll.poll(None if timeout_s is None else 1e3 * timeout_s))
+
+
 class Exchange:
     """Where a program listens for those of others."""
 
@@ -171,7 +179,7 @@ class Socket(BaseSocket):
         return self._socket.fileno()
 
     def _ready(self, timeout_s: float | None) -> bool:
-        return bool(select.select([self], [], [], timeout_s)[0])
+        return any_ready([self], timeout_s)
 
     def _connect(self, limit_s: float) -> socket.socket:
         """Connect to a program that may not have begun yet."""
@@ -237,5 +245,5 @@ class BroadcastChannel(BroadcastChannelBySockets):
             if not block:
                 raise RuntimeError("no text was broadcast yet")
             left_s = None if deadline is None else max(deadline - time.monotonic(), 0)
-            if not select.select(sockets, [], [], left_s)[0]:
+            if not any_ready(sockets, left_s):
                 raise TimeoutError(f"no text was broadcast in {timeout:g} s")
