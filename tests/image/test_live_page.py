@@ -3,6 +3,7 @@
 import json
 import re
 import subprocess
+import time
 import urllib.request
 from pathlib import Path
 
@@ -17,6 +18,19 @@ def said_by(*command: str) -> str:
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout
 
 
+def await_page(url: str) -> None:
+    """Wait until the page of a network is served."""
+    deadline = time.monotonic() + DEADLINE_S
+    while True:
+        try:
+            urllib.request.urlopen(url, timeout=DEADLINE_S).close()  # noqa: S310
+        except OSError:
+            assert time.monotonic() < deadline, "the network has no page"
+            time.sleep(0.1)
+        else:
+            return
+
+
 @pytest.mark.timeout(4 * DEADLINE_S)
 def test_the_page_of_a_network_in_a_container_is_on_this_machines_loopback() -> None:
     if subprocess.run([ROOT / "docker/engine"], stdout=subprocess.DEVNULL, check=False).returncode:
@@ -28,9 +42,11 @@ def test_the_page_of_a_network_in_a_container_is_on_this_machines_loopback() -> 
         assert network.stdin is not None
         assert network.stdout is not None
         found = next(filter(None, (re.search(r"http://127\S+", line) for line in network.stdout)))
+        page = f"{found[0]}1/"  # of the first network of a command
+        await_page(f"{page}network.json")
         act = json.dumps({"act": "send", "from": "alice", "to": "bob", "text": "hello"}).encode()
         request = urllib.request.Request(  # noqa: S310
-            f"{found[0]}act", act, {"Content-Type": "application/json"}
+            f"{page}act", act, {"Content-Type": "application/json"}
         )
         with urllib.request.urlopen(request, timeout=DEADLINE_S) as answer:  # noqa: S310
             assert "bob received 'hello' from alice" in json.loads(answer.read())["said"]
