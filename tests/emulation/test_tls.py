@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pytest
-from conftest import qmn
+from conftest import TSHARK, qmn
 from limits import SOON_S
 from scapy.layers.inet import IP, TCP
 from scapy.utils import rdpcap
@@ -25,7 +25,7 @@ def kinds(run: Path, file: str, *options: str) -> set[str]:
     """Return which kinds of OpenFlow messages Wireshark sees in a capture."""
     words = ["-r", file, "-X", f"lua_script:{SCRIPT}", *options, "-Y", "openflow_v5"]
     done = subprocess.run(
-        ["tshark", *words, "-T", "fields", "-e", "openflow_v5.type"],
+        [*TSHARK, *words, "-T", "fields", "-e", "openflow_v5.type"],
         capture_output=True,
         cwd=run,
         text=True,
