@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from rich.console import Console
@@ -13,6 +14,7 @@ from qmn.jobs import load_result
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.network.checks import check_network
 from qmn.network.description import NetworkDescription, describe_network
+from qmn.network.idle_settings import Emitters, check_settings, emitters_of
 from qmn.network.light_checks import check_source
 from qmn.options import BadInput, check_ranges
 from qmn.requests.load import LINE, OWN, LoadRequest
@@ -60,11 +62,24 @@ def checked(
     traffic = traffic_of(request, network)
     if not request.source:
         check_source(request.service, network.parts)
+    check_settings(request.service, emitters(request, traffic, network), request.network.device)
     try:
         planned = plan(request.traffic, traffic, request.network.seed, request.sessions)
     except BadTraffic as error:
         raise BadInput(str(error)) from error
     return traffic, planned, wanted_of(request, network.hosts)
+
+
+def emitters(request: LoadRequest, traffic: Traffic, network: NetworkDescription) -> Emitters:
+    """Return who emits in one session or another; in a line each host may be any but the last."""
+    hosts = {*traffic.openers, *traffic.acceptors}
+    found = Emitters(frozenset(hosts), frozenset(), frozenset())
+    for opener in traffic.openers:
+        others = sorted(hosts - {opener})[: traffic.hosts - 1]
+        source = opener if request.source == OWN else request.source
+        found |= emitters_of(request.service, [opener, *others], network.parts, source)
+    in_lines = hosts if Service[request.service.upper()] in LINES else set()
+    return replace(found, pairs=found.pairs | in_lines)
 
 
 def traffic_of(request: LoadRequest, network: NetworkDescription) -> Traffic:

@@ -4,9 +4,11 @@ from typing import Any
 
 import pytest
 
-from qmn.jobs import vpn
+from qmn.jobs import load, vpn
 from qmn.jobs.counted_service import checked
+from qmn.network.description import describe_network
 from qmn.options import BadInput, from_keywords
+from qmn.requests.load import LoadRequest
 from qmn.requests.service import service_request
 from qmn.requests.vpn import VpnRequest
 
@@ -72,3 +74,35 @@ def test_keys_of_a_vpn_refuse_what_bb84_does_not_feel(word: str) -> None:
     with pytest.raises(BadInput) as refused:
         vpn.checked(from_keywords(VpnRequest, {"device": [word]}, usual_topology="sdc"))
     assert str(refused.value).startswith(f"--device {word}: ")
+
+
+@pytest.mark.parametrize(
+    ("service", "word"),
+    [
+        ("bb84", f"alice.{FIDELITY}"),
+        ("distribute", f"bob.{MADE_WRONG}"),
+        ("distribute", f"alice.{FIDELITY}"),  # charlie makes them
+    ],
+)
+def test_heavy_traffic_refuses_what_no_session_of_it_feels(service: str, word: str) -> None:
+    with pytest.raises(BadInput) as refused:
+        check_load(word, service=service)
+    assert str(refused.value).startswith(f"--device {word}: ")
+
+
+@pytest.mark.parametrize(
+    ("word", "options"),
+    [
+        (f"charlie.{FIDELITY}", {"service": "distribute"}),
+        (f"alice.{FIDELITY}", {"service": "distribute", "source": "own"}),
+        (f"bob.{WRONG}", {"service": "bb84"}),  # who opens other sessions
+        (f"bob.{FIDELITY}", {"service": "sdc", "source": "own"}),
+    ],
+)
+def test_heavy_traffic_takes_what_acts_in_some_session(word: str, options: dict[str, Any]) -> None:
+    check_load(word, **options)
+
+
+def check_load(word: str, **options: Any) -> None:
+    request = from_keywords(LoadRequest, {"device": [word], **options}, topology="ring")
+    load.checked(request, describe_network(request.network))
