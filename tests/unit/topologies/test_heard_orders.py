@@ -39,14 +39,14 @@ def test_an_order_is_over_when_both_ends_were_heard_of(up: bool) -> None:
 
 def test_what_is_never_heard_of_is_named() -> None:
     ask = Console((False, False), (True, False)).ask
-    words = "not heard in 0 s that somebody has mended q2-eth4: .*qmn devices"
+    words = "no report in 0 s of the mended fibre at q2-eth4: .*qmn devices"
     with pytest.raises(NetworkError, match=words), until_heard(ask, ENDS, True, 0.0):
         pass
 
 
 def test_no_order_is_given_about_a_fibre_that_is_not_found() -> None:
     given = []
-    words = "not heard in 0 s of the fibre at q1-eth3, q2-eth4"
+    words = "no report in 0 s of the fibre at q1-eth3, q2-eth4"
     with (
         pytest.raises(NetworkError, match=words),
         until_heard(lambda: {"fibers": []}, ENDS, True, 0.0),
