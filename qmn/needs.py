@@ -3,6 +3,7 @@
 import argparse
 import enum
 from collections.abc import Sequence
+from contextlib import suppress
 
 from qmn.as_root import become_root
 from topologies.system import namespaces
@@ -69,7 +70,8 @@ def _own_namespaces(arguments: argparse.Namespace, words: Sequence[str]) -> int 
     several = (getattr(arguments, "machines", None) or 1) > 1 or getattr(arguments, "place", None)
     namespaces.running()  # removes the entries of runs that were killed
     for group in groups_of_gone():
-        group.rmdir()
+        with suppress(FileNotFoundError):  # another run that starts has just removed it
+            group.rmdir()
     status = namespaces.enter_new(["qmn", *words], own_network=not several)
     if status is not None and server is not None:
         server.stop()
