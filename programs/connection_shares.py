@@ -194,11 +194,21 @@ async def keep_shares(port: int) -> None:
             close_excess(port)
 
 
+def _duplicate(descriptor: int) -> socket.socket:
+    """Return another handle of a socket; raise OSError if the descriptor is none."""
+    duplicate = os.dup(descriptor)
+    try:
+        return socket.socket(fileno=duplicate)
+    except OSError:
+        os.close(duplicate)
+        raise
+
+
 def close_excess(port: int) -> None:
     """Close this process's connections at a port beyond the shares of their peers."""
     most, of = shares().of_one, Counter[str]()
     for descriptor in map(int, os.listdir("/proc/self/fd")):
-        with suppress(OSError), socket.socket(fileno=os.dup(descriptor)) as connection:
+        with suppress(OSError), _duplicate(descriptor) as connection:
             address = connection.getpeername()
             if isinstance(address, tuple) and connection.getsockname()[1] == port:
                 peer = peer_of(address)

@@ -85,6 +85,14 @@ def test_a_peer_has_its_share_and_others_theirs() -> None:
 
 
 @pytest.mark.usefixtures("_small")
+def test_looking_for_excess_connections_leaves_no_descriptor_behind() -> None:
+    with listening() as listener, open(os.devnull):
+        before = os.listdir("/proc/self/fd")
+        connection_shares.close_excess(listener.getsockname()[1])
+        assert len(os.listdir("/proc/self/fd")) == len(before)
+
+
+@pytest.mark.usefixtures("_small")
 def test_all_peers_together_have_no_more_than_all() -> None:
     with listening() as listener, ExitStack() as stack:
         for host in range(2, 7):
