@@ -25,7 +25,9 @@ NETWORKS = $$(( 3 * $(PROCESSES) ))
 IN_PARALLEL = --numprocesses=$(AT_A_TIME) --dist=worksteal
 # Half of collecting is to compile tests, unless they leave their byte code for the next time.
 WITH_BYTE_CODE = env PYTHONDONTWRITEBYTECODE=
-APART = --dist=worksteal --tx="$(NETWORKS)*popen//python=topologies/own_namespaces $(PYTHON)"
+# One that fails is repeated alone: tests/late.py.
+APART = --dist=worksteal --tx="$(NETWORKS)*popen//python=topologies/own_namespaces $(PYTHON)" \
+    -p late --alone=topologies/own_namespaces
 # Their files are in a folder with a short path, as sockets need; it stays if a test fails.
 in_folder = folder=$$(mktemp -d /tmp/qmn.XXXX) && \
     $1 $(PYTEST) --basetemp="$$folder" $2 && $1 rm -r "$$folder"
