@@ -6,7 +6,7 @@ SHELL := /bin/bash
 .NOTPARALLEL:
 .PHONY: help setup packages strongswan notebooks install uninstall run-sdc test test-docker lint types unit \
     emulation test-swarm commands chaos fuzz bench live-speed curves labs picture lab-pictures site image clean \
-    lock browser q0-programs
+    lock browser q0-programs house
 
 PYTHON := .venv/bin/python
 # The caches and byte code of root would be in the user's way.
@@ -116,6 +116,9 @@ commands: setup ## Run every command of the documentation, some an hour in all
 
 bench: setup ## Measure and print the speed of this machine
 	bin/qmn bench
+
+house: setup ## Count lines, files, options and more (REVISION=HEAD~20: of that one)
+	@$(PYTHON) tests/house.py $(REVISION)
 
 live-speed: setup browser ## Measure the live view: how far it is behind, its memory, what it costs
 	$(AS_ROOT) PYTHONPATH=.:tests/unit/qmn $(PYTHON) tests/live_speed/measure.py
