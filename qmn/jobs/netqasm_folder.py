@@ -18,10 +18,10 @@ def read_yaml(file: Path) -> dict[str, Any]:
     """Return the values of a file by name; none if there is no file."""
     try:
         fields = yaml.safe_load(file.read_text()) if file.exists() else None
-    except (yaml.YAMLError, OSError) as error:
+    except (yaml.YAMLError, OSError, ValueError, RecursionError) as error:
         raise BadInput(f"cannot read {file}: {error}") from error
     if fields is not None and not isinstance(fields, dict):
-        raise BadInput(f"{file} does not say values by name")
+        raise BadInput(f"cannot read {file}: write NAME: VALUE in each line")
     return fields or {}
 
 
@@ -34,7 +34,7 @@ def check_inputs(program: Path, role: str, inputs: Mapping[str, Any]) -> None:
     names = [each.arg for each in (*positional, *arguments.kwonlyargs)]
     known = [name for name in names if name != GIVEN_ALWAYS]
     for name in inputs:
-        if name not in names and arguments.kwarg is None:
+        if name == GIVEN_ALWAYS or (name not in names and arguments.kwarg is None):
             advice = remedy(name, known) if known else "it takes no input"
             text = f"input {role}.{name}: main of {program.name} has no such parameter"
             raise BadInput(f"{text}: {advice} (--input or {role}.yaml)")
@@ -63,7 +63,8 @@ def left_out(file: Path) -> list[str]:
             if any(qubit["t1"] or qubit["t2"] for qubit in node["qubits"]):
                 noise.append(f"t1 and t2 of {node['name']}")
     except (KeyError, TypeError, ValueError) as error:
-        raise BadInput(f"{file} is not a network of `netqasm simulate`: {error!r}") from error
+        reason = f"{type(error).__name__}: {error}"
+        raise BadInput(f"{file} is not a network of `netqasm simulate`: {reason}") from error
     return noise
 
 

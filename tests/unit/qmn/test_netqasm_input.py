@@ -104,6 +104,7 @@ def test_a_netqmpi_program_has_as_many_roles_as_ranks(tmp_path: Path) -> None:
         ("def main(app_config=None, *, rounds=1): ...", ["rond=2"], "no such parameter: did you"),
         ("def main(app_config=None, x=0): ...", ["zeta=2"], "choose one of x (--input or alice"),
         ("def main(app_config): ...", ["x=2"], "it takes no input (--input or alice.yaml)"),
+        ("def main(app_config): ...", ["app_config=2"], "it takes no input (--input"),
         ("def main(app_config, x, y=1): ...", ["y=2"], "needs x: give --input alice.x=VALUE"),
         ("def main(app_config=None, *, x): ...", [], "needs x: give --input alice.x=VALUE"),
         ("x = 1\ndef main(:\n", [], "app_alice.py, line 2"),
@@ -180,9 +181,10 @@ def test_what_is_no_application_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="4 roles and 3 hosts: choose a larger --topology"):
         application(APPS / "anonymous_transmission")
     (tmp_path / "app_alice.py").write_text("")
-    (tmp_path / "alice.yaml").write_text("- 1\n")
-    with pytest.raises(BadInput, match="does not say values by name"):
-        application(tmp_path)
+    for content in (b"- 1\n", b"\xff\xfe\n", b"[" * 100_000, b"x: : [\n"):
+        (tmp_path / "alice.yaml").write_bytes(content)
+        with pytest.raises(BadInput, match=r"^cannot read .*alice\.yaml: "):
+            application(tmp_path)
 
 
 def test_over_several_machines_places_are_also_of_hosts() -> None:
