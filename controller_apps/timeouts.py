@@ -35,3 +35,4 @@ DEVICE_TICK_S = 0.1  # between two looks at who must be asked again
 # Console
 REQUEST_TIMEOUT_S = 5.0  # until a question is here as a whole
 ANSWER_TIMEOUT_S = 5.0  # until an app has answered it
+NO_FILES_WAIT_S = 0.1  # before the next attempt to accept without a free descriptor

@@ -1,1 +1,1 @@
-"""The copper of a network: packets take as long on it as its length needs."""
+"""The copper of a network: delay, rate and loss of its cables."""

@@ -1,4 +1,4 @@
-"""`python -m copper --config FILE`: hold every packet as long as its cable is long."""
+"""`python -m copper --config FILE`: delay packets by the length of their cable."""
 
 import signal
 import sys

@@ -2,28 +2,29 @@
 
     alice-eth0 --(TAP)--> Forwarder, a queue for each direction --(TAP)--> s1-eth1
 
-Both ends are TAP interfaces, whose other sides are files that this process holds. A packet is due
-by when it was read, which is after it was sent, so that none is ever early. Where a cable has a
-rate, packets go one behind the other, first come first served: each is under way for as long as
-its bits take, and those that find the queue full are lost. What the simulation itself says, to and
-from the dispatcher's address, is held back by no cable.
+Both ends are TAP interfaces, whose other sides are files that this process holds. The delay begins
+when a packet is read, which is after it was sent, so that none is early. A cable with a rate is a
+first-in, first-out queue: a packet takes as long as its bits, and packets that find the queue full
+are lost. Packets to and from the dispatcher's address belong to the simulation: no cable delays
+them.
 """
 
+import heapq
 import os
 import random
 import select
 import time
-from collections import deque
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from ipaddress import IPv4Address
+from itertools import count
 
 from wire.config import CopperConfig
 
 MOST_BYTES = 1 << 16
-AT_ONCE = 64  # frames read from one end before others have their turn
+AT_ONCE = 64  # frames read from one end before the next is served
 CLOSED_AT_ONCE = 64  # ends
-QUEUE_BYTES = 1 << 20  # that may wait for a slow cable, in each direction
+QUEUE_BYTES = 1 << 20  # of each direction of a slow cable
 IPV4, ARP = b"\x08\x00", b"\x08\x06"
 # Where sender and target are, behind the Ethernet header.
 ADDRESSES = {IPV4: (slice(26, 30), slice(30, 34)), ARP: (slice(28, 32), slice(38, 42))}
@@ -31,23 +32,21 @@ ADDRESSES = {IPV4: (slice(26, 30), slice(30, 34)), ARP: (slice(28, 32), slice(38
 
 @dataclass
 class Direction:
-    """One end of a cable, where packets go in, and what is on its way to the other end."""
+    """A cable from one end to the other."""
 
     into: int  # files of both ends
     out_of: int
     delay_ns: int
     loss: float
     ns_per_byte: float = 0.0
-    free_ns: float = 0.0  # when all that came so far has been sent
-    under_way: deque[tuple[int, bytes]] = field(default_factory=deque)  # when due, what
+    free_ns: float = 0.0  # when the queue is empty
 
-    def take(self, frame: bytes, now_ns: int) -> bool:
-        """Put a frame behind the others; return whether there was room."""
+    def due_ns(self, length: int, now_ns: int) -> int | None:
+        """Return when a frame that enters now comes out; None if the queue is full."""
         if self.free_ns - now_ns > QUEUE_BYTES * self.ns_per_byte:
-            return False
-        self.free_ns = max(self.free_ns, now_ns) + len(frame) * self.ns_per_byte
-        self.under_way.append((round(self.free_ns) + self.delay_ns, frame))
-        return True
+            return None
+        self.free_ns = max(self.free_ns, now_ns) + length * self.ns_per_byte
+        return round(self.free_ns) + self.delay_ns
 
 
 class Forwarder:
@@ -56,17 +55,20 @@ class Forwarder:
     def __init__(self, config: CopperConfig) -> None:
         """Take over the files of the ends; raise OSError if one is not there."""
         self._directions: dict[int, Direction] = {}
-        self._at_once = IPv4Address(config.simulation).packed
+        self._dispatcher = IPv4Address(config.simulation).packed
+        self._wake_reader, self._wake_writer = os.pipe()
+        self._readable = select.epoll()
+        self._readable.register(self._wake_reader, select.EPOLLIN)
         for cable in config.cables:
             delay_ns = round(config.time.wall_s(cable.delay_s) * 1e9)
             ns_per_byte = config.time.wall_s(8e-6 / cable.mbps) * 1e9 if cable.mbps else 0.0
             for into, out_of in ((cable.a_fd, cable.b_fd), (cable.b_fd, cable.a_fd)):
                 os.set_blocking(into, False)
-                way = Direction(into, out_of, delay_ns, cable.loss, ns_per_byte)
-                self._directions[into] = way
-        self._open = list(self._directions)  # where more may come in
+                self._directions[into] = Direction(into, out_of, delay_ns, cable.loss, ns_per_byte)
+                self._readable.register(into, select.EPOLLIN)
         self._draws = random.Random(config.seed)  # noqa: S311
-        self._wake_reader, self._wake_writer = os.pipe()
+        self._under_way: list[tuple[int, int, int, bytes]] = []  # when due, number, where to, frame
+        self._numbers = count()
         self.held = self.lost = 0
 
     def stop(self) -> None:
@@ -74,29 +76,30 @@ class Forwarder:
         os.write(self._wake_writer, b"\0")
 
     def run(self) -> None:
-        """Forward until told to stop; what is still on its way then is lost."""
+        """Forward until stopped; packets that are then under way are lost."""
         while True:
-            files = [*self._open, self._wake_reader]
-            # Unlike poll and epoll, select waits for microseconds.
-            readable, _, _ = select.select(files, [], [], self._wait_s())
-            if self._wake_reader in readable:
-                return
-            for file in readable:
+            # epoll waits for milliseconds, select for microseconds, but not for many files.
+            select.select([self._readable], [], [], self._wait_s())
+            for file, _events in self._readable.poll(0):
+                if file == self._wake_reader:
+                    return
                 if not self._take_in(self._directions[file]):
-                    self._open.remove(file)
+                    self._readable.unregister(file)
             self._give_out()
 
     def close(self) -> None:
-        """Take away all ends, beside each other: the kernel waits some 15 ms with each of them."""
+        """Close all ends at once: the kernel waits some 15 ms for each."""
+        self._readable.close()
         with ThreadPoolExecutor(CLOSED_AT_ONCE) as pool:
             list(pool.map(os.close, self._directions))
 
     def _wait_s(self) -> float | None:
-        due = [each.under_way[0][0] for each in self._directions.values() if each.under_way]
-        return max(0, min(due) - time.monotonic_ns()) / 1e9 if due else None
+        if not self._under_way:
+            return None
+        return max(0, self._under_way[0][0] - time.monotonic_ns()) / 1e9
 
     def _take_in(self, direction: Direction) -> bool:
-        """Read what is there; return whether there may be more, some time."""
+        """Read the frames that wait; return whether the end is still open."""
         for _ in range(AT_ONCE):
             try:
                 frame = os.read(direction.into, MOST_BYTES)
@@ -108,23 +111,28 @@ class Forwarder:
                 return False
             if self._is_simulation(frame):
                 self._write(direction.out_of, frame)
-            elif direction.loss and self._draws.random() < direction.loss:
-                self.lost += 1
-            elif direction.take(frame, time.monotonic_ns()):
-                self.held += 1
             else:
-                self.lost += 1
+                self._hold(direction, frame)
         return True
+
+    def _hold(self, direction: Direction, frame: bytes) -> None:
+        lost = direction.loss and self._draws.random() < direction.loss
+        due_ns = None if lost else direction.due_ns(len(frame), time.monotonic_ns())
+        if due_ns is None:
+            self.lost += 1
+            return
+        heapq.heappush(self._under_way, (due_ns, next(self._numbers), direction.out_of, frame))
+        self.held += 1
 
     def _give_out(self) -> None:
         now_ns = time.monotonic_ns()
-        for direction in self._directions.values():
-            while direction.under_way and direction.under_way[0][0] <= now_ns:
-                self._write(direction.out_of, direction.under_way.popleft()[1])
+        while self._under_way and self._under_way[0][0] <= now_ns:
+            _due_ns, _number, out_of, frame = heapq.heappop(self._under_way)
+            self._write(out_of, frame)
 
     def _is_simulation(self, frame: bytes) -> bool:
         addresses = ADDRESSES.get(frame[12:14], ())
-        return any(frame[each] == self._at_once for each in addresses)
+        return any(frame[place] == self._dispatcher for place in addresses)
 
     def _write(self, file: int, frame: bytes) -> None:
         try:

@@ -27,6 +27,7 @@ MOST_OF_ONE = 128  # and no more than these
 AT_ONCE = 100  # connections accepted before the process does something else
 LINE_BYTES = 1 << 16  # of a stream, as asyncio's own default
 STREAMS = 512  # calls of HTTP/2 that a connection has under way
+ROOT = 0
 NO_FILES = errno.EMFILE, errno.ENFILE
 
 log = logging.getLogger("connections")
@@ -54,6 +55,60 @@ def peer_of(address: Any) -> str:
     return f"user {owner(host, port)}" if ip_address(host).is_loopback else str(host)
 
 
+class PeerShares:
+    """The open connections of a listener, by peer; root and this process's user have no bound.
+
+    They can end this process anyway, and a large network's switches are all of one user.
+    """
+
+    def __init__(self) -> None:
+        self._open: dict[int, tuple[int, str]] = {}  # inode and peer, by descriptor
+        self._of: Counter[str] = Counter()
+        self._refused: set[str] = set()
+
+    def admits(self, connection: socket.socket, address: Any) -> bool:
+        """Return whether there is room for a connection; count it if so."""
+        peer = peer_of(address)
+        if peer in (f"user {ROOT}", f"user {os.geteuid()}"):
+            return True
+        if not self._has_place(peer):
+            return False
+        descriptor = connection.fileno()
+        if descriptor in self._open:
+            self._forget(descriptor)
+        self._open[descriptor] = os.fstat(descriptor).st_ino, peer
+        self._of[peer] += 1
+        return True
+
+    def _has_place(self, peer: str) -> bool:
+        most = shares()
+        if self._of[peer] >= most.of_one or len(self._open) >= most.all:
+            self._forget_closed()
+        if self._of[peer] < most.of_one and len(self._open) < most.all:
+            self._refused.discard(peer)
+            return True
+        if peer not in self._refused:
+            log.warning("%s has %d connections of %d: more refused", peer, self._of[peer], most.all)
+            self._refused.add(peer)
+        return False
+
+    def _forget_closed(self) -> None:
+        """Forget connections whose descriptor is closed, or is another file's by now."""
+        for descriptor, (inode, _peer) in list(self._open.items()):
+            try:
+                closed = os.fstat(descriptor).st_ino != inode
+            except OSError:
+                closed = True
+            if closed:
+                self._forget(descriptor)
+
+    def _forget(self, descriptor: int) -> None:
+        _inode, peer = self._open.pop(descriptor)
+        self._of[peer] -= 1
+        if not self._of[peer]:
+            del self._of[peer]
+
+
 class SharedListener(socket.socket):
     """A listening socket that does not wait, and closes connections beyond their peer's share."""
 
@@ -62,17 +117,13 @@ class SharedListener(socket.socket):
         super().__init__(fileno=listener.detach())
         self.setblocking(False)
         self._spare = os.dup(self.fileno())
-        self._open: dict[int, tuple[int, str]] = {}  # inode and peer, by descriptor
-        self._of: Counter[str] = Counter()
-        self._refused: set[str] = set()
+        self._shares = PeerShares()
 
     def accept(self) -> tuple[socket.socket, Any]:
         """Return a connection and its peer's address; BlockingIOError if none comes now."""
         for _ in range(AT_ONCE):
             connection, address = self._accept_one()
-            peer = peer_of(address)
-            if self._has_place(peer):
-                self._note(connection, peer)
+            if self._shares.admits(connection, address):
                 return connection, address
             connection.close()
         raise BlockingIOError(errno.EAGAIN, "more connections wait")
@@ -96,41 +147,6 @@ class SharedListener(socket.socket):
         finally:
             self._spare = os.dup(self.fileno())
         raise BlockingIOError(errno.EAGAIN, "no descriptor is left")
-
-    def _has_place(self, peer: str) -> bool:
-        most = shares()
-        if self._of[peer] >= most.of_one or len(self._open) >= most.all:
-            self._forget_closed()
-        if self._of[peer] < most.of_one and len(self._open) < most.all:
-            self._refused.discard(peer)
-            return True
-        if peer not in self._refused:
-            log.warning("%s has %d connections of %d: more refused", peer, self._of[peer], most.all)
-            self._refused.add(peer)
-        return False
-
-    def _note(self, connection: socket.socket, peer: str) -> None:
-        descriptor = connection.fileno()
-        if descriptor in self._open:
-            self._forget(descriptor)
-        self._open[descriptor] = os.fstat(descriptor).st_ino, peer
-        self._of[peer] += 1
-
-    def _forget_closed(self) -> None:
-        """Forget connections whose descriptor is closed, or is another file's by now."""
-        for descriptor, (inode, _peer) in list(self._open.items()):
-            try:
-                closed = os.fstat(descriptor).st_ino != inode
-            except OSError:
-                closed = True
-            if closed:
-                self._forget(descriptor)
-
-    def _forget(self, descriptor: int) -> None:
-        _inode, peer = self._open.pop(descriptor)
-        self._of[peer] -= 1
-        if not self._of[peer]:
-            del self._of[peer]
 
 
 class StreamServer:

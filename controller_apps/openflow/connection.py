@@ -1,4 +1,4 @@
-"""The connection of a switch, with fewer calls of the system than Ryu makes.
+"""The connections of switches: a share for each peer, and fewer system calls than Ryu makes.
 
 Ryu asks for each message twice, for its header and for the rest, and hands what it sends to a green
 thread that waits for it. At each wait the scheduler looks at all sockets.
@@ -7,7 +7,37 @@ thread that waits for it. At each wait the scheduler looks at all sockets.
 from collections.abc import Callable
 from typing import Any
 
+from controller_apps.timeouts import NO_FILES_WAIT_S
+from programs.connection_shares import NO_FILES, PeerShares
+
 AT_ONCE = 1 << 14  # bytes: about a hundred packets that a switch sends up
+
+
+class SharedAccept:
+    """A framework's listening socket that closes connections beyond their peer's share."""
+
+    def __init__(self, listener: Any, sleep: Callable[[float], None]) -> None:
+        """`sleep` is the framework's own, in which it serves other connections."""
+        self._listener, self._sleep, self._shares = listener, sleep, PeerShares()
+
+    def __getattr__(self, name: str) -> Any:
+        """Return what is the socket's own."""
+        return getattr(self._listener, name)
+
+    def accept(self) -> tuple[Any, Any]:
+        """Wait for a connection; return it and its peer's address."""
+        while True:
+            try:
+                connection, address = self._listener.accept()
+            except OSError as error:
+                if error.errno not in NO_FILES:
+                    raise
+                self._sleep(NO_FILES_WAIT_S)
+                continue
+            if self._shares.admits(connection, address):
+                return connection, address
+            connection.close()
+            self._sleep(0)
 
 
 class Connection:

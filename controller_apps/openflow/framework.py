@@ -15,7 +15,7 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any, TypeVar, cast
 
-from controller_apps.openflow.connection import Connection
+from controller_apps.openflow.connection import Connection, SharedAccept
 from controller_apps.openflow.speakers import Speakers, owner
 
 VARIABLE = "QMN_CONTROLLER_FRAMEWORK"
@@ -62,6 +62,15 @@ MAIN: str = _handler.MAIN_DISPATCHER
 DEAD: str = _handler.DEAD_DISPATCHER
 
 
+class SwitchServer(hub.StreamServer):
+    """The OpenFlow listener, with a share of its connections for each peer."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.server = SharedAccept(self.server, hub.sleep)
+
+
+vars(_controller).update(StreamServer=SwitchServer)
 _serve_in_turn: Any = _controller.datapath_connection_factory
 _send_in_turn: Any = _controller.Datapath.send
 
@@ -235,5 +244,6 @@ def start(
     server = wsgi().start_service(manager) if wsgi.cache_info().currsize else None
     if server is not None:
         server.handle = guard(server.handle)
+        server.server = SharedAccept(server.server, hub.sleep)
         hub.spawn(server)
     return dict(manager.applications)

@@ -1,11 +1,16 @@
 """Copper holds every packet for as long as it is long, and none of the simulation's own."""
 
+import resource
 import select
 import socket
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from ipaddress import IPv4Address
+from itertools import chain
+from pathlib import Path
 from threading import Thread
 
 import pytest
@@ -147,7 +152,43 @@ def test_packets_on_a_slow_cable_queue_behind_each_other() -> None:
 def test_packets_for_which_a_slow_cable_has_no_room_are_lost() -> None:
     """It would take ten seconds a byte: the first waits to be sent for long, others behind it."""
     way = Direction(-1, -1, 0, 0.0, 1e10)
-    frames = [way.take(bytes(QUEUE_BYTES // 4), 0) for _ in range(7)]
-    assert frames == [True] * 5 + [False] * 2
-    assert len(way.under_way) == 5
-    assert way.take(b"", round(1.1e10 * QUEUE_BYTES)), "there is room again"
+    lost = [way.due_ns(QUEUE_BYTES // 4, 0) is None for _ in range(7)]
+    assert lost == [False] * 5 + [True] * 2
+    assert way.due_ns(0, round(1.1e10 * QUEUE_BYTES)) is not None, "there is room again"
+
+
+@pytest.mark.parametrize("number", [1, 600])
+def test_a_network_may_have_many_cables(number: int, tmp_path: Path) -> None:
+    """The files of 600 cables have numbers beyond FD_SETSIZE (1,024) of select(2)."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, min(hard, 8 * number)), hard))
+    kind = socket.AF_UNIX, socket.SOCK_SEQPACKET
+    ends = [socket.socketpair(*kind) for _ in range(2 * number)]
+    files = [end[0].fileno() for end in ends]
+    laid = [
+        Cable("a", "b", one, other, 0.02)
+        for one, other in zip(files[::2], files[1::2], strict=True)
+    ]
+    config = tmp_path / "copper.json"
+    CopperConfig(laid, "10.0.0.4").write(config)
+    command = [sys.executable, "-m", "copper", "--config", str(config)]
+    copper = subprocess.Popen(command, pass_fds=files, stdout=subprocess.PIPE, text=True)
+    try:
+        assert copper.stdout is not None
+        assert copper.stdout.readline() == "ready\n"
+        sent_s = time.monotonic()
+        for near, _far in zip(ends[::2], ends[1::2], strict=True):
+            near[1].send(ip(ALICE, BOB))
+        assert {comes(far[1]) for far in ends[1::2]} == {ip(ALICE, BOB)}
+        assert time.monotonic() - sent_s >= 0.02
+        copper.terminate()
+        assert copper.communicate(timeout=DEADLINE_S) == (
+            f"stopped: {number:,} packets held, 0 lost\n",
+            None,
+        )
+    finally:
+        copper.kill()
+        copper.wait(DEADLINE_S)
+        for end in chain(*ends):
+            end.close()
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
