@@ -182,7 +182,6 @@ def open_metrics(config: ControllerConfig) -> Any:
 
 
 def wait_until_listening(framework: Any, host: str, port: int) -> None:
-    """Return as soon as a connection to the OpenFlow server succeeds."""
     deadline = time.monotonic() + READY_TIMEOUT_S
     while time.monotonic() < deadline:
         framework.hub.sleep(READY_POLL_S)

@@ -25,7 +25,6 @@ class PortLines:
     """Writes a port's share of lines, and how many more there would be."""
 
     def __init__(self, logger: logging.Logger) -> None:
-        """Write to the log of an app."""
         self._logger = logger
         self._seconds: dict[SwitchPort, Second] = {}
 

@@ -34,15 +34,12 @@ class PhotonRandom:
         self.photons = photons
 
     def at(self, place: str) -> "PhotonRandom":
-        """Return the draws for a place within this one."""
         return PhotonRandom(self._draws, self._block, f"{self._place} {place}", self.photons)
 
     def beside(self, photons: int) -> "PhotonRandom":
-        """Return the draws for so many further photons of the same pulses."""
         return PhotonRandom(self._draws, self._block, f"{self._place} beside", photons)
 
     def generator(self, purpose: str) -> np.random.Generator:
-        """Return the generator for a purpose, at its beginning."""
         return self._draws.generator(self._block, f"{self._place} {purpose}")
 
     def uniform(self, purpose: str) -> NDArray[np.float64]:

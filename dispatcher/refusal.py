@@ -13,7 +13,6 @@ class Refusal(Exception):
 
 
 def invalid(message: str) -> Refusal:
-    """Return the refusal of an argument."""
     return Refusal(grpc.StatusCode.INVALID_ARGUMENT, message)
 
 
@@ -23,12 +22,10 @@ def denied(message: str) -> Refusal:
 
 
 def not_found(message: str) -> Refusal:
-    """Return the refusal of a name that stands for nothing."""
     return Refusal(grpc.StatusCode.NOT_FOUND, message)
 
 
 def exhausted(message: str) -> Refusal:
-    """Return the refusal of what would go beyond a limit."""
     return Refusal(grpc.StatusCode.RESOURCE_EXHAUSTED, message)
 
 

@@ -145,7 +145,6 @@ class Stack:
         return Interception(qnic, options, config.seed, config.name, config.memory_qubits)
 
     def takes_part(self, session: int) -> bool:
-        """Tell whether this host is in a session, or opens a link of that number."""
         return session in self.active_sessions.sessions or self.swaps.opens(session)
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -194,7 +193,6 @@ class Stack:
     def _engaged(
         self, setup: Setup, channel: MetadataChannel, role: Role
     ) -> AbstractContextManager[None]:
-        """Take part in a session that the other end of a connection has opened."""
         return self.active_sessions.engage(setup.session, role, channel.connection[0])
 
     async def _emit_pairs(self, channel: MetadataChannel, setup: Setup) -> None:
@@ -270,7 +268,6 @@ class Stack:
         return source
 
     def _peer(self, host: str) -> tuple[str, str]:
-        """Return name and address of a host that is given by either."""
         for name, address in self._config.hosts.items():
             if host in (name, address):
                 return name, address

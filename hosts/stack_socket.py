@@ -140,7 +140,6 @@ class StackSocket:
             raise
 
     def _end(self) -> QuantumSocketError:
-        """Return why nothing goes through it any more."""
         if self._closed:
             return QuantumSocketError("this socket has been closed")
         return StackEnded("the host's stack has ended")

@@ -66,7 +66,6 @@ def _command_that_runs(file: Path) -> str:
 
 
 def fault_in(file: Path, error: Exception) -> str:
-    """Return what an exception says, its kind, and at which line of a file it came up."""
     return f"line {line_in(file, error)}: {type(error).__name__}: {error}"
 
 

@@ -9,7 +9,6 @@ NOBODY = -1
 
 
 def owner(host: str, port: int) -> int:
-    """Return the user of the socket with this local address."""
     return owner_of(host, port, CONNECTIONS.read_text())
 
 

@@ -49,7 +49,6 @@ def _response(status: str, content_type: str, body: bytes, further: str = "") ->
 
 
 def inherited(descriptor: int) -> socket.socket:
-    """Return the listening socket that the runner has handed over."""
     listener = socket.socket(fileno=descriptor)
     listener.set_inheritable(False)
     return listener

@@ -93,7 +93,6 @@ class Connection:
             del self._barriers[xid]
 
     def close(self) -> None:
-        """Close the connection."""
         self._writer.close()
 
     def _take(self, message: bytes) -> None:
@@ -188,7 +187,6 @@ class Commands(Connection):
     """What the agent itself changes in the bridge."""
 
     def delete(self, entry: FlowEntry) -> None:
-        """Delete one entry, if it is still there."""
         self._writer.write(flows.delete_strict(entry, next(self._xids)))
 
     def keep_packets_out(self, port: Port) -> None:

@@ -64,12 +64,10 @@ class MeasuredHardware:
         power_dbm: float | None,
         direction: Direction = Direction.BOTH,
     ) -> None:
-        """Tune a port."""
         with self._measured("tune"):
             await self._hardware.tune(port, frequency_mhz, power_dbm, direction)
 
     async def read(self) -> Readings:
-        """Return what the hardware counts and measures."""
         with self._measured("read"):
             return await self._hardware.read()
 
@@ -78,5 +76,4 @@ class MeasuredHardware:
         await self._hardware.watch(on_condition)
 
     async def close(self) -> None:
-        """Close the hardware."""
         await self._hardware.close()

@@ -42,7 +42,6 @@ class Promises:
             self._open.popitem(last=False)
 
     def due(self, paths: Iterable[CrossConnect]) -> list[CrossConnect]:
-        """Return those whose entries are in the table by now."""
         return [path for path in paths if path in self._open]
 
     def settle(self, due: Iterable[CrossConnect], refused: Mapping[CrossConnect, str]) -> None:

@@ -43,13 +43,11 @@ class SupervisoryChannels:
                 self._sockets.pop(name).close()  # the interface may be another one by now
 
     def announce(self, numbers: Iterable[int]) -> None:
-        """Tell the controllers that the condition of ports has changed."""
         for number in sorted(numbers):
             if number in self.ports:
                 self._commands.announce(self.ports[number])
 
     def close(self) -> None:
-        """Close the sockets."""
         for channel in self._sockets.values():
             channel.close()
 

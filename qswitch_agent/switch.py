@@ -95,7 +95,6 @@ class Switch:
         self._newest: tuple[int, Readings] = 0, Readings()  # when they were asked for
 
     async def started(self) -> None:
-        """Return when the hardware has told its condition."""
         try:
             async with asyncio.timeout(CONDITION_DEADLINE_S):
                 await self._known.wait()
@@ -166,7 +165,6 @@ class Switch:
         }
 
     def promise(self, mod: FlowMod, asker: Asker, request: bytes) -> None:
-        """Note that a controller counts on a path, by an entry that is let into the table."""
         path = self.paths.table.path_of(mod)
         if path is not None:
             self.paths.promises.add(path, asker, request)
@@ -184,7 +182,6 @@ class Switch:
             self._delete(entry)
 
     def new_circuit(self) -> int:
-        """Return a number under which the photons of a new light entry are counted."""
         return secrets.randbelow(MAX_CIRCUIT) + MIN_CIRCUIT
 
     async def read(self, since_ns: int | None = None) -> Readings:
@@ -203,7 +200,6 @@ class Switch:
         return readings
 
     def send_lldp(self, port: int, frame: bytes) -> None:
-        """Send a frame into a fibre's supervisory channel."""
         if port not in self._channels.ports:
             raise refusals.bad_out_port(f"no port {port}")
         self._channels.send(port, frame)
@@ -231,13 +227,11 @@ class Switch:
         self.paths.update_stuck(condition.stuck)
 
     def update_ports(self, ports: Iterable[Port]) -> None:
-        """Take descriptions of ports, of all that there are or of one that has changed."""
         for port in ports:
             (self.ports.discard if port.gone else self.ports.add)(port.number)
 
     @property
     def described(self) -> dict[int, Port]:
-        """The ports that are fibres', as the bridge describes them."""
         return self._channels.ports
 
     @property
@@ -282,5 +276,4 @@ def impossible_path(reason: str) -> Refusal:
 
 
 def circuits(mods: Iterable[FlowMod]) -> set[int]:
-    """Return the numbers under which the photons of light entries are counted."""
     return {mod.instructions.mark.circuit for mod in mods if mod.instructions.mark}

@@ -94,11 +94,9 @@ class FabricTopo(QuantumTopo):
         self.addLink(DISPATCHER, CLASSICAL_SWITCH)
 
     def next_address(self) -> str:
-        """Return an address that no other host has been given by this."""
         return str(next(self._addresses))
 
     def device_of(self, name: str) -> Device:
-        """Return what is said of a host's device, or of all."""
         return self._devices.get(name, self._device)
 
     def add_host(self, name: str, address: str, **params: object) -> None:
@@ -125,7 +123,6 @@ class FabricTopo(QuantumTopo):
         self.join("charlie", charlie_at, 2)
 
     def join(self, one: str, other: str, fibers: int, **own: object) -> None:
-        """Lay fibres of this network between two nodes, with what is their own."""
         self.addFibers(one, other, fibers, **{**self._fiber, **own})
 
 

@@ -40,7 +40,6 @@ class RepeatersTopo(FabricTopo):
                 self.add_station(f"m{switch[1:]}", switch, count)
 
     def add_station(self, name: str, switch: str, repeaters: int) -> None:
-        """Add a station with two fibres to a switch."""
         device = self._devices.get(name, STATION)
         self.add_host(name, f"10.0.0.{10 + repeaters + int(name[1:])}", device=device)
         self.join(name, switch, 2)

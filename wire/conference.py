@@ -30,7 +30,6 @@ class ConferenceProposal:
     names: tuple[str, ...]
 
     def encode(self) -> bytes:
-        """Return the proposal as it goes onto the wire."""
         fixed = _FIELDS.pack(VERSION, self.session, self.bound, self.eps_sec, self.eps_cor)
         return fixed + ",".join(self.names).encode()
 

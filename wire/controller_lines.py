@@ -24,7 +24,6 @@ class ConsoleError(Exception):
 
 
 def encode_request(command: str, **fields: Any) -> bytes:
-    """Return the line of a request."""
     return json.dumps({"command": command, **fields}).encode() + b"\n"
 
 
@@ -39,12 +38,10 @@ def decode_request(line: bytes) -> object:
 
 
 def encode_result(result: Any) -> bytes:
-    """Return the line of an answer."""
     return json.dumps({"result": result}).encode() + b"\n"
 
 
 def encode_error(text: str) -> bytes:
-    """Return the line of a refusal."""
     return json.dumps({"error": text}).encode() + b"\n"
 
 
@@ -63,7 +60,6 @@ def decode_answer(line: bytes) -> Any:
 
 
 def fact_line(event: str, **fields: Any) -> bytes:
-    """Return the line of a fact of this moment."""
     return json.dumps({"time_ns": time.time_ns(), "event": event, **fields}).encode() + b"\n"
 
 
@@ -76,7 +72,6 @@ class NewFacts:
         self._rest = b""  # of a line still being written
 
     def close(self) -> None:
-        """Close the file."""
         if self._file is not None:
             self._file.close()
 

@@ -158,7 +158,6 @@ class SetDevice(Message):
     settings: DeviceSettings = DeviceSettings()
 
     def encode(self) -> bytes:
-        """Return the message as it goes onto the wire."""
         return self._frame(_pack_settings(self.settings))
 
     @classmethod
@@ -270,7 +269,6 @@ class SwapOrder(Message):
 
     @property
     def last(self) -> bool:
-        """Whether the chain ends here."""
         return self.right == NOBODY
 
     def seed(self, block: int) -> int:
@@ -279,21 +277,17 @@ class SwapOrder(Message):
 
     @property
     def repeats(self) -> bool:
-        """Whether this node is a repeater."""
         return self.place > 0 and not self.last
 
     @property
     def incoming(self) -> int:
-        """Return the session of the link from the left."""
         return (self.chain + self.place) % (1 << 64)
 
     @property
     def outgoing(self) -> int:
-        """Return the session of the link to the right."""
         return (self.incoming + 1) % (1 << 64)
 
     def encode(self) -> bytes:
-        """Return the message as it goes onto the wire."""
         hosts = {name: IPv4Address(getattr(self, name)).packed for name in ("right", "station")}
         _session, *fields = {**vars(self), **hosts}.values()
         return self._frame(self.FIELDS.pack(*fields))
@@ -388,7 +382,6 @@ class Datagram:
     number: int
 
     def seal(self, key: str, speaker: bytes) -> bytes:
-        """Return the datagram with the HMAC of its speaker."""
         data = self.message.encode() + TRAILER.pack(self.host.encode(), self.number)
         return data + _tag(key, speaker, data)
 

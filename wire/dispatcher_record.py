@@ -21,7 +21,6 @@ class BadRecord(ValueError):
 
 
 def begin(file: BinaryIO) -> None:
-    """Write what a record begins with."""
     file.write(MAGIC)
 
 

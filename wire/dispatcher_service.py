@@ -18,7 +18,6 @@ CHANNEL_OPTIONS = [*MESSAGE_LIMITS, *FLOW_CONTROL, ("grpc.enable_http_proxy", 0)
 
 
 def metadata(token: str) -> tuple[tuple[str, str]]:
-    """Return the metadata of a call by the node whose token this is, on a private socket."""
     return ((TOKEN_KEY, token),)
 
 
@@ -28,10 +27,8 @@ def proof(token: str, nonce: bytes, method: str) -> str:
 
 
 def proving(token: str, nonce: bytes, method: str) -> tuple[tuple[str, str], ...]:
-    """Return the metadata of one call of a method, such as "Perform", over a network."""
     return (NONCE_KEY, nonce.hex()), (PROOF_KEY, proof(token, nonce, method))
 
 
 def cross_connects_socket(dispatcher: str) -> str:
-    """Return the path of the socket for cross-connects beside the dispatcher's own."""
     return f"{dispatcher}-paths"

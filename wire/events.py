@@ -49,13 +49,11 @@ def format_line(event: Event) -> str:
 
 
 def format_time(time_ns: int) -> str:
-    """Return a time of the captures' clock to the nanosecond, in UTC."""
     seconds, nanoseconds = divmod(time_ns, 1_000_000_000)
     return f"{_moment(seconds)}.{nanoseconds:09d}Z"
 
 
 def to_json(event: Event) -> dict[str, Any]:
-    """Return the event for programs."""
     time_ns = event.time_ns
     return {"time": format_time(time_ns), "time_ns": time_ns, **to_fields(event)}
 
@@ -103,7 +101,6 @@ def fields_text(event: Event) -> str:
 
 
 def encode_record(event: Event) -> bytes:
-    """Return the event as a packet of a capture."""
     return RECORD.pack(MAGIC, VERSION) + event.SerializeToString()
 
 

@@ -62,7 +62,6 @@ class NodeFeatures:
         return cls(features, memory_qubits)
 
     def both(self, other: "NodeFeatures") -> "NodeFeatures":
-        """Return what is true of both."""
         fewer = min(self.memory_qubits, other.memory_qubits)
         return NodeFeatures(self.features & other.features, fewer)
 

@@ -10,7 +10,6 @@ MAX_LENGTH = 1 << 20
 
 
 def encode(message: bytes) -> bytes:
-    """Return a message as it goes over the stream."""
     return LENGTH.pack(len(message)) + message
 
 

@@ -50,6 +50,5 @@ class IpOverLightConfig(Config):
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> "IpOverLightConfig":
-        """Build the configuration from decoded JSON."""
         neighbors = [Neighbor(**each) for each in fields.get("neighbors", [])]
         return cls(**{**fields, "neighbors": neighbors})

@@ -45,7 +45,6 @@ def packet_bytes(data: bytes, most: int) -> int | None:
 
 
 def decode(data: bytes) -> Packet:
-    """Return a packet of the length that it says."""
     _flow, _length, following, _hops, source, destination = HEADER.unpack_from(data)
     protocol, at, first = _carried(data, following)
     body = data[at : at + 1]

@@ -112,7 +112,6 @@ def encode_request(request: KeyRequest) -> bytes:
 
 
 def encode_key_ids(ids: Sequence[UUID]) -> bytes:
-    """Return the body that asks for keys by their ids."""
     return json.dumps({"key_IDs": [{"key_ID": str(each)} for each in ids]}).encode()
 
 
@@ -124,12 +123,10 @@ def decode_id_query(query: Mapping[str, Sequence[bytes]]) -> tuple[UUID, ...]:
 
 
 def encode_status(status: Status) -> bytes:
-    """Return the body of a status."""
     return json.dumps(asdict(status)).encode()
 
 
 def encode_keys(keys: Sequence[DeliveredKey]) -> bytes:
-    """Return the body of a container of keys."""
     each = [{"key_ID": str(key.key_id), "key": base64.b64encode(key.key).decode()} for key in keys]
     return json.dumps({"keys": each}).encode()
 
@@ -207,7 +204,6 @@ def _names(value: object, name: str) -> tuple[str, ...]:
 
 
 def _extensions(fields: dict[str, Any], name: str) -> tuple[str, ...]:
-    """Return the names of extensions, which come as an array of objects."""
     each = _list(fields.get(name, []), name, MAX_NAMES)
     return tuple(key for extension in each for key in _object(extension))
 

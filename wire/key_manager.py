@@ -55,10 +55,8 @@ class KeyManagerConfig(Config):
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> "KeyManagerConfig":
-        """Build the configuration from decoded JSON."""
         return cls(**{**fields, "links": [KeyLink(**link) for link in fields.get("links", [])]})
 
 
 def manager_name(host: str) -> str:
-    """Return the KME ID of a host's key manager, which its certificate names."""
     return f"kme-{host}"

@@ -41,7 +41,6 @@ class Relay:
 
     @property
     def nodes(self) -> tuple[str, ...]:
-        """Return the addresses of the route."""
         return tuple(hop.node for hop in self.hops)
 
     def encode(self) -> bytes:

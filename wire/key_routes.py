@@ -56,7 +56,6 @@ class KeyLinks(Message):
     links: tuple[LinkState, ...] = ()
 
     def encode(self) -> bytes:
-        """Return the message as it goes onto the wire."""
         return self._frame(b"".join(_pack_link(link) for link in self.links))
 
     @classmethod
@@ -82,7 +81,6 @@ class KeyRouteRequest(Message):
     slave: str
 
     def encode(self) -> bytes:
-        """Return the message as it goes onto the wire."""
         names = self.master.encode(), self.slave.encode()
         target = IPv4Address(self.target).packed
         return self._frame(self.FIELDS.pack(target, self.stored, *names))
@@ -117,11 +115,9 @@ class KeyRoute(Message):
 
     @property
     def nodes(self) -> tuple[str, ...]:
-        """Return the addresses of all."""
         return tuple(hop.node for hop in self.hops)
 
     def encode(self) -> bytes:
-        """Return the message as it goes onto the wire."""
         hops = (HOP.pack(IPv4Address(hop.node).packed, hop.tag) for hop in self.hops)
         return self._frame(self.FIELDS.pack(self.issued_ns, self.stored) + b"".join(hops))
 
@@ -138,7 +134,6 @@ class KeyRoute(Message):
 
 
 def route_tag(key: str, issued_ns: int, nodes: Sequence[str]) -> bytes:
-    """Return the tag of a route for the host whose device key this is."""
     path = b"".join(IPv4Address(node).packed for node in nodes)
     data = b"key route" + issued_ns.to_bytes(8, "big") + path
     return hmac.digest(bytes.fromhex(key), data, "sha256")[:TAG_BYTES]

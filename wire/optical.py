@@ -40,7 +40,6 @@ class OpticalProperty:
     FIELDS: ClassVar[struct.Struct]
 
     def encode(self) -> bytes:
-        """Return the property as it goes onto the wire."""
         length = PROPERTY.size + self.FIELDS.size
         body = PROPERTY.pack(OPTICAL, length) + self.FIELDS.pack(*astuple(self))
         return body + b"\0" * (-length % 8)
@@ -117,12 +116,10 @@ class PathOptics:
     stuck: bool = False  # the path cannot be changed
 
     def encode(self) -> bytes:
-        """Return the entry as it goes onto the wire."""
         return self.FIELDS.pack(*astuple(self))
 
 
 def encode_path_optics(paths: Iterable[PathOptics]) -> bytes:
-    """Return the body of the reply behind the experimenter header."""
     return b"".join(path.encode() for path in paths)
 
 
@@ -150,5 +147,4 @@ def frequency_mhz(wavelength_pm: int) -> int:
 
 
 def wavelength_pm(frequency_mhz: int) -> int:
-    """Return the wavelength of a channel, to the picometre."""
     return round(LIGHT_M_PER_S * 1e6 / frequency_mhz)

@@ -73,7 +73,6 @@ class Writer:
             file.write(_block(_SECRETS, body + _PADDING[len(key_log) & 3]))
 
     def write(self, packet: Packet) -> None:
-        """Write a packet behind the others."""
         time_ns, data, length, interface = packet
         size = len(data)
         padding = _PADDING[size & 3]
@@ -161,7 +160,6 @@ class PcapReader:
         raise MalformedPacket(f"not a pcap file: begins with {head[:4].hex()}")
 
     def packets(self, interface: int = 0) -> Iterator[Packet]:
-        """Yield all whole packets, as of this interface."""
         read, record, unit_ns = self._file.read, self._record, self._unit_ns
         while len(head := read(record.size)) == record.size:
             seconds, fraction, size, length = record.unpack(head)

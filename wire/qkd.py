@@ -352,12 +352,10 @@ class Intensities(QkdMessage):
 
     @property
     def means(self) -> tuple[float, ...]:
-        """Return the three mean numbers of photons."""
         return self.signal_mean, self.weak_mean, self.vacuum_mean
 
     @property
     def shares(self) -> tuple[float, ...]:
-        """Return how much of the pulses has each."""
         return self.signal_share, self.weak_share, self.vacuum_share
 
     def check(self) -> None:
@@ -469,7 +467,6 @@ def message_length(data: bytes) -> int | None:
 
 
 def kind_of(data: bytes) -> int:
-    """Return the kind of a whole message."""
     return int(HEADER.unpack_from(data)[2])
 
 

@@ -38,7 +38,6 @@ class SealOrder(Message):
     missed: float
 
     def encode(self) -> bytes:
-        """Return the message as it goes onto the wire."""
         hosts = {name: IPv4Address(getattr(self, name)).packed for name in ENDS}
         _session, *fields = {**vars(self), **hosts}.values()
         return self._frame(self.FIELDS.pack(*fields))

@@ -171,7 +171,6 @@ WANT_OF: Mapping[Feature, Reason] = MappingProxyType(
 
 
 def memory_of(service: Service) -> tuple[MemoryState, ...]:
-    """Return what a service can want of the memories of both ends."""
     heralded = service in HERALDED_LIGHT
     return (MemoryState.ANY, MemoryState.HERALDED) if heralded else (MemoryState.ANY,)
 
@@ -191,7 +190,6 @@ def beams(service: Service, by: Making = Making.SOURCE) -> tuple[Beam, ...]:
 
 
 def uses_source(service: Service, by: Making = Making.SOURCE) -> bool:
-    """Return whether a third host makes pairs for a session."""
     own = by == Making.OPENER and service in OWN_LIGHT
     return SOURCE in NEEDS.get(service, {}) and not own
 
@@ -207,6 +205,5 @@ def needs(service: Service, role: Role, by: Making = Making.SOURCE) -> Feature:
 
 @cache
 def fibers_needed(service: Service, role: Role, by: Making = Making.SOURCE) -> int:
-    """Return how many fibres a host in this role needs."""
     ends = [end for beam in beams(service, by) for end in beam if end.role == role]
     return max((1 + max(end.place, 0) for end in ends), default=0)

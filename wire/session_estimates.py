@@ -48,7 +48,6 @@ class SessionEstimate(Message):
 
     @property
     def interval(self) -> Interval:
-        """Return the estimate."""
         return Interval(self.value, self.low, self.high)
 
     @classmethod

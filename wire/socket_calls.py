@@ -82,7 +82,6 @@ def encode(call: Call, payload: bytes = b"") -> bytes:
 
 
 def encode_fields(call: Call, **fields: Any) -> bytes:
-    """Return a message that carries named fields, as JSON."""
     return encode(call, json.dumps(fields).encode())
 
 

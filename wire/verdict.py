@@ -28,7 +28,6 @@ def seal(setup: bytes, key: str, connection: Connection) -> bytes:
 
 
 def is_sealed(setup: bytes, key: str, connection: Connection) -> bool:
-    """Tell whether the controller has sealed an encoded set-up message for a connection."""
     body, tag = setup[:-SEAL_BYTES], setup[-SEAL_BYTES:]
     return hmac.compare_digest(tag, _tag(body, key, connection))
 

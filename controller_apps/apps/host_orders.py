@@ -73,7 +73,6 @@ class HostOrders:
     _waiting: dict[tuple[str, int], tuple[AnyOrder, float]] = field(default_factory=dict)
 
     def add(self, node: str, order: AnyOrder, now: float) -> None:
-        """Send it from now on."""
         self._waiting[node, order.session] = order, now + NODE_TIMEOUT_S
 
     def answered(self, node: str, number: int) -> AnyOrder | None:
@@ -82,7 +81,6 @@ class HostOrders:
         return order
 
     def due(self) -> Iterator[tuple[str, AnyOrder]]:
-        """Yield what has to be sent again, and to which node."""
         for (node, _number), (order, _until) in list(self._waiting.items()):
             yield node, order
 

@@ -77,7 +77,6 @@ class KeyRelays(App):
             del self.datapaths[dpid]
 
     def takes(self, message: Any) -> bool:
-        """Take datagrams that a classical switch has picked out."""
         return flow_entries.is_picked_datagram(message, self.quantum_switches)
 
     @on(ofp_event.EventOFPPacketIn, MAIN)
@@ -175,7 +174,6 @@ class KeyRelays(App):
         datapath.send_msg(out)
 
     def close(self) -> None:
-        """Say what lines were left out."""
         self._port_lines.time_passed(inf)
 
     @on(EventQuestion)

@@ -36,7 +36,6 @@ class LearningSwitch(App):
             datapath.send_msg(flow_entries.add(datapath, LEARNING_TABLE, 0, {}, miss))
 
     def takes(self, message: Any) -> bool:
-        """Take what no other table has taken."""
         return bool(message.table_id == LEARNING_TABLE)
 
     @on(ofp_event.EventOFPPacketIn, MAIN)
@@ -76,5 +75,4 @@ class LearningSwitch(App):
 
 
 def text(station: bytes) -> str:
-    """Return a hardware address as OpenFlow matches want it."""
     return station.hex(":")

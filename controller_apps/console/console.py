@@ -32,7 +32,6 @@ class Console:
         self._listener.listen(BACKLOG)
 
     def start(self, facts: Facts) -> None:
-        """Serve from now on, beside the apps."""
         hub.spawn(self.serve, facts)
 
     def serve(self, facts: Facts) -> None:

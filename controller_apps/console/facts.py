@@ -28,15 +28,12 @@ class Facts:
         ]
 
     def sessions(self) -> Any:
-        """Return every session."""
         return ask(self.quantum, "sessions")
 
     def paths(self) -> Any:
-        """Return the light paths that stand, and the fibres they can use."""
         return {"paths": ask(self.quantum, "paths"), "fibers": ask(self.quantum, "fibers")}
 
     def tapi(self) -> Any:
-        """Return light paths in the terms of ONF's Transport API."""
         told = self.paths()
         return tapi.context(told["paths"], told["fibers"], self.sessions())
 

@@ -67,7 +67,6 @@ class CurrentMetrics(Collector):
     """What the apps count anyway."""
 
     def __init__(self, facts: Facts) -> None:
-        """Ask here."""
         self._facts = facts
 
     def describe(self) -> Iterator[Metric]:
@@ -100,7 +99,6 @@ class Metrics:
     """Serves one request after the other, each with a deadline, beside the apps."""
 
     def __init__(self, descriptor: int) -> None:
-        """Take over the socket that the runner has opened."""
         self.registry = CollectorRegistry()
         self._listener = inherited(descriptor)
 
@@ -109,7 +107,6 @@ class Metrics:
         return MeasuredRecord(path, self.registry)
 
     def start(self, facts: Facts) -> None:
-        """Serve from now on."""
         self.registry.register(CurrentMetrics(facts))
         hub.spawn(self.serve)
 

@@ -46,7 +46,6 @@ def ask(app: Any, name: str, **fields: Any) -> Any:
 
 
 def reply(question: EventQuestion, handlers: dict[str, Callable[..., Any]]) -> None:
-    """Answer a question by the handler of its name, called with its fields."""
     try:
         question.answer(handlers[question.name](**question.fields))
     except Refused as refused:

@@ -35,17 +35,14 @@ class Resources(wsgi().ControllerBase):  # type: ignore[misc]
 
     @route("devices", "/qmn/devices", methods=["GET"])
     def devices(self, request: Any, **_: Any) -> Any:
-        """Return every device and its state."""
         return answer(lambda facts: facts.devices())
 
     @route("paths", "/qmn/paths", methods=["GET"])
     def paths(self, request: Any, **_: Any) -> Any:
-        """Return the light paths that stand, and the fibres they can use."""
         return answer(lambda facts: facts.paths())
 
     @route("sessions", "/qmn/sessions", methods=["GET"])
     def sessions(self, request: Any, **_: Any) -> Any:
-        """Return every session."""
         return answer(lambda facts: facts.sessions())
 
     @route("tapi", "/restconf/data/{path:.*}", methods=["GET"])
@@ -87,12 +84,10 @@ def answer(call: Callable[[Facts], Any]) -> Any:
 
 
 def known_facts() -> Facts:
-    """Return what the apps know."""
     names = "QuantumMetadata", "DeviceMonitor", "KeyRelays"
     return Facts(*(app_manager.lookup_service_brick(name) for name in names))
 
 
 def response(status: int, content: Any, kind: str = "application/json") -> Any:
-    """Return a response in JSON."""
     body = json.dumps(content).encode()
     return wsgi().Response(status=status, content_type=kind, body=body)

@@ -40,7 +40,6 @@ class Place:
 
     @property
     def at(self) -> SwitchPort:
-        """The port alone."""
         return SwitchPort(self.dpid, self.port)
 
 
@@ -115,7 +114,6 @@ class Hosts:
         return messages
 
     def seal(self, host: str, message: Message, number: int) -> bytes:
-        """Return the datagram that carries a message to a host."""
         return Datagram(message, host, number).seal(self.keys[host], Datagram.FROM_CONTROLLER)
 
     def silent(self, host: str, now: float) -> bool:

@@ -42,7 +42,6 @@ class Stores(NamedTuple):
 
 
 def stores_of(link: LinkState) -> Stores:
-    """Return that of a link."""
     return Stores(link.mine, link.theirs, link.withheld)
 
 
@@ -65,7 +64,6 @@ class KeyNetwork:
         self.hosts[host] = Told(known, now)
 
     def stores(self, host: str) -> dict[str, Stores]:
-        """Return what a host has said last of the stores of its links, by the other end."""
         told = self.hosts.get(host)
         return {peer: stores_of(link) for peer, link in told.links.items()} if told else {}
 
@@ -98,7 +96,6 @@ class KeyNetwork:
         return found
 
     def links_of(self, host: str, now: float) -> Iterator[tuple[LinkState, bool]]:
-        """Yield each link of a host, and whether relays can use it."""
         told = self.hosts.get(host)
         for link in told.links.values() if told else ():
             yield link, self._alive(host, now) and not link.withheld

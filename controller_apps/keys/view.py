@@ -15,12 +15,10 @@ PPM = 1e6
 
 
 def identifier(*names: str) -> str:
-    """Return the UUID of what has these names."""
     return str(uuid5(_NAMESPACE, "/".join(names)))
 
 
 def keys_view(network: KeyNetwork, now: float) -> list[dict[str, Any]]:
-    """Return each SD-QKD node that has told of its links."""
     return [
         _node(network, host, now) for host in sorted(network.hosts, key=network.names.__getitem__)
     ]

@@ -53,17 +53,14 @@ class Links:
     _slower: float = 1.0  # how many times longer a large network waits than a small one
 
     def port_up(self, at: SwitchPort, now: float) -> None:
-        """Let a port speak, quickly at first."""
         self._ports[at] = _Port(now)
 
     def port_down(self, at: SwitchPort) -> None:
-        """Let a port be silent, and forget what was heard there."""
         self._ports.pop(at, None)
         self._heard.pop(at, None)
         self.network.remove_link(at)
 
     def switch_left(self, dpid: int) -> None:
-        """Let all ports of a switch be silent."""
         ends = {at for at in (*self._ports, *self._heard, *self.network.links) if at.dpid == dpid}
         for at in ends:
             self.port_down(at)

@@ -41,7 +41,6 @@ def obstacles(network: Network, legs: Sequence[Leg]) -> list[Obstacle]:
 
 
 def on_the_way(network: Network, hops: Iterable[Hop]) -> list[Obstacle]:
-    """Return what is cut, stuck or away on these hops."""
     return list(dict.fromkeys(each for hop in hops for each in _of_hop(network, hop)))
 
 
@@ -98,5 +97,4 @@ def _fiber(network: Network, at: SwitchPort) -> Obstacle:
 
 
 def _join(fiber: tuple[SwitchPort, SwitchPort], switches: set[int]) -> bool:
-    """Tell whether a fibre is between these switches."""
     return {end.dpid for end in fiber} == switches

@@ -84,7 +84,6 @@ class Optics:
             self._channels_mhz = None
 
     def told(self, dpid: int, optics: SwitchOptics) -> None:
-        """Take what a switch says of its paths."""
         if self.switches.get(dpid) != optics:
             self.switches[dpid] = optics
             self.changes += 1
@@ -119,12 +118,10 @@ class Optics:
         return port is None or not is_channel(port) or port.tx_min_mhz == frequency_mhz
 
     def forget_light(self, at: SwitchPort) -> None:
-        """Forget what was measured at a port whose fibre has changed."""
         self.lights.pop(at, None)
         self.changes += 1
 
     def forget_switch(self, dpid: int) -> None:
-        """Forget all that a switch has told."""
         self.switches.pop(dpid, None)
         self._channels_mhz = None
         self.changes += 1
@@ -168,12 +165,10 @@ class Optics:
 
 
 def is_channel(port: PortOptics) -> bool:
-    """Tell whether a multiplexer fixes the frequency of a port."""
     return 0 < port.tx_min_mhz == port.tx_max_mhz == port.rx_min_mhz == port.rx_max_mhz
 
 
 def _power(light: PortLight | None) -> tuple[int, int, int] | None:
-    """Return all that losses of fibres follow from."""
     if light is None:
         return None
     return (light.flags & (VALID_TX_PWR | VALID_RX_PWR), light.tx_power, light.rx_power)

@@ -31,7 +31,6 @@ class Direction(NamedTuple):
 
     @property
     def opposite(self) -> "Direction":
-        """The other direction of its port."""
         return Direction(self.dpid, self.port, not self.inward)
 
 
@@ -230,7 +229,6 @@ class Network:
         return [at for at in ports if self.optics.is_of_channel(at, frequency_mhz)]
 
     def node_features_of(self, address: str) -> NodeFeatures | None:
-        """Return what a host can do, if its ports say different things what all of them say."""
         return self._hosts_by_address().node_features.get(address)
 
     def links_from(self, dpid: int) -> list[tuple[SwitchPort, SwitchPort]]:
@@ -246,7 +244,6 @@ class Network:
         ]
 
     def is_closed(self, at: SwitchPort) -> bool:
-        """Tell whether the policy closes the fibre between switches that ends here."""
         far = self.links.get(at) if self.closed else None
         return far is not None and {self.name_of(at.dpid), self.name_of(far.dpid)} in self.closed
 

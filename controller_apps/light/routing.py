@@ -77,7 +77,6 @@ class LightPath:
 
     @property
     def leg(self) -> "Leg":
-        """The host ports that it connects."""
         first, last = self.hops[0], self.hops[-1]
         start, end = SwitchPort(first.dpid, first.in_port), SwitchPort(last.dpid, last.out_port)
         return Leg(start, end)

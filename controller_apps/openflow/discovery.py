@@ -110,7 +110,6 @@ def _node_features(tlvs: list[Any]) -> NodeFeatures | None:
 
 
 def _ours(tlvs: list[Any], subtype: int) -> list[bytes]:
-    """Return what our own TLVs of a subtype hold."""
     return [bytes(tlv.info) for tlv in tlvs if _is_ours(tlv, subtype)]
 
 
@@ -146,16 +145,13 @@ def _name(subtype: int, value: bytes) -> str:
 
 
 def switch_message(at: SwitchPort, address: bytes, key: bytes) -> bytes:
-    """Return the frame to be sent out of a port whose hardware address is given."""
     return message_of(at.dpid, at.port, address, LINK_TTL_S, seal(at, key))
 
 
 def seal(at: SwitchPort, key: bytes) -> bytes:
-    """Return what shows that a message about a port comes from the holder of the key."""
     text = b"%016x:%d" % at
     return blake2b(text, key=key, digest_size=SEAL_LENGTH).digest()
 
 
 def is_genuine(said: SwitchSaid, key: bytes) -> bool:
-    """Tell whether the holder of the key has sent a message."""
     return compare_digest(said.seal, seal(said.at, key))

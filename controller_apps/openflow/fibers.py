@@ -44,7 +44,6 @@ class Fibers:
         self._ask(datapath)
 
     def switch_left(self, dpid: int) -> None:
-        """Forget a switch."""
         self._datapaths.pop(dpid, None)
         self._asked.pop(dpid, None)
         self._told.pop(dpid, None)
@@ -155,7 +154,6 @@ class Fibers:
         self._record.write(event, ends=sorted([one, other]))
 
     def time_passed(self, now: float) -> None:
-        """Speak where it is due, and forget links that are silent."""
         for at in self._links.expired(now):
             self._logger.info("nothing heard at %#x:%d any more", *at)
         for at in self._links.due(now):

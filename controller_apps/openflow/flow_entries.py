@@ -30,31 +30,26 @@ ALL_BITS = (1 << 64) - 1
 
 
 def is_picked_datagram(message: Any, quantum_switches: Set[int]) -> bool:
-    """Tell whether a packet-in is a datagram that a classical switch has picked out for us."""
     classical = message.datapath.id not in quantum_switches
     return classical and message.table_id == METADATA_TABLE and is_udp(message.data)
 
 
 def output(port: int) -> Any:
-    """Return the instruction to send packets out of a port."""
     action = parser.OFPActionOutput(port, ofproto.OFPCML_NO_BUFFER)
     return parser.OFPInstructionActions(ofproto.OFPIT_APPLY_ACTIONS, [action])
 
 
 def to_controller() -> Any:
-    """Return the instruction to send whole packets to the controller."""
     return output(ofproto.OFPP_CONTROLLER)
 
 
 def to_learning() -> Any:
-    """Return the instruction to go on with ordinary forwarding."""
     return parser.OFPInstructionGotoTable(LEARNING_TABLE)
 
 
 def add(
     datapath: Any, table: int, priority: int, match: dict[str, Any], *instructions: Any, **more: Any
 ) -> Any:
-    """Return the message that adds an entry."""
     return parser.OFPFlowMod(
         datapath,
         table_id=table,
@@ -138,14 +133,12 @@ def classical_entries(datapath: Any) -> list[Any]:
 
 
 def ask_entries(datapath: Any, table: int) -> Any:
-    """Return the request for all entries of a table, those of a switch's past included."""
     return parser.OFPFlowStatsRequest(
         datapath, 0, table, ofproto.OFPP_ANY, ofproto.OFPG_ANY, 0, 0, parser.OFPMatch()
     )
 
 
 def delete_paths(datapath: Any, session: int) -> Any:
-    """Return the message that deletes every path of a session."""
     return delete(datapath, 0, cookie=session, cookie_mask=ALL_BITS)
 
 
@@ -217,7 +210,6 @@ def count_bypass(datapath: Any, five_tuple: FiveTuple, session: int) -> Any:
 
 
 def five_tuple_of(match: Any) -> FiveTuple:
-    """Read back what bypass matched on."""
     return FiveTuple(match["ipv4_src"], match["tcp_src"], match["ipv4_dst"], match["tcp_dst"])
 
 

@@ -68,7 +68,6 @@ class MacTable:
         return None if port == in_port else port  # who tells of itself tells all
 
     def forget(self, dpid: int) -> None:
-        """Drop everything learned at a switch."""
         self.ports.pop(dpid, None)
 
 

@@ -15,12 +15,10 @@ from wire.optical import (
 
 
 def ask_paths(datapath: Any) -> Any:
-    """Return the request for what each path of a switch does to light."""
     return parser.OFPExperimenterStatsRequest(datapath, 0, EXPERIMENTER, PATH_OPTICS, b"")
 
 
 def ask_ports(datapath: Any) -> Any:
-    """Return the request for the statistics of all ports."""
     return parser.OFPPortStatsRequest(datapath, 0, ofproto.OFPP_ANY)
 
 
@@ -39,12 +37,10 @@ def tune(datapath: Any, port: int, frequency_mhz: int) -> Any:
 
 
 def is_up(port: Any) -> bool:
-    """Tell whether a port, and what is behind it, is up."""
     return not (port.config & ofproto.OFPPC_PORT_DOWN or port.state & ofproto.OFPPS_LINK_DOWN)
 
 
 def is_fiber(port: Any) -> bool:
-    """Tell whether a port describes itself as optical."""
     return any(isinstance(found, parser.OFPPortDescPropOptical) for found in port.properties)
 
 

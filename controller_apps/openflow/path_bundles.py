@@ -53,7 +53,6 @@ def path_bundle(paths: OpenPaths, tuning: list[Any], xids: Iterator[int]) -> lis
 
 
 def xid_of(message: bytes) -> int:
-    """Return the transaction id of a message."""
     return int.from_bytes(message[4:8], "big")
 
 

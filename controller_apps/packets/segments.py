@@ -27,7 +27,6 @@ class FiveTuple(NamedTuple):
     destination_port: int
 
     def reverse(self) -> "FiveTuple":
-        """Return the same connection as the other end sees it."""
         return FiveTuple(self.destination, self.destination_port, self.source, self.source_port)
 
 
@@ -51,17 +50,14 @@ class Segment:
 
     @property
     def closes(self) -> bool:
-        """Whether it ends its connection."""
         return bool(self.flags & (FIN | RST))
 
     @property
     def accepts(self) -> bool:
-        """Whether it answers the first segment of a connection."""
         return self.flags & (SYN | ACK | FIN | RST) == SYN | ACK
 
     @property
     def after(self) -> int:
-        """The sequence number of what follows its data."""
         return (self.sequence + self.end - self.payload_offset) & 0xFFFFFFFF
 
     def with_payload(self, payload: bytes) -> bytes:

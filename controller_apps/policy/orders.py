@@ -27,7 +27,6 @@ Place = tuple[float, ...]  # in the queue: the least is next
 
 
 def first_come(waiting: Waiting) -> Place:
-    """Return the place of a request, by when it came."""
     return (waiting.since,)
 
 

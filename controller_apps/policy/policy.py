@@ -81,7 +81,6 @@ class Tap:
     by: str
 
     def __str__(self) -> str:
-        """Return it as messages name it."""
         return f"tap between {' and '.join(self.between)}"
 
 
@@ -93,7 +92,6 @@ class Trusted:
     between: frozenset[str] = frozenset()  # empty: any two
 
     def covers(self, host: str, ends: frozenset[str]) -> bool:
-        """Whether a host may relay keys of these two."""
         return self.host in ("*", host) and self.between in (frozenset(), ends)
 
 
@@ -137,7 +135,6 @@ class Policy:
     watches: tuple[Watch, ...] = ()  # of light that is idle
 
     def trusts(self, host: str, ends: frozenset[str]) -> bool:
-        """Whether a host may relay keys of two others."""
         return any(each.covers(host, ends) for each in self.trusted)
 
     def objection(self, request: SessionRequest, open_requests: Iterable[SessionRequest]) -> str:

@@ -305,7 +305,6 @@ def _parse_trusted(given: object, place: str) -> Trusted:
 
 
 def _two(between: object, place: str, remedy: str, name: str = "between") -> frozenset[str]:
-    """Return the two names of a list."""
     names = between if isinstance(between, list) else []
     if len(names) != 2 or names[0] == names[1] or not all(_is_name(each) for each in names):
         raise ValueError(f"{place}: {name} is {between!r}: {remedy}")

@@ -66,7 +66,6 @@ class Span:
     right: int
 
     def passes(self, place: int) -> bool:
-        """Return whether a place is between both ends."""
         return self.left < place < self.right
 
 
@@ -112,5 +111,4 @@ PARALLEL = "parallel"
 
 
 def schedule(name: str, repeaters: int) -> Schedule:
-    """Return when each of so many repeaters swaps."""
     return _SCHEDULES[name](repeaters)

@@ -32,7 +32,6 @@ class Watch:
     missed: float = 0.01  # that a test takes such an intruder for nobody, at most
 
     def __str__(self) -> str:
-        """Return it as messages name it."""
         way = f" over {'-'.join(sorted(self.over))}" if self.over else ""
         return f"{self.between[0]} to {self.between[1]}{way}"
 

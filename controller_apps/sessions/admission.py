@@ -107,7 +107,6 @@ def _pair_source(five_tuple: FiveTuple, registered: Session | None) -> Admission
 
 
 def _has_its_whole(setup: Setup, five_tuple: FiveTuple, sessions: Sessions) -> bool:
-    """Tell whether what a session is part of stands, if it is part of anything."""
     if setup.service == Service.LINK:
         return ordered_link(setup, five_tuple, sessions) is not None
     return setup.service not in RETURNS or returned_on(setup, five_tuple, sessions) is not None
@@ -177,7 +176,6 @@ class Asked(NamedTuple):
 
     @property
     def is_any(self) -> bool:
-        """Whether the controller chooses the channel."""
         return self.setup.wavelength_pm == ANY_WAVELENGTH
 
 

@@ -137,7 +137,6 @@ class Arbiter:
         return [*self.verdicts.over(request, "port reused", now), *self._asked(setup, arrival, now)]
 
     def _has_begun(self, arrival: Arrival, now: float) -> bool:
-        """Tell whether a set-up message is the first on a connection that both ends have opened."""
         if not self.needs_handshake or self.recovery.knows_no_handshakes(now):
             return True
         return self.handshakes.completed_by(arrival.segment, (arrival.dpid, arrival.in_port))
@@ -389,7 +388,6 @@ class Arbiter:
         ]
 
     def _count(self, request: Request) -> list[Action]:
-        """Ask the first switch that lets a connection pass what it has counted of it."""
         dpids = sorted(request.bypassed)[:1]
         return [CountBypass(dpid, request.five_tuple, request.setup.session) for dpid in dpids]
 
@@ -474,7 +472,6 @@ class Arbiter:
         return session.requests[session.light_owner]
 
     def is_live(self, session: int) -> bool:
-        """Tell whether a session has light."""
         return session in self.sessions.by_number and bool(self.sessions.by_number[session].paths)
 
     def entries_found(self, dpid: int, entries: Iterable[tuple[int, Hop | None]]) -> list[Action]:

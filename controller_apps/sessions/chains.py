@@ -69,7 +69,6 @@ class Join(NamedTuple):
     station: str = ""
 
     def extended(self, chain: Chain, address: str) -> Chain:
-        """Return the chain with the host."""
         last = chain[-1]._replace(right=self.right, station=self.station)
         return (*chain[:-1], last, Stop(address, self.left))
 
@@ -130,7 +129,6 @@ def legs_of_chain(network: Network, chain: Chain, limits: Limits) -> list[Leg]:
 
 
 def repeaters_of(chain: Chain) -> list[str]:
-    """Return the addresses of the repeaters of a chain."""
     return [stop.address for stop in chain[1:-1]]
 
 
@@ -216,7 +214,6 @@ def ordered_link(
 
 
 def links_of(session: Session, sessions: Sessions) -> list[Session]:
-    """Return the links of a chain that are registered."""
     numbers = ((session.number + 1 + place) % (1 << 64) for place in range(len(session.chain) - 1))
     found = (sessions.by_number.get(number) for number in numbers)
     return [link for link in found if link and link.setup.service == Service.LINK]

@@ -35,7 +35,6 @@ class Enquiries:
     _open: dict[int, Enquiry] = field(default_factory=dict)
 
     def begin(self, session: Session, now: float) -> None:
-        """Ask for a session from now on."""
         self._open[session.number] = Enquiry(session, now)
 
     def due(self, now: float) -> list[Action]:

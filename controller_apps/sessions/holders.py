@@ -28,7 +28,6 @@ class Holders:
     def gave_back(
         self, ways: Iterable[Direction], session: int, ends: Ends, frequency_mhz: int
     ) -> None:
-        """Note that a session has these no more."""
         self.order += 1
         holder = Holder(self.order, session, ends, frequency_mhz)
         self._last.update(dict.fromkeys(ways, holder))

@@ -56,12 +56,10 @@ class Light:
         return [*stale, *self._program(session, (), hops, request.transaction)]
 
     def hold(self, request: Request) -> None:
-        """Keep a request waiting, under a transaction of its own."""
         request.transaction = next(self._transactions)
         self.sessions.held[request.transaction] = request
 
     def close(self, session: Session) -> list[Action]:
-        """Close all paths of a session."""
         dark: list[Action] = [ClosePaths(dpid, session.number) for dpid in switches(session.hops)]
         self.sessions.vacate(session)
         self._forget_moves(lambda move: move.session == session.number)

@@ -34,7 +34,6 @@ class Want:
         return WANT_OF[self.feature]
 
     def __str__(self) -> str:
-        """Return it for the log."""
         return f"{self.address} lacks {names(self.feature)}, which its {self.role.value} needs"
 
 
@@ -87,7 +86,6 @@ def blocks_under_way(
 def _pairs_in_memories(
     setup: Setup, hosts: Mapping[Role, str], repeaters: Iterable[str], network: Network
 ) -> list[int]:
-    """Return how many pairs each memory takes that is known."""
     service = Service(setup.service)
     keeping = [hosts[role] for role in ENDS if STORE in needs(service, role)]
     taken = [(address, 1) for address in keeping] + [(address, HALVES) for address in repeaters]

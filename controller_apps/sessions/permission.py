@@ -71,6 +71,5 @@ class Permission:
         )
 
     def _party(self, address: str) -> Host | None:
-        """Return a host that has announced a fibre, by the address it has announced."""
         ports = self.network.ports_of(address)
         return Host(self.network.hosts[ports[0]].host, address) if ports else None

@@ -29,7 +29,6 @@ class Seals:
         self.closed: Ways = NOWHERE  # by alarms
 
     def granted(self, session: Session | None) -> None:
-        """Note the way of a session that has light now, if it is a seal."""
         if session is None or session.setup.service != Service.SEAL:
             return
         self._watched.pop(session.number, None)
@@ -38,16 +37,13 @@ class Seals:
             del self._watched[next(iter(self._watched))]
 
     def watched(self, number: int, host: str) -> Ways:
-        """Return where a seal has watched that a host, given by its address, has opened."""
         opener, ways = self._watched.get(number, ("", NOWHERE))
         return ways if opener == host else NOWHERE
 
     def is_of(self, number: int, host: str) -> bool:
-        """Tell whether a host, given by its address, has opened such a seal, and had light."""
         return self._watched.get(number, ("", NOWHERE))[0] == host
 
     def forget(self, number: int) -> None:
-        """Believe nothing of a seal any more."""
         self._watched.pop(number, None)
 
     def close(self, ways: Ways) -> None:
@@ -64,5 +60,4 @@ class Seals:
 
 
 def names_of(ways: Ways) -> list[str]:
-    """Return ways as records name them."""
     return sorted("-".join(sorted(way)) for way in ways)

@@ -50,7 +50,6 @@ class Arrival:
 
     @property
     def port(self) -> SwitchPort:
-        """Where it came."""
         return SwitchPort(self.dpid, self.in_port)
 
 
@@ -108,7 +107,6 @@ class Request:
         return distance - (1 << 32) if distance >> 31 else distance
 
     def heard(self, segment: Segment) -> None:
-        """Note how far a segment of the opener shows both ends to be."""
         self.progress = max(self.progress, self.offset(segment.after))
         if self.acceptor_next is not None:
             self.acceptor_next = segment.acknowledged
@@ -190,7 +188,6 @@ class Session:
 
     @property
     def hops(self) -> tuple[Hop, ...]:
-        """The cross-connects of all its paths."""
         return tuple(hop for path in self.paths for hop in path.hops)
 
     @property
@@ -206,16 +203,13 @@ class Session:
 
     @property
     def ends(self) -> Ends:
-        """The addresses of its opener and its acceptor."""
         return self.owner.source, self.owner.destination
 
     def heard(self, now: float) -> None:
-        """Note that one of its connections has spoken."""
         self.seen, self.confirmed = now, True
 
     @property
     def bypassed(self) -> bool:
-        """Whether a switch would tell if the session fell silent."""
         return any(request.bypassed for request in self.requests.values())
 
     @property
@@ -309,13 +303,11 @@ class Sessions:
     def occupy(
         self, session: Session, paths: tuple[LightPath, ...], owner: FiveTuple | None
     ) -> None:
-        """Give paths to a session in place of those it has, and to the connection it serves."""
         self.vacate(session)
         session.paths, session.light_owner = paths, owner
         self.occupied.update(dict.fromkeys(directions(session.hops), session.number))
 
     def vacate(self, session: Session) -> None:
-        """Free whatever a session occupies."""
         ways = directions(session.hops)
         for direction in ways:
             del self.occupied[direction]
@@ -350,7 +342,6 @@ class Sessions:
             self.forget(next(iter(self.retired)))
 
     def forget(self, five_tuple: FiveTuple) -> None:
-        """Remove a retired request."""
         del self.retired[five_tuple]
         del self.requests[five_tuple]
 

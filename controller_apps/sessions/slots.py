@@ -44,11 +44,9 @@ class Slots:
     _given: dict[int, int] = field(default_factory=dict)  # slot by session, of those that had light
 
     def number(self, now: float) -> int:
-        """Return in which slot it is now."""
         return int(now / self.slot_s + ROUNDING)
 
     def next_start(self, now: float) -> float:
-        """Return when the next slot begins."""
         return (self.number(now) + 1) * self.slot_s
 
     def reserve(self, request: Request, until: float, now: float, find: Find) -> Admission:
@@ -86,7 +84,6 @@ class Slots:
         return found
 
     def over(self, now: float) -> list[Session]:
-        """Return the sessions that have light of a slot that is over."""
         number = self.number(now)
         ended = [session for session, slot in self._given.items() if slot < number]
         for session in ended:
@@ -95,7 +92,6 @@ class Slots:
         return [by_number[session] for session in ended if session in by_number]
 
     def is_free(self, session: Session, reserved: Reserved) -> bool:
-        """Tell whether nobody has the paths that were reserved, as who asks for no slot may."""
         hops = (hop for path in reserved.paths for hop in path.hops)
         chosen_pm = reserved.wavelength_pm or session.setup.wavelength_pm
         asking = session.number, frequency_mhz(chosen_pm)

@@ -44,7 +44,6 @@ HOST = struct.Struct("!QI4sBBB")
 
 
 def keep(session: Session) -> Keep:
-    """Return what keeps a session as it is now."""
     session.saved = True
     return Keep(session.number, encode_session(session))
 

@@ -34,11 +34,9 @@ class StateFolder:
         return self._folder is not None and (self._folder / HOSTS).exists()
 
     def keep_session(self, number: int, data: bytes) -> None:
-        """Keep a session in place of what was kept of it."""
         self._replace(f"{number:016x}", data)
 
     def forget_session(self, number: int) -> None:
-        """Keep nothing of a session."""
         if self._folder is not None:
             (self._folder / f"{number:016x}").unlink(missing_ok=True)
 
@@ -51,11 +49,9 @@ class StateFolder:
             yield int(name, 16), self._read(self._folder / name)
 
     def keep_hosts(self, data: bytes) -> None:
-        """Keep where hosts are."""
         self._replace(HOSTS, data)
 
     def hosts(self) -> bytes:
-        """Return what was kept of the hosts."""
         return self._read(self._folder / HOSTS) if self._folder and self.restored else b""
 
     def _read(self, file: Path) -> bytes:
@@ -78,5 +74,4 @@ class StateFolder:
 
 
 def is_number(name: str) -> bool:
-    """Tell whether a file is named as that of a session."""
     return len(name) == 16 and not set(name) - set("0123456789abcdef")

@@ -54,11 +54,9 @@ class Verdicts:
         return [released(request, arrival)]
 
     def seal(self, request: Request) -> None:
-        """Seal the answer to a request for the host that it is on its way to, if it is ours."""
         request.answer = self.sealed(request.answer, request.five_tuple)
 
     def sealed(self, message: bytes, five_tuple: FiveTuple) -> bytes:
-        """Return a set-up message with the seal that its receiver wants."""
         key = self.keys.get(five_tuple.destination)
         return seal(message, key, five_tuple) if key else message
 
@@ -93,7 +91,6 @@ class Verdicts:
         return [*kept, *actions]
 
     def tear_down(self, session: Session, cause: str, now: float) -> list[Action]:
-        """End a session, and say why."""
         return [*self._end(session, now), Note("torn_down", session.number, detail=cause)]
 
     def _end(self, session: Session, now: float) -> list[Action]:
@@ -113,7 +110,6 @@ class Verdicts:
         return [*actions, *self._end_parts(returns, "the session of its light is over", now)]
 
     def _end_parts(self, parts: Iterable[Session], cause: str, now: float) -> list[Action]:
-        """End the links of a chain, or the returns of a session, that has ended."""
         actions: list[Action] = []
         for part in parts:
             request = part.requests[part.owner]

@@ -37,7 +37,6 @@ class SwitchMessages:
     """Passes whole messages on, and no word of a switch that its certificate does not name."""
 
     def __init__(self, datapath_ids: Collection[int]) -> None:
-        """Say which switches may speak on the connection."""
         self._datapath_ids = datapath_ids
         self._data = bytearray()
 
@@ -85,7 +84,6 @@ class Entrance:
             self._servers.append(server)
 
     def close(self) -> None:
-        """Take in nobody any more."""
         for server in self._servers:
             server.close()
 

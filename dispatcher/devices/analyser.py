@@ -53,7 +53,6 @@ class Half:
 
     @property
     def brings_more(self) -> bool:
-        """Whether pulses may have light beside their own photons."""
         return self.extras is not None or self.further is not None
 
 

@@ -46,11 +46,9 @@ class AvalanchePhotodiode:
     alarm_a: float = inf  # photocurrent at which its monitor tells; inf: it has none
 
     def is_blind(self, continuous_w: float) -> bool:
-        """Whether this continuous light blinds it."""
         return continuous_w >= self.blinding_w
 
     def tells(self, continuous_w: float) -> bool:
-        """Whether its monitor tells of this light."""
         return self.responsivity_a_per_w * continuous_w >= self.alarm_a
 
     def clicks(self, pulses_w: Powers, continuous_w: float, random: np.random.Generator) -> Mask:
@@ -71,9 +69,7 @@ class ReflectingSource:
     alarm_photons: float = inf  # a pulse at the entrance, at which its monitor tells; inf: none
 
     def tells(self, photons: float) -> bool:
-        """Whether its monitor tells of pulses of so many photons."""
         return photons >= self.alarm_photons
 
     def reflected(self, photons: float) -> float:
-        """Return the mean photon number that comes back of pulses of so many photons."""
         return float(photons * 10 ** (-(self.reflection_db + self.isolator_db) / 10))

@@ -50,21 +50,18 @@ class Waits(NamedTuple):
 
     @property
     def shortest_s(self) -> float:
-        """Return the shortest of them."""
         if self.each_s is not None:
             return max(float(self.each_s.min()), 0.0)
         return max(min(self.first_s, self._last_s), 0.0)
 
     @property
     def longest_s(self) -> float:
-        """Return the longest of them."""
         if self.each_s is not None:
             return max(float(self.each_s.max()), 0.0)
         return max(self.first_s, self._last_s, 0.0)
 
     @property
     def alike(self) -> bool:
-        """Return whether they are all the same."""
         return self.shortest_s == self.longest_s
 
     @property
@@ -72,7 +69,6 @@ class Waits(NamedTuple):
         return self.first_s + (self.qubits - 1) * self.step_s
 
     def of(self, qubits: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return how long these qubits have waited."""
         if self.each_s is not None:
             return np.clip(self.each_s[qubits], 0.0, None)
         return np.clip(self.first_s + qubits * self.step_s, 0.0, None)

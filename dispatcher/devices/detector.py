@@ -29,7 +29,6 @@ class Train:
     count: int
 
     def time_ns(self, slot: float) -> int:
-        """Return the moment of a slot."""
         return self.start_ns + int(slot * self.interval_ns)
 
 
@@ -100,12 +99,10 @@ class Detector:
         return Afterpulses(causes[later], slots[later])
 
     def _left_over(self, train: Train) -> Mask:
-        """Return the afterpulses of earlier trains."""
         slots = (self._to_come_ns - train.start_ns).astype(np.float64) / train.interval_ns
         return self._in_gates(slots, train)
 
     def _in_gates(self, slots: Slots, train: Train) -> Mask:
-        """Return in which slots of the train something falls into the gate."""
         nearest = np.rint(slots)
         off_ns = np.abs(slots - nearest) * train.interval_ns
         inside = (nearest >= 0) & (nearest < train.count) & (off_ns <= self.like.gate_s * 5e8)

@@ -70,7 +70,6 @@ class DetectorPair:
 
     @property
     def ideal(self) -> bool:
-        """Return whether a detector clicks for every photon, and for nothing else."""
         alike = self._like.efficiency == 1 and not self._like.efficiency_mismatch
         return alike and not self._dark and not self._remembers
 

@@ -38,11 +38,9 @@ class Devices:
         }
 
     def of(self, node: str) -> Device:
-        """Return what a host's device is like."""
         return self._listed.get(node, IDEAL)
 
     def noise(self, node: str, part: str) -> PartNoise | None:
-        """Return the noise model of a user's own that a part of a host's device has."""
         return self._noises.get((node, part))
 
     def detectors(self, node: str, arm: str) -> DetectorPair:

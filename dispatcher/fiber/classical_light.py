@@ -54,7 +54,6 @@ class ClassicalLight:
 
     @property
     def mean_now(self) -> float:
-        """How many noise photons come with a pulse just now, on average."""
         return self.power_mw.now * self.photons_per_mw
 
     @property

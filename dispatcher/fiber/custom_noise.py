@@ -23,7 +23,6 @@ class OwnNoise:
     """A model whose answers are checked, because it is not ours."""
 
     def __init__(self, reference: str, model: NoiseModel) -> None:
-        """Ask this model, named as the topology names it."""
         self._reference, self._model = reference, model
 
     def effect(self, passage: Passage) -> Effect:

@@ -37,7 +37,6 @@ class DepolarizingSwitch(Depolarizing):
 
 
 def of_switch(switch: QuantumSwitch) -> dict[str, NoiseModel]:
-    """Return the noise that light takes along from a switch into the fibres there."""
     if not switch.depolarizing:
         return {}
     return {DepolarizingSwitch.__name__: DepolarizingSwitch(switch.depolarizing)}

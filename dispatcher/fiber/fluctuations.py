@@ -39,7 +39,6 @@ class PhaseDrift:
     time_s: float
 
     def effect(self, passage: Passage) -> Effect:
-        """Follow the angle."""
         angles_rad = follow(passage, self.time_s / STEPS_A_TIME, self._continue)
         return Effect(angles_rad=angles_rad, exact=False, named=approximation(PHASE, 0.0))
 
@@ -71,7 +70,6 @@ class PolarizationDrift:
 
     @property
     def pieces(self) -> int:
-        """Return n."""
         return max(int(np.ceil((self.rms_rad / MOST_OF_A_PIECE) ** 2)), 1)
 
     def effect(self, passage: Passage) -> Effect:
@@ -141,7 +139,6 @@ class Bursts:
         return Effect(paulis=self._paulis(passage, states), of_further=of_further)
 
     def _paulis(self, passage: Passage, states: NDArray[np.bool_]) -> NDArray[np.uint8]:
-        """Depolarise photons that pass while the channel is bad."""
         bad = np.flatnonzero(states)
         hit = passage.generator("error").random(len(bad)) < 0.75 * self.p
         return depolarized(passage, bad[hit])
@@ -167,7 +164,6 @@ class Bursts:
         return states
 
     def _renewal(self, interval_ns: float) -> float:
-        """Return how likely the state is drawn anew within a time."""
         return float(-np.expm1(-(self.start_hz + self.end_hz) * interval_ns / 1e9))
 
 

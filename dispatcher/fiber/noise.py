@@ -38,7 +38,6 @@ class Pattern:
         return (self.pulses_of(photons) * self.interval_ns).astype(np.int64)
 
     def pulses_of(self, photons: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return in which pulses these photons are."""
         return photons
 
 
@@ -70,7 +69,6 @@ class PatternOfAll(Pattern):
         return self.further + 1 + np.arange(self.further.size)
 
     def pulses_of(self, photons: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return in which pulses these photons are."""
         return self.pulses[photons]
 
 
@@ -82,7 +80,6 @@ class Schedule:
     pattern: Pattern
 
     def __len__(self) -> int:
-        """How many there are."""
         return self.pattern.photons
 
     def __getitem__(self, photon: int) -> int:
@@ -95,7 +92,6 @@ class Schedule:
 
     @property
     def photons(self) -> int:
-        """How many there are."""
         return self.pattern.photons
 
     @property
@@ -109,16 +105,13 @@ class Schedule:
         return self.pattern.offsets_ns + self.first_ns
 
     def of(self, photons: NDArray[np.int64]) -> NDArray[np.int64]:
-        """When these photons are there."""
         return self.pattern.of(photons) + self.first_ns
 
     def time_ns(self, photon: int) -> int:
-        """When one photon is there."""
         return self.first_ns + int(self.pattern.of(np.array(photon)))
 
     @property
     def last_ns(self) -> int:
-        """When the last photon is there."""
         return self.time_ns(self.photons - 1)
 
 
@@ -150,13 +143,11 @@ class Passage(PhotonRandom):
         return self.schedule.times_ns
 
     def beside(self, photons: int) -> "Passage":
-        """Return the passage of so many further photons of the same pulses."""
         schedule = Schedule(self.schedule.first_ns, Pattern(self.schedule.interval_ns, photons))
         place, width = f"{self._place} beside", self.width_rad_per_s
         return Passage(self._draws, self._block, place, schedule, self.history, width)
 
     def of_all(self, pattern: PatternOfAll) -> "Passage":
-        """Return the passage of all photons of the pulses."""
         schedule, width = Schedule(self.schedule.first_ns, pattern), self.width_rad_per_s
         return Passage(self._draws, self._block, self._place, schedule, self.history, width)
 
@@ -201,7 +192,6 @@ class Loss:
     loss_db: float
 
     def effect(self, passage: Passage) -> Effect:
-        """Draw which photons are lost."""
         transmission = 10 ** (-self.loss_db / 10)
         lost = ~passage.happens("pass", transmission)
         return Effect(lost=lost, transmission=transmission)
@@ -214,7 +204,6 @@ class Depolarizing:
     p: float
 
     def effect(self, passage: Passage) -> Effect:
-        """Draw a Pauli for each photon."""
         return Effect(paulis=depolarized(passage, passage.events("error", 0.75 * self.p)))
 
 
@@ -225,7 +214,6 @@ class Dephasing:
     probability: float
 
     def effect(self, passage: Passage) -> Effect:
-        """Draw which phases flip."""
         paulis = np.zeros(passage.photons, dtype=np.uint8)
         paulis[passage.events("flip", self.probability)] = Z
         return Effect(paulis=paulis)
@@ -240,7 +228,6 @@ class PauliChannel:
     z: float
 
     def effect(self, passage: Passage) -> Effect:
-        """Draw a Pauli for each photon."""
         paulis = np.zeros(passage.photons, dtype=np.uint8)
         hit = passage.events("error", self.x + self.y + self.z)
         drawn = passage.which("which", hit.size, (self.x, self.z, self.y))

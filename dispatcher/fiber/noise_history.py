@@ -17,7 +17,6 @@ class NoiseHistory:
     """Values over time: the latest `depth` of them at least, none if that is 0."""
 
     def __init__(self, depth: int) -> None:
-        """Begin with nothing."""
         self._depth = depth
         self._chunks: deque[tuple[Times, Values]] = deque()
         self._count = 0

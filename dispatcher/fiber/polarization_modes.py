@@ -30,7 +30,6 @@ class PolarizationDependentLoss:
     loss_db: float
 
     def effect(self, passage: Passage) -> Effect:
-        """Draw who is lost, and a Pauli for some others."""
         amplitude = 10 ** (-self.loss_db / 20)
         passes = (1 + amplitude**2) / 2
         lost = ~passage.happens("pass", passes)

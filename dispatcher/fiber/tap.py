@@ -19,7 +19,6 @@ class Tap:
     NAME = "tap"  # among the models of a fibre
 
     def __init__(self) -> None:
-        """Have nobody there."""
         self.fraction = Steps(0.0)
 
     def effect(self, passage: Passage) -> Effect:

@@ -79,7 +79,6 @@ def twirl_pairs(first: Block, second: Block, outcomes: NDArray[np.uint8], draws:
 
 
 def turn(block: Block, more: Turn | None) -> None:
-    """Let light be turned by a fibre, in addition to what has turned it so far."""
     if more is not None:
         block.pulses.turn = more.after(block.pulses.turn)
 

@@ -102,14 +102,12 @@ def pauli(sabot: Simulation, block: Block, paulis: Bytes) -> None:
 
 
 def gate(sabot: Simulation, block: Block, name: GateName, angle_rad: Angle) -> None:
-    """Apply a gate on one qubit to the further photons."""
     if block.further is not None:
         own = angle_rad[block.further.pulses] if isinstance(angle_rad, np.ndarray) else angle_rad
         sabot.gate(name, block.further.register, angle_rad=own)
 
 
 def meet(sabot: Simulation, block: Block, members: Mask, effect: Effect) -> None:
-    """Let further photons of the members' pulses meet what a fibre does to them."""
     light = block.further
     if light is None:
         return

@@ -53,7 +53,6 @@ class EventCapture:
 
 
 def fiber_name(fiber: Fiber) -> str:
-    """Return what the fibre's interface is called."""
     hosts = [end.port for end in (fiber.a, fiber.b) if not end.port.isdigit()]
     ends = hosts or [f"{end.node}:{end.port}" for end in (fiber.a, fiber.b)]
     return f"fiber {' '.join(ends)}"
@@ -70,7 +69,6 @@ class Watcher:
         self._some = asyncio.Event()
 
     def wants(self, event: Event) -> bool:
-        """Return whether the event is of the watched node and session."""
         return (not self._node or event.node == self._node) and (
             not self._session or event.block.session == self._session
         )
@@ -90,7 +88,6 @@ class Watcher:
 
     @property
     def idle(self) -> bool:
-        """Tell whether all there is has been told."""
         return not self._events
 
     async def next(self) -> Event:

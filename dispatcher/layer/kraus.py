@@ -76,7 +76,6 @@ class Channels:
             self._block.pulses.turn = None
 
     def turn(self, turn: Turn, members: Mask) -> None:
-        """Turn the members' photons about any axis."""
         photons = np.arange(members.size)
         w, x, y, z = turn.quaternions[turn.stretch(photons)].T
         rows = [[w - 1j * z, -1j * x - y], [-1j * x + y, w + 1j * z]]

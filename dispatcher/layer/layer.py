@@ -96,7 +96,6 @@ class PhysicalLayer:
 
     @property
     def exact(self) -> bool:
-        """Whether nothing that was reported has had an approximation in it."""
         return not self.approximations
 
     def take_up(self, *blocks: Block, made: bool = False) -> None:
@@ -173,16 +172,13 @@ def _photons(
 
 
 def block_id(name: BlockName) -> BlockId:
-    """Return the name as it goes over the wire."""
     return BlockId(session=name.session, number=name.number, half=name.half)
 
 
 def block_name(block: BlockId) -> BlockName:
-    """Return the name that came over the wire."""
     return BlockName(block.session, block.number, block.half)
 
 
 def tally(values: np.ndarray[tuple[int], np.dtype[np.uint8]], names: tuple[str, ...]) -> str:
-    """Count how often each value is in an array, for a person to read."""
     counts = (int(np.count_nonzero(values == value)) for value in range(len(names)))
     return " ".join(f"{name}={count}" for name, count in zip(names, counts, strict=True) if count)

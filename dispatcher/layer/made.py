@@ -65,7 +65,6 @@ class Makers:
         return made.parts + (made.heard_ns > self._now_ns())
 
     def places_of(self, maker: str) -> int:
-        """Return how many places for photons a node has made, as far as it knows."""
         self._hear()
         return self._places[maker]
 
@@ -75,7 +74,6 @@ class Makers:
         return self._blocks[maker]
 
     def _hear(self) -> None:
-        """Forget what has ended and whose makers can have heard of it."""
         if not self._ended:
             return
         now_ns = self._now_ns()

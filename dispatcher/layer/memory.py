@@ -93,7 +93,6 @@ class Memories:
             )
 
     def has_capacity(self, node: str) -> bool:
-        """Return whether a memory has no more than it can keep, of what its node has heard of."""
         return self._used(node, self._clock.now_ns()) <= self._devices.of(node).memory.capacity
 
     def _used(self, node: str, known_ns: int) -> int:

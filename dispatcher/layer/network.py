@@ -25,13 +25,11 @@ class Line:
     traffic: Traffic | None = None  # of its channel, if neighbouring ones are to know of it
 
     def passes(self, frequency_mhz: int) -> bool:
-        """Tell whether its multiplexers let light of a colour in."""
         fixed_mhz = self.fiber.fixed_mhz
         return fixed_mhz is None or 2 * abs(frequency_mhz - fixed_mhz) < self.fiber.grid_mhz
 
     @cached_property
     def delay_ps(self) -> float:
-        """How long light takes to the far end."""
         return self.fiber.delay_s * 1e12
 
 
@@ -50,7 +48,6 @@ class Network:
 
     @property
     def has_crosstalk(self) -> bool:
-        """Tell whether light of a channel is to be known to others."""
         return bool(self._strands)
 
     def line(self, end: FiberEnd) -> Line | None:

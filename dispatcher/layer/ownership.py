@@ -30,7 +30,6 @@ class BlockName(NamedTuple):
     half: int
 
     def __str__(self) -> str:
-        """Return the name as the event log writes it."""
         return f"block {self.number}/{self.half} of session {self.session:016x}"
 
 
@@ -54,7 +53,6 @@ class Pulses:
 
     @property
     def spectrum(self) -> Spectrum:
-        """Return that of each photon."""
         return Spectrum(self.bandwidth_nm, self.dispersion_ps_per_nm, self.frequency_mhz)
 
     @property
@@ -111,7 +109,6 @@ class Block:
         return not (self.fibers_passed or self.interval_ns or self.kept or self.came_ns is not None)
 
     def draws_for(self, purpose: str) -> str:
-        """Return a purpose of random numbers that no other photons of this name have."""
         return f"{self.lineage} {purpose}" if self.lineage else purpose
 
 
@@ -135,12 +132,10 @@ class Ownership:
         self.makers = Makers(now_ns, news_ns)
 
     def close(self, node: str, session: int) -> None:
-        """Note that a node wants no more light of a session."""
         if (node, session) not in self._closed:
             self._closed.append((node, session))
 
     def is_closed(self, node: str, session: int) -> bool:
-        """Return whether a node has discarded a session."""
         return (node, session) in self._closed
 
     def add_when_heard(self, block: Block) -> None:

@@ -64,13 +64,11 @@ def thin(
 
 
 def darken(pulses: Pulses, members: Mask) -> None:
-    """Take the further photons out of the members' pulses."""
     if pulses.extras is not None:
         pulses.extras = pulses.extras * ~members
 
 
 def part(pulses: Pulses, members: Mask) -> Pulses:
-    """Move the members' pulses into a part of their own."""
     return part_noise(pulses, None if pulses.extras is None else pulses.extras * members)
 
 

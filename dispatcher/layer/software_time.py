@@ -67,7 +67,6 @@ class Activity:
 
     @property
     def idle_share(self) -> float:
-        """The share of the time from the first to the last, in which nothing went on."""
         if self._first_ns is None:
             return 0.0
         whole_ns = self._ends[-1] - self._first_ns
@@ -104,15 +103,12 @@ class SoftwareTime:
         )
 
     def goes_on(self, begin_ns: int, end_ns: int) -> None:
-        """Note that something physical goes on from then to then."""
         self._activity.note(begin_ns, end_ns)
 
     def news(self, node: str, happened_ns: int) -> None:
-        """Note that something happened at a node, of which others may have to hear."""
         insort(_forgetting(self._deeds_ns[node]), happened_ns)
 
     def light(self, sender: str, sent_ns: int, receiver: str, came_ns: int) -> None:
-        """Note light on its way from the first photon sent to the last one's arrival."""
         insort(_forgetting(self._light[receiver]), Cause(came_ns, sender, sent_ns))
         self.news(receiver, came_ns)
 
@@ -121,7 +117,6 @@ class SoftwareTime:
         return self._delays_ns(node).get(origin)
 
     def farthest_news_ns(self, node: str) -> int:
-        """Return how long news takes to a node from where it takes longest."""
         return max(self._delays_ns(node).values())
 
     def longest_news_ns(self, place: str, node: str) -> int:

@@ -47,7 +47,6 @@ class Departure:
 
     @property
     def last_ns(self) -> int:
-        """Return when the last photon leaves."""
         return self.start_ns + int((self.pattern.photons - 1) * self.pattern.interval_ns)
 
     def after(self, delay_ps: float) -> Schedule:
@@ -101,22 +100,18 @@ class Flight:
 
     @property
     def start_ns(self) -> int:
-        """When its first photon left."""
         return self._departure.start_ns
 
     @property
     def due_ns(self) -> float:
-        """When the next of its light has come to the far end of its fibre."""
         return self._queue[0][0] if self._queue else math.inf
 
     def launch(self, end: FiberEnd) -> None:
-        """Let the light into the fibre that begins at a port."""
         members = everything(self._departure.pattern.photons)
         self._enter(end, Beam(self._block, members, self._block.fibers_passed))
 
     @property
     def has_light(self) -> bool:
-        """Whether any light is still under way."""
         return any(_is_lit(beam) for _time_ns, _number, _line, beam in self._queue)
 
     def give_up(self) -> list[Block]:
@@ -305,7 +300,6 @@ class Flight:
         return PhotonRandom(self._layer.draws, block.name, block.draws_for(place), photons)
 
     def _absorb(self, beam: Beam) -> None:
-        """Lose all the light of a beam."""
         self._lose(beam.block, beam.members, "nowhere to go")
         further.darken(self._layer.sabot, beam.block, beam.members)
         self.ended.append(beam.block)
@@ -364,7 +358,6 @@ def _effects(
 
 
 def meets(encoding: str, model: NoiseModel) -> bool:
-    """Return whether a noise model changes qubits of an encoding just now."""
     if isinstance(model, ClassicalLight):
         return not model.dark
     return encoding == "time-bin" or not isinstance(model, PhaseDrift)

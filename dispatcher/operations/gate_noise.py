@@ -54,7 +54,6 @@ def after_pair_gate(layer: PhysicalLayer, first: Block, second: Block) -> int:
 
 
 def before_bell_measurement(layer: PhysicalLayer, first: Block, second: Block) -> dict[str, int]:
-    """Let the noise of the gates that a Bell measurement is made of be in its outcomes."""
     if layer.devices.noise(first.node, "gates") is not None:
         errors = _by_gates_themselves(layer, first, second)
     else:

@@ -50,11 +50,9 @@ class Heralded:
 
     @property
     def count(self) -> int:
-        """Return how many there are."""
         return self.rounds.size
 
     def only(self, chosen: NDArray[np.bool_]) -> "Heralded":
-        """Return some of them."""
         first, second = (each[chosen] for each in self.paulis)
         return Heralded(
             self.rounds[chosen],
@@ -66,7 +64,6 @@ class Heralded:
 
     @classmethod
     def none(cls) -> "Heralded":
-        """Return no pairs."""
         nothing = np.zeros(0, np.uint8)
         return cls(np.zeros(0, np.int64), nothing, nothing, (nothing, nothing))
 
@@ -196,7 +193,6 @@ class Drawing:
 
 
 def _minus(link: Link, random: PhotonRandom) -> NDArray[np.bool_]:
-    """Draw which heralds tell Psi-."""
     if link.psi_minus == 1 / 2:
         return random.coins("detector", random.photons).astype(bool)
     return random.happens("detector", link.psi_minus)

@@ -38,7 +38,6 @@ def lasts(feedback: Feedback, seconds: float, blocks: Sequence[Block] = ()) -> F
 
 
 async def over(layer: PhysicalLayer, node: str, feedback: Feedback) -> Feedback:
-    """Return what a node is told of an operation when it is over."""
     if layer.devices.of(node).gates.take_time:
         await layer.clock.wait_until(feedback.time_ns)
     return feedback

@@ -145,7 +145,6 @@ class Interference:
         return ordered
 
     def _release(self, register: Register) -> None:
-        """Discard a register whose photons are all elsewhere."""
         draws = self._layer.draws.photons(self._blocks[0].name, "released", register.size)
         self._layer.sabot.drop(register, draws)
 
@@ -154,7 +153,6 @@ class Interference:
         return Photons(self._layer.sabot.gather([pick]), photons.pulses[order])
 
     def _taken(self, photons: Photons, chosen: Mask) -> Photons:
-        """Take some photons out."""
         if not chosen.any():
             return Photons(Register(0), photons.pulses[chosen])
         return self._ordered(photons, np.flatnonzero(chosen))
@@ -186,7 +184,6 @@ class Interference:
         return Left(photons.pulses, outlets | polarisations)
 
     def _bits(self, register: Register, which: str) -> Bytes:
-        """Measure photons in Z."""
         block = self._blocks[0]
         draws = self._layer.draws.photons(block.name, block.draws_for(which), register.size)
         return self._layer.sabot.measure(register, np.full(register.size, Z, np.uint8), draws)

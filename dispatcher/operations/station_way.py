@@ -51,7 +51,6 @@ class StationWay:
 
     @property
     def end(self) -> FiberEnd:
-        """Return the port at which the light comes out."""
         return self.lines[-1].far
 
     @property

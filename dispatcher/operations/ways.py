@@ -15,7 +15,6 @@ MAX_FIBERS = 64  # light in a ring of cross-connects has faded by then
 
 
 def nanoseconds(delay_ps: float) -> int:
-    """Return a delay in whole nanoseconds, as the clock has it."""
     return round(delay_ps / 1e3)
 
 

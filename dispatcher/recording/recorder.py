@@ -26,7 +26,6 @@ class RunningRequest:
     tasks: dict[asyncio.Task[Any] | None, int]
 
     def task(self) -> int:
-        """Return the number of the task that asks."""
         return self.tasks.setdefault(asyncio.current_task(), len(self.tasks))
 
 
@@ -74,7 +73,6 @@ class Recorder(Journal):
 
     @contextmanager
     def request(self, node: str, kind: str, request: Any) -> Iterator[None]:
-        """Record that a request begins."""
         number, message = next(self._numbers), request.SerializeToString()
         entry = Request(number=number, node=node, kind=kind, message=message)
         self._write(Entry(request=entry))
@@ -95,7 +93,6 @@ class Recorder(Journal):
         self._write(Entry(resumed=Resumed(request=running.number, task=task)))
 
     def clock_read(self, time_ns: int) -> None:
-        """Record what the clock said, if a request has asked."""
         running = current_request.get()
         if running is not None:
             self._write(Entry(clock=ClockEntry(request=running.number, time_ns=time_ns)))
@@ -113,11 +110,9 @@ class RecordedClock:
     """A clock whose times go into the record."""
 
     def __init__(self, inner: Clock, recorder: Recorder) -> None:
-        """Tell the time of the inner clock."""
         self._inner, self._recorder = inner, recorder
 
     def now_ns(self) -> int:
-        """Return the time."""
         time_ns = self._inner.now_ns()
         self._recorder.clock_read(time_ns)
         return time_ns

@@ -46,21 +46,17 @@ class TracedSabot:
 
     @property
     def backend(self) -> str:
-        """Return the name of the backend on which states begin."""
         return self._inner.backend
 
     @property
     def live_qubits(self) -> int:
-        """Return how many qubits are held, lost ones included."""
         return self._inner.live_qubits
 
     @property
     def live_bytes(self) -> int:
-        """Return the memory that their states take."""
         return self._inner.live_bytes
 
     def simulated_by(self, *registers: Register) -> str:
-        """Return the backends that hold registers."""
         return self._inner.simulated_by(*registers)
 
     def require_capacity(self, register: Register, steps: Sequence[GateStep]) -> None:
@@ -83,7 +79,6 @@ class TracedSabot:
         return first, second
 
     def pauli(self, register: Register, paulis: Bytes) -> None:
-        """Apply Paulis."""
         self._inner.pauli(register, paulis)
         for position, qubit in self._present(register):
             self._write_pauli(register, position, qubit, int(paulis[position]))
@@ -122,7 +117,6 @@ class TracedSabot:
     def bell_measure(
         self, first: Register, second: Register, draws: tuple[PhotonDraws, PhotonDraws]
     ) -> Bytes:
-        """Measure in the Bell basis."""
         outcomes = self._inner.bell_measure(first, second, draws)
         common = self._traced.get(first, {}).keys() & self._traced.get(second, {}).keys()
         if common:
@@ -150,14 +144,12 @@ class TracedSabot:
                 )
 
     def drop(self, register: Register, draws: PhotonDraws) -> None:
-        """Discard a register."""
         self._inner.drop(register, draws)
         if register in self._traced:
             self._writer.comment(f"{origin()}: {len(self._traced[register])} photons are discarded")
         self._end(register)
 
     def lose(self, register: Register, lost: Mask) -> int:
-        """Mark qubits as lost."""
         gone = [(position, q) for position, q in self._present(register) if lost[position]]
         for position, qubit in gone:
             places = self._places.get(register, {}).pop(position, [])
@@ -182,7 +174,6 @@ class TracedSabot:
         return part
 
     def unite(self, register: Register, other: Register) -> None:
-        """Move the qubits of another part into a register."""
         self._inner.unite(register, other)
         if other in self._traced:
             self._traced.setdefault(register, {}).update(self._traced.pop(other))

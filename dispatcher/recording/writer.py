@@ -27,7 +27,6 @@ class Chunk:
     live: set[int] = field(default_factory=set)
 
     def qubit(self, index: int) -> str:
-        """Return the name of a qubit."""
         return f"{self.name}[{index}]"
 
 
@@ -55,11 +54,9 @@ class QasmWriter:
         return [self._chunk(size) for size in wanted]
 
     def line(self, text: str, comment: str = "") -> None:
-        """Write statements with where they come from."""
         self._write(f"{text} // {_one_line(comment)}\n" if comment else f"{text}\n")
 
     def comment(self, text: str) -> None:
-        """Write a line that is a comment alone."""
         self._write(f"// {_one_line(text)}\n")
 
     def bits(self, size: int, comment: str) -> str:

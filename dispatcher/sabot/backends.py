@@ -29,7 +29,6 @@ def tensor(one: Backend, other: Backend) -> Backend:
 
 
 def as_dense(state: Backend) -> Dense:
-    """Return the state as state vectors."""
     return state if isinstance(state, Dense) else Dense.from_stabilizers(state)
 
 

@@ -50,7 +50,6 @@ class BitColumns(NamedGates):
 
     @property
     def qubits(self) -> int:
-        """Return n."""
         return len(self._x)
 
     @property
@@ -60,27 +59,22 @@ class BitColumns(NamedGates):
         return columns * (1 << columns - 1).__sizeof__()
 
     def __str__(self) -> str:
-        """Return the stabilizers, one a line, such as +XX."""
         return str(self.as_tableau())
 
     def generators(self) -> Generators:
-        """Return the stabilizers."""
         return self.as_tableau().generators()
 
     def h(self, qubit: int) -> None:
-        """Apply the Hadamard gate."""
         x, z = self._x[qubit], self._z[qubit]
         self._signs ^= x & z
         self._x[qubit], self._z[qubit] = z, x
 
     def s(self, qubit: int) -> None:
-        """Apply the phase gate."""
         x, z = self._x[qubit], self._z[qubit]
         self._signs ^= x & z
         self._z[qubit] = x ^ z
 
     def s_dag(self, qubit: int) -> None:
-        """Apply the inverse of the phase gate."""
         x, z = self._x[qubit], self._z[qubit]
         self._signs ^= x & ~z
         self._z[qubit] = x ^ z
@@ -95,7 +89,6 @@ class BitColumns(NamedGates):
         z[control] ^= target_z
 
     def cz(self, control: int, target: int) -> None:
-        """Apply the controlled Z."""
         x, z = self._x, self._z
         control_x, target_x = x[control], x[target]
         if both := control_x & target_x:
@@ -119,7 +112,6 @@ class BitColumns(NamedGates):
         return bits, False
 
     def is_determined(self, qubit: int) -> bool:
-        """Return whether the outcome of Z is certain."""
         return not self._x[qubit] >> len(self._x)
 
     def value(self, qubit: int) -> int:

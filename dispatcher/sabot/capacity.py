@@ -110,7 +110,6 @@ def _systems(registers: Sequence[Register]) -> Systems:
 
 
 def _counted(numbers: dict[Component, NDArray[np.int64]], size: int) -> Systems:
-    """Count systems, whose members have the same number, by their qubits and their kind."""
     qubits, dense = np.zeros(size, dtype=np.int64), np.zeros(size, dtype=bool)
     for component, own in numbers.items():
         qubits += component.state.qubits * np.bincount(own, minlength=size)
@@ -122,7 +121,6 @@ def _counted(numbers: dict[Component, NDArray[np.int64]], size: int) -> Systems:
 
 
 def _reach_across(registers: Sequence[Register]) -> bool:
-    """Return whether the registers have qubits of the same components at different positions."""
     places: dict[Component, Positions] = {}
     for register in registers:
         for share in register.shares:

@@ -32,15 +32,12 @@ class NoBits:
     """Randomness that makes every open outcome 0."""
 
     def __init__(self, members: int) -> None:
-        """Serve so many members."""
         self._members = members
 
     def bits(self) -> Bytes:
-        """Return zeros."""
         return np.zeros(self._members, dtype=np.uint8)
 
     def uniform(self) -> NDArray[np.float64]:
-        """Return zeros."""
         return np.zeros(self._members)
 
 
@@ -84,12 +81,10 @@ class Dense:
 
     @property
     def qubits(self) -> int:
-        """Return n."""
         return self._qubits
 
     @property
     def members(self) -> int:
-        """Return k."""
         return len(self._amplitudes)
 
     @property
@@ -189,7 +184,6 @@ class Dense:
         return self._of(self.qubits + other.qubits, joint.reshape(self.members, -1))
 
     def take(self, members: NDArray[np.intp]) -> Self:
-        """Return a copy that holds these members alone."""
         return self._of(self.qubits, self._amplitudes[members])
 
     def factor(self) -> list[tuple[list[int], Self]]:

@@ -70,7 +70,6 @@ class PhotonDraws:
         return (self.bits() + self.fractions()) / 2
 
     def at(self, positions: NDArray[np.unsignedinteger] | slice) -> "PhotonDraws":
-        """Return the draws of these photons alone, which are those that they have in the whole."""
         if isinstance(positions, slice) and positions == slice(None):
             return self
         return PhotonDraws(lambda: self.bits()[positions], lambda: self.fractions()[positions])
@@ -80,7 +79,6 @@ class Draws:
     """The random numbers of a run, all from its seed."""
 
     def __init__(self, seed: int) -> None:
-        """Use this seed, any integer."""
         self._seed = seed
 
     def photons(self, key: Key, purpose: str, count: int) -> PhotonDraws:
@@ -118,6 +116,5 @@ class _Key(np.random.bit_generator.ISeedSequence):
     def generate_state(
         self, n_words: int, dtype: DTypeLike = np.uint64
     ) -> NDArray[np.uint32 | np.uint64]:
-        """Return the key."""
         assert (n_words, dtype) == (2, np.uint64)  # what Philox asks for
         return np.frombuffer(self._digest, np.uint64)

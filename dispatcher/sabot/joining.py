@@ -31,7 +31,6 @@ def join(store: Store, first: Register, second: Register) -> Pairs:
 
 
 def same(one: Positions, other: Positions) -> bool:
-    """Return whether members are at the same positions."""
     if isinstance(one, slice) or isinstance(other, slice):
         return isinstance(one, slice) and isinstance(other, slice)
     return one is other or np.array_equal(one, other)
@@ -103,7 +102,6 @@ def _merge(store: Store, share: Share, other: Share, size: int) -> None:
 
 
 def _members(positions: Positions, wanted: Positions, size: int) -> Members:
-    """Return which member is at each of the wanted positions, where all members are."""
     if isinstance(positions, slice):
         return np.arange(size)[wanted]
     where = np.zeros(size, dtype=np.intp)

@@ -35,28 +35,23 @@ class Sabot:
     """
 
     def __init__(self, backend: Begin) -> None:
-        """Simulate with this backend."""
         self._backend = backend
         self._store = Store()
 
     @property
     def backend(self) -> str:
-        """Return the name of the backend on which states begin."""
         return self._backend.NAME
 
     def simulated_by(self, *registers: Register) -> str:
-        """Return the backends that hold registers, joined by + if there are several."""
         names = {share.component.state.NAME for each in registers for share in each.shares}
         return "+".join(sorted(names)) or self.backend
 
     @property
     def live_qubits(self) -> int:
-        """Return how many qubits are held, lost ones included."""
         return self._store.live_qubits
 
     @property
     def live_bytes(self) -> int:
-        """Return the memory that their states take."""
         return self._store.live_bytes
 
     def zeros(self, count: int) -> Register:
@@ -199,7 +194,6 @@ class Sabot:
             self._link_parts(component)
 
     def drop(self, register: Register, draws: PhotonDraws) -> None:
-        """Discard a register whatever its state, as measuring it unseen does."""
         self._read_out(register, draws)
 
     def lose(self, register: Register, lost: Mask) -> int:

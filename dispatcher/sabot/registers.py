@@ -30,7 +30,6 @@ FEW_LABELS = 8  # are found one by one in less time than they are sorted
 
 @lru_cache(maxsize=16)
 def everything(size: int) -> Mask:
-    """Return a mask of so many that are all true, which nobody can write into."""
     mask = np.ones(size, dtype=bool)
     mask.setflags(write=False)
     return mask
@@ -46,7 +45,6 @@ class Register:
 
     @property
     def components(self) -> "dict[Component, None]":
-        """Return the components that hold the qubits."""
         return {share.component: None for share in self.shares}
 
     @property
@@ -56,7 +54,6 @@ class Register:
 
     @property
     def remaining(self) -> int:
-        """Return how many qubits are there."""
         return self.size - (0 if self.lost is None else int(np.count_nonzero(self.lost)))
 
     def labels(self) -> NDArray[np.int32]:
@@ -84,12 +81,10 @@ class Share:
 
     @property
     def first(self) -> int:
-        """Return the position of the first member, which names the share within its register."""
         return 0 if isinstance(self.positions, slice) else int(self.positions[0])
 
     @property
     def qubit(self) -> int:
-        """Return which qubit of the state this is."""
         return self.component.shares.index(self)
 
 
@@ -111,7 +106,6 @@ class Component:
         return self.state.nbytes + sum(arrays.values())
 
     def take(self, members: NDArray[np.intp]) -> "Component":
-        """Return a component with these members alone, for the same registers."""
         taken: dict[int, Positions] = {}
         shares = []
         for share in self.shares:
@@ -126,13 +120,11 @@ class Store:
     """Keeps registers and components linked to each other, and counts what they take."""
 
     def __init__(self) -> None:
-        """Begin with nothing."""
         self.live_qubits = 0
         self.live_bytes = 0
         self.live_amplitudes = 0  # of state vectors
 
     def link(self, component: Component) -> None:
-        """Enter a component's shares into their registers."""
         for share in component.shares:
             share.component = component
             share.register.shares[share] = None
@@ -155,7 +147,6 @@ class Store:
         return before - register.remaining
 
     def forget(self, register: Register) -> None:
-        """Account for a register that has no components any more."""
         assert not register.shares
         if register.lost is not None:
             self.live_bytes -= register.lost.nbytes
@@ -179,7 +170,6 @@ class Store:
         return divided
 
     def split(self, component: Component, labels: NDArray[np.generic]) -> list[Component]:
-        """Replace a component by one for each label of its members."""
         self.unlink(component)
         parts = [component.take(members) for members in _grouped(labels)]
         for part in parts:
@@ -194,13 +184,11 @@ class Store:
         return dense
 
     def hand_over(self, share: Share, taker: Register) -> None:
-        """Let the taker have a share, at the same positions."""
         del share.register.shares[share]
         share.register = taker
         taker.shares[share] = None
 
     def move(self, share: Share, positions: Positions) -> None:
-        """Let a share be at other positions of its register."""
         self._count(share.component, -1)
         share.positions = positions
         self._count(share.component, 1)

@@ -34,12 +34,10 @@ class StimState:
 
     @property
     def qubits(self) -> int:
-        """Return n."""
         return len(self._x)
 
     @property
     def members(self) -> int:
-        """Return k."""
         return int(self._x.shape[1])
 
     @property
@@ -49,7 +47,6 @@ class StimState:
         return self._x.nbytes + self._z.nbytes + rows * (rows + 1) // 8
 
     def generators(self) -> Generators:
-        """Return the stabilizers."""
         rows = self._simulator.canonical_stabilizers()
         x, z = _letters(rows)
         plain = np.array([row.sign == -1 for row in rows], dtype=np.uint8)
@@ -121,7 +118,6 @@ class StimState:
         return self._of(simulator, x, z)
 
     def take(self, members: NDArray[np.intp]) -> Self:
-        """Return a copy that holds these members alone."""
         return self._of(
             self._simulator.copy(), self._x.take(members, axis=1), self._z.take(members, axis=1)
         )

@@ -44,12 +44,10 @@ class Tableau(NamedGates):
 
     @property
     def qubits(self) -> int:
-        """Return n."""
         return len(self._signs)
 
     @property
     def members(self) -> int:
-        """Return k."""
         return int(self._signs.shape[1])
 
     @property
@@ -58,15 +56,12 @@ class Tableau(NamedGates):
         return self._x.nbytes + self._z.nbytes + self._signs.nbytes
 
     def __str__(self) -> str:
-        """Return the stabilizers of the first member."""
         return self.stabilizers(0)
 
     def generators(self) -> Generators:
-        """Return the stabilizers."""
         return Generators(self._x[self.qubits :], self._z[self.qubits :], self._signs)
 
     def stabilizers(self, member: int) -> str:
-        """Return the stabilizers of a member, one a line, such as +XX."""
         lines = []
         for row in range(self.qubits, 2 * self.qubits):
             sign = "-" if self._signs[row - self.qubits, member] else "+"
@@ -83,13 +78,11 @@ class Tableau(NamedGates):
         x ^= z
 
     def s(self, qubit: int) -> None:
-        """Apply the phase gate."""
         x, z = self._x[:, qubit], self._z[:, qubit]
         self._flip(x & z)
         z ^= x
 
     def s_dag(self, qubit: int) -> None:
-        """Apply the inverse of the phase gate."""
         x, z = self._x[:, qubit], self._z[:, qubit]
         self._flip(x & ~z)
         z ^= x
@@ -102,7 +95,6 @@ class Tableau(NamedGates):
         z[:, control] ^= z[:, target]
 
     def cz(self, control: int, target: int) -> None:
-        """Apply the controlled Z."""
         self.h(target)
         self.cx(control, target)
         self.h(target)
@@ -174,7 +166,6 @@ class Tableau(NamedGates):
         return joint
 
     def take(self, members: NDArray[np.intp]) -> Self:
-        """Return a copy that holds these members alone."""
         return self._of(self._x.copy(), self._z.copy(), self._signs.take(members, axis=1))
 
     def factor(self) -> list[tuple[list[int], Self]]:
@@ -217,7 +208,6 @@ class Tableau(NamedGates):
         self._z[row] ^= self._z[by]
 
     def _combine(self, row: int, by: int) -> None:
-        """Multiply stabilizer `row` by stabilizer `by`, and keep the destabilizers partners."""
         self._multiply(self.qubits + row, self.qubits + by)
         self._multiply(by, row)
 

@@ -63,7 +63,6 @@ class Callers:
         raise _unknown(f"no node's token proves {method} so")
 
     def identify(self, token: str | bytes | None) -> str:
-        """Return the node that this is the token of."""
         node = self._nodes.get(_digest(token)) if isinstance(token, str) else None
         if node is None:
             problem = "unknown token" if token else "no token"

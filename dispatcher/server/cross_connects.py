@@ -33,7 +33,6 @@ class CrossConnects:
         self._server: asyncio.Server | None = None
 
     async def start(self, listener: socket) -> None:
-        """Accept connections from now on."""
         self._server = await asyncio.start_unix_server(self._accept, sock=listener)
 
     def stop(self) -> None:

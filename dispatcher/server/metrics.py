@@ -41,7 +41,6 @@ class CurrentMetrics(Collector):
     """What the physical layer counts anyway."""
 
     def __init__(self, service: Service) -> None:
-        """Read from this service."""
         self._service = service
 
     def collect(self) -> Iterator[Metric]:

@@ -103,7 +103,6 @@ class OpticalSwitch:
 
     @property
     def hot_loss_db(self) -> float:
-        """What every path loses more just now."""
         return self.config.hot_loss_db if self.hot else 0.0
 
     @property
@@ -121,7 +120,6 @@ class OpticalSwitch:
         self._hot.set(self._is_hot, now_ns)
 
     def rotation(self, in_port: int, out_port: int) -> int:
-        """Return the Pauli that a path applies."""
         path = self._paths.get((in_port, out_port))
         return self.config.rotation if path is None else path.rotation
 
@@ -161,7 +159,6 @@ class OpticalSwitch:
         return passes * 10 ** (-loss_db / 10) * (1 - self.crosstalk)
 
     def count_through(self, in_port: int, out_port: int, came: int, left: int) -> None:
-        """Count photons that came by one port, and those of them that left by another."""
         self.ports[in_port].photons_in += came
         self.ports[in_port].photons_lost += came - left
         self.ports[out_port].photons_out += left
@@ -170,7 +167,6 @@ class OpticalSwitch:
             circuit.photons += left
 
     def lose(self, in_port: int, photons: int) -> None:
-        """Count photons that came by a port and go nowhere."""
         self.ports[in_port].photons_in += photons
         self.ports[in_port].photons_lost += photons
 
@@ -180,7 +176,6 @@ class OpticalSwitch:
 
     @property
     def crosstalk(self) -> float:
-        """How likely a photon leaves its path."""
         crosstalk_db = self.config.crosstalk_db
         return 0.0 if crosstalk_db is None else float(10 ** (-crosstalk_db / 10))
 
@@ -256,7 +251,6 @@ class OpticalSwitch:
 
 
 def _add(result: dict[int, Mask], out_port: int, photons: Mask) -> None:
-    """Let more photons leave by a port."""
     result[out_port] = result.get(out_port, False) | photons
 
 
@@ -270,7 +264,6 @@ def _route(met: Sequence[Met], photons: Mask) -> dict[int, Mask]:
 
 
 def nearest_channel(config: QuantumSwitch, frequency_mhz: int) -> int:
-    """Return the frequency of a switch's grid that is nearest to this one."""
     highest = (config.max_frequency_mhz - config.min_frequency_mhz) // config.grid_mhz
     step = round((frequency_mhz - config.min_frequency_mhz) / config.grid_mhz)
     return config.min_frequency_mhz + min(max(step, 0), highest) * config.grid_mhz

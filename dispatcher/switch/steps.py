@@ -18,12 +18,10 @@ class Steps:
 
     @property
     def now(self) -> float:
-        """The latest value."""
         return self._values[-1]
 
     @property
     def largest(self) -> float:
-        """The largest value of those that are remembered."""
         return max(self._values)
 
     def set(self, value: float, now_ns: int) -> None:
@@ -49,6 +47,5 @@ class Steps:
         return np.array(self._values)[steps]
 
     def highest(self, first_ns: int, last_ns: int) -> float:
-        """Return the highest value that was met between two times."""
         first, last = (bisect_right(self._since_ns, time_ns) - 1 for time_ns in (first_ns, last_ns))
         return max(self._values[first : last + 1])

@@ -39,7 +39,6 @@ class Circuit:
     closed_ns: int = NEVER_NS
 
     def count(self, passed: NDArray[np.bool_], times_ns: Times, first: int = 0) -> None:
-        """Count the photons that passed, of those from the first on, at their ascending times."""
         photons = int(np.count_nonzero(passed))
         if photons:
             self.photons += photons
@@ -105,12 +104,10 @@ class Timeline:
 
     @property
     def connections(self) -> dict[int, int]:
-        """The connections that are open or about to open, in_port to out_port."""
         return {in_port: interval.out_port for in_port, interval in self._open()}
 
     @property
     def open_circuits(self) -> dict[int, int]:
-        """The number of each open connection's circuit, by in_port."""
         return {in_port: interval.circuit.number for in_port, interval in self._open()}
 
     def circuit_of(self, in_port: int) -> Circuit | None:

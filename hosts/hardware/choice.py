@@ -39,7 +39,6 @@ def chosen_qnic(config: HostConfig) -> ClosableQnic:
 
 
 def with_credentials(qnic: ClosableQnic, config: HostConfig) -> ClosableQnic:
-    """Let a QNIC that asks the dispatcher do so by TLS, if hosts do."""
     if isinstance(qnic, SimulatedQnic):
         qnic.credentials = config.credentials
     return qnic

@@ -31,7 +31,6 @@ class Chain:
     """Orders that follow each other, and of which nothing is heard but what has failed."""
 
     def __init__(self, orders: "Orders", number: int) -> None:
-        """All have one number."""
         self._orders, self.number = orders, number
         self.fault: HardwareError | None = None
 
@@ -76,7 +75,6 @@ class Standing:
         return list(outcome.feedbacks)
 
     def end(self) -> None:
-        """Repeat it no more."""
         self._orders.forget(self._order.number, cancel=self.left > 0)
 
 
@@ -240,7 +238,6 @@ def problem_of(error: grpc.aio.AioRpcError) -> str:
 
 
 async def _each(orders: asyncio.Queue[Order]) -> AsyncIterator[Order]:
-    """Give orders as they come, for ever."""
     while True:
         yield await orders.get()
 

@@ -46,7 +46,6 @@ def emission(
     rate_hz: int,
     wavelength_pm: int,
 ) -> tuple[Step, Step]:
-    """Return the steps that make pairs and send their halves into two ports."""
     create = CreateRequest(session=session, number=number, count=count)
     halves = enumerate(ports)
     launches = [Launch(block=half_id(session, number, half), port=port) for half, port in halves]
@@ -77,7 +76,6 @@ def states_field(states: Symbols) -> dict[str, bytes]:
 
 
 def apply_request(name: BlockId, paulis: Symbols) -> ApplyRequest:
-    """Return the request to apply one Pauli operator to each photon."""
     return ApplyRequest(block=name, dibits=dibits.pack(paulis, "little"))
 
 
@@ -108,7 +106,6 @@ def _unpacked(packed: bytes, count: int) -> Symbols:
 
 
 def coincidences_of(feedbacks: Sequence[Feedback]) -> Coincidences:
-    """Return which Bell states the last of several steps has found."""
     feedback = feedbacks[-1]
     outcomes = dibits.unpack(feedback.dibits, feedback.photons, "little")
     return Coincidences(_with_missed(outcomes, feedback), feedback.clicks, feedback.time_ns)

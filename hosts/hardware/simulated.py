@@ -117,7 +117,6 @@ class SimulatedQnic:
         rate_hz: int,
         wavelength_pm: int,
     ) -> None:
-        """Make Bell pairs and send their halves into two ports."""
         steps = emission(session, number, count, ports, rate_hz, wavelength_pm)
         await self._orders.perform(*steps)
 
@@ -276,25 +275,21 @@ class SimulatedQnic:
                 yield BlockName(block.session, block.number, block.half)
 
     async def receive(self, block: BlockName, port: str, timeout_s: float) -> Received:
-        """Take the photons that arrive at a port."""
         receive = ReceiveRequest(block=block_id(block), port=port, timeout_s=timeout_s)
         (feedback,) = await self._orders.perform(Step(receive=receive))
         return Received(feedback.photons, feedback.first_ns, feedback.last_ns)
 
     async def resend(self, block: BlockName, bases: Symbols) -> Symbols:
-        """Measure photons at this host and put new ones in their places."""
         resend = ResendRequest(block=block_id(block), bases=bases.tobytes())
         (feedback,) = await self._orders.perform(Step(resend=resend))
         return np.frombuffer(feedback.outcomes, dtype=np.uint8)
 
     async def split(self, block: BlockName, into: BlockName) -> Symbols:
-        """Count photons of pulses at this host, and take one of several."""
         split = SplitRequest(block=block_id(block), into=block_id(into))
         (feedback,) = await self._orders.perform(Step(split=split))
         return np.frombuffer(feedback.outcomes, dtype=np.uint8)
 
     async def receive_into_memory(self, block: BlockName, port: str, timeout_s: float) -> Stored:
-        """Store the photons that arrive at a port."""
         name = block_id(block)
         _received, feedback = await self._orders.perform(
             Step(receive=ReceiveRequest(block=name, port=port, timeout_s=timeout_s)),
@@ -307,7 +302,6 @@ class SimulatedQnic:
         self._orders.give_up([block_id(block) for block in blocks])
 
     async def apply(self, block: BlockName, paulis: Symbols) -> int:
-        """Apply one Pauli operator to each photon at this host."""
         apply = Step(apply=apply_request(block_id(block), paulis))
         (feedback,) = await self._orders.perform(apply)
         return int(feedback.time_ns)
@@ -323,11 +317,9 @@ class SimulatedQnic:
         await self._orders.perform(Step(apply=ApplyRequest(block=block_id(control), gates=gates)))
 
     def set_cutoff(self, cutoff_s: float) -> None:
-        """Let the memory drop what it has kept for longer."""
         self._cutoff_s = cutoff_s
 
     async def store(self, block: BlockName, for_good: bool = False) -> Stored:
-        """Put photons at this host into memory."""
         (feedback,) = await self._orders.perform(self._storing(block_id(block), for_good))
         return stored_of(feedback.arrived, feedback)
 
@@ -347,7 +339,6 @@ class SimulatedQnic:
         await self._orders.perform(Step(gather=gather))
 
     async def measure(self, block: BlockName, bases: Symbols) -> Symbols:
-        """Measure photons at this host, each in a basis."""
         return (await self.outcomes(block, bases)).outcomes
 
     async def outcomes(
@@ -374,7 +365,6 @@ class SimulatedQnic:
         return Outcomes(found, feedbacks[0].time_ns)
 
     async def sense(self, block: BlockName) -> None:
-        """Let photons at this host take the phase of its sensor."""
         await self._orders.perform(Step(sense=SenseRequest(block=block_id(block))))
 
     async def measure_at(self, block: BlockName, angle_rad: float) -> Symbols:
@@ -398,7 +388,6 @@ class SimulatedQnic:
         return outcomes_of(feedbacks[-1])
 
     async def bell_measure(self, first: BlockName, second: BlockName) -> Symbols:
-        """Make Bell measurements on pairs of photons at this host."""
         return (await self.coincidences(first, second)).outcomes
 
     async def coincidences(self, first: BlockName, second: BlockName) -> Coincidences:
@@ -416,7 +405,6 @@ class SimulatedQnic:
         return list(outcomes)
 
     async def tell(self, instructions: str) -> None:
-        """Tell those who watch what is executed now."""
         await self._orders.perform(Step(tell=TellRequest(text=instructions)))
 
     async def look(self, block: BlockName, entangled: bool) -> NDArray[np.complex128]:
@@ -448,7 +436,6 @@ class SimulatedQnic:
                 stream.cancel()
 
     async def discard(self, session: int) -> None:
-        """Discard all photons of a session."""
         if session in self._begun:
             self._orders.forget_chain(self._begun.pop(session))
         if session in self._standing:
@@ -465,7 +452,6 @@ class SimulatedQnic:
                 await self._orders.perform(Step(discard=DiscardRequest(block=name)))
 
     async def close(self) -> None:
-        """Close the connection to the dispatcher."""
         await self._orders.close()
         if self._channel is not None:
             await self._channel.close(None)

@@ -75,12 +75,10 @@ class Device:
 
     @property
     def subscribed(self) -> bool:
-        """Whether a controller has asked for reports."""
         return self.subscription.period_ms > 0
 
     @property
     def at_work(self) -> bool:
-        """Whether there is a session whose counts may rise."""
         return bool(self._opened or self._accepted or self._serving)
 
     def set(self, settings: DeviceSettings) -> None:
@@ -106,7 +104,6 @@ class Device:
 
     @contextmanager
     def opens(self, session: Opened) -> Iterator[None]:
-        """Count a session that this host asks for."""
         with self._counting(session, self._opened):
             yield
 
@@ -123,7 +120,6 @@ class Device:
 
     @contextmanager
     def accepts(self, session: Counted) -> Iterator[None]:
-        """Count a session that another host asks for."""
         self._note(session.setup)
         with self._counting(session, self._accepted):
             yield
@@ -143,7 +139,6 @@ class Device:
             self.changed()
 
     def _sealed(self, session: int, watched: Watched) -> None:
-        """Note how a seal has ended."""
         told = watched.compared, watched.errors, watched.tests, watched.ended
         names = "seal_compared", "seal_errors", "seal_tests", "seal_end"
         self._seal |= {"seal": session, **dict(zip(names, told, strict=True))}
@@ -164,7 +159,6 @@ class Device:
             self.changed()
 
     def made(self, pairs: int) -> None:
-        """Count pairs that this host has made."""
         self._ended["pairs_made"] += pairs
 
     def report(self, session: int = 0) -> DeviceReport:
@@ -212,7 +206,6 @@ class Device:
 
 
 def changed(before: DeviceReport, now: DeviceReport) -> bool:
-    """Whether two reports differ in more than counts."""
     return _facts(before) != _facts(now)
 
 

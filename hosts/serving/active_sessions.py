@@ -29,7 +29,6 @@ class ActiveSessions:
 
     @property
     def sessions(self) -> frozenset[int]:
-        """Return the sessions that are under way."""
         return frozenset(session for session, _source in self._now)
 
     @contextmanager

@@ -37,12 +37,10 @@ class Incoming:
             await self._send(writer, encode(Call.DATA, data[start : start + MAX_PAYLOAD]))
 
     async def tell(self, **fields: Any) -> None:
-        """Pass a result of a service to the application."""
         writer = await self._writer()
         await self._send(writer, encode_fields(Call.RESULT, **fields))
 
     async def ready(self, summary: dict[str, Any], answer: Answerer) -> None:
-        """Tell the application that it may ask now."""
         self.answer = answer
         writer = await self._writer()
         await self._send(writer, encode_fields(Call.DONE, **summary))
@@ -88,6 +86,5 @@ class Incoming:
 
 
 def failed(error: BaseException, **statistics: int) -> bytes:
-    """Return the message that tells an application why it ends."""
     reason = error.reason if isinstance(error, SessionError) else Reason.HARDWARE
     return encode_fields(Call.FAILED, reason=reason, text=str(error), **statistics)

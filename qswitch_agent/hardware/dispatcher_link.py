@@ -48,7 +48,6 @@ class DispatcherLink:
         return reader, writer
 
     def close(self) -> None:
-        """End the connection."""
         self._leave(self._idle)
         self._idle = None
 

@@ -26,7 +26,6 @@ class GarbledReply(ValueError):
 
 
 def channels(ports: Iterable[int]) -> str:
-    """Return ports as a channel list."""
     return f"(@{','.join(map(str, ports))})"
 
 

@@ -37,7 +37,6 @@ class ScpiLink:
             self.identity = await self.query("*IDN?")
 
     async def query(self, text: str) -> str:
-        """Return the answer to a query."""
         self._write(text, ERROR_QUERY)
         answer = await self._line()
         if is_error(answer):

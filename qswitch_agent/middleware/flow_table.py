@@ -48,7 +48,6 @@ class FlowTable:
         return other
 
     def apply(self, update: FlowUpdate) -> None:
-        """Take one event of the flow monitor into the table."""
         entry = update.entry
         if entry is None:
             return
@@ -67,7 +66,6 @@ class FlowTable:
         self._marked.discard(key)
 
     def marked(self) -> list[FlowEntry]:
-        """Return the light entries that the agent has let in."""
         return [self._entries[key] for key in self._marked]
 
     def find(self, priority: int, match: bytes) -> FlowEntry | None:
@@ -150,11 +148,9 @@ class FlowTable:
         return self._entries.get(entry.key) == entry
 
     def path_of(self, mod: FlowMod) -> CrossConnect | None:
-        """Return the path that an ADD or a MODIFY_STRICT of one light entry asks for, if any."""
         return self._path(flows.entry(mod.priority, mod.match, mod.instructions, mod.cookie))
 
     def _affected(self, mod: FlowMod) -> list[FlowEntry]:
-        """Return the entries that MODIFY or DELETE is about."""
         return [entry for entry in self._entries.values() if concerns(mod, entry)]
 
     def plan(self) -> Plan:

@@ -19,20 +19,17 @@ DEFAULT = {SLAVE: 0, MASTER: ALL_REASONS}  # of a connection that has set nothin
 
 
 def removal_masks(message: bytes) -> dict[int, int]:
-    """Return the masks of reasons that a message sets or tells, by type of property."""
     found = (REASONS.unpack(part) for part in _parts(message) if _is_removal(part))
     return {kind: mask for kind, _length, mask in found}
 
 
 def with_deletions(message: bytes) -> bytes:
-    """Return a SET_ASYNC like this one that asks for deletions with idle removals."""
     masks = removal_masks(message)
     wider = {kind: mask | (DELETED if mask & IDLE else 0) for kind, mask in masks.items()}
     return with_removal_masks(message, wider)
 
 
 def with_removal_masks(message: bytes, masks: Mapping[int, int]) -> bytes:
-    """Return a message like this one that has these masks."""
     return with_body(message, b"".join(_with_mask(part, masks) for part in _parts(message)))
 
 

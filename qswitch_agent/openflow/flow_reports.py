@@ -130,12 +130,10 @@ class FlowStatistics:
 
     @property
     def entry(self) -> FlowEntry:
-        """The entry that is described."""
         return entry(self.fixed[4], self.match, self.instructions, self.fixed[9])
 
     @property
     def packets(self) -> int:
-        """How many packets, or photons, it has passed."""
         return self.fixed[10]
 
     @property
@@ -144,7 +142,6 @@ class FlowStatistics:
         return self.fixed[11]
 
     def encode(self) -> bytes:
-        """Return the entry's part of a reply."""
         rest = matches.join(self.match) + self.instructions.data
         return STATISTICS.pack(STATISTICS.size + len(rest), *self.fixed[1:]) + rest
 
@@ -182,18 +179,15 @@ class FlowRemoved:
     @classmethod
     @strict
     def decode(cls, message: bytes) -> Self:
-        """Read a FLOW_REMOVED."""
         match, _rest = matches.split(message[HEADER.size + GONE.size :])
         return cls(GONE.unpack_from(message, HEADER.size), match)
 
     @property
     def table(self) -> int:
-        """The table it was in."""
         return self.fixed[3]
 
     @property
     def key(self) -> tuple[int, bytes, int]:
-        """Priority, match and cookie."""
         return self.fixed[1], self.match, self.fixed[0]
 
     @property

@@ -38,30 +38,25 @@ class FlowMod(NamedTuple):
     @classmethod
     @strict
     def decode(cls, message: bytes) -> "FlowMod":
-        """Read a FLOW_MOD, its match and its instructions included."""
         fixed: tuple[int, ...] = MOD.unpack_from(message, HEADER.size)
         match, data = matches.split(message[HEADER.size + MOD.size :])
         matches.parse(match)
         return cls._make((*fixed, match, instructions.parse(data)))
 
     def encode(self, xid: int) -> bytes:
-        """Return the FLOW_MOD as a message."""
         body = MOD.pack(*self[:-2]) + matches.join(self.match) + self.instructions.data
         return encode(ofp.OFPT_FLOW_MOD, xid, body)
 
     @property
     def fields(self) -> matches.Fields:
-        """The match, taken apart."""
         return matches.parse(self.match)
 
     @property
     def deletes(self) -> bool:
-        """Whether it is one of the two commands that delete."""
         return self.command in (ofp.OFPFC_DELETE, ofp.OFPFC_DELETE_STRICT)
 
     @property
     def strict(self) -> bool:
-        """Whether it names one entry by priority and match."""
         return self.command in (ofp.OFPFC_MODIFY_STRICT, ofp.OFPFC_DELETE_STRICT)
 
     def marked(self, mark: Mark) -> "FlowMod":
@@ -92,7 +87,6 @@ class FlowEntry:
 
     @property
     def key(self) -> tuple[int, bytes]:
-        """What tells the entry from all others."""
         return self.priority, self.match
 
     def __str__(self) -> str:
@@ -102,7 +96,6 @@ class FlowEntry:
 
 
 def entry(priority: int, match: bytes, does: Instructions, cookie: int) -> FlowEntry:
-    """Return the entry that has these properties."""
     short = max(len(match), len(does.data)) <= matches.MAX_REMEMBERED
     return (_remembered if short else _entry)(priority, match, does.data, cookie)
 

@@ -46,7 +46,6 @@ class Mark:
     added: bool = False  # the controller gave no APPLY_ACTIONS that the mark could be in
 
     def encode(self) -> bytes:
-        """Return the note action."""
         return NOTE_HEAD + MARK.pack(self.idle_timeout_s, self.circuit | ADDED * self.added)
 
     @classmethod
@@ -150,7 +149,6 @@ def _clean(kind: int, body: bytes) -> bytes:
 
 
 def output_ports(actions: Iterable[tuple[int, bytes]]) -> list[int]:
-    """Return the ports that actions output to."""
     return [OUTPUT.unpack_from(body)[2] for kind, body in actions if kind == ofp.OFPAT_OUTPUT]
 
 

@@ -32,7 +32,6 @@ def split(data: bytes) -> tuple[bytes, bytes]:
 
 
 def join(fields: bytes) -> bytes:
-    """Return a match made of OXM fields, with its padding."""
     length = MATCH.size + len(fields)
     return MATCH.pack(ofp.OFPMT_OXM, length) + fields + b"\0" * (-length % 8)
 
@@ -90,7 +89,6 @@ def _bad(code: int, reason: str) -> MalformedPart:
 
 
 def of_port(number: int) -> bytes:
-    """Return the OXM field that asks for a port, as the bridge writes it."""
     oxm_class, field, width = IN_PORT
     return OXM.pack(oxm_class, field << 1, width) + number.to_bytes(width, "big")
 
@@ -106,7 +104,6 @@ def in_port_is_masked(fields: Fields) -> bool:
 
 
 def is_lldp(fields: Fields) -> bool:
-    """Tell whether a match asks for LLDP alone."""
     return ETH_TYPE in fields and fields[ETH_TYPE] == (LLDP, b"\xff\xff")
 
 

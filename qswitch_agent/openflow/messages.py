@@ -88,7 +88,6 @@ def require_version(message: bytes) -> bytes:
 
 
 def message_type(message: bytes) -> int:
-    """Return the type of a message."""
     return message[1]
 
 
@@ -98,7 +97,6 @@ def transaction_id(message: bytes) -> int:
 
 
 def encode(kind: int, xid: int, body: bytes = b"") -> bytes:
-    """Return a message with the given type, transaction id and body."""
     return HEADER.pack(ofp.OFP_VERSION, kind, HEADER.size + len(body), xid) + body
 
 
@@ -144,5 +142,4 @@ def error_code(message: bytes) -> tuple[int, int]:
 
 @strict
 def role(message: bytes) -> int:
-    """Return the role that a ROLE_REQUEST, ROLE_REPLY or ROLE_STATUS names."""
     return int(ROLE.unpack_from(message, HEADER.size)[0])

@@ -15,18 +15,15 @@ EXPERIMENT = struct.Struct("!II")  # experimenter, exp_type
 
 @strict
 def multipart_type(message: bytes) -> int:
-    """Return which multipart request or reply a message is."""
     return int(MULTIPART.unpack_from(message, HEADER.size)[0])
 
 
 @strict
 def more_follows(message: bytes) -> bool:
-    """Return whether further messages belong to this reply."""
     return bool(MULTIPART.unpack_from(message, HEADER.size)[1] & MORE)
 
 
 def request(kind: int, xid: int, body: bytes = b"") -> bytes:
-    """Return a multipart request."""
     return encode(ofp.OFPT_MULTIPART_REQUEST, xid, MULTIPART.pack(kind, 0) + body)
 
 
@@ -52,7 +49,6 @@ def rebuilt(message: bytes, parts: Iterable[bytes]) -> bytes:
 
 @strict
 def asks_for_path_optics(message: bytes) -> bool:
-    """Tell whether a MULTIPART_REQUEST is our own experimenter's."""
     if multipart_type(message) != ofp.OFPMP_EXPERIMENTER:
         return False
     return EXPERIMENT.unpack_from(message, BODY) == (EXPERIMENTER, PATH_OPTICS)

@@ -39,25 +39,21 @@ class PacketOut:
 
     @property
     def outputs(self) -> list[int]:
-        """The ports it goes out of."""
         return output_ports(self.actions)
 
 
 def is_lldp(frame: bytes) -> bool:
-    """Tell whether an Ethernet frame carries LLDP."""
     return frame[ETHERTYPE] == matches.LLDP
 
 
 @strict
 def packet_in(message: bytes) -> tuple[int | None, bytes]:
-    """Return the port of a PACKET_IN, if it tells it, and the frame as far as it is there."""
     match, rest = matches.split(message[HEADER.size + PACKET_IN.size :])
     return matches.in_port(matches.parse(match)), rest[2:]
 
 
 @strict
 def group_outputs(message: bytes) -> list[int]:
-    """Return the ports that the buckets of a GROUP_MOD output to."""
     data, ports = message[HEADER.size + GROUP_MOD.size :], []
     while data:
         length, _weight, _port, _group = BUCKET.unpack_from(data)
@@ -70,14 +66,12 @@ def group_outputs(message: bytes) -> list[int]:
 
 @strict
 def command(message: bytes) -> int:
-    """Return the command of a GROUP_MOD or METER_MOD."""
     (number,) = COMMAND.unpack_from(message, HEADER.size)
     return int(number)
 
 
 @strict
 def bundle_control(message: bytes) -> tuple[int, int, int]:
-    """Return the bundle, the type and the flags of a BUNDLE_CONTROL."""
     bundle, kind, flags = BUNDLE.unpack_from(message, HEADER.size)
     return bundle, kind, flags
 
@@ -104,6 +98,5 @@ def bundle_member(message: bytes) -> tuple[int, bytes]:
 
 
 def with_member(message: bytes, member: bytes) -> bytes:
-    """Return a BUNDLE_ADD_MESSAGE like this one that holds another message."""
     head = message[HEADER.size : HEADER.size + BUNDLE.size]
     return with_body(message, head + member)

@@ -41,12 +41,10 @@ class Port:
 
     @property
     def up(self) -> bool:
-        """Whether the port, and what is behind it, is up."""
         down = self.config & ofp.OFPPC_PORT_DOWN or self.state & ofp.OFPPS_LINK_DOWN
         return not (down or self.gone)
 
     def encode(self) -> bytes:
-        """Return the description as it goes onto the wire."""
         fixed = self.address, os.fsencode(self.name), self.config, self.state
         length = PORT.size + len(self.properties)
         return PORT.pack(self.number, length, *fixed) + self.properties
@@ -67,7 +65,6 @@ def _ports(data: bytes) -> Iterator[Port]:
 
 @strict
 def described_ports(message: bytes) -> list[Port]:
-    """Return the ports in a PORT_STATUS or a reply to OFPMP_PORT_DESC."""
     status = message[1] == ofp.OFPT_PORT_STATUS
     return list(_ports(message[STATUS_PORT if status else multipart.BODY :]))
 
@@ -168,11 +165,9 @@ class PortStatistics:
 
     @property
     def number(self) -> int:
-        """The port's number."""
         return self.fixed[1]
 
     def encode(self) -> bytes:
-        """Return the port's part of a reply."""
         length = STATISTICS.size + len(self.properties)
         return STATISTICS.pack(length, *self.fixed[1:]) + self.properties
 

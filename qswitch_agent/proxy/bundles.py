@@ -42,7 +42,6 @@ class Bundle:
 
     @property
     def concerns_light(self) -> bool:
-        """Whether it matters to light what the table is at COMMIT."""
         return any(member.light or not member.sent for member in self.members)
 
     @property
@@ -89,7 +88,6 @@ class Bundles:
         return self._open[number], member
 
     def add(self, bundle: Bundle, member: Member) -> None:
-        """Put a message into a bundle."""
         bundle.members.append(member)
         self._bytes += len(member.envelope)
 

@@ -39,7 +39,6 @@ def concerns_light(mod: FlowMod, switch: Switch) -> bool:
 
 
 def may_modify_light(mod: FlowMod) -> bool:
-    """Tell whether MODIFY could be about light entries, which match in_port alone."""
     return mod.command in MODIFYING and len(mod.fields) <= 1
 
 

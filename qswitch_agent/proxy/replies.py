@@ -105,7 +105,6 @@ class Replies:
     def _known(
         self, priority: int, match: bytes, cookie: int, gone: bool
     ) -> tuple[Mark, bool] | None:
-        """Return the mark of a light entry, and whether it was removed for idleness."""
         paths = self._switch.paths
         if gone:
             removed = paths.removed(priority, match, cookie)

@@ -160,7 +160,6 @@ class Requests:
         await self._link.accepted(message)
 
     async def _set_async(self, message: bytes) -> None:
-        """A controller that wants idle removals gets those that the agent makes by DELETE."""
         wanted = async_config.removal_masks(message)
         if await self._link.accepted(async_config.with_deletions(message)):
             self._link.removals.update(wanted)

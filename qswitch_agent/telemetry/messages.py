@@ -38,7 +38,6 @@ def require_encoding(encoding: int) -> None:
 def notification(
     time_ns: int, leaves: Iterable[Leaf], encoding: int, gone: Sequence[Path] = ()
 ) -> Any:
-    """Return what has been seen at a time, leaf by leaf, and what is there no more."""
     updates = [
         gnmi.Update(path=_encoded(leaf.path), val=_typed(leaf.value, encoding)) for leaf in leaves
     ]

@@ -76,7 +76,6 @@ class Observed:
 
 
 def leaves(seen: Observed) -> list[Leaf]:
-    """Return all that is known of a switch."""
     return [*_chassis(seen), *_fibers(seen), *_channels(seen)]
 
 

@@ -43,7 +43,6 @@ class Followed:
     told: dict[Path, Value] = field(default_factory=dict)
 
     def news(self, leaves: list[Leaf]) -> tuple[list[Leaf], list[Path]]:
-        """Return what is to be told now, and what is there no more."""
         now = {leaf.path: leaf.value for leaf in found(leaves, self.path)}
         gone = [path for path in self.told if path not in now]
         told, self.told = self.told, now
@@ -56,12 +55,10 @@ class Telemetry(gNMIServicer):  # type: ignore[misc]
     """Answers operators' programs."""
 
     def __init__(self, observe: Observe) -> None:
-        """`observe` returns all leaves as they are now."""
         self._observe = observe
         self._streams = 0
 
     async def Capabilities(self, _request: Any, _context: Any) -> Any:
-        """Tell models and encodings."""
         models = [gnmi.ModelData(**model._asdict()) for model in MODELS]
         return gnmi.CapabilityResponse(
             supported_models=models, supported_encodings=ENCODINGS, gNMI_version=VERSION

@@ -45,7 +45,6 @@ class Leaf(NamedTuple):
 
 
 def found(leaves: Sequence[Leaf], path: Path) -> list[Leaf]:
-    """Return the leaves at or below a path."""
     return [leaf for leaf in leaves if _is_below(leaf.path, path)]
 
 

@@ -61,7 +61,6 @@ class CheckedGraph(MultiGraph):
         self.node = CheckedNodes()
 
     def add_node(self, node: str, attr_dict: Info | None = None, **attrs: Any) -> None:
-        """Add a node."""
         check_new(node, self.node)
         check_node(node, {**(attr_dict or {}), **attrs})
         super().add_node(node, attr_dict, **attrs)

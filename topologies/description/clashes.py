@@ -112,7 +112,6 @@ def mac_of(name: str, text: object) -> str:
 
 
 def _dpid(name: str, info: Mapping[str, Any]) -> int:
-    """Return a switch's datapath ID."""
     said = info.get("dpid") or info["cls"].dpid_of(name)
     return int(str(said).replace(":", ""), 16)
 

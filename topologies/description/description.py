@@ -70,7 +70,6 @@ def switch_of(name: str, info: Mapping[str, Any]) -> QuantumSwitch:
 
 
 def is_made(info: Mapping[str, Any], kind: type) -> bool:
-    """Return whether a node or link of a topology will be of this kind."""
     made = info.get("cls")
     return isinstance(made, type) and issubclass(made, kind)
 

@@ -121,7 +121,6 @@ def _refuse_elsewhere(name: str, first: Mapping[str, FirstLink], infos: Infos) -
 
 
 def _first_links(topo: Topo) -> dict[str, FirstLink]:
-    """Return the first link of each host that has one."""
     found: dict[str, FirstLink] = {}
     for one, two, info in topo.links(withInfo=True):
         for name, port, other in ((one, info["port1"], two), (two, info["port2"], one)):

@@ -77,7 +77,6 @@ class FiberLink(Channel):
             fibers.append(Fiber.joining(*ends, described, channel, _strand(first)))
 
     def delete(self) -> None:
-        """Delete this link, with all of its channels."""
         for link in self.channels:
             link.delete()
         super().delete()
@@ -102,7 +101,6 @@ def _strand(end: FiberEnd) -> str:
 
 
 def qnic_name(host: Node) -> str:
-    """Return the name of a host's next fibre interface."""
     return f"{host.name}-q{len(qnics(host))}"
 
 

@@ -36,7 +36,6 @@ def _is_mininets(kind: type) -> bool:
 
 
 def _taken(kinds: Iterable[type]) -> Iterator[str]:
-    """Yield the keywords that classes name in their own signatures."""
     for each in kinds:
         yield from _taken_by(each)
 

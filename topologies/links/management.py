@@ -24,7 +24,6 @@ NETWORK = IPv4Address("198.18.0.0")  # /15, of RFC 2544, which no host on the In
 
 
 def bridge_of(controller: str) -> str:
-    """Return the interface at which everything that a controller says and hears passes."""
     return f"{controller}-net"
 
 

@@ -45,7 +45,6 @@ class Captures:
 
     @property
     def programs(self) -> list[Program]:
-        """The captures that run."""
         return list(self._files)
 
     def begin(self, name: str, interface: str, *expression: str, inside: int | None = None) -> Path:
@@ -92,7 +91,6 @@ class Captures:
                     self._count_missed(program)
 
     def wait(self) -> None:
-        """Return when all that were begun do capture."""
         for program in self._starting:
             program.wait_for("listening on", READY_TIMEOUT_S)
         self._starting.clear()
@@ -118,7 +116,6 @@ class Captures:
             self.packets_missed += packets_missed(program.log.read_text(errors="replace"))
 
     def _bring_back(self) -> None:
-        """Write here what was captured on other machines, by the clock of this one."""
         for machine, there, here in self._elsewhere.values():
             if machine.lost or (data := machine.get(there)) is None:
                 continue
@@ -158,5 +155,4 @@ def capture_command(interface: str, file: Path, packet_bytes: int = MAX_PACKET_B
 
 
 def packets_missed(last_words: str) -> int:
-    """Return how many packets a capture says it has missed."""
     return sum(int(count) for count in DROPPED.findall(last_words))

@@ -129,5 +129,4 @@ def up(interface: str) -> bool:
 
 
 def link_name(ends: Iterable[Sequence[int]]) -> str:
-    """Return the name of a fibre between two switches, by datapath id and port of each end."""
     return " to ".join(f"{dpid:#x}:{port}" for dpid, port in sorted(map(tuple, ends)))

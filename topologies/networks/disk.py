@@ -62,7 +62,6 @@ class DiskKeeper:
                 raise
 
     def look_at_disks(self) -> None:
-        """Note if a disk is nearly full, or a folder gone."""
         self._full = next(filter(None, map(nearly_full, self._folders)), "")
 
     def check(self) -> None:

@@ -49,7 +49,6 @@ class HeardOrders(Mininet):
 
 
 def patience_s(network: Runtime) -> float:
-    """Return how long the controller of a network may take to hear of a link."""
     return network.patience_s(HEARD_TIMEOUT_S, MESSAGES_OF_A_LINK)
 
 
@@ -110,5 +109,4 @@ def until_heard(
 
 
 def _whole(told: Any) -> dict[SwitchEnd, bool]:
-    """Return which fibres are whole, by each end at a switch."""
     return {SwitchEnd(each["dpid"], each["port"]): each["up"] for each in told["fibers"]}

@@ -34,7 +34,6 @@ class ParallelMininet(HeardOrders, IperfMininet):
 
     @staticmethod
     def _configure(host: Host) -> None:
-        """Configure a host as Mininet does."""
         host.configDefault(**({} if host.defaultIntf() else {"ip": None, "mac": None}))
 
     def start(self) -> None:

@@ -29,7 +29,6 @@ class StockMininet(HeardOrders, IperfMininet):
             super().build()
 
     def start(self) -> None:
-        """Start controllers and switches."""
         with runtime.current().time_limit():
             super().start()
         self.hears = True

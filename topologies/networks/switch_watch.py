@@ -53,7 +53,6 @@ class SwitchWatch:
         yield from (switch for switch in self._switches if switch.stands)
 
     def _due(self) -> Iterator[tuple[str, str]]:
-        """Yield the interfaces that are to be there, and what each is."""
         for switch in self._laid():
             yield switch.name, f"bridge {switch.name}"
             yield from ((str(port), described(port)) for port in switch.intfList())

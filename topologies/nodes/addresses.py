@@ -5,7 +5,6 @@ from ipaddress import IPv4Interface, IPv4Network
 
 
 def broadcast(addresses: Iterable[str], prefix_length: int) -> str:
-    """Return the broadcast address of the network that the hosts are in."""
     return str(_network(addresses, prefix_length).broadcast_address)
 
 

@@ -86,7 +86,6 @@ class ClassicalHost(QuantumNode, ConfinedNode, Host):
         return result
 
     def shown_folders(self) -> dict[Path, str]:
-        """Return the folders of the run that are this host's own, and its access to them."""
         return {}
 
     def terminate(self) -> None:

@@ -51,7 +51,6 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
         return f"{cls.first_dpid + int(number[0]):x}" if number else ""
 
     def defaultDpid(self, dpid: str | None = None) -> str:  # noqa: N802 (Mininet's name)
-        """Return the datapath ID with all its digits."""
         digits: str = super().defaultDpid(dpid or self.dpid_of(self.name))
         return digits
 
@@ -126,7 +125,6 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
 
     @property
     def stands(self) -> bool:
-        """Whether the bridge is there."""
         return self._laid
 
     def _patience(self, controller: str) -> dict[str, int]:
@@ -153,7 +151,6 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
             self.deleteIntfs()
 
     def dpctl(self, *arguments: str) -> str:
-        """Run ovs-ofctl in the bridge's version of OpenFlow."""
         command, *rest = arguments
         return self.cmd("ovs-ofctl -O OpenFlow14", command, self, *rest)
 

@@ -16,12 +16,10 @@ class QuantumNode(ShellWatcher):
 
     @property
     def time_limited(self) -> bool:  # type: ignore[override]
-        """Whether the network starts or ends just now."""
         return self.network.time_limited
 
     @property
     def ending(self) -> bool:  # type: ignore[override]
-        """Whether the network ends, whatever its shells do."""
         return self.network.ending
 
     def startShell(self, mnopts: str | None = None) -> None:  # noqa: N802 (Mininet's name)
@@ -35,7 +33,6 @@ class QuantumNode(ShellWatcher):
             switch_ipv6_off(self, "all", "default")
 
     def environment(self) -> dict[str, str]:
-        """Let `qmn spy`, and `python` with our packages, work in the node's shell."""
         folders = ROOT / "bin", Path(python()).parent, os.environ["PATH"]
         return {"PYTHONPATH": str(ROOT), "PATH": ":".join(map(str, folders))}
 

@@ -16,7 +16,6 @@ class Reached:
     protocol: str = "tcp"
 
     def IP(self) -> str:  # noqa: N802 (Mininet's name)
-        """Return the address."""
         return self.address
 
 

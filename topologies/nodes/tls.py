@@ -24,7 +24,6 @@ def credentials(
     addresses: Mapping[str, str] | None = None,
     also: Iterable[str] = (),
 ) -> Credentials:
-    """Make a certificate for a program of a run, and give what it is to be told."""
     authority = network.authority()
     files = authority.issue(name, addresses, also)
     return Credentials(str(authority.certificate), str(files.certificate), str(files.private_key))
@@ -33,7 +32,6 @@ def credentials(
 def entrance(
     network: Runtime, controller: str, port: int, addresses: Mapping[str, str]
 ) -> EntranceConfig:
-    """Return how switches come in to a controller that has these addresses for them."""
     names = {f"{controller}-{switch}": address for switch, address in addresses.items()}
     return EntranceConfig(
         listen=[f"{address}:{port}" for address in addresses.values()],
@@ -45,13 +43,11 @@ def entrance(
 
 
 def certify_operator(network: Runtime) -> None:
-    """Make a certificate for whoever reads telemetry, beside those of programs."""
     if network.settings.tls and not (network.folder / "tls" / f"{OPERATOR}.pem").exists():
         credentials(network, OPERATOR)
 
 
 def certify_bridges(network: Runtime) -> None:
-    """Let Open vSwitch show one certificate for all of a run's bridges of copper."""
     copper = [name for name in network.bridges if name not in network.switches]
     made = credentials(network, OPEN_VSWITCH, also=copper)
     openvswitch.certify(made.authority, made.certificate, made.private_key)

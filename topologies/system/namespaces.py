@@ -55,7 +55,6 @@ class RunningRun:
 
 
 def are_own() -> bool:
-    """Return whether this process is in namespaces of a run."""
     return MACHINE_NETWORK.exists()
 
 
@@ -139,7 +138,6 @@ def keeper() -> str:
 
 
 def keeper_is_gone(words: str) -> bool:
-    """Return whether a run's keeper has ended, as far as this process can know it."""
     namespace, _, owner = words.partition(".")
     return namespace == owners.namespace() and owners.gone(owner)
 

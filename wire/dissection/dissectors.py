@@ -47,7 +47,6 @@ MAX_NESTING = 8  # of messages within events
 
 
 def script() -> str:
-    """Return the whole script."""
     parts = [f"do -- {name}.lua\n{(FOLDER / f'{name}.lua').read_text()}end\n" for name in PARTS[1:]]
     shared = (FOLDER / f"{PARTS[0]}.lua").read_text()
     return f"{HEADING}local formats = {lua(tables())}\n{shared}{''.join(parts)}"
@@ -64,7 +63,6 @@ def install(folder: Path) -> Path:
 
 
 def search_path(folder: Path) -> list[str]:
-    """Return the option of Wireshark and tshark that lets them read messages in gRPC."""
     return ["-o", f'uat:protobuf_search_paths:"{folder}","TRUE"']
 
 
@@ -193,7 +191,6 @@ def _structure(kind: Any) -> dict[str, Any]:
 
 
 def _message(message: Any, nesting: int = 0) -> list[dict[str, Any]]:
-    """Return the fields of a protobuf message, by number, type and name."""
     if nesting > MAX_NESTING:
         return []
     return [_protobuf_field(field, nesting) for field in message.fields]

@@ -85,12 +85,10 @@ class Layout:
 
 
 def metadata_layouts() -> list[Layout]:
-    """Return the kinds of quantum metadata."""
     return [_layout(kind) for kind in KINDS.values()]
 
 
 def device_layouts() -> list[Layout]:
-    """Return the kinds that controller and node agents exchange."""
     return [_layout(kind) for kind in device.KINDS.values()]
 
 

@@ -57,7 +57,6 @@ class QMeta(Framed):
     ]
 
     def extract_padding(self, data: bytes) -> tuple[bytes, bytes]:
-        """Leave what is behind the message to the next one."""
         size = max((self.length or 0) - header.HEADER.size, 0)
         return data[:size], data[size:]
 

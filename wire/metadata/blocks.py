@@ -50,7 +50,6 @@ class Frame:
     FIELDS: ClassVar[struct.Struct] = struct.Struct("!III")
 
     def encode(self) -> bytes:
-        """Return the description as it goes onto the wire."""
         return self.FIELDS.pack(self.number, self.size, self.crc32)
 
 
@@ -111,7 +110,6 @@ class Report(Message):
     again: bytes = b""  # a bit for each lost pair to send again, high bit first; empty: none
 
     def encode(self) -> bytes:
-        """Return the message as it goes onto the wire."""
         numbers = self.block, self.pairs, self.lost, self.errors, self.corrected, self.filled
         fixed = self.FIELDS.pack(*numbers, len(self.failed))
         return self._frame(fixed + struct.pack(f"!{len(self.failed)}I", *self.failed) + self.again)

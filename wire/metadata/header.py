@@ -36,7 +36,6 @@ class Message:
     session: int
 
     def encode(self) -> bytes:
-        """Return the message as it goes onto the wire."""
         _session, *fields = vars(self).values()
         return self._frame(self.FIELDS.pack(*fields))
 
@@ -53,7 +52,6 @@ class Message:
 
 
 def parted(kind: type[Message], body: bytes) -> tuple[tuple[int, ...], bytes]:
-    """Return the fixed fields of a body, and what is behind them."""
     if len(body) < kind.FIELDS.size:
         raise MalformedPacket(f"{kind.__name__}: {len(body)} bytes are too few")
     return kind.FIELDS.unpack_from(body), body[kind.FIELDS.size :]
@@ -68,7 +66,6 @@ def member(kind: type[E], value: int) -> E:
 
 
 def session_of(message: bytes) -> int:
-    """Return the session that a message names, whatever else it says."""
     return int(HEADER.unpack_from(message)[-1])
 
 

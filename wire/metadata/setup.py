@@ -63,7 +63,6 @@ class Setup(Message):
     seal: bytes = bytes(SEAL_BYTES)  # of the controller, with its verdict (wire.verdict)
 
     def encode(self) -> bytes:
-        """Return the message as it goes onto the wire."""
         packed = {"source": IPv4Address(self.source).packed, "obstacle": self.obstacle.encode()}
         _session, *fields = {**vars(self), **packed}.values()
         return self._frame(self.FIELDS.pack(*fields))
@@ -104,7 +103,6 @@ SETUP_LENGTH = HEADER.size + Setup.FIELDS.size
 
 
 def refused(setup: bytes, reason: Reason) -> bytes:
-    """Return a set-up message, whatever it asks for, with a refusal written into it."""
     *asked, _verdict, _rotation, _reason, seal = Setup.FIELDS.unpack(setup[HEADER.size :])
     answer = Setup.FIELDS.pack(*asked, Verdict.REFUSED, Pauli.I, reason, seal)
     return setup[: HEADER.size] + answer

@@ -73,7 +73,6 @@ class Values(Message):
     data: bytes = b""
 
     def encode(self) -> bytes:
-        """Return the message as it goes onto the wire."""
         fixed = self.FIELDS.pack(self.topic, self.width, self.block, self.count)
         return self._frame(fixed + self.data)
 
@@ -102,7 +101,6 @@ class Envelope(Message):
     content: bytes = b""
 
     def encode(self) -> bytes:
-        """Return the message as it goes onto the wire."""
         return self._frame(self.FIELDS.pack(self.topic) + self.content)
 
     @classmethod

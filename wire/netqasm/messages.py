@@ -161,7 +161,6 @@ def _entry(defined: int, value: int) -> int | None:
 
 
 def _fields(layout: struct.Struct, data: bytes) -> Sequence[int]:
-    """Return the fields behind the kind."""
     if len(data) != layout.size:
         raise MalformedPacket(f"message {data[0]} of {len(data)} bytes, not {layout.size}")
     return layout.unpack(data)[1:]

@@ -82,7 +82,6 @@ def share(text: str) -> str:
 
 
 def range_words(least: float, most: float) -> str:
-    """Return a range as people read it."""
     return f"{_number(least)} or more" if most == inf else f"{_number(least)} to {_number(most)}"
 
 

@@ -168,7 +168,6 @@ class Fiber(FiberOptics):
     def joining(
         cls, a: FiberEnd, b: FiberEnd, optics: FiberOptics, channel: int = 1, strand: str = ""
     ) -> Self:
-        """Return the fibre of these optics between two ports, or one channel of it."""
         return cls(a, b, channel=channel, strand=strand, **asdict(optics))
 
     @property
@@ -178,7 +177,6 @@ class Fiber(FiberOptics):
 
     @classmethod
     def from_dict(cls, given: dict[str, Any]) -> Self:
-        """Build the fibre from decoded JSON."""
         ends = {end: FiberEnd(**given[end]) for end in ("a", "b")}
         return cls(**{**given, **ends})
 

@@ -140,5 +140,4 @@ class NetworkSettings(ControllerSettings, CopperSettings, DispatcherSettings, Se
 
 
 def part(kind: type[Any], settings: NetworkSettings) -> dict[str, Any]:
-    """Return the settings that a class of them has, as keywords of a program's configuration."""
     return {each.name: getattr(settings, each.name) for each in fields(kind)}

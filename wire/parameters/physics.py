@@ -45,7 +45,6 @@ def parameter(default: Any, least: float, most: float, meaning: str = "") -> Any
 
 
 def choice(default: str, *others: str) -> Any:
-    """Return a dataclass field with the names it may hold."""
     return field(default=default, metadata={"choices": (default, *others)})
 
 
@@ -175,7 +174,6 @@ class PairSource:
         return (share * each) ** 2 / (1 - share * each) / (1 + mean)
 
     def bell_probabilities(self) -> tuple[float, ...]:
-        """Return how likely Phi+, Psi+, Phi- and Psi- are."""
         return self.bell_diagonal or (self.fidelity, *[(1 - self.fidelity) / 3] * 3)
 
 
@@ -268,7 +266,6 @@ class Gates:
 
     @property
     def take_time(self) -> bool:
-        """Whether anything takes time."""
         return any((self.one_qubit_s, self.two_qubit_s, self.initialization_s, self.readout_s))
 
     def check(self, where: str) -> None:
@@ -399,7 +396,6 @@ class Device:
 
     @property
     def node_features(self) -> NodeFeatures:
-        """Return what the host announces."""
         return NodeFeatures(self.features, self.memory.capacity)
 
     def to_dict(self) -> dict[str, dict[str, Any]]:

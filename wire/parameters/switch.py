@@ -52,7 +52,6 @@ class QuantumSwitch:
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> "QuantumSwitch":
-        """Build the switch from decoded JSON."""
         paths = [PathOptics(**path) for path in fields.get("paths", [])]
         return cls(**{**fields, "paths": paths})
 

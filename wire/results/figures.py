@@ -14,7 +14,6 @@ class Figures:
     """Nothing, as of an end that has not come to tell anything."""
 
     def __init_subclass__(cls) -> None:
-        """Make a dataclass of it that holds what it is given, and no more."""
         dataclass(init=False, repr=False, eq=False)(cls)
 
     def __init__(self, **told: Any) -> None:

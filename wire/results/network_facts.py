@@ -25,7 +25,6 @@ class NetworkFacts:
     copper_switches: list[str] = field(default_factory=list)  # those of copper alone
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as JSON takes it."""
         return asdict(self)
 
     def host_at(self, interface: str) -> str:

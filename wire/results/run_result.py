@@ -32,7 +32,6 @@ class SetUpTimes:
     n: int = 0
 
     def __str__(self) -> str:
-        """Return it as people read it, if there was one."""
         return f"median {self.p50:.2f} ms, p99 {self.p99:.2f} ms, n {self.n}"
 
 

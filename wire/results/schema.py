@@ -131,7 +131,6 @@ def _read(kind: Any, given: Any, place: str) -> Any:
 
 
 def _items(origin: Any, inner: tuple[Any, ...], given: list[Any], place: str) -> Iterator[Any]:
-    """Yield the items of a list, or of a tuple, which may have so many items of several kinds."""
     kinds = [inner[0]] * len(given) if origin is list or inner[-1] is Ellipsis else inner
     if len(kinds) != len(given):
         raise MalformedPacket(f"{place} has {len(given)} items, not {len(kinds)}")
@@ -148,7 +147,6 @@ def _plain(kind: Any, given: Any, place: str) -> Any:
 
 
 def _can_be_used(given: Any) -> bool:
-    """Return whether a number can be calculated with, and a text encoded."""
     if isinstance(given, str):
         return not SURROGATES.search(given)
     return not isinstance(given, int) or given.bit_length() <= MOST_BITS

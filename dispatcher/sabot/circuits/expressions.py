@@ -68,7 +68,6 @@ class _Reader:
         self._depth = 1  # the bracket of the arguments
 
     def read(self) -> Expression:
-        """Read a sum."""
         return self._chain(self._product, SUMS)
 
     def _product(self) -> Expression:

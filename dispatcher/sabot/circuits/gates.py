@@ -65,7 +65,6 @@ class Definition:
 
     @property
     def parameters(self) -> int:
-        """Return how many angles it takes."""
         return len(self.parameter_names)
 
 
@@ -73,7 +72,6 @@ class Gates:
     """Gates by name; one that is defined later hides an earlier one."""
 
     def __init__(self, known: Mapping[str, Primitive | Definition]) -> None:
-        """Begin with these."""
         self.known = dict(known)
 
     def define(self, tokens: Tokens) -> None:
@@ -197,7 +195,6 @@ def _standard() -> Mapping[str, Primitive | Definition]:
 
 
 def standard_gates() -> Gates:
-    """Return the gates that a program begins with."""
     return Gates(_standard())
 
 

@@ -102,7 +102,6 @@ def _batches(circuit: Circuit, backend: Begin, shots: int, draws: Draws) -> Iter
 
 
 def _draws_of(draws: Draws, batch: int, shots: int, measured: int) -> PhotonDraws:
-    """Return the random numbers of one measurement of the circuit in a batch of shots."""
     return draws.photons((batch, measured, 0), "circuit", shots)
 
 

@@ -69,21 +69,17 @@ class RemoteSabot:
 
     @property
     def backend(self) -> str:
-        """Return the name of the backend on which states begin."""
         return self._backend
 
     @property
     def live_qubits(self) -> int:
-        """Return how many qubits are held, lost ones included."""
         return self._done.live_qubits
 
     @property
     def live_bytes(self) -> int:
-        """Return the memory that their states take on the server."""
         return self._done.live_bytes
 
     def simulated_by(self, *registers: Register) -> str:
-        """Return the backends that hold registers, joined by + if there are several."""
         if self._one_backend or not registers:
             return self._backend
         names: set[str] = set()

@@ -42,7 +42,6 @@ def packed_mask(bits: Mask) -> bytes:
 
 
 def bases(values: bytes, register: Register) -> Bytes:
-    """Return the basis of each qubit, by its number in wire.outcomes."""
     if not values:
         return np.zeros(register.size, dtype=np.uint8)
     return limits.packed("bases", values, register.size, len(BASES) - 1)
@@ -54,7 +53,6 @@ def paulis(values: bytes, register: Register) -> Bytes | None:
 
 
 def draws(named: messages.Draws, register: Register) -> PhotonDraws:
-    """Return the random numbers of this name."""
     if not SEED.fullmatch(named.seed):
         seed = named.seed[:MAX_PURPOSE]
         raise invalid(f"seed {seed!r} is not a whole number of up to 100 digits")

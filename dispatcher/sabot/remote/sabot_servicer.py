@@ -62,7 +62,6 @@ class SabotService(SabotServicer):
 
     @call
     def End(self, request: messages.EndRequest) -> messages.Done:
-        """Forget a workspace."""
         self._workspaces.end(request.workspace)
         return messages.Done()
 
@@ -99,7 +98,6 @@ class SabotService(SabotServicer):
 
     @call
     def Measure(self, request: messages.MeasureRequest) -> messages.Outcomes:
-        """Measure a register."""
         workspace = self._workspaces.require(request.workspace)
         register = workspace.require(request.register)
         bases = requests.bases(request.bases, register)

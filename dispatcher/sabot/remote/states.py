@@ -55,7 +55,6 @@ def _state(component: Component, member: int) -> DumpReply.State:
 
 
 def stabilizers(state: Backend, member: int) -> str:
-    """Return the stabilizers of a member, one a line, such as +XX."""
     generators: Generators = state.generators()
     lines = []
     for x, z, signs in zip(generators.x, generators.z, generators.signs, strict=True):

@@ -33,18 +33,15 @@ class Workspace:
             raise exhausted(f"{MAX_REGISTERS} registers are live; measure or drop some first")
 
     def add(self, register: Register) -> int:
-        """Number a new register."""
         number = next(self._next)
         self._registers[number] = register
         self._numbers[register] = number
         return number
 
     def remove(self, number: int) -> None:
-        """Forget a register that is gone."""
         del self._numbers[self._registers.pop(number)]
 
     def number(self, register: Register) -> int:
-        """Return the number of a register."""
         return self._numbers[register]
 
 
@@ -66,7 +63,6 @@ class Workspaces:
         return number
 
     def end(self, number: int) -> None:
-        """Forget a workspace and all its states."""
         self.require(number)
         del self._all[number]
 

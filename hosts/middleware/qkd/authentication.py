@@ -37,7 +37,6 @@ class ForgedMessage(Exception):
 
 
 def pool_bytes(messages: int) -> int:
-    """Return how much shared key one direction needs for so many messages."""
     return POINT_BYTES + messages * PAD_BYTES
 
 
@@ -55,7 +54,6 @@ class KeyPool:
 
     @property
     def remaining_bytes(self) -> int:
-        """How much key is left."""
         return len(self._material) - self._used
 
     def take(self, count: int) -> bytes:
@@ -84,7 +82,6 @@ class Authenticator:
 
     @property
     def messages_left(self) -> int:
-        """For how many messages the pool still has pads."""
         return self._pool.remaining_bytes // PAD_BYTES
 
     def tag(self, data: bytes) -> bytes:
@@ -103,6 +100,5 @@ def key_tag(key: Bits, hash_key: bytes) -> bytes:
 
 
 def collision_probability(key_bits: int) -> float:
-    """Return the greatest chance that two different keys have the same tag."""
     blocks = -(-(64 + key_bits) // 128)
     return float(8 * blocks / 2**106)

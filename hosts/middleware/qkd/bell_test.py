@@ -35,16 +35,13 @@ class Correlations:
         self._counts: NDArray[np.int64] = np.zeros((2, 2, 2), np.int64)
 
     def add(self, bases: Bits, settings: Bits, differ: Bits) -> None:
-        """Count pairs that both ends have detected."""
         np.add.at(self._counts, (bases, settings, differ), 1)
 
     def include(self, other: "Correlations") -> None:
-        """Count what another test has counted."""
         self._counts += other._counts
 
     @property
     def pairs(self) -> int:
-        """How many were counted."""
         return int(self._counts.sum())
 
     @property

@@ -112,11 +112,9 @@ class _Pass:
         return prefixes
 
     def learn(self, blocks: Indices, parts: Indices, parities: Bits) -> None:
-        """Note parities of the reference key."""
         self._known[blocks * self._parts + parts] = parities
 
     def known(self, blocks: Indices, parts: Indices) -> Bits:
-        """Return parities of the reference key, UNKNOWN where nobody has asked."""
         parities: Bits = self._known[blocks * self._parts + parts]
         return parities
 
@@ -146,7 +144,6 @@ class Cascade:
 
     @property
     def result(self) -> Corrected:
-        """The key as it is now, and what that took."""
         return Corrected(self._key, self._errors, self._leaked, self._asked)
 
     def questions(self) -> Questions:

@@ -99,18 +99,15 @@ class Transcript:
     """All that two ends have said, as both know it."""
 
     def __init__(self, terms: ConferenceProposal, host: str, pools: Pools) -> None:
-        """Begin with the terms, between the leader and this host."""
         self._said = [terms.encode(), host.encode()]
         self._pools = pools
         self._signer, self._checker = (Authenticator(pool) for pool in pools)
 
     @property
     def consumed_bits(self) -> int:
-        """How much of the shared key both ends have used."""
         return sum(pool.consumed_bits for pool in self._pools)
 
     def add(self, *said: bytes) -> None:
-        """Take in what was said next."""
         self._said += said
 
     def receipt(self, number: int, states: int) -> bytes:
@@ -126,7 +123,6 @@ class Transcript:
         return b"receipt" + terms + host + number.to_bytes(8, "big") + states.to_bytes(8, "big")
 
     def tag(self) -> bytes:
-        """Return what proves it to the other end."""
         return self._signer.tag(self._whole())
 
     def check(self, tag: bytes) -> None:
@@ -196,12 +192,10 @@ class Leader:
 
     @property
     def worst(self) -> Estimate:
-        """What the tests in Z say of the host that differs most."""
         return max(self.in_z, key=lambda estimate: estimate.qber)
 
     @property
     def leaked_bits(self) -> int:
-        """How many parities are told."""
         return checks_for(self.raw.size, self.worst)
 
     @property
@@ -212,7 +206,6 @@ class Leader:
         return key_length(self.terms, self.raw.size, self.in_x, self.leaked_bits)
 
     def parities(self) -> Bits:
-        """Return the syndrome that all others correct by."""
         code = rows(code_seed(self.terms), self.raw.size, self.leaked_bits)
         return syndrome(self.raw, code, self.leaked_bits)
 
@@ -271,7 +264,6 @@ class Member:
         return toeplitz(self.raw, seed, length)
 
     def tag(self) -> bytes:
-        """Return what proves all to the leader."""
         return self._transcript.tag()
 
     def check(self, tag: bytes) -> None:

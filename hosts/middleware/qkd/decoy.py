@@ -43,7 +43,6 @@ class Decoys:
 
     @classmethod
     def told(cls, message: Intensities) -> "Decoys":
-        """Return those of a message."""
         return cls(message.means, message.shares)
 
     def message(self, count: int, levels: bytes) -> Intensities:

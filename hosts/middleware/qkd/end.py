@@ -158,7 +158,6 @@ class End(ABC):
 
     @property
     def decoys(self) -> Decoys | None:
-        """The intensities of alice's pulses, if there are several and they have been told."""
         return self._decoys
 
     @property
@@ -401,7 +400,6 @@ class End(ABC):
 
 
 def out_of_place(message: QkdMessage, state: State) -> SessionFailed:
-    """Return the failure that a message in the wrong state is."""
     return SessionFailed(
         AbortReason.PROTOCOL, f"{type(message).__name__} while {state.name.lower()}"
     )

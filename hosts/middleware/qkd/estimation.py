@@ -24,7 +24,6 @@ class Estimate:
         return self.errors / self.sample
 
     def beside(self, other: "Estimate") -> "Estimate":
-        """Return what both samples say together."""
         sums = self.errors + other.errors, self.sample + other.sample, self.ones + other.ones
         return Estimate(*sums)
 

@@ -22,7 +22,6 @@ class DuplicateKey(KeyStoreError):
 
 
 def names(folder: Path) -> list[str]:
-    """Return the names of all keys in a folder."""
     return [name for name in os.listdir(folder) if not name.endswith(_UNFINISHED)]
 
 

@@ -77,7 +77,6 @@ class KeyStore:
 
     @property
     def stored(self) -> int:
-        """How many keys are in the store."""
         return self.mine + self.theirs
 
     @property
@@ -91,7 +90,6 @@ class KeyStore:
         return len(key_files.names(self._second))
 
     def has(self, wanted: UUID | str) -> bool:
-        """Return whether a key of this id is in the store."""
         return any((folder / str(wanted)).exists() for folder in (self._first, self._second))
 
     def put(self, stored: StoredKey, *, first: bool) -> None:

@@ -26,6 +26,5 @@ def rows(seed: bytes, bits: int, checks: int) -> Indices:
 
 
 def syndrome(key: Bits, code: Indices, checks: int) -> Bits:
-    """Return the parity of each check of a key."""
     ones = np.bincount(code[key == 1].ravel(), minlength=checks)
     return (ones & 1).astype(np.uint8)

@@ -34,7 +34,6 @@ MAX_ITERATIONS = 100
 
 
 def checks_for(bits: int, estimate: Estimate) -> int:
-    """Return how many checks a code needs to correct a key whose sample had these errors."""
     qber = min(max(estimate.interval(CONFIDENCE)[1], LEAST_QBER), 0.11)
     overhead = 1.3 + 0.1 * log2(0.12 / qber)
     return min(max(LEAST_CHECKS, ceil(overhead * bits * binary_entropy(qber))), bits - 1)
@@ -52,7 +51,6 @@ class LdpcDecoding:
 
     @property
     def result(self) -> Corrected:
-        """The key as it is now, and what that took."""
         return Corrected(self._key, self._errors, self._leaked, 1)
 
     def questions(self) -> Questions:

@@ -52,7 +52,6 @@ class Parameters:
             raise ValueError(f"eps_cor is {self.eps_cor}, the hash allows {least:.1e} at least")
 
     def proposal(self) -> Proposal:
-        """Return the message that carries these parameters."""
         return Proposal(**vars(self))
 
     def key_length(

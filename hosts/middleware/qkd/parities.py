@@ -148,7 +148,6 @@ class ReferenceKey:
 
 
 def to_message(query: Query) -> QkdMessage:
-    """Return the message that asks a question."""
     if isinstance(query, Blocks):
         return AskBlocks(query.first, query.passes, query.size)
     if isinstance(query, Syndrome):
@@ -159,7 +158,6 @@ def to_message(query: Query) -> QkdMessage:
 
 
 def to_query(message: AskBlocks | AskIntervals | AskSyndrome) -> Query:
-    """Return the question that a message asks."""
     if isinstance(message, AskBlocks):
         return Blocks(message.first, message.passes, message.size)
     if isinstance(message, AskSyndrome):

@@ -80,7 +80,6 @@ class _Stream:
         self._encryptor = Cipher(algorithms.AES(key), modes.CTR(counter)).encryptor()
 
     def bytes(self, size: int) -> bytes:
-        """Return the next ones."""
         return self._encryptor.update(bytes(size))
 
 

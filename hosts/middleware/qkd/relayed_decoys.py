@@ -128,7 +128,6 @@ def _ratio(end: Decoys, power: int) -> float:
 
 
 def _ones(ends: Ends) -> float:
-    """Return how likely both pulses have one photon."""
     return ends[0].photons(1) * ends[1].photons(1)
 
 

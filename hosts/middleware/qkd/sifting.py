@@ -60,5 +60,4 @@ def choose(mine: Record, clicked: Indices, bases: Bits) -> Mask:
 
 
 def places(clicked: Indices, kept: Mask) -> Indices:
-    """Return which photons are kept of those that the announcing end detected."""
     return clicked[np.flatnonzero(kept)]

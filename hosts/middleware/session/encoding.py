@@ -36,7 +36,6 @@ def agreed_encoding(proposed: int, symbols: int, rotation: int) -> int:
 
 
 def to_paulis(symbols: Symbols, encoding: int) -> Symbols:
-    """Return the operator that sends each symbol."""
     return _translated(symbols, _sending(encoding))
 
 
@@ -55,7 +54,6 @@ def _translated(values: Symbols, table: bytes) -> Symbols:
 
 @lru_cache(maxsize=64)
 def _sending(encoding: int) -> bytes:
-    """Return the operator of each symbol, as a table."""
     return _operators(encoding).tobytes().ljust(256, b"\0")
 
 

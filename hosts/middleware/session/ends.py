@@ -70,7 +70,6 @@ class ConnectionEnd(Performer):
 
     @property
     def side(self) -> Side:
-        """This end as its protocol knows it."""
         return Side(self.setup, tuple(self.qnic.ports), self.channel.peer)
 
     async def carry_out(self, order: Order) -> Any:
@@ -102,7 +101,6 @@ class ConnectionEnd(Performer):
         self.channel.send(self.side.words(topic, block, numbers, width))
 
     def agree(self) -> None:
-        """Answer that what was asked last is accepted."""
         self.channel.send(*self.side.agree().messages)
 
     async def next_values(self) -> Values | None:
@@ -204,5 +202,4 @@ class ServiceKind:
 
 
 def plain_answer(setup: Setup) -> Answer:
-    """Return that a set-up is accepted, with nothing more to say."""
     return Answer(setup.session, Reason.OK)

@@ -53,7 +53,6 @@ def _share(value: float | None, number: int) -> Interval | None:
 
 
 def _symbol_errors(counts: Mapping[str, int]) -> Interval | None:
-    """Return what was wrong of the symbols that a receiver has seen."""
     seen, wrong = counts.get("pairs_received", 0), counts.get("symbol_errors")
     return None if wrong is None or not seen else _share(min(wrong / seen, 1.0), seen)
 
@@ -62,7 +61,6 @@ class Estimates:
     """What there is to be told of the sessions of a host."""
 
     def __init__(self) -> None:
-        """Begin with nothing."""
         self._told: dict[tuple[int, Quantity], Interval] = {}  # of sessions that go on
         self._untold: dict[tuple[int, Quantity], Interval] = {}
 

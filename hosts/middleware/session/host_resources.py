@@ -35,14 +35,12 @@ class HostResources:
     )  # of its interfaces that are channels
 
     def at(self, wavelength_pm: int) -> "HostResources":
-        """Return the same with the fibres, or channels of them, that carry a session's light."""
         if not self.channels_mhz:
             return self
         return replace(self, qnic=carrying(self.qnic, self.channels_mhz, wavelength_pm))
 
     @property
     def distinguishable_states(self) -> frozenset[int]:
-        """Return the Bell states that this host's analyser tells from all others."""
         if DISTINGUISHABLE_STATES[self.analyser] == len(Pauli):
             return frozenset(range(4))
         return frozenset({1, 3})  # it reports Phi- as Phi+ (wire/dispatcher.proto, Feedback)

@@ -56,7 +56,6 @@ class Mailbox:
         self._kept.append(message)
 
     def has(self, block: int | None, begins: bool = False) -> bool:
-        """Tell whether there is something to take for who asks for this."""
         return bool(self._last) or any(_is_for(each, block, begins) for each in self._kept)
 
     def take(self, block: int | None, begins: bool = False) -> Message | None:

@@ -67,7 +67,6 @@ def hear(side: Side) -> Steps[tuple[int, NodeFeatures, Lifetimes]]:
 
 
 def capacity(side: OpenerSide) -> int:
-    """Return how many pairs both ends can keep."""
     return side.node_features.both(side.theirs).memory_qubits
 
 
@@ -96,5 +95,4 @@ def require(side: OpenerSide, feature: Feature, what: str, remedy: str) -> None:
 
 
 def _ends(side: OpenerSide) -> tuple[tuple[NodeFeatures, str], tuple[NodeFeatures, str]]:
-    """Return what each end can do, and its name."""
     return (side.node_features, side.host), (side.theirs, side.other_host)

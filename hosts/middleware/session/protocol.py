@@ -288,7 +288,6 @@ class Side:
     peer: str  # the other end
 
     def block(self, number: int, half: int = 0) -> BlockName:
-        """Return the name of photons of this session."""
         return BlockName(self.setup.session, number, half)
 
     def words(self, topic: int, block: int, numbers: ArrayLike, width: int) -> Values:
@@ -300,7 +299,6 @@ class Side:
         return Say((self.words(topic, block, numbers, width),))
 
     def agree(self) -> Say:
-        """Answer that what was asked last is accepted."""
         return Say((Answer(self.setup.session, Reason.OK),))
 
     def announce(self, number: int, size: int) -> Steps[None]:
@@ -403,7 +401,6 @@ def do(
     *arguments: P.args,
     **named: P.kwargs,
 ) -> Steps[T]:
-    """Return what comes of an operation of Qnic."""
     return (yield Do(operation.__name__, arguments, named))  # type: ignore[no-any-return]
 
 
@@ -430,7 +427,6 @@ def request(message: Message, timeout_s: float = ANSWER_TIMEOUT_S) -> Steps[None
 
 
 def saying(said: Say) -> Steps[None]:
-    """Say this, as steps."""
     yield said
 
 

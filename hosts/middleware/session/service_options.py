@@ -84,7 +84,6 @@ class ServiceOptions(SessionOptions):
         return 0
 
     def asked(self) -> dict[str, Any]:
-        """Return the fields of the set-up message that say this."""
         return {**super().asked(), "fidelity_ppm": self.fidelity_ppm}
 
     @property

@@ -69,12 +69,10 @@ class OpeningSession:
 
     @property
     def setup(self) -> Setup:
-        """What is asked for."""
         return self._setup
 
     @property
     def summary(self) -> dict[str, Any]:
-        """What the application is told at the end, as far as that is known."""
         return vars(self._end.summary) if self._end else {}
 
     @property
@@ -84,7 +82,6 @@ class OpeningSession:
 
     @property
     def watched(self) -> Watched | None:
-        """What it has found if it watches a way, and does no more."""
         return self._end.watched if self._end else None
 
     def give_back(self) -> None:
@@ -104,7 +101,6 @@ class OpeningSession:
             self.answer = left
 
     async def give_up(self, error: SessionError | HardwareError) -> None:
-        """Tell the other end, if there is one yet, why the session ends."""
         await self._arrangement.give_up(error)
 
     async def _arranged(self, answer: Answer, channel: MetadataChannel, tell: Tell) -> OpenerEnd:
@@ -151,7 +147,6 @@ class OpeningSession:
         await self._arrangement.channel.request(finish, REPORT_TIMEOUT_S)
 
     async def close(self) -> None:
-        """Close connections, and discard orders and photons."""
         self._arrangement.close()
         self._resources.swaps.forget(self._setup.session)
         await release(self._resources.qnic, self._setup.session)
@@ -178,12 +173,10 @@ class AcceptingSession:
 
     @property
     def setup(self) -> Setup:
-        """What was agreed on."""
         return self._setup
 
     @property
     def summary(self) -> dict[str, Any]:
-        """What the application is told at the end, as far as that is known."""
         return vars(self._end.summary) if self._end else {}
 
     @property
@@ -214,7 +207,6 @@ class AcceptingSession:
         self.answer = await self._kind.accept(end)
 
     async def join(self, channel: MetadataChannel, setup: Setup) -> None:
-        """Serve a further connection of the session, as the handshake of a single pair."""
         if self._end is None or self._end.join is None:
             raise SessionError(Reason.UNKNOWN_SESSION)
         await self._end.join(channel, setup)
@@ -226,12 +218,10 @@ class AcceptingSession:
             raise SessionError(Reason.PROTOCOL, "values after all was done")
 
     def confirm(self) -> None:
-        """Tell the opener that all is well at this end."""
         assert self._end is not None
         self._end.agree()
 
     async def close(self) -> None:
-        """Discard photons."""
         await release(self._resources.qnic, self._setup.session)
 
 

@@ -38,11 +38,9 @@ class Swaps:
 
     @property
     def sessions(self) -> frozenset[int]:
-        """Return the sessions that there are orders for."""
         return frozenset(self._orders)
 
     def opens(self, session: int) -> bool:
-        """Tell whether a session is a link that this host opens to the next node."""
         return any(not order.last and order.outgoing == session for order in self._orders.values())
 
     def take(self, order: SwapOrder) -> None:

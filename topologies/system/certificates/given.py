@@ -29,7 +29,6 @@ class GivenCertificates:
         shutil.copyfile(given / AUTHORITY, self.certificate)
 
     def check(self, name: str) -> None:
-        """Look whether the certificate of a name is that, the authority's, and has its key."""
         self._checked(name)
 
     def _checked(self, name: str) -> x509.Certificate:

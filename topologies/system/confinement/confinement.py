@@ -121,7 +121,6 @@ class ConfinedNode(ShellWatcher):
 
     @property
     def shell_stopped(self) -> bool:
-        """Whether a signal has stopped the shell, or its keeper."""
         process = owner(self._confined) if self._confined else None
         return super().shell_stopped or (process is not None and process.stopped)
 
@@ -231,7 +230,6 @@ def children(pid: int) -> list[int]:
 
 
 def descendants(pid: int) -> Iterator[int]:
-    """Yield the processes that a process has started, and those that these have."""
     for child in children(pid):
         yield child
         yield from descendants(child)

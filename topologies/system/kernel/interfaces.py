@@ -113,7 +113,6 @@ def make_pair(ends: list[tuple[str, str | None, Node]]) -> None:
 
 
 def all_here() -> set[str]:
-    """Return the interfaces of this process's namespace."""
     return set(os.listdir(INTERFACES))
 
 
@@ -163,7 +162,6 @@ def await_end(names: Iterable[str]) -> None:
 
 
 def _kernel() -> socket.socket:
-    """Return a socket to ask the kernel by."""
     kernel = socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE)
     kernel.settimeout(COMMAND_TIMEOUT_S)
     return kernel
@@ -230,14 +228,12 @@ def mtu_of(address: str) -> int:
 
 
 def hardware_address(name: str) -> str:
-    """Return that of an interface of this thread's namespace."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as kernel:
         answer = fcntl.ioctl(kernel, SIOCGIFHWADDR, _request(name))
     return answer[18:24].hex(":")
 
 
 def finish_checksums(name: str) -> None:
-    """Let an interface of this thread's namespace send whole checksums, and check them."""
     _switch_off(name, ETHTOOL_STXCSUM, ETHTOOL_SRXCSUM)
 
 
@@ -282,7 +278,6 @@ class QuickIntf(Intf):
         return ""
 
     def updateMAC(self) -> str:  # noqa: N802 (Mininet's name)
-        """Return the hardware address that it has now."""
         self.mac = within(self.node, hardware_address, self.name)
         return self.mac
 

@@ -63,7 +63,6 @@ def descriptors(pid: int, names: Container[str]) -> list[int]:
 
 
 def close(descriptors: Sequence[int]) -> None:
-    """Close descriptors beside each other."""
     if descriptors:
         with ThreadPoolExecutor(AT_ONCE, thread_name_prefix="close") as pool:
             list(pool.map(os.close, descriptors))

@@ -96,7 +96,6 @@ def require_answer(first: "subprocess.Popen[bytes]") -> None:
 
 
 def to_themselves(ids: str) -> str:
-    """Return the map by which all users, or groups, of this process are the same inside."""
     lines = (line.split() for line in Path("/proc/self", ids).read_text().splitlines())
     return "".join(f"{first} {first} {count}\n" for first, _outside, count in lines)
 

@@ -90,7 +90,6 @@ class Agent(AgentFiles):
         await self._writer.drain()
 
     async def do_clock(self, _header: Header, _body: bytes) -> tuple[Any, bytes]:
-        """Say what the clock says that captures use."""
         return time.time_ns(), b""
 
     async def do_lacks(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
@@ -99,16 +98,13 @@ class Agent(AgentFiles):
         return [name for name in header["programs"] if which(name, path=where) is None], b""
 
     async def do_ruled(self, _header: Header, _body: bytes) -> tuple[Any, bytes]:
-        """Say by what root rules the kernel of this machine."""
         return [str(path) for path in ruled_here()], b""
 
     async def do_within(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
-        """Set up an interface in the network namespace of a process."""
         with interfaces.network_of(SimpleNamespace(name="a node", pid=header["pid"])):
             return WITHIN[header["function"]](*header["arguments"]), b""
 
     async def do_tunnel(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
-        """Make the end of a link to another machine."""
         TunnelEnd(**header["end"]).make(header["pid"])
         return None, b""
 
@@ -186,7 +182,6 @@ class Agent(AgentFiles):
         task.add_done_callback(self._tasks.discard)
 
     async def do_relay(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
-        """Connect to a socket, and to the runner for it."""
         self._begin(self._relay(header["path"], header["relay"]))
         return None, b""
 
@@ -202,7 +197,6 @@ class Agent(AgentFiles):
             await join(here, there)
 
     async def do_write(self, header: Header, body: bytes) -> tuple[Any, bytes]:
-        """Type something at the terminal of a program."""
         if header["process"] in self._terminals:
             os.write(self._terminals[header["process"]], body)
         return None, b""
@@ -282,7 +276,6 @@ Begin = Callable[[Sequence[str], Sequence[int]], "subprocess.Popen[bytes]"]
 
 
 def in_user_namespace(user: UserNamespace, begin: Begin) -> "subprocess.Popen[bytes]":
-    """Begin a shell in the network of a user namespace, which it can enter by its descriptor."""
     return user.start(lambda: begin([], [user.descriptor]))
 
 

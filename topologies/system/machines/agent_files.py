@@ -33,7 +33,6 @@ class AgentFiles:
             return True, file.read(MOST_BODY_BYTES)
 
     async def do_folder(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
-        """Make a folder."""
         Path(header["path"]).mkdir(mode=0o700, parents=True, exist_ok=True)
         return None, b""
 
@@ -48,8 +47,6 @@ class AgentFiles:
         return await asyncio.to_thread(work), b""
 
     async def do_unpack(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
-        """Write into a folder what was packed into a file, and remove the file."""
-
         def work() -> None:
             file = Path(header["path"])
             packed = file.read_bytes()
@@ -59,13 +56,11 @@ class AgentFiles:
         return await asyncio.to_thread(work), b""
 
     async def do_remove(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
-        """Remove a file."""
         Path(header["path"]).unlink()
         return None, b""
 
 
 def append_private(path: Path, data: bytes) -> None:
-    """Write at the end of a file, which its owner alone can read."""
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600), "wb") as file:
         file.write(data)

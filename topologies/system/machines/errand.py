@@ -32,7 +32,6 @@ class Errand:
         return str(folder / path.name)
 
     def start(self, program: Program, pid: int) -> None:
-        """Start it in the namespace of a process there."""
         program.start_elsewhere(self._machine, self._command, pid, self._ours)
 
     def bring_back(self) -> None:

@@ -132,7 +132,6 @@ class Gathering:
             time.sleep(POLL_S)
 
     async def end(self) -> None:
-        """Let all agents end."""
         for server in self._servers:
             server.close()
         await asyncio.gather(*(machine.close() for machine in self.found.values()))

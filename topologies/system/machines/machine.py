@@ -59,7 +59,6 @@ class ProcessElsewhere:
         self._ended = Event()
 
     def end(self, status: int) -> None:
-        """Note how it has ended."""
         self._status = status
         self._ended.set()
 
@@ -75,7 +74,6 @@ class ProcessElsewhere:
         return self._status
 
     def send_signal(self, number: int, /) -> None:
-        """Send it a signal if it runs."""
         if self._status is None and not self._machine.lost:
             self._machine.ask("signal", process=self.number, signal=number)
 
@@ -195,11 +193,9 @@ class Machine:
         return list(map(str, self.ask("lacks", programs=list(programs))))
 
     def within(self, pid: int, function: str, arguments: Sequence[Any]) -> Any:
-        """Set up an interface in the namespace of a process there."""
         return self.ask("within", pid=pid, function=function, arguments=list(arguments))
 
     def tunnel(self, end: dict[str, Any], pid: int) -> None:
-        """Make the end of a link there, of these fields of a TunnelEnd."""
         self.ask("tunnel", end=end, pid=pid)
 
     def start(
@@ -254,8 +250,6 @@ class Machine:
         self._loop.call_soon_threadsafe(self._loop.add_reader, terminal, read)
 
     def disconnect(self, terminal: socket.socket) -> None:
-        """Read no more from the socket, and close it."""
-
         def close() -> None:
             self._loop.remove_reader(terminal)
             terminal.close()
@@ -263,12 +257,10 @@ class Machine:
         self._loop.call_soon_threadsafe(close)
 
     def relay(self, path: str) -> None:
-        """Let a socket here be in the place of the one with the same path there."""
         listening = asyncio.run_coroutine_threadsafe(self._relays.listen(path), self._loop)
         listening.result(AGENT_ANSWER_TIMEOUT_S)
 
     def take_relayed(self, number: object, stream: Stream) -> None:
-        """Take a connection to a socket there."""
         self._relays.take(number, stream)
 
     def clock_offset(self) -> ClockOffset:

@@ -54,7 +54,6 @@ class NodeElsewhere:
             shell.wait(END_TIMEOUT_S)
 
     def hang_up(self) -> None:
-        """Tell the shell that its terminal has gone."""
         shell: ProcessElsewhere | None = getattr(self, "shell", None)
         if shell is not None:
             shell.send_signal(signal.SIGHUP)
@@ -63,7 +62,6 @@ class NodeElsewhere:
         """Leave that to the agent there."""
 
     def terminate(self) -> None:
-        """End the shell, and close its terminal."""
         super().terminate()  # type: ignore[misc]
         self.machine.disconnect(self._terminal)
 
@@ -88,7 +86,6 @@ class NodeElsewhere:
         node.await_shell(closing(user))
 
     def environment(self) -> dict[str, str]:
-        """Let programs of ours be found where they are on that machine."""
         root, python = self.machine.root, os.path.dirname(self.machine.python)
         own: dict[str, str] = super().environment()  # type: ignore[misc]
         return {**own, "PYTHONPATH": str(root), "PATH": f"{root}/bin:{python}:$PATH"}
@@ -117,5 +114,4 @@ class NodeElsewhere:
 
 
 def elsewhere(kind: type, machine: Machine) -> type:
-    """Return the class of nodes of a kind that are on a machine."""
     return type(f"{kind.__name__}On{machine.name}", (NodeElsewhere, kind), {"machine": machine})

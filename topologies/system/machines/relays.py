@@ -26,8 +26,6 @@ class Relays:
         self._serving: set[asyncio.Task[None]] = set()
 
     async def listen(self, path: str) -> None:
-        """Listen at a path, for the socket that has the same one there."""
-
         def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
             task = asyncio.create_task(self._serve(path, (reader, writer)))
             self._serving.add(task)

@@ -78,7 +78,6 @@ def remove() -> None:
 
 
 def _daemon(name: str) -> Program:
-    """Return a daemon of Open vSwitch whose log is as private as its sockets."""
     RUNTIME_ROOT.mkdir(mode=0o755, parents=True, exist_ok=True)
     return Program(name, RUNTIME_ROOT / f"{name}.log")
 

@@ -114,7 +114,6 @@ def end() -> None:
 
 
 def programs() -> list[Program]:
-    """Return the daemons of the run's own."""
     return [*_own.values()]
 
 
@@ -208,12 +207,10 @@ def change(*arguments: str) -> str:
 
 
 def installed() -> bool:
-    """Whether it is on this machine."""
     return SCHEMA.exists() and shutil.which("ovs-vsctl") is not None
 
 
 def running() -> bool:
-    """Whether the database answers."""
     try:
         database.ask(SOCKET, "echo", [], DATABASE_ANSWER_S)
     except NetworkError:
@@ -222,7 +219,6 @@ def running() -> bool:
 
 
 def bridges() -> list[str]:
-    """Return the names of all bridges."""
     return [row["name"] for row in _selected("Bridge", "name")]
 
 
@@ -252,7 +248,6 @@ def certify(authority: str, certificate: str, private_key: str) -> None:
 
 
 def management(bridge: str) -> Path:
-    """Return the socket by which programs ask for a bridge by its name, as ovs-ofctl does."""
     return RUN_FOLDER / f"{bridge}.mgmt"
 
 
@@ -286,7 +281,6 @@ def agent_socket(bridge: str) -> Path:
 
 
 def remove_agent_sockets(bridge: str) -> None:
-    """Remove what an agent that has ended has left."""
     for left in RUN_FOLDER.glob(f"{bridge}.agent[0-9]*"):
         left.unlink(missing_ok=True)
 

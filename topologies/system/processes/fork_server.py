@@ -80,12 +80,10 @@ def serve(request: dict[str, Any], files: Sequence[int]) -> NoReturn:
 
 
 def threads() -> int:
-    """Return how many threads this process has."""
     return len(os.listdir("/proc/self/task"))
 
 
 def runnable(module: str) -> str:
-    """Return the module that `python -m` would run."""
     found = find_spec(module)
     is_package = found is not None and found.submodule_search_locations is not None
     return f"{module}.__main__" if is_package else module

@@ -71,7 +71,6 @@ def owner(pid: int) -> Owner | None:
 
 
 def this_process() -> Owner:
-    """Return the process that asks."""
     found = owner(os.getpid())
     assert found is not None
     return found

@@ -37,7 +37,6 @@ WELL = ("ready", "listening")
 
 
 def find_tools() -> None:
-    """Let this process, and what it starts, find the tools of root behind all else."""
     folders = (os.environ.get("PATH") or os.defpath).split(os.pathsep)
     missing = [folder for folder in TOOLS if folder not in folders]
     os.environ["PATH"] = os.pathsep.join([*folders, *missing])
@@ -235,7 +234,6 @@ class Program:
             return log.read().decode(errors="replace")
 
     def last_words(self) -> str:
-        """Return the last line that it has printed."""
         lines = self.said().strip().splitlines()
         return lines[-1] if lines else ""
 
@@ -256,7 +254,6 @@ class Program:
 
     @property
     def stopped(self) -> bool:
-        """Whether a signal has stopped it."""
         process = None if self._process is None else owner(self._process.pid)
         return process is not None and process.stopped
 

@@ -28,7 +28,6 @@ LOCAL_FLAGS = 3  # of the settings of a terminal
 
 
 def shell_command(node: str) -> list[str]:
-    """Return what starts the shell of a node, where it is to be."""
     return ["bash", "--norc", "--noediting", "-is", f"mininet:{node}"]
 
 
@@ -57,13 +56,11 @@ class ShellWatcher:
 
     @property
     def shell_ended(self) -> bool:
-        """Whether somebody has ended the node's shell."""
         shell = getattr(self, "shell", None)
         return shell is not None and shell.poll() is not None
 
     @property
     def shell_stopped(self) -> bool:
-        """Whether a signal has stopped the node's shell."""
         shell = getattr(self, "shell", None)
         process = None if shell is None else owner(shell.pid)
         return process is not None and process.stopped
@@ -104,7 +101,6 @@ class ShellWatcher:
         return {**callers_environment(), **self.environment()}
 
     def popen(self, *arguments: Any, **options: Any) -> "subprocess.Popen[Any]":
-        """Start a program as Mininet does, in the environment that the shell has."""
         options.setdefault("env", self._environment())
         started: subprocess.Popen[Any] = super().popen(*arguments, **options)  # type: ignore[misc]
         return started
@@ -128,7 +124,6 @@ class ShellWatcher:
         self._await_prompts()
 
     def environment(self) -> dict[str, str]:
-        """Return what is in the environment of the shell beside that of the caller of `qmn`."""
         return {}
 
     def _await_prompts(self) -> None:
@@ -150,7 +145,6 @@ class ShellWatcher:
             self.shell.wait(END_TIMEOUT_S)
 
     def hang_up(self) -> None:
-        """Tell the shell that its terminal has gone, and let it go on if it was stopped."""
         if getattr(self, "shell", None) is not None and not self.shell_ended:
             for number in (signal.SIGHUP, signal.SIGCONT):
                 os.killpg(self.shell.pid, number)

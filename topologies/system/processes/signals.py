@@ -76,7 +76,6 @@ class Signals:
             force_end(number)
 
     def came_before(self, duration_s: float = 0.0) -> bool:
-        """Whether a signal has come, so long ago."""
         return self._received is not None and time.monotonic() - self._received_at >= duration_s
 
     def check(self) -> None:

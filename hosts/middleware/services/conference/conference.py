@@ -25,12 +25,10 @@ SESSIONS = 1 << 64
 
 
 async def lead(end: OpenerEnd, options: ConferenceOptions) -> None:
-    """Do what the first host of the line does."""
     await connections.lead(end, options, partial(Leader, keys=_keys(end.resources.keyring)))
 
 
 async def follow(end: AcceptorEnd) -> None:
-    """Do what another host of the line does."""
     await connections.follow(end, partial(Follower, keys=_keys(end.resources.keyring)))
 
 

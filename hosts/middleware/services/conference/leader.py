@@ -58,7 +58,6 @@ class Leader(line.Leader):
 
     @property
     def states(self) -> int:
-        """Return how many states all have seen."""
         return self.key.states
 
     def figures(self) -> dict[str, Any]:

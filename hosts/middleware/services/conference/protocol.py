@@ -60,7 +60,6 @@ class Keys:
 
 
 def key_ids(terms: ConferenceProposal, final: Bits) -> list[UUID]:
-    """Return by which names all know the keys that are made of a final key."""
     return [key_id(terms.session, number) for number in range(final.size // KEY_BITS)]
 
 
@@ -78,12 +77,10 @@ def honest() -> Iterator[None]:
 
 
 def tags_of(told: Numbers) -> list[bytes]:
-    """Return tags as they are told, one for each host."""
     return [tag.tobytes() for tag in told.astype(np.uint8).reshape(-1, TAG_BYTES)]
 
 
 def enveloped(topic: Topic, timeout_s: float) -> Steps[bytes]:
-    """Hear what an envelope carries."""
     message: Envelope = yield Hear(Envelope, timeout_s)
     if message.topic != topic:
         text = f"no key: an envelope of topic {message.topic}, not {topic.name}"
@@ -92,5 +89,4 @@ def enveloped(topic: Topic, timeout_s: float) -> Steps[bytes]:
 
 
 def envelope(right: Right, topic: Topic, content: bytes) -> Say:
-    """Return what tells the next host something in an envelope."""
     return Say((Envelope(right.side.setup.session, topic, content),))

@@ -55,7 +55,6 @@ async def share_pairs(end: AcceptorEnd, shared: Share) -> Answerer:
 
 
 def answerer(end: End, pairs: Pairs) -> Answerer:
-    """Return what answers an application's questions about pairs."""
     return lambda question: end.perform(pairs.answer(question))
 
 

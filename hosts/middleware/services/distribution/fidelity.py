@@ -32,7 +32,6 @@ class Estimate:
 
     @property
     def total(self) -> int:
-        """Return how many pairs were measured."""
         return int(self.measured.sum())
 
     @property

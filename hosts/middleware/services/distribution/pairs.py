@@ -57,7 +57,6 @@ class Moments:
     mean_s: float = 0.0
 
     def add(self, pairs: int, time_s: float) -> None:
-        """Count more pairs."""
         self.pairs += pairs
         self.mean_s += (time_s - self.mean_s) * pairs / self.pairs
 
@@ -80,7 +79,6 @@ class Pairs:
 
     @property
     def available(self) -> int:
-        """Return how many pairs there are."""
         return sum(portion.size for portion in self.blocks.values())
 
     @property

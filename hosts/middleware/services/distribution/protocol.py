@@ -107,7 +107,6 @@ class Opening:
 
     @property
     def _cutoff_s(self) -> float:
-        """Return how old pairs may get in the memory that keeps them for the shorter time."""
         return min(self._side.lifetimes.cutoff_s, self._side.their_lifetimes.cutoff_s)
 
     def _drop_old(self) -> Steps[None]:
@@ -151,7 +150,6 @@ class Opening:
 
     @property
     def _judged(self) -> bool:
-        """Return whether enough has been sacrificed to know the fidelity."""
         estimate = self._pairs.estimate
         known = estimate.fidelity is not None or not self._least_sample
         return known and estimate.total >= self._least_sample
@@ -231,7 +229,6 @@ class Opening:
 
     @property
     def _unsampled(self) -> float:
-        """Return how many pairs more are to be sacrificed, by the share that was seen so far."""
         if self._judged:
             return 0.0
         seen, pairs = self._pairs.estimate.total, self._pairs

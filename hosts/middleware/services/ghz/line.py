@@ -95,7 +95,6 @@ def introduced() -> Steps[list[str]]:
 
 
 def asked_of_next(asked: Setup) -> Setup:
-    """Return what a host asks the next one for, as it was asked itself."""
     return unanswered(asked, session=(asked.session + 1) % (1 << 64))
 
 
@@ -107,7 +106,6 @@ class Right:
     side: Side
 
     def block(self, number: int) -> BlockName:
-        """Return the name of the halves that are kept here."""
         return self.side.block(number, half=0)
 
     def make(self, number: int, there: Mask, lit: bool = True) -> Steps[Mask]:
@@ -139,14 +137,12 @@ class Right:
         return heard.astype(np.uint8).reshape(shape)  # type: ignore[no-any-return]
 
     def tell(self, *said: Say) -> Steps[None]:
-        """Say something to the next host."""
         for each in said:
             yield Through(self.connection, saying(each))
 
     def hear(
         self, topic: Topic, number: int, count: int, most: int, timeout_s: float
     ) -> Steps[Numbers]:
-        """Return the numbers that the next host tells."""
         told = hear(topic, number, count, most, timeout_s)
         return (yield Through(self.connection, told))  # type: ignore[no-any-return]
 
@@ -252,7 +248,6 @@ class Follower(ABC):
         """Use so many states, of which this host has its `qubits`."""
 
     def figures(self) -> FollowerFigures:
-        """Return what this host's application is told."""
         return FollowerFigures(states=self.measured, fused=self.fused)
 
     def run(self) -> Steps[None]:

@@ -24,7 +24,6 @@ class GhzOptions(ServiceOptions):
 
     @property
     def names(self) -> list[str]:
-        """Return the names of all hosts."""
         return self.line.split(",")
 
     def check(self) -> None:

@@ -45,11 +45,9 @@ class Leader(line.Leader):
 
     @property
     def states(self) -> int:
-        """Return how many states have told something."""
         return self.tally.states
 
     def use(self, number: int, states: int) -> Steps[None]:
-        """Measure a stabiliser of each state."""
         bases = self.bases(states)
         ours = line.seen((yield from do(Qnic.measure, self.qubits(number), bases[0])))
         behind = bases[1:]
@@ -57,15 +55,12 @@ class Leader(line.Leader):
         self.count(bases, np.vstack([ours, theirs]))
 
     def count(self, bases: Table, outcomes: Table) -> None:
-        """Take in what all hosts have measured."""
         self.tally.add(bases, outcomes)
 
     def bases(self, states: int) -> Table:
-        """Return in which basis each host measures each state."""
         return chosen_bases(self.side.draws, len(self.options.names), states)
 
     def figures(self) -> dict[str, Any]:
-        """Return the fidelity."""
         return self.tally.summary()
 
 
@@ -88,5 +83,4 @@ class Follower(line.Follower):
         yield self.answer(number, own, others)
 
     def outcomes(self, number: int, bases: Symbols) -> Steps[Symbols]:
-        """Measure this host's qubits of states."""
         return line.seen((yield from do(Qnic.measure, self.qubits(number), bases)))

@@ -53,7 +53,6 @@ class Tally:
 
     @property
     def states(self) -> int:
-        """Return how many states have told something."""
         return self.in_z + self.in_x
 
     def summary(self) -> dict[str, Any]:

@@ -47,7 +47,6 @@ class Fusion:
     halves: list[Half] = field(init=False)
 
     def __post_init__(self) -> None:
-        """Find which of them are ends of edges."""
         self.halves = self.graph.halves(self.place)
 
     def number(self, state: int, layer: int) -> int:
@@ -105,7 +104,6 @@ class Fusion:
 
     @property
     def is_hub(self) -> bool:
-        """Return whether this host has no part in the state."""
         return self.place not in self.graph.members
 
     def _turn(self, turned: Table, place: int, outcomes: Symbols) -> None:

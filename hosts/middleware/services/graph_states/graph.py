@@ -72,12 +72,10 @@ class Graph:
         return found
 
     def neighbours(self, place: int) -> set[int]:
-        """Return with which hosts edges join one."""
         return {b if a == place else a for a, b in self.edges if place in (a, b)}
 
     @property
     def members(self) -> list[int]:
-        """Return the hosts with a part in the state."""
         return [place for place in range(self.hosts) if place != self.hub or not self.hub]
 
     def left(self) -> "Graph":
@@ -115,7 +113,6 @@ class Graph:
 
     @property
     def pairs(self) -> int:
-        """Return how many pairs a state takes, on all links."""
         return sum(b - a for a, b in self.edges)
 
     def kept(self, place: int) -> int:
@@ -123,7 +120,6 @@ class Graph:
         return len(self.halves(place)) + 2 * len(self.swaps(place))
 
     def lit(self, layer: int, place: int) -> bool:
-        """Return whether a layer has a pair of this host and the next one."""
         return any(a <= place < b for a, b in self.layers[layer])
 
     def halves(self, place: int) -> list[Half]:
@@ -197,7 +193,6 @@ def _edge(word: str, names: Collection[str]) -> Edge:
 
 
 def numbers_of_graph(graph: Graph) -> list[int]:
-    """Return a graph as hosts tell it."""
     return [graph.hosts, graph.hub, *(place for edge in graph.edges for place in edge)]
 
 

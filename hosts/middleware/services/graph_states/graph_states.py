@@ -11,12 +11,10 @@ from wire.metadata.vocabulary import Service
 
 
 async def lead(end: OpenerEnd, options: GraphOptions) -> None:
-    """Do what the first host of the line does."""
     await connections.lead(end, options, Leader)
 
 
 async def follow(end: AcceptorEnd) -> None:
-    """Do what another host of the line does."""
     await connections.follow(end, Follower)
 
 

@@ -55,7 +55,6 @@ class Leader(protocol.Leader):
         self.most = max(1, int(self.most / needed))
 
     def run(self) -> Steps[None]:
-        """Tell the graph, and do what the line does."""
         numbers = numbers_of_graph(self.fusion.graph)
         yield from self.right.tell(self.side.say(Topic.EDGES, 0, numbers, 8))
         yield from super().run()
@@ -72,7 +71,6 @@ class Leader(protocol.Leader):
         return bases
 
     def count(self, bases: Table, outcomes: Table) -> None:
-        """Take in what the hosts of the state have measured."""
         members = self.fusion.graph.members
         super().count(bases[members], outcomes[members])
 

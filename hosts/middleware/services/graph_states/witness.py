@@ -75,17 +75,14 @@ class Colours:
     passed: NDArray[np.int64] = field(init=False)  # those of which all generators are +1
 
     def __post_init__(self) -> None:
-        """Begin with no outcomes."""
         self._colours = np.array(self.graph.colours)
         self.seen, self.passed = np.zeros((2, 1 + max(self._colours)), np.int64)
 
     @property
     def states(self) -> int:
-        """Return how many states have told something."""
         return int(self.seen.sum())
 
     def bases(self, draws: np.random.Generator, states: int) -> Table:
-        """Return in which basis each host measures each state."""
         drawn = draws.integers(0, self.seen.size, states)
         return np.where(self._colours[:, None] == drawn, X, Z).astype(np.uint8)
 

@@ -70,7 +70,6 @@ class InterceptResend:
 
     @property
     def summary(self) -> dict[str, Any]:
-        """What was seen so far."""
         return asdict(self._seen)
 
     def attack(self, block: BlockName, photons: int) -> Steps[dict[str, Any]]:
@@ -143,7 +142,6 @@ class PhotonSplitting:
 
     @property
     def summary(self) -> dict[str, Any]:
-        """What was done so far."""
         return {**asdict(self._way), **asdict(self._split)}
 
     def attack(self, block: BlockName, photons: int) -> Steps[dict[str, Any]]:
@@ -162,7 +160,6 @@ class PhotonSplitting:
         return {"multi_photon": several, "single_photon": single, "held_back": back.size}
 
     def end(self) -> Steps[None]:
-        """Discard the photons that are kept."""
         while self._kept:
             yield from self._discard()
 

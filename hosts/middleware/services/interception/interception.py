@@ -28,7 +28,6 @@ class Interception:
 
     @property
     def summary(self) -> EveFigures:
-        """Return what the application is told in the end."""
         return self._passing.summary
 
     async def run(self, tell: Tell) -> None:

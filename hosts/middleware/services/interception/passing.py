@@ -53,7 +53,6 @@ class InterceptionOptions(Options):
 
 
 def refused(text: str) -> SessionError:
-    """Return the refusal of what was asked."""
     return SessionError(Reason.UNSUPPORTED, text)
 
 

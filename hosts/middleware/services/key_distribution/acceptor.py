@@ -116,7 +116,6 @@ class Half:
         return record_of(outcomes, self.bases, self.side.setup.rotation, self.tests)
 
     def heard(self, message: Values) -> Steps[None]:
-        """Take nothing."""
         yield from ()
         raise out_of_turn(message, self.side.peer)
 
@@ -199,7 +198,6 @@ class AcceptorOfKeys:
         self.not_kept[key] = yield Wait(partial(self._store, key, bob))
 
     def _kept(self, key: int) -> None:
-        """Count a key that both ends have."""
         self._progress.made.add(self.keys.end_of(key))
         self._progress.stored(self.not_kept.pop(key))
         self.keys.forget(key)

@@ -30,12 +30,10 @@ MARGIN, MARGIN_PHOTONS = 1.05, 64
 
 
 def random_bases(side: HostSide, photons: int) -> Symbols:
-    """Return Z or X for each photon."""
     return side.draws.integers(0, 2, photons, dtype=np.uint8)
 
 
 def measuring(side: Side, name: BlockName, bases: Symbols) -> Steps[Light]:
-    """Begin to measure the photons that will arrive at the first port."""
     return begin(Qnic.measure_arrivals, name, side.ports[0], bases, LIGHT_TIMEOUT_S)
 
 

@@ -41,7 +41,6 @@ class Cutter:
 
 
 def in_envelopes(session: int, messages: list[bytes]) -> Iterator[Envelope]:
-    """Yield messages as the other end will feed them to its cutter."""
     for data in messages:
         for start in range(0, len(data), PIECE_BYTES):
             yield Envelope(session, Topic.KEYS, data[start : start + PIECE_BYTES])

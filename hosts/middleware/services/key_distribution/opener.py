@@ -52,7 +52,6 @@ class OpenerOfKeys:
         progress: Progress,
         store: Store,
     ) -> None:
-        """Make keys of this light."""
         self._side, self._options, self._light = side, options, light
         self._new_key, self._progress, self._store = new_key, progress, store
         self.keys = KeysUnderWay(side, progress, self._done)
@@ -99,7 +98,6 @@ class OpenerOfKeys:
         return -(-max(1, options.count - so_much) // left) if left else 0
 
     def _done(self, number: int, alice: Alice | Bob) -> Steps[None]:
-        """Store a key that the other end has stored, and say so."""
         self._progress.stored((yield Wait(partial(self._store, number, alice))))
         self._progress.made.add(alice)
         self.keys.forget(number)

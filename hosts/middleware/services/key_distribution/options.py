@@ -20,7 +20,6 @@ MAX_SIFTED_PER_KEY = 1_000_000  # the last block may bring some more: wire.qkd.M
 
 
 def bound_option() -> Any:
-    """Return the option of the bound that lengths of keys keep to, of every service with keys."""
     text = "of the key's length: proven, or that of endless keys (finite)"
     return option("finite", text, choices=tuple(BOUNDS))
 

@@ -45,29 +45,24 @@ async def open_bb84(end: OpenerEnd, options: KeyOptions) -> None:
 
 
 async def accept_bb84(end: AcceptorEnd) -> None:
-    """Make a key with the opener."""
     await accept_key(end, half=0)
 
 
 async def open_bbm92(end: OpenerEnd, options: KeyOptions) -> None:
-    """Make a key with the acceptor."""
     await make_key(end, options, measure_halves, options.parameters())
 
 
 async def accept_bbm92(end: AcceptorEnd) -> None:
-    """Make a key with the opener."""
     await accept_key(end, half=1)
 
 
 async def open_e91(end: OpenerEnd, options: KeyOptions) -> None:
-    """Make a key with the acceptor."""
     fraction, margin = options.chsh_fraction, options.chsh_margin
     parameters = replace(options.parameters(), chsh_fraction=fraction, chsh_margin=margin)
     await make_key(end, options, measure_halves, parameters)
 
 
 async def accept_e91(end: AcceptorEnd) -> None:
-    """Make a key with the opener."""
     await accept_key(end, half=1, tests=True)
 
 

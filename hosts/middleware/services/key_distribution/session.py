@@ -115,7 +115,6 @@ async def accept_keys(
 
 
 def number_of(end: End, key: int) -> int:
-    """Return by which number the messages of a key of this session go, and its ids."""
     return (end.setup.session + key) % NUMBERS
 
 

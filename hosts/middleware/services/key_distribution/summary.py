@@ -76,7 +76,6 @@ class Progress:
     _sifted_blocks: int = 0
 
     def stored(self, ids: Sequence[UUID]) -> None:
-        """Count keys that are in the store."""
         if ids:
             self.first_id, self.last_id = self.first_id or ids[0], ids[-1]
         self.keys += len(ids)

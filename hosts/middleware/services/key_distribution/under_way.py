@@ -44,19 +44,16 @@ class KeysUnderWay:
     def __init__(
         self, side: Side, progress: Progress, when_done: WhenDone, cutter: Cutter | None = None
     ) -> None:
-        """Take messages from where a cutter is, if some have been read."""
         self._side, self._progress, self._when_done = side, progress, when_done
         self._cutter = cutter or Cutter()
         self._makings: dict[int, Making] = {}
 
     @property
     def numbers(self) -> list[int]:
-        """Which keys are under way."""
         return list(self._makings)
 
     @property
     def ends(self) -> list[Alice | Bob]:
-        """This end of all keys that are under way."""
         return [making.keys for making in self._makings.values()]
 
     def end_of(self, number: int) -> Alice | Bob:
@@ -71,7 +68,6 @@ class KeysUnderWay:
         yield Beside(self._take(number, making))
 
     def forget(self, number: int) -> None:
-        """Take no more messages about a key."""
         del self._makings[number]
 
     def step(

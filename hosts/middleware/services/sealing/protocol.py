@@ -72,7 +72,6 @@ class SealOptions(ServiceOptions):
 
     @property
     def question(self) -> Question:
-        """Return what the tests are to tell apart."""
         return Question(self.whole_error, self.fraction, self.false_alarm, self.missed)
 
 
@@ -95,22 +94,18 @@ class Watch:
 
     @property
     def alarm(self) -> bool:
-        """Whether somebody was found."""
         return self._test.alarm
 
     @property
     def errors(self) -> int:
-        """How many of the pairs that were compared differed."""
         return int(self._errors.sum())
 
     @property
     def compared(self) -> int:
-        """How many pairs were compared, up to the alarm if there was one."""
         return self._test.compared
 
     @property
     def whole(self) -> int:
-        """How many tests have found nobody."""
         return self._test.whole
 
     def run(self) -> Steps[None]:

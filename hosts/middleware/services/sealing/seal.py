@@ -37,7 +37,6 @@ async def watch(end: OpenerEnd, options: SealOptions) -> None:
 
 
 async def accept(end: AcceptorEnd) -> None:
-    """Do what the acceptor does."""
     await end.perform(answer(end.side))
 
 

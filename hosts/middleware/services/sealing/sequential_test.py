@@ -39,17 +39,14 @@ class Question:
 
     @property
     def tapped(self) -> float:
-        """Return which part differs where it is tapped."""
         return tapped_error(self.whole, self.fraction)
 
     @property
     def steps(self) -> tuple[float, float]:
-        """Return how far a pair that agrees goes, and one that differs."""
         return log((1 - self.tapped) / (1 - self.whole)), log(self.tapped / self.whole)
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Return where a test ends as whole, and where in an alarm."""
         return log(self.missed), log(1 / self.false_alarm)
 
 

@@ -37,7 +37,6 @@ class Fringe:
 
     @property
     def seen(self) -> int:
-        """Return how many outcomes there are."""
         return int(sum(counts.sum() for counts in self._counts.values()))
 
     def add(self, steps: int, parities: NDArray[np.uint8]) -> None:
@@ -54,7 +53,6 @@ class Fringe:
 
     @property
     def located(self) -> bool:
-        """Return whether both X and Y have told something."""
         return self._told(X) and self._told(Y)
 
     def _told(self, steps: int) -> bool:
@@ -79,10 +77,8 @@ class Fringe:
 
 
 def in_steps(angle_rad: float) -> int:
-    """Return an angle as it travels."""
     return round(angle_rad / TURN * STEPS) % STEPS
 
 
 def in_rad(steps: int) -> float:
-    """Return an angle from how it travels."""
     return steps * TURN / STEPS

@@ -41,13 +41,11 @@ GROWTH = 4  # of what is known, until the middle of the fringe is known better
 
 
 def exposed(name: BlockName, steps: int) -> Steps[Symbols]:
-    """Let qubits take the phase of this host, and measure them at an angle."""
     yield from do(Qnic.sense, name)
     return line.seen((yield from do(Qnic.measure_at, name, in_rad(steps))))
 
 
 def own_probes(name: BlockName, count: int, steps: int) -> Steps[Symbols]:
-    """Make probes at this host, and use them."""
     states = np.full(count, PLUS, dtype=np.uint8)
     made = yield from do(Qnic.prepare, name.session, name.number, states)
     return (yield from exposed(made, steps))
@@ -62,7 +60,6 @@ class Leader(line.Leader):
     fringes: list[Fringe] = field(init=False)  # of the parity; or one for each host
 
     def __post_init__(self) -> None:
-        """Begin with no outcomes."""
         hosts = len(self.options.names)
         self.fringes = [Fringe() for _ in range(hosts if self._separate else 1)]
 
@@ -72,7 +69,6 @@ class Leader(line.Leader):
 
     @property
     def states(self) -> int:
-        """Return how many states have told something, or probes of each host."""
         return min(fringe.seen for fringe in self.fringes)
 
     def wanted(self) -> int:

@@ -29,7 +29,6 @@ class FrameFormat:
 
     @property
     def fills_losses(self) -> bool:
-        """Whether a frame may be right although some of its symbols are lost."""
         return self.code.fec != Fec.NONE
 
     @property

@@ -38,7 +38,6 @@ class SlotMap:
 
     @property
     def frame_pairs(self) -> int:
-        """Slots from one frame to the next."""
         return self.format.pairs(self.frame_bytes)
 
     def frame(self, number: int, size: int) -> Slots:
@@ -52,7 +51,6 @@ class SlotMap:
         return np.concatenate([np.resize(open_slots, refills), *new])
 
     def numbers(self, slots: Slots) -> Slots:
-        """Return the numbers of the frames that slots belong to, ascending."""
         return np.unique(slots // self.frame_pairs)
 
     def runs(self, slots: Slots) -> tuple[list[int], Slots, Slots]:

@@ -77,7 +77,6 @@ class Opener:
 
     @property
     def summary(self) -> SenderFigures:
-        """What the application is told, as it is now."""
         return copy(self._sender.statistics)
 
     def counts(self) -> Mapping[str, int]:

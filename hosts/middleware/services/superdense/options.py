@@ -72,7 +72,6 @@ class SuperdenseOptions(SessionOptions):
 
 
 def sent_half(setup: Setup) -> int:
-    """Return which half of each pair comes to the sender, by its first fibre."""
     return int(setup.service == Service.SDC_RETURN)
 
 

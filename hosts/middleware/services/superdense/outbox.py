@@ -70,7 +70,6 @@ class Outbox:
 
     @property
     def empty(self) -> bool:
-        """Whether the receiver holds everything."""
         return not self._waiting and not self._open.size
 
     @property

@@ -132,7 +132,6 @@ class Sender:
         return Singles(first, symbols)
 
     def single(self, number: int) -> Setup:
-        """Return what asks for one pair."""
         return replace(self._setup, handshake=Handshake.ONE_PAIR, block=number, pairs=1)
 
     def single_encoding(self, answer: Answer) -> int:

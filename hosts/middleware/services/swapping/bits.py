@@ -35,11 +35,9 @@ class Bits(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Return how many pairs it is about."""
         return self.seen.size
 
     def first(self, most: int) -> "Bits":
-        """Return those of so many pairs."""
         return Bits(self.seen[:most], self.operators[:most])
 
     def joined(self, other: "Bits") -> "Bits":

@@ -48,11 +48,9 @@ class OpenedLink(ConnectionEnd):
         return cls(qnic, setup, arrangement.channel, arrangement=arrangement, port=port)
 
     async def give_up(self, error: SessionError | HardwareError) -> None:
-        """Tell all nodes to the right why it ends."""
         await self.arrangement.give_up(error)
 
     async def close(self) -> None:
-        """Close the connection, and discard what is left of the halves."""
         self.arrangement.close()
         await release(self.qnic, self.setup.session)
 

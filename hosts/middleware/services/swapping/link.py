@@ -72,12 +72,10 @@ class OutgoingLink:
     """The left end: makes the pairs."""
 
     def __init__(self, side: Side, port: str) -> None:
-        """Send light into this port."""
         self._side, self._port = side, port
         self._lit = False  # the source makes light for a block
 
     def block(self, number: int) -> BlockName:
-        """Return the name of the halves that are kept here."""
         return self._side.block(number, half=0)
 
     def make(self, number: int, size: int) -> Steps[Kept]:
@@ -124,11 +122,9 @@ class OutgoingLink:
         return size
 
     def passing(self, number: int) -> Steps[Parts]:
-        """Return what comes from the right for others to the left."""
         return passing(self._side, number)
 
     def tell(self, number: int, parts: Parts) -> Say:
-        """Tell the next node what has come from the left for it, or for others behind it."""
         return told_on(self._side, number, parts)
 
     def say(self, number: int, swapped: Swapped) -> Say:
@@ -149,7 +145,6 @@ class OutgoingLink:
         return place, waiting
 
     def finish(self) -> Steps[None]:
-        """End it, and all links to the right."""
         return request(Finish(self._side.setup.session, 0, NO_DIGEST), BITS_TIMEOUT_S)
 
 
@@ -157,11 +152,9 @@ class IncomingLink:
     """The right end: stores what comes."""
 
     def __init__(self, side: Side, order: SwapOrder) -> None:
-        """Do as was ordered with a link that has been accepted."""
         self._side, self._port = side, fiber_of(side.ports, order.left_fiber)
 
     def block(self, number: int) -> BlockName:
-        """Return the name of the halves that are kept here."""
         return self._side.block(number, half=1)
 
     def announced(self) -> Steps[tuple[int, int] | None]:
@@ -205,11 +198,9 @@ class IncomingLink:
         return size
 
     def passing(self, number: int) -> Steps[Parts]:
-        """Return what comes from the left for others to the right."""
         return passing(self._side, number)
 
     def tell(self, number: int, parts: Parts) -> Say:
-        """Tell the node to the left what has come from the right for it, or for others there."""
         return told_on(self._side, number, parts)
 
     def swapped(self, number: int, missing: set[int]) -> Steps[Swapped]:
@@ -229,12 +220,10 @@ class IncomingLink:
         return self._side.say(Topic.SWAPPED, number, [place, waiting], 8)
 
     def agree(self) -> Say:
-        """Agree to what was asked last."""
         return self._side.agree()
 
 
 def to_the_left_of(place: int) -> set[int]:
-    """Return the places of the repeaters whose swaps are told to this one."""
     return set(range(1, place))
 
 

@@ -78,7 +78,6 @@ class Opening:
     def __init__(
         self, side: OpenerSide, connection: Connection, link: OutgoingLink, order: SwapOrder
     ) -> None:
-        """Begin with the link to the first repeater, which this connection carries."""
         self._side, self._connection, self._link = side, connection, link
         self._order = order
 
@@ -113,11 +112,9 @@ class Turn:
 
     @property
     def has_come(self) -> bool:
-        """Whether all of them have swapped."""
         return not self._missing
 
     def heard(self, place: int) -> None:
-        """Note that the repeater at this place has swapped."""
         self._missing.discard(place)
 
     def noticed(self, place: int, waiting: int) -> bool:

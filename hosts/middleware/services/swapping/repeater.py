@@ -97,14 +97,12 @@ class Repeater:
             yield self._incoming.tell(number, parts)
 
     def _tell_of_swap(self, number: int, kept: tuple[Kept, Kept]) -> Steps[None]:
-        """Swap, and tell those to the right."""
         names = self._incoming.block(number), self._outgoing.block(number)
         swapped = yield from joined(names, kept, self._order.place, self._distinguishable_states)
         self._under_way.end(number)
         yield from self._say_right(self._outgoing.say(number, swapped))
 
     def _pass_on(self, number: int, turn: Turn) -> Steps[None]:
-        """Pass on all that others tell of their swaps."""
         yield from together(self._pass_right(number, turn), self._pass_left(number, turn))
         turn.require()
 

@@ -113,5 +113,4 @@ def passing(side: Side, number: int) -> Steps[Parts]:
 
 
 def told_on(side: Side, number: int, parts: Parts) -> Say:
-    """Tell the next node parts of a message."""
     return Say(tuple(side.words(topic, number, numbers, width) for topic, numbers, width in parts))

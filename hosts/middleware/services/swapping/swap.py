@@ -71,7 +71,6 @@ async def receive(end: AcceptorEnd) -> Answerer:
 async def _last_link(
     end: AcceptorEnd, expected: asyncio.Future[Arrived]
 ) -> tuple[Connection, IncomingLink, SwapOrder]:
-    """Return the link from the last repeater, and what this host is told to do."""
     try:
         async with asyncio.timeout(LINK_TIMEOUT_S):
             arrived = await asyncio.shield(expected)

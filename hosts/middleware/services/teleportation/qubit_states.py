@@ -39,7 +39,6 @@ class Cardinal:
 
     @property
     def bits(self) -> Symbols:
-        """Return these values."""
         return self.symbols & np.uint8(1)
 
     def messages(self, session: int, block: int) -> list[Values]:
@@ -56,12 +55,10 @@ class Arbitrary:
 
     @classmethod
     def at(cls, theta_rad: ArrayLike, phi_rad: ArrayLike) -> Self:
-        """Return the states of these angles."""
         return cls(_parts(theta_rad), _parts(phi_rad))
 
     @property
     def directions(self) -> Directions:
-        """Return the angles."""
         unit_rad = np.float64(2 * pi / TURN)
         return Directions(self.theta * unit_rad, self.phi * unit_rad)
 
@@ -78,7 +75,6 @@ class Heard:
     """The states of a block, as the other end tells them in one or more messages."""
 
     def __init__(self, block: int, size: int) -> None:
-        """Hear of so many states."""
         self._block, self._size = block, size
         self._topic: int = Topic.STATES  # until the first message says that it is the other
         self._parts: list[Numbers] = []
@@ -103,7 +99,6 @@ def check(state: object) -> None:
 
 
 def needs_vectors(state: str) -> bool:
-    """Return whether no stabiliser state is this one."""
     return state not in (RANDOM, *NAMES)
 
 
@@ -164,7 +159,6 @@ def _angle(text: str) -> float | None:
 
 
 def _parts(angles_rad: ArrayLike) -> Numbers:
-    """Return angles as whole parts of a turn."""
     turns: NDArray[np.float64] = np.asarray(angles_rad, dtype=np.float64) / (2 * pi)
     return (np.rint(turns * TURN) % TURN).astype(np.uint32)
 

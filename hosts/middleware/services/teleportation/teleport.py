@@ -37,7 +37,6 @@ class TeleportOptions(ServiceOptions):
 
 
 async def teleport(end: OpenerEnd, options: TeleportOptions) -> None:
-    """Teleport all states."""
     await end.perform(protocol.send(end.side, options.state, options.count))
 
 

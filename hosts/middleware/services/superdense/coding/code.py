@@ -69,7 +69,6 @@ class Uncoded:
         return 1
 
     def encoded_bits(self, data_bits: int) -> int:
-        """Return the same number."""
         return data_bits
 
     def encode(self, bits: Bits) -> Bits:

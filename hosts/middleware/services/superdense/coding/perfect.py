@@ -41,7 +41,6 @@ class PerfectCode:
         self._errors = self._coset_leaders(np.vstack([parity, np.eye(checks, dtype=np.uint8)]))
 
     def word_bits(self, data_bits: int) -> int:
-        """Return n."""
         return self.n
 
     def encoded_bits(self, data_bits: int) -> int:
