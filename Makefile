@@ -42,7 +42,8 @@ NOT_IN_IMAGE := $(patsubst %,--ignore=tests/emulation/test_%.py,notebooks held_p
     live_page_in_browser) \
     $(patsubst %,--deselect=tests/emulation/test_memory_shares.py::test_%,$(IN_GROUPS)) \
     $(patsubst %,--deselect=tests/emulation/test_several_machines.py::test_%,$(TAKE_FILES))
-PRODUCT := wire programs dispatcher hosts controller_apps qswitch_agent copper topologies qmn
+PRODUCT := wire programs dispatcher hosts controller_apps qswitch_agent copper topologies qmn \
+    applications evidence views
 PROTOCOLS := $(patsubst %.proto,%,$(wildcard wire/*.proto))
 GENERATED := $(foreach end,_pb2.py _pb2.pyi _pb2_grpc.py,$(addsuffix $(end),$(PROTOCOLS)))
 
@@ -121,7 +122,7 @@ house: setup ## Count lines, files, options and more (REVISION=HEAD~20: of that 
 	@$(PYTHON) tests/house.py $(REVISION)
 
 live-speed: setup browser ## Measure the live view: how far it is behind, its memory, what it costs
-	$(AS_ROOT) PYTHONPATH=.:tests/unit/qmn $(PYTHON) tests/live_speed/measure.py
+	$(AS_ROOT) PYTHONPATH=.:tests/unit/qmn:tests/unit/views $(PYTHON) tests/live_speed/measure.py
 
 curves: setup ## Check the physics against theory and published figures, and draw it (curves/)
 	bin/qmn curves

@@ -22,7 +22,7 @@ from topologies.system.processes.signals import Signals
 # Until a verb runs there is nothing to clean up: Ctrl-C just ends the program.
 signal.signal(signal.SIGINT, signal.SIG_DFL)
 
-# What verbs do, by what somebody wants to do; each is a module of qmn.verbs.
+# Verbs and what they do, by the purpose of their user.
 HEADINGS: Mapping[str, Mapping[str, str]] = MappingProxyType(
     {
         "start a network": {
@@ -72,12 +72,23 @@ HEADINGS: Mapping[str, Mapping[str, str]] = MappingProxyType(
     }
 )
 VERBS = {verb: text for verbs in HEADINGS.values() for verb, text in verbs.items()}
+# Modules of verbs that are outside qmn.verbs.
+ELSEWHERE = {
+    "netqasm": "applications.netqasm.verb",
+    **{verb: f"evidence.verbs.{verb}" for verb in HEADINGS["make experiments"]},
+    **{verb: f"views.verbs.{verb}" for verb in ("live", "report")},
+}
 # Verbs that print strings of runs and of hosts, and do not move the cursor.
 PRINTING = (
     *HEADINGS["look at a network, or at a run"],
     *HEADINGS["change a running network"],
     "replay",
 )
+
+
+def module_of(verb: str) -> str:
+    """Return the name of the module that has a verb's parser."""
+    return ELSEWHERE.get(verb, f"qmn.verbs.{verb}")
 
 
 class Verbs(argparse._SubParsersAction):  # type: ignore[type-arg]
@@ -99,7 +110,7 @@ def described(words: Sequence[str] = (), whole: bool = False) -> Parser:
     verbs = parser.add_subparsers(title="verbs", metavar="VERB", required=True, action=Verbs)
     asked = VERBS if whole else [name for name in VERBS if name in words[:1]]
     for name in asked:
-        import_module(f"qmn.verbs.{name}").add_parser(verbs)
+        import_module(module_of(name)).add_parser(verbs)
     for name in () if asked else VERBS:
         verbs.add_parser(name)
     return parser

@@ -11,8 +11,8 @@ from pathlib import Path
 import shtab
 
 from qmn.__main__ import described
-from qmn.kept_runs.named_run import RUNS
 from qmn.parser import Parser, listed
+from qmn.run_archive.named_run import RUNS
 
 RUN = {
     "bash": "_qmn_runs",

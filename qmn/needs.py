@@ -64,7 +64,7 @@ def _own_namespaces(arguments: argparse.Namespace, words: Sequence[str]) -> int 
     server = None
     if getattr(arguments, "live", None):
         # Served out here: the loopback of the run is another.
-        from qmn.live_view.beside import begin_page_of_command
+        from views.live.beside import begin_page_of_command
 
         server = begin_page_of_command()
     several = (getattr(arguments, "machines", None) or 1) > 1 or getattr(arguments, "place", None)

@@ -27,7 +27,7 @@ MODULES = (
     "dispatcher.replay",
     "dispatcher.sabot.__main__",
     "hosts.applications.intercept",
-    "qmn.live.event_sources",
+    "qmn.running.event_sources",
     "qmn.verbs.replay",
     "qmn.verbs.sabot",
     "qmn.verbs.share",

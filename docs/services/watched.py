@@ -14,8 +14,8 @@ from pathlib import Path
 
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
-from qmn.live.fiber_order import send as order
-from qmn.live.running import dispatcher_of_running_network
+from qmn.running.fiber_order import send as order
+from qmn.running.network import dispatcher_of_running_network
 from qmn.scripting import QuantumNetwork, start
 from wire.controller_lines import read_record
 from wire.dispatcher_pb2 import AdjustFiberRequest

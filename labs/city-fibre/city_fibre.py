@@ -6,9 +6,9 @@ from pathlib import Path
 
 from scipy.optimize import brentq
 
-from qmn.labs.lab import Chart, Finding, Lab, Published, PublishedRow, Run, Runs, in_range
-from qmn.sweeps import theory
-from qmn.sweeps.estimates import Estimate, proportion
+from evidence.curves import theory
+from evidence.curves.estimates import Estimate, proportion
+from evidence.labs.lab import Chart, Finding, Lab, Published, PublishedRow, Run, Runs, in_range
 
 # Pairs/s behind the fibre. Two bases bound F by the visibility V, and by (1 + V)/2.
 RATES = {"brightest": 5e5, "middle": 2e5, "dimmest": 2e4}

@@ -7,9 +7,9 @@ from functools import partial
 from math import hypot
 from pathlib import Path
 
-from qmn.labs.lab import Chart, Finding, Lab, Published, Runs
-from qmn.sweeps import theory
-from qmn.sweeps.estimates import Estimate, proportion
+from evidence.curves import theory
+from evidence.curves.estimates import Estimate, proportion
+from evidence.labs.lab import Chart, Finding, Lab, Published, Runs
 
 HERE = Path(__file__).parent
 TRAFFIC_DBM, DARK, BEHIND_DB = 18.7, 5e-8, 1.2

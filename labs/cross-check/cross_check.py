@@ -6,8 +6,8 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
-from qmn.labs.lab import Chart, Finding, Lab, Published, PublishedRow, Runs
-from qmn.sweeps.estimates import Estimate, proportion
+from evidence.curves.estimates import Estimate, proportion
+from evidence.labs.lab import Chart, Finding, Lab, Published, PublishedRow, Runs
 
 FIGURES = json.loads(Path(__file__).with_name("figures.json").read_text())
 PAPER = "arXiv:2504.01290"

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from evidence.curves import decoy_states as paper
+from evidence.curves import finite_keys, theory
+from evidence.curves.estimates import Estimate, proportion
+from evidence.labs import finite_reach
+from evidence.labs.lab import Chart, Finding, Lab, Published, PublishedRow, Runs
 from hosts.middleware.qkd.decoy import SHARES
 from hosts.middleware.qkd.key_length import binary_entropy
-from qmn.labs import finite_reach
-from qmn.labs.lab import Chart, Finding, Lab, Published, PublishedRow, Runs
-from qmn.sweeps import decoy_states as paper
-from qmn.sweeps import finite_keys, theory
-from qmn.sweeps.estimates import Estimate, proportion
 
 PAPER = finite_reach.PAPER
 MORE = Published(1.75, 0.025, "section IV: about 1.75 times")

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from math import sqrt
 from operator import itemgetter
 
-from qmn.labs.lab import Chart, Finding, Lab, Published, PublishedRow, Run, Runs
-from qmn.sweeps import theory
-from qmn.sweeps.device_independent import Rounds, one_basis_rate, random_basis_rate
-from qmn.sweeps.estimates import Estimate, of_two, proportion
+from evidence.curves import theory
+from evidence.curves.device_independent import Rounds, one_basis_rate, random_basis_rate
+from evidence.curves.estimates import Estimate, of_two, proportion
+from evidence.labs.lab import Chart, Finding, Lab, Published, PublishedRow, Run, Runs
 
 PAPER, OXFORD = "doi 10.1038/s41586-022-04891-y", "doi 10.1038/s41586-022-04941-5"
 FIDELITY, FIDELITY_ERROR = 0.892, 0.023  # abstract: F >= .892(23)

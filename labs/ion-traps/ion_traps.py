@@ -3,8 +3,8 @@
 import shlex
 from pathlib import Path
 
-from qmn.labs.lab import Chart, Finding, Lab, Published, Runs
-from qmn.sweeps.estimates import Estimate, proportion
+from evidence.curves.estimates import Estimate, proportion
+from evidence.labs.lab import Chart, Finding, Lab, Published, Runs
 
 CZ, GROVER = Published(0.86, 0.005, "abstract"), Published(0.71, 0.005, "abstract")
 # A CZ by pairs of fidelity F, and nothing else amiss, has (4F + 1)/5.

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from functools import partial
 from itertools import product
 
-from qmn.labs.lab import Chart, Finding, Lab, Published, Run, Runs, exactly
-from qmn.sweeps.estimates import Estimate
+from evidence.curves.estimates import Estimate
+from evidence.labs.lab import Chart, Finding, Lab, Published, Run, Runs, exactly
 from wire.parameters.fiber import SPEED_IN_FIBER_M_PER_S
 
 T2_S = {"nv-centre": 0.4, "ion-trap": 30.0}  # as docs/nodes.md has them

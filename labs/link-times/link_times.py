@@ -3,9 +3,9 @@
 import json
 from pathlib import Path
 
-from qmn.labs.lab import Chart, Finding, Lab, Published, Runs
-from qmn.sweeps import theory
-from qmn.sweeps.estimates import Estimate, proportion
+from evidence.curves import theory
+from evidence.curves.estimates import Estimate, proportion
+from evidence.labs.lab import Chart, Finding, Lab, Published, Runs
 
 HERE, PROGRAMS = Path(__file__), ("sequence", "quisp")
 TOLD = {each: json.loads(HERE.with_name(f"{each}_links.json").read_text()) for each in PROGRAMS}

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from qmn.labs.lab import Chart, Finding, Lab, Published, Run, Runs
-from qmn.sweeps.estimates import Estimate
+from evidence.curves.estimates import Estimate
+from evidence.labs.lab import Chart, Finding, Lab, Published, Run, Runs
 
 TOLD = json.loads(Path(__file__).with_name("sequence_memories.json").read_text())
 T_S = 2.0  # coherence time of SeQUeNCe's memories: after t e^(-2t/T) is left, or e^(-4t/3T)

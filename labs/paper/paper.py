@@ -4,16 +4,16 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from subprocess import DEVNULL, check_output
 
-from qmn.labs.lab import Finding, Lab, Runs, exactly
-from qmn.reports.handshake_diagram import handshake_diagram
-from qmn.reports.markup import figure
-from qmn.reports.packets import flights
-from qmn.reports.page import STYLE
-from qmn.reports.run_facts import RunFacts, read_run
-from qmn.reports.sequence import Step, handshake, lanes
-from qmn.reports.streams import segments
+from evidence.labs.lab import Finding, Lab, Runs, exactly
 from qmn.results.timeline import TIMELINE
 from qmn.verbs.wireshark import installed_dissectors
+from views.report.handshake_diagram import handshake_diagram
+from views.report.markup import figure
+from views.report.packets import flights
+from views.report.page import STYLE
+from views.report.run_facts import RunFacts, read_run
+from views.report.sequence import Step, handshake, lanes
+from views.report.streams import segments
 from wire.dispatcher_pb2 import Event
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Handshake

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from qmn.labs.lab import Chart, Finding, Lab, Published, Runs
-from qmn.sweeps.estimates import Estimate, proportion
+from evidence.curves.estimates import Estimate, proportion
+from evidence.labs.lab import Chart, Finding, Lab, Published, Runs
 
 TOLD = json.loads(Path(__file__).with_name("figures.json").read_text())
 CONFIDENCE_95 = 1.959964  # standard errors

@@ -8,10 +8,10 @@ from pathlib import Path
 
 from campus import Campus
 
-from qmn.emulated.flapping import dark_spans
-from qmn.emulated.using import session
-from qmn.live.event_sources import recorded
+from evidence.networks.flapping import dark_spans
+from evidence.networks.using import session
 from qmn.results.run_folder import make_folder
+from qmn.running.event_sources import recorded
 from qmn.scripting import QuantumNetwork, start
 from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.results.run_result import RESULT

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from math import hypot
 from pathlib import Path
 
-from qmn.labs.lab import Chart, Finding, Lab, Published, Runs, in_range
-from qmn.sweeps.estimates import Estimate, proportion
+from evidence.curves.estimates import Estimate, proportion
+from evidence.labs.lab import Chart, Finding, Lab, Published, Runs, in_range
 
 LOSS, FAST = "of another pair than before; loss changes nothing here", "switches in 100 ns here"
 HERE, WAY = Path(__file__).parent, "loss from the source to the farther host (dB)"

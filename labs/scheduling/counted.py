@@ -10,8 +10,8 @@ from pathlib import Path
 from numpy.random import default_rng
 
 from controller_apps.policy.orders import Queue
+from evidence.curves.packets import Drawn, measured, tree_of
 from qmn.results.run_folder import make_folder
-from qmn.sweeps.packets import Drawn, measured, tree_of
 from topologies.catalogue.maps import read_map
 from wire.results.run_result import RESULT
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
-from qmn.labs.drawing import Series, draw_several
-from qmn.labs.lab import Chart, Finding, Lab, Runs, paired
-from qmn.sweeps.estimates import Estimate, mean_of_draws
-from qmn.sweeps.figure import Mark
-from qmn.sweeps.packet_sessions import of_emulated
+from evidence.curves.estimates import Estimate, mean_of_draws
+from evidence.curves.figure import Mark
+from evidence.curves.packet_sessions import of_emulated
+from evidence.labs.drawing import Series, draw_several
+from evidence.labs.lab import Chart, Finding, Lab, Runs, paired
 
 HERE = Path(__file__).parent
 TOLD = json.loads((HERE / "reference.json").read_text())

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from qmn.labs.lab import Chart, Finding, Lab, Published, PublishedRow, Runs, exactly
-from qmn.sweeps import theory
-from qmn.sweeps.estimates import information
+from evidence.curves import theory
+from evidence.curves.estimates import information
+from evidence.labs.lab import Chart, Finding, Lab, Published, PublishedRow, Runs, exactly
 
 LEAF = shlex.quote(str(Path(__file__).with_name("leaf.png")))
 SEND = f"run sdc --file {LEAF} --frame-bytes 1 --captures none --no-report"

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from qmn.labs.lab import Chart, Finding, Lab, Published, Runs, exactly
-from qmn.sweeps.estimates import Estimate, proportion
+from evidence.curves.estimates import Estimate, proportion
+from evidence.labs.lab import Chart, Finding, Lab, Published, Runs, exactly
 
 FALSE_ALARM, MISSED = 1e-9, 1e-4  # abstract: 1e-9, and detection with more than .9999
 INTERVAL_S = 10.0  # abstract: sampling interval

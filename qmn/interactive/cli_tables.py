@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from rich.table import Table
 
-from qmn.live.tables import counted, host_table, number_text, table
+from qmn.running.tables import counted, host_table, number_text, table
 from qmn.scripting.exchange import Exchange
 from qmn.scripting.light import FiberState, Hop, LightPath
 from qmn.scripting.network import HostState

@@ -17,10 +17,10 @@ from mininet.util import quietRun
 
 from qmn.interactive import cli_tables
 from qmn.jobs.transfer import TransferError
-from qmn.live import light_paths
-from qmn.live.controller_console import NoAnswer, wide_console
 from qmn.network.custom_topology import BadTopology
 from qmn.options import BadInput
+from qmn.running import light_paths
+from qmn.running.controller_console import NoAnswer, wide_console
 from qmn.scripting.network import QuantumNetwork
 from qmn.timeouts import BACKGROUND_TIMEOUT_S, SWITCHES_TIMEOUT_S
 from topologies.networks.discovery import heard_again

@@ -8,6 +8,10 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from evidence.traffic.driver import Driver
+from evidence.traffic.plan import BadTraffic, Planned, Traffic, plan
+from evidence.traffic.session import ACCEPTED, PAIR, Wanted
+from evidence.traffic.summary import summary
 from hosts.middleware.services import NAMES
 from hosts.middleware.session.errors import SessionError
 from qmn.jobs import load_result
@@ -21,10 +25,6 @@ from qmn.requests.load import LINE, OWN, LoadRequest
 from qmn.results.result import network_facts
 from qmn.results.run_folder import begin_folder
 from qmn.results.run_result import RunResult
-from qmn.traffic.driver import Driver
-from qmn.traffic.plan import BadTraffic, Planned, Traffic, plan
-from qmn.traffic.session import ACCEPTED, PAIR, Wanted
-from qmn.traffic.summary import summary
 from topologies.networks.network import Network, Signals, require_free
 from wire.controller_lines import read_record
 from wire.metadata.vocabulary import Service

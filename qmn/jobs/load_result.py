@@ -4,12 +4,12 @@ from pathlib import Path
 
 from rich.console import Console
 
-from qmn.live.event_sources import recorded
+from evidence.traffic.fiber_use import fiber_use, shares, span_of
 from qmn.results import result
 from qmn.results.result import print_rows, rows_of_every_run
 from qmn.results.run_result import RunResult
 from qmn.results.service_result import number_text, rows
-from qmn.traffic.fiber_use import fiber_use, shares, span_of
+from qmn.running.event_sources import recorded
 from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.results.figures import LoadFigures
 from wire.results.run_result import Load, LoadJob

@@ -11,10 +11,10 @@ from pathlib import Path
 from qmn.jobs import eavesdropping
 from qmn.jobs.moments import Moments
 from qmn.jobs.policies import tapping_policy, write_policy
-from qmn.live.controller_console import ask
 from qmn.network.description import NetworkDescription
 from qmn.options import BadInput, check_ranges
 from qmn.requests.keys import PassingEve
+from qmn.running.controller_console import ask
 from qmn.timeouts import START_TIMEOUT_S
 from topologies.networks.network import Network
 from topologies.system.processes.programs import Program, python

@@ -10,17 +10,12 @@ from pathlib import Path
 from rich.console import Console
 
 from qmn.jobs.transfer import TransferError
-from qmn.live.dispatcher_calls import status
-from qmn.live.metrics_targets import announce
-from qmn.live.running import announce_network
-from qmn.live_view.beside import live_view
 from qmn.machines.options import machine_facts, machines_of
 from qmn.network.custom_topology import BadTopology
 from qmn.network.description import NetworkDescription
 from qmn.network.options import settings
 from qmn.network.time_scale import Scale
 from qmn.options import BadInput
-from qmn.reports.beside import Draw, report_beside
 from qmn.requests.request import Request
 from qmn.requests.run_options import RunOptions
 from qmn.results.result import network_facts, note_files
@@ -28,6 +23,9 @@ from qmn.results.run_folder import give_to_invoker, given_at_the_end, lasting
 from qmn.results.run_result import RunResult
 from qmn.results.software_share import note_software
 from qmn.results.timeline import timeline_of_run
+from qmn.running.dispatcher_calls import status
+from qmn.running.metrics_targets import announce
+from qmn.running.network import announce_network
 from topologies.links.causality import worst
 from topologies.links.slow_copper import slow_metadata
 from topologies.networks.network import Interrupted, Network, Signals
@@ -35,6 +33,8 @@ from topologies.system.machines.machine import Machine
 from topologies.system.processes.outputs import LostOutput
 from topologies.system.processes.programs import NetworkError
 from topologies.system.processes.signals import interrupted_words
+from views.live.beside import live_view
+from views.report.beside import Draw, report_beside
 from wire.results.run_result import Approximated, EarlyNews, Job
 
 Work = Callable[[Signals, Console], int]

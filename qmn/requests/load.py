@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from evidence.traffic.plan import MODELS, MOST_SESSIONS
 from hosts.middleware.services import NAMES
 from hosts.middleware.services.ghz.options import LEAST_HOSTS, MOST_HOSTS
 from qmn.network.options import NetworkOptions
 from qmn.requests.run_options import RunOptions
-from qmn.traffic.plan import MODELS, MOST_SESSIONS
 from wire.parameters.option import option
 from wire.services import LINES
 

@@ -13,11 +13,6 @@ from typing import Any, TypedDict, Unpack
 
 from mininet.topo import Topo
 
-from qmn.live.controller_console import ask
-from qmn.live.dispatcher_calls import held_blocks, status, switch_conditions, switch_statistics
-from qmn.live.metrics_targets import announce
-from qmn.live.running import announce_network
-from qmn.live_view.beside import live_view
 from qmn.machines.options import MACHINES, MachineOptions, machine_facts, machines_of
 from qmn.network.checks import check_network, check_two_hosts
 from qmn.network.description import (
@@ -34,6 +29,10 @@ from qmn.results.artifacts import artifacts_of
 from qmn.results.result import network_facts, note_files
 from qmn.results.run_folder import given_at_the_end
 from qmn.results.software_share import note_software
+from qmn.running.controller_console import ask
+from qmn.running.dispatcher_calls import held_blocks, status, switch_conditions, switch_statistics
+from qmn.running.metrics_targets import announce
+from qmn.running.network import announce_network
 from qmn.scripting.exchange import Exchange, connection, exchange
 from qmn.scripting.light import FiberState, LightPath, fiber_state, light_path
 from qmn.scripting.tables import SIMPLE, Row, TableOf, Tabular, drawn, row_of
@@ -41,6 +40,7 @@ from topologies.links.causality import worst
 from topologies.networks.network import Network, Signals
 from topologies.nodes import QuantumHost
 from topologies.system.processes.programs import find_tools
+from views.live.beside import live_view
 from wire.parameters.checks import remedy
 from wire.results.run_result import EarlyNews
 
@@ -138,8 +138,8 @@ class QuantumNetwork(Network):
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the network as a report draws it."""
-        from qmn.reports.network_diagram import network_diagram  # matplotlib
-        from qmn.reports.page import STYLE
+        from views.report.network_diagram import network_diagram  # matplotlib
+        from views.report.page import STYLE
 
         return drawn(network_diagram(network_facts(self), []), STYLE.read_text())
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any, TypeVar
 
-from qmn.reports import markup
+from views.report import markup
 
 T = TypeVar("T")
 Row = Mapping[str, object]

@@ -3,8 +3,8 @@
 import argparse
 from typing import Any
 
-from qmn.live.fiber_order import add_nodes, give
 from qmn.needs import Needs
+from qmn.running.fiber_order import add_nodes, give
 
 
 def add_parser(verbs: Any) -> None:

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from qmn.live.metrics_targets import urls
-from qmn.live_view.beside import live_view
 from qmn.machines.options import MachineOptions
 from qmn.needs import Needs
 from qmn.network.checks import check_network
@@ -26,12 +24,14 @@ from qmn.parser import listed
 from qmn.requests.run_options import LiveOptions
 from qmn.results import schema, software_share
 from qmn.results.run_folder import begin_folder, give_to_invoker
+from qmn.running.metrics_targets import urls
 from qmn.scripting.network import QuantumNetwork, running
 from topologies.daemons.ip_over_light import IpOverLight, start_ip_over_light
 from topologies.daemons.key_managers import KeyService, start_key_managers
 from topologies.networks.network import Interrupted, require_free
 from topologies.system.processes.programs import NetworkError
 from topologies.system.processes.signals import interrupted_words
+from views.live.beside import live_view
 from wire.parameters.option import WRITTEN, option
 
 INTERRUPTED = 130  # status of a script that Ctrl-C has ended, as of a shell

@@ -4,9 +4,9 @@ import argparse
 import json
 from typing import Any
 
-from qmn.live.controller_console import answered, ask, wide_console
-from qmn.live.tables import hosts_table, switch_table
 from qmn.needs import Needs
+from qmn.running.controller_console import answered, ask, wide_console
+from qmn.running.tables import hosts_table, switch_table
 
 
 def add_parser(verbs: Any) -> None:

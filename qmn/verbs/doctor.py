@@ -8,7 +8,7 @@ from typing import Any
 
 from rich.console import Console
 
-from qmn.live.machine import FAILS, LIMITED, UNCHECKED, WORKS, Finding, check_machine
+from qmn.running.machine import FAILS, LIMITED, UNCHECKED, WORKS, Finding, check_machine
 
 STYLES = {WORKS: "green", LIMITED: "yellow", FAILS: "red", UNCHECKED: "dim"}
 STATUS_OF_FAILURE = 1

@@ -7,9 +7,9 @@ from typing import Any
 
 import grpc
 
-from qmn.live.running import dispatcher_of_running_network
 from qmn.needs import Needs
 from qmn.options import read
+from qmn.running.network import dispatcher_of_running_network
 from qmn.timeouts import ORDER_TIMEOUT_S
 from topologies.system.processes.programs import NetworkError
 from wire.config import DispatcherConfig, QuantumSwitch

@@ -4,10 +4,10 @@ import argparse
 import json
 from typing import Any
 
-from qmn.live.controller_console import answered, ask, wide_console
-from qmn.live.key_links import KeyLink, key_links
-from qmn.live.tables import table
 from qmn.needs import Needs
+from qmn.running.controller_console import answered, ask, wide_console
+from qmn.running.key_links import KeyLink, key_links
+from qmn.running.tables import table
 
 LINKS = ("key link", "", "", "keys ready", "of the other end", "bits/s", "QBER", "state")
 APPLICATIONS = ("application", "with", "by way of")

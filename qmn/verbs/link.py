@@ -11,9 +11,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from qmn.live.controller_console import NoAnswer, ask
-from qmn.live.running import announced_network
 from qmn.needs import Needs
+from qmn.running.controller_console import NoAnswer, ask
+from qmn.running.network import announced_network
 from qmn.timeouts import ORDER_TIMEOUT_S
 from topologies.networks.heard_orders import ends_between, until_heard
 from topologies.system.processes.programs import NetworkError

@@ -3,9 +3,9 @@
 import argparse
 from typing import Any
 
-from qmn.live.controller_console import answered
-from qmn.live.light_paths import ask_and_show
 from qmn.needs import Needs
+from qmn.running.controller_console import answered
+from qmn.running.light_paths import ask_and_show
 
 
 def add_parser(verbs: Any) -> None:

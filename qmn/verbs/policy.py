@@ -3,8 +3,8 @@
 import argparse
 from typing import Any
 
-from qmn.live.controller_console import answered, ask
 from qmn.needs import Needs
+from qmn.running.controller_console import answered, ask
 
 
 def add_parser(verbs: Any) -> None:

@@ -44,10 +44,10 @@ def add_parser(verbs: Any) -> None:
 
 
 def _guarded(job: str, request: Any) -> int:
-    """Do what a module of qmn.jobs does; it is loaded now, as help has no use for it."""
+    """Run a job; its module is loaded now, because help has no use for it."""
     from qmn.jobs.run_context import guarded
 
-    return guarded(partial(import_module(f"qmn.jobs.{job}").run, request))
+    return guarded(partial(import_module(job).run, request))
 
 
 def _add_load(jobs: Any) -> None:
@@ -66,7 +66,7 @@ def _describe_load(parser: Parser) -> None:
 
 
 def _call_load(arguments: argparse.Namespace) -> int:
-    return _guarded("load", load_request(arguments))
+    return _guarded("qmn.jobs.load", load_request(arguments))
 
 
 def load_request(arguments: argparse.Namespace) -> LoadRequest:
@@ -104,7 +104,7 @@ def _describe_superdense(parser: Parser, name: str) -> None:
 
 
 def _call_superdense(arguments: argparse.Namespace) -> int:
-    return _guarded("superdense", superdense_request(arguments))
+    return _guarded("qmn.jobs.superdense", superdense_request(arguments))
 
 
 def superdense_request(arguments: argparse.Namespace) -> SuperdenseRequest:
@@ -152,7 +152,7 @@ def _describe_service(parser: Parser, name: str, verb: Verb) -> None:
 
 
 def _call_service(arguments: argparse.Namespace) -> int:
-    return _guarded("counted_service", service_request(arguments))
+    return _guarded("qmn.jobs.counted_service", service_request(arguments))
 
 
 def service_request(arguments: argparse.Namespace) -> ServiceRequest:
@@ -179,7 +179,7 @@ def _describe_keys(parser: Parser) -> None:
 
 
 def _call_keys(arguments: argparse.Namespace) -> int:
-    return _guarded("keys", keys_request(arguments))
+    return _guarded("applications.keys.job", keys_request(arguments))
 
 
 def keys_request(arguments: argparse.Namespace) -> KeysRequest:
@@ -204,7 +204,7 @@ def _describe_vpn(parser: Parser) -> None:
 
 
 def _call_vpn(arguments: argparse.Namespace) -> int:
-    return _guarded("vpn", vpn_request(arguments))
+    return _guarded("applications.vpn.job", vpn_request(arguments))
 
 
 def vpn_request(arguments: argparse.Namespace) -> VpnRequest:

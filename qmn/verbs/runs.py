@@ -17,13 +17,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from qmn.kept_runs import run_comparison
-from qmn.kept_runs.named_run import RUNS, UnknownRun, find_run
-from qmn.kept_runs.run_archive import BadArchive, exported, imported
-from qmn.kept_runs.run_index import BEGAN, Run, runs_in
-from qmn.live.controller_console import wide_console
-from qmn.live.running import announced_folders
-from qmn.live.tables import counted, table
+from qmn.run_archive import comparison as run_comparison
+from qmn.run_archive.archive import BadArchive, exported, imported
+from qmn.run_archive.index import BEGAN, Run, runs_in
+from qmn.run_archive.named_run import RUNS, UnknownRun, find_run
+from qmn.running.controller_console import wide_console
+from qmn.running.network import announced_folders
+from qmn.running.tables import counted, table
 from wire.malformed import MalformedPacket
 
 UNITS_S = {"h": 3600, "d": 86_400, "w": 604_800}

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from qmn.live_view.beside import begin_page_of_command
-from qmn.live_view.pages import Pages
 from qmn.needs import Needs
 from qmn.options import add_options
 from qmn.requests.run_options import LiveOptions
 from topologies.system.processes.programs import ENVIRONMENT, NetworkError, callers_environment
+from views.live.beside import begin_page_of_command
+from views.live.pages import Pages
 
 MODULE = "qmn.scripting.script"
 

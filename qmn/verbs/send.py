@@ -5,8 +5,8 @@ import sys
 from typing import Any
 
 from hosts.quantum_socket import QuantumSocketError
-from qmn.live.running import announced_network
 from qmn.needs import Needs
+from qmn.running.network import announced_network
 from qmn.scripting.exchange import carried, ends
 from qmn.timeouts import STALL_TIMEOUT_S
 from topologies.system.processes.programs import NetworkError

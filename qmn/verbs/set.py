@@ -3,8 +3,8 @@
 import argparse
 from typing import Any
 
-from qmn.live.controller_console import NoAnswer, answered, ask
 from qmn.needs import Needs
+from qmn.running.controller_console import NoAnswer, answered, ask
 from wire.device import RANGES, setting_number
 
 DEFAULT = "default"

@@ -10,8 +10,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from qmn.kept_runs.named_run import add_run
-from qmn.kept_runs.shared_copy import CannotShare, share
+from qmn.run_archive.named_run import add_run
+from qmn.run_archive.shared_copy import CannotShare, share
 
 
 def add_parser(verbs: Any) -> None:

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from hosts.quantum_socket import STACK_VARIABLE
-from qmn.kept_runs.named_run import add_run
-from qmn.live.event_sources import attached, recorded, single, through_stack
-from qmn.live.running import dispatcher_of_running_network
-from qmn.live.unread_events import dropped
 from qmn.needs import Needs
 from qmn.options import read
+from qmn.run_archive.named_run import add_run
+from qmn.running.event_sources import attached, recorded, single, through_stack
+from qmn.running.network import dispatcher_of_running_network
+from qmn.running.unread_events import dropped
 from topologies.system.processes.programs import NetworkError
 from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.dispatcher_pb2 import Event, WatchRequest

@@ -18,7 +18,7 @@ from conftest import ROOT, wait_until
 from distributed import LocalCluster
 from limits import SOON_S
 
-from qmn.sweeps.cluster import HTTP_ADDRESS
+from evidence.curves.cluster import HTTP_ADDRESS
 from topologies.system.confinement.confinement import descendants
 from topologies.system.namespaces import OWN_NAMESPACES
 

@@ -98,7 +98,7 @@ def test_both_ends_of_a_key_link_between_machines_deliver_the_same_key_once(
     with start("sdc", tmp_path / "run", **where) as network:
         service = KeyService([("alice", "bob")], link, {"sae-web": "bob"})
         start_key_managers(network, service)
-        assert sum("-m hosts.key_delivery" in each for each in second.things()[0]) == 1
+        assert sum("-m applications.keys" in each for each in second.things()[0]) == 1
 
         def curl(host: str, path: str) -> Any:
             return json.loads(network.host(host).cmd(f'{CURL}/"{path}"'))

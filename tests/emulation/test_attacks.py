@@ -6,7 +6,7 @@ import pytest
 from conftest import verb, wait_until
 from fabric_scene import running
 
-from qmn.attacks.laboratory import ATTACKS, Attack
+from evidence.attacks.laboratory import ATTACKS, Attack
 from qmn.scripting import start
 from topologies.sdc import SdcTopo
 from topologies.system.processes.programs import python
@@ -63,7 +63,7 @@ import time
 
 from scapy.layers.inet import IP, TCP
 from scapy.layers.l2 import Ether
-from qmn.attacks.frames import opened, own_mac
+from evidence.attacks.frames import opened, own_mac
 from wire.metadata.header import METADATA_PORT
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Service

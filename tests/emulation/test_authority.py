@@ -17,11 +17,11 @@ from scapy.utils import rdpcap
 from test_service_faults import ALICE, BOB, CHARLIE, facts, listening, require_nothing_left
 
 from hosts.stack_socket import QuantumSocketError
-from qmn.live_view.pages import Pages
 from qmn.scripting import start
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
 from topologies.system.runs.runtime import LIVE_PAGES
+from views.live.pages import Pages
 from wire.features import EVERYTHING, NodeFeatures
 from wire.lldp import announcement
 from wire.metadata.decoding import decode, message_length

@@ -11,7 +11,7 @@ from conftest import ROOT, wait_until
 from distributed import LocalCluster
 from limits import PROGRAM_S
 
-from qmn.sweeps.cluster import HTTP_ADDRESS
+from evidence.curves.cluster import HTTP_ADDRESS
 
 FIBERS_PASSED = 6
 TWO_POINTS = ("--depolarizing", "0.001,0.002")

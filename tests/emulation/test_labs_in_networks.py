@@ -11,10 +11,10 @@ import pytest
 from conftest import ROOT, wait_until
 from limits import PROGRAM_S, SOON_S
 
-from qmn.labs import catalogue
+from evidence.labs import catalogue
 
 OTHER = """
-from qmn.labs.lab import Lab, exactly
+from evidence.labs.lab import Lab, exactly
 
 LAB = Lab(
     "a lab that cannot agree",
@@ -43,7 +43,7 @@ folder.mkdir(parents=True, exist_ok=True)
 (folder / "result.json").write_text('{{"value": ' + seed + "}}")
 """
 MADE = """
-from qmn.labs.lab import Lab, exactly
+from evidence.labs.lab import Lab, exactly
 
 LAB = Lab(
     "a lab of scripts",

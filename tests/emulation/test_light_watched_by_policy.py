@@ -8,8 +8,8 @@ from typing import Any
 from conftest import wait_until
 from fabric_scene import facts, running, session, switches_on_the_way
 
-from qmn.live.fiber_order import send as order
-from qmn.live.running import dispatcher_of_running_network
+from qmn.running.fiber_order import send as order
+from qmn.running.network import dispatcher_of_running_network
 from topologies.networks.network import Network
 from topologies.ring import RingTopo
 from wire.dispatcher_pb2 import AdjustFiberRequest

@@ -10,7 +10,7 @@ from loaded import running_qmn
 from playwright.sync_api import Page, expect
 from test_live_page_of_a_network import ADDRESS, network_with_a_page
 
-from qmn.live_view.acts import ACTS
+from views.live.acts import ACTS
 
 DEADLINE_MS = 60_000
 FIBER, SWITCH, HOST = re.compile("^fibre alice-q0"), "quantum switch q1", "host alice"

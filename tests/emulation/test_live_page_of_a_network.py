@@ -13,7 +13,7 @@ import pytest
 from conftest import qmn, wait_until
 from loaded import Running, running_qmn
 
-from qmn.live_view.acts import ACTS
+from views.live.acts import ACTS
 
 ADDRESS = re.compile(r"live view: (http\S+)")
 DEADLINE_S = 60.0

@@ -16,7 +16,7 @@ from scapy.utils import PcapReader
 from wire.netqasm.pair_requests import PAIRS_PORT, REQUEST, PairRequest, Use, decode_request
 
 APPS = Path(netqasm.examples.apps.__file__).parent
-RANKS = Path(__file__).parents[1] / "unit/hosts/netqasm_styles/netqmpi"
+RANKS = Path(__file__).parents[1] / "unit/applications/netqasm_styles/netqmpi"
 
 
 def run(runs: Path, application: str, *options: str) -> dict[str, Any]:

@@ -12,8 +12,8 @@ from conftest import ROOT
 from limits import PROGRAM_S
 from loaded import run_qmn
 
-from qmn.live.event_sources import recorded
-from qmn.traffic.erlang import erlang_b
+from evidence.traffic.erlang import erlang_b
+from qmn.running.event_sources import recorded
 from topologies.system.runs.runtime import EVENT_CAPTURE
 
 SESSIONS, FIBERS = 70, 2

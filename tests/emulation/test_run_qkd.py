@@ -15,8 +15,8 @@ from loaded import run_qmn
 from scapy.utils import rdpcap
 
 import wire.dissection.scapy_layers  # noqa: F401 (binds the layers)
+from evidence.curves.relay_theory import diagonal, rectilinear
 from hosts.service_socket import ServiceSocket
-from qmn.sweeps.relay_theory import diagonal, rectilinear
 from topologies.sdc import SdcTopo
 from wire.dissection.scapy_keys import QKey, key_messages
 from wire.qkd import Confirm, Proposal

@@ -24,9 +24,9 @@ from scapy.layers.inet import TCP, UDP
 from scapy.utils import PcapReader
 from test_results_fit_schema import require_schema
 
-from hosts.applications.tls import PORT as TLS_PORT
-from hosts.applications.wireguard import PORT
-from qmn.jobs.tunnel import INSIDE, SOCKETS, charon_socket, start_charon, start_tunnel
+from applications.vpn.tls import PORT as TLS_PORT
+from applications.vpn.tunnel import INSIDE, SOCKETS, charon_socket, start_charon, start_tunnel
+from applications.vpn.wireguard import PORT
 from topologies.daemons.key_managers import KeyService, start_key_managers
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
@@ -47,7 +47,7 @@ WRONG_KEY = """
 import sys
 from pathlib import Path
 from uuid import UUID
-from hosts.applications.vpn import tunnel_of
+from applications.vpn.program import tunnel_of
 from wire.vpn import VpnConfig
 tunnel = tunnel_of(VpnConfig.read(Path(sys.argv[1])))
 tunnel.use(UUID(sys.argv[2]), bytes(32))
@@ -58,8 +58,8 @@ print("handshake", tunnel.handshake_done())
 STRONGSWAN_END = """
 import sys, time
 from uuid import UUID
-from hosts.applications.strongswan import StrongSwan
-from hosts.applications.vpn import KeyInUse
+from applications.vpn.strongswan import StrongSwan
+from applications.vpn.program import KeyInUse
 from wire.network_time import REAL_TIME
 socket, own, other, inside, other_inside, lifetime_s = sys.argv[1:]
 tunnel = StrongSwan(socket, "0c" * 32, own, other, inside, other_inside, own < other)
@@ -90,7 +90,7 @@ time.sleep(60)
 TLS_END = """
 import sys, tempfile, time
 from uuid import UUID
-from hosts.applications.tls import Tls
+from applications.vpn.tls import Tls
 own, other, inside, other_inside, key = sys.argv[1:]
 begins = own < other
 file = tempfile.mktemp()

@@ -12,7 +12,7 @@ from test_paths import flows, light_paths
 
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
-from qmn.live.dispatcher_calls import held_blocks, status
+from qmn.running.dispatcher_calls import held_blocks, status
 from topologies.networks.network import Network
 from wire.controller_lines import read_record
 from wire.metadata.decoding import decode

@@ -2,8 +2,8 @@
 
 from importlib import import_module
 
-from qmn.__main__ import VERBS
+from qmn.__main__ import VERBS, module_of
 from qmn.__main__ import main as main
 
-for loaded in (*(f"qmn.verbs.{verb}" for verb in VERBS), "qmn.reports.page"):
+for loaded in (*map(module_of, VERBS), "views.report.page"):
     import_module(loaded)

@@ -15,7 +15,7 @@ from pathlib import Path
 from page import browser, opened, processors_s
 from playwright.sync_api import Browser, Page
 
-from qmn.live.event_sources import recorded
+from qmn.running.event_sources import recorded
 from topologies.system.runs.runtime import EVENT_CAPTURE
 
 ROOT = Path(__file__).resolve().parents[2]

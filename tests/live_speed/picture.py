@@ -9,10 +9,10 @@ from pathlib import Path
 from live_page import browser, served
 from playwright.sync_api import ViewportSize, expect
 
-from qmn.live_view.layout import described
-from qmn.live_view.server import View
-from qmn.live_view.sources import timeline_of_run
-from qmn.reports.run_facts import read_result
+from views.live.layout import described
+from views.live.server import View
+from views.live.sources import timeline_of_run
+from views.report.run_facts import read_result
 
 SHARE = 0.7  # of the time of the run
 SIZE: ViewportSize = {"width": 1100, "height": 860}

@@ -13,14 +13,14 @@ from typing import Any
 
 from live_page import unused
 
-from qmn.live_view.address import Place
-from qmn.live_view.layout import described
-from qmn.live_view.pace import Pace
-from qmn.live_view.server import View, serve
-from qmn.live_view.sources import EVENT, timeline_of_run
-from qmn.live_view.timeline import Timeline
-from qmn.reports.run_facts import read_result
 from qmn.timeouts import LIVE_PAUSE_MS
+from views.live.address import Place
+from views.live.layout import described
+from views.live.pace import Pace
+from views.live.server import View, serve
+from views.live.sources import EVENT, timeline_of_run
+from views.live.timeline import Timeline
+from views.report.run_facts import read_result
 
 EVENTS_OF_A_SESSION = 100
 DEADLINE_S = 30.0

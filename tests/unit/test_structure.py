@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from qmn.__main__ import VERBS
+from qmn.__main__ import VERBS, module_of
 
 ROOT = Path(__file__).resolve().parents[2]
 PRODUCT = (
@@ -22,7 +22,8 @@ PRODUCT = (
     "copper",
     "topologies",
 )
-ALL = (*PRODUCT, "qmn", "tests")
+RINGS = ("applications", "evidence", "views")  # around the core
+ALL = (*PRODUCT, "qmn", *RINGS, "tests")
 GRPC = ("dispatcher", "hosts/hardware", "qswitch_agent", "qmn", "wire")
 
 
@@ -249,21 +250,21 @@ NOT_WAITS = {
     "dispatcher/fiber/classical_light.py": {"PLANCK_J_S"},
     "dispatcher/operations/limits.py": {"MAX_EMISSION_S"},
     "hosts/applications/carrying.py": {"LIGHT_S"},
-    "hosts/key_delivery/link_states.py": {"RATE_WINDOW_S"},
+    "applications/keys/link_states.py": {"RATE_WINDOW_S"},
     "hosts/middleware/session/service_options.py": {"LATEST_MS"},
-    "qmn/attacks/frames.py": {"TTL_S"},
-    "qmn/emulated/control.py": {"WAITED_S"},
+    "evidence/attacks/frames.py": {"TTL_S"},
+    "evidence/networks/control.py": {"WAITED_S"},
     "qmn/jobs/superdense.py": {"TELL_ESTIMATE_ABOVE_S"},
     "qmn/network/time_scale.py": {"SOFTWARE_S"},
     "qmn/requests/keys.py": {"MOST_S"},
     "qmn/requests/vpn.py": {"DEFAULT_S"},
-    "qmn/sweeps/contention.py": {"FOR_EVER_S"},
-    "qmn/sweeps/cutoff.py": {"ATTEMPT_S"},
-    "qmn/sweeps/decoy_states.py": {"GATE_S"},
-    "qmn/sweeps/gated_swap.py": {"READOUT_S", "TWO_S"},
-    "qmn/sweeps/heralding.py": {"MAX_S"},
-    "qmn/sweeps/packets.py": {"ROUNDING_S"},
-    "qmn/sweeps/polarization.py": {"FAST_S"},
+    "evidence/curves/contention.py": {"FOR_EVER_S"},
+    "evidence/curves/cutoff.py": {"ATTEMPT_S"},
+    "evidence/curves/decoy_states.py": {"GATE_S"},
+    "evidence/curves/gated_swap.py": {"READOUT_S", "TWO_S"},
+    "evidence/curves/heralding.py": {"MAX_S"},
+    "evidence/curves/packets.py": {"ROUNDING_S"},
+    "evidence/curves/polarization.py": {"FAST_S"},
     "qmn/verbs/runs.py": {"FRESH_S", "UNITS_S"},
     "topologies/links/copper_link.py": {"LEAST_DELAY_S"},
     "wire/announcement.py": {"PERIOD_S", "LONGEST_PERIOD_S"},
@@ -291,9 +292,9 @@ def test_each_process_has_its_waits_in_one_table(folder: str) -> None:
         assert file.name == "timeouts.py" or times(file) == allowed, file
 
 
-def test_every_verb_is_a_module_of_verbs_and_nothing_else_is() -> None:
-    names = {file.stem for file in sources("qmn/verbs")} - {"__init__"}
-    assert names == set(VERBS)
+def test_every_verb_is_a_module_and_verbs_have_no_other() -> None:
+    there = {name for name in modules() if re.match(r"\w+\.verbs\.(?!__init__)", name)}
+    assert {module_of(verb) for verb in VERBS} == there | {"applications.netqasm.verb"}
 
 
 def test_every_row_of_the_conformance_table_names_tests_that_are_there() -> None:

@@ -16,7 +16,7 @@ from wire import ipv6
 from wire.features import EMIT
 from wire.ip_over_light import DEFAULT_MTU, INTERFACE, IpOverLightConfig, Neighbor
 
-MODULE = "hosts.ip_over_light"
+MODULE = "applications.ip_over_light"
 NETWORK = IPv4Network("10.1.0.0/16")
 NETWORK6 = IPv6Network("fd71:6d6e::/64")  # RFC 4193
 KERNEL_HAS_IPV6 = Path("/proc/sys/net/ipv6")

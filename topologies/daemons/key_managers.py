@@ -20,7 +20,7 @@ from wire.key_delivery import KEY_DELIVERY_PORT
 from wire.key_manager import KeyLink, KeyManagerConfig, manager_name
 from wire.parameters.checks import remedy
 
-MODULE = "hosts.key_delivery"
+MODULE = "applications.keys"
 CERTIFICATES = "certificates"  # in the private folder
 
 

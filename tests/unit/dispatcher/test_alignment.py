@@ -17,7 +17,7 @@ from dispatcher.devices.heralding import Arm
 from dispatcher.fiber.turn import Turn, alignment, gathered, merged, of_paulis
 from dispatcher.laboratory import Laboratory
 from dispatcher.layer.ownership import BlockName
-from qmn.sweeps.link import configuration, fiber
+from evidence.curves.link import configuration, fiber
 from wire.dispatcher_pb2 import AttemptRequest, Feedback
 from wire.outcomes import NO_CLICK
 from wire.parameters.physics import BellAnalyser, Detectors, Device, Emitter, PairSource

@@ -12,8 +12,8 @@ from five_sigma import within
 from dispatcher.devices.beam_splitter import AMPLITUDES, outputs
 from dispatcher.laboratory import SESSION, Laboratory
 from dispatcher.layer.ownership import BlockName
-from qmn.sweeps.link import configuration, fiber
-from qmn.sweeps.relay_theory import clicks, diagonal, rectilinear
+from evidence.curves.link import configuration, fiber
+from evidence.curves.relay_theory import clicks, diagonal, rectilinear
 from wire.outcomes import NO_CLICK
 from wire.parameters.physics import BellAnalyser, Detectors, Device, PairSource
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from stacks_scene import DEADLINE_S, Judge, ask, grant, network, requested
 
+from evidence.curves.relay_theory import diagonal, rectilinear
 from hosts.middleware.session.values import numbers_of, values
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
-from qmn.sweeps.relay_theory import diagonal, rectilinear
 from wire.config import PathOptics
 from wire.metadata.header import Message
 from wire.metadata.setup import Setup

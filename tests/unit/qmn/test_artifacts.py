@@ -8,11 +8,11 @@ import pytest
 
 from dispatcher.layer.history import EventCapture
 from qmn.network.options import NetworkOptions
-from qmn.reports.report_file import NoReport, made_report
 from qmn.results.artifacts import artifacts_of
 from qmn.results.timeline import TIMELINE
 from topologies.system.processes.programs import NetworkError
 from topologies.system.runs.runtime import EVENT_CAPTURE
+from views.report.report_file import NoReport, made_report
 from wire.controller_lines import EARLIER, RECORD
 from wire.dispatcher_pb2 import Event
 from wire.dissection.dissectors import SCRIPT, script

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from qmn.live import controller_console, light_paths, tables
-from qmn.live.controller_console import NoAnswer, ask
+from qmn.running import controller_console, light_paths, tables
+from qmn.running.controller_console import NoAnswer, ask
 from qmn.verbs import devices
 from qmn.verbs.set import change
 from topologies.system.processes.owners import this_process

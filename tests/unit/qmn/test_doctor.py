@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from qmn.live import machine
-from qmn.live.machine import FAILS, LIMITED, UNCHECKED, WORKS, Finding
+from qmn.running import machine
+from qmn.running.machine import FAILS, LIMITED, UNCHECKED, WORKS, Finding
 from qmn.verbs import doctor
 from topologies.system import namespaces
 from topologies.system.namespaces import RunningRun

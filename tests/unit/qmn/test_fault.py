@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from forked_python import Forked
 
-from qmn.live import running
+from qmn.running import network as running
 from qmn.verbs import fault
 from topologies.system.processes.owners import owner
 from topologies.system.processes.programs import NetworkError

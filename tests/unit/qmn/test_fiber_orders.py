@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 from test_fault import logged, network
 
-from qmn.live import fiber_order, running
+from qmn.running import fiber_order
+from qmn.running import network as running
 from qmn.verbs import calibrate, classical, tap
 
 

@@ -4,7 +4,8 @@ from typing import Any
 
 import pytest
 
-from qmn.jobs import load, vpn
+from applications.vpn import job as vpn
+from qmn.jobs import load
 from qmn.jobs.counted_service import checked
 from qmn.network.description import describe_network
 from qmn.options import BadInput, from_keywords

@@ -9,6 +9,7 @@ import pytest
 from json_schema import problems
 from recorded_run import asked
 
+from applications.netqasm import verb as netqasm
 from qmn.__main__ import described
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, from_keywords
@@ -23,7 +24,7 @@ from qmn.requests.superdense import superdense_request
 from qmn.requests.vpn import VpnRequest
 from qmn.results import schema
 from qmn.results.artifacts import beginning
-from qmn.verbs import netqasm, run
+from qmn.verbs import run
 from wire.malformed import MalformedPacket
 
 ROOT = schema.json_schema()

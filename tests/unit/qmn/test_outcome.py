@@ -14,9 +14,12 @@ from netqasm.examples import apps
 from recorded_run import message_run, sent
 from rich.console import Console
 
+from applications.keys import job as keys
+from applications.netqasm import job as netqasm
+from applications.vpn import job as vpn
 from hosts.middleware.services.superdense.options import SuperdenseOptions
 from qmn.__main__ import described
-from qmn.jobs import counted_service, keys, load, netqasm, runner, superdense, vpn
+from qmn.jobs import counted_service, load, runner, superdense
 from qmn.jobs.run_context import RunContext
 from qmn.jobs.transfer import TransferError
 from qmn.network.options import NetworkOptions

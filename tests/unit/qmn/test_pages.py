@@ -18,7 +18,20 @@ QMN = ROOT / "bin" / "qmn"
 MAKEFILE = (ROOT / "Makefile").read_text()
 FOLDERS = (
     *("wire", "programs", "hosts", "controller_apps", "qswitch_agent", "dispatcher", "copper"),
-    *("topologies", "qmn", "docs", "examples", "labs", "tests", "setup", "docker", "bin"),
+    *(
+        "topologies",
+        "qmn",
+        "applications",
+        "evidence",
+        "views",
+        "docs",
+        "examples",
+        "labs",
+        "tests",
+        "setup",
+        "docker",
+        "bin",
+    ),
 )
 PATH = re.compile(rf"(?<![\w./-])((?:{'|'.join(FOLDERS)})/[\w./-]*\w/?)(?![\w*<])")
 ADDED_BY_READERS = ("hosts/middleware/services/coin.py", "tests/unit/a/")

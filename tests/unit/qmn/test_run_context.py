@@ -14,12 +14,12 @@ from rich.console import Console
 
 from qmn.jobs.run_context import ending, guarded
 from qmn.network.options import NetworkOptions
-from qmn.reports.run_facts import BadRun, read_result
 from qmn.results.artifacts import artifacts_of
 from qmn.results.run_result import RunResult
 from topologies.networks.disk import GONE
 from topologies.networks.network import Interrupted, Signals
 from topologies.system.processes.programs import NetworkError
+from views.report.run_facts import BadRun, read_result
 
 FAULTS = pytest.mark.parametrize(
     ("make", "status", "words"),  # made anew: notes stay with an error

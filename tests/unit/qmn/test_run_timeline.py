@@ -10,7 +10,6 @@ import pytest
 from scapy.utils import PcapWriter
 
 from dispatcher.layer.history import EventCapture
-from qmn.live.event_sources import recorded
 from qmn.results.timeline import (
     WHOLE_AT_MOST_BYTES,
     NoCaptures,
@@ -18,6 +17,7 @@ from qmn.results.timeline import (
     merge,
     timeline_of_run,
 )
+from qmn.running.event_sources import recorded
 from qmn.verbs.wireshark import prepare
 from topologies.system.runs.runtime import EVENT_CAPTURE
 from wire.config import Fiber, FiberEnd

@@ -16,18 +16,18 @@ import pytest
 from recorded_run import record_run
 
 from qmn.__main__ import described
-from qmn.kept_runs import run_index
-from qmn.kept_runs.run_archive import BadArchive, imported
-from qmn.kept_runs.run_comparison import figures as compare_figures
-from qmn.kept_runs.run_comparison import parameters as compare_parameters
-from qmn.kept_runs.run_index import INDEX, Run, runs_in
-from qmn.live_view.layout import described as described_network
-from qmn.reports.run_facts import BadRun, read_result
 from qmn.results import schema
+from qmn.run_archive import index as run_index
+from qmn.run_archive.archive import BadArchive, imported
+from qmn.run_archive.comparison import figures as compare_figures
+from qmn.run_archive.comparison import parameters as compare_parameters
+from qmn.run_archive.index import INDEX, Run, runs_in
 from qmn.verbs import runs as verb
-from qmn.verbs.live import shown
 from topologies.system.namespaces import keeper
 from topologies.system.processes.owners import namespace, owner
+from views.live.layout import described as described_network
+from views.report.run_facts import BadRun, read_result
+from views.verbs.live import shown
 from wire.malformed import MalformedPacket
 from wire.results.run_result import BEGUN
 

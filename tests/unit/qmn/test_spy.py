@@ -16,7 +16,7 @@ import pytest
 from forked_python import Forked
 
 from hosts.quantum_socket import STACK_VARIABLE
-from qmn.live import running
+from qmn.running import network as running
 from qmn.verbs import spy
 from topologies.system.processes.owners import owner
 from topologies.system.runs.runtime import EVENT_CAPTURE
@@ -38,7 +38,7 @@ PROGRAM = """
 import sys
 from pathlib import Path
 from qmn import __main__
-from qmn.live import running
+from qmn.running import network as running
 from qmn.verbs import spy
 root = Path(sys.argv.pop(1))
 find = running.dispatcher_of_running_network

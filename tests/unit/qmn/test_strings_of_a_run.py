@@ -14,10 +14,10 @@ from forked_python import run as run_python
 from recorded_run import NETWORK, events, record_run
 
 from dispatcher.layer.history import EventCapture
-from qmn.live_view.handshakes import drawn_handshake
-from qmn.live_view.layout import described
 from qmn.printable_text import printable
-from qmn.reports.run_facts import read_result
+from views.live.handshakes import drawn_handshake
+from views.live.layout import described
+from views.report.run_facts import read_result
 from wire.dispatcher_pb2 import Event
 
 # Markup, a terminal's title, NUL, mathematics of matplotlib, markup of rich.

@@ -7,16 +7,16 @@ from pathlib import Path
 import pytest
 from pyarrow import parquet
 
-from qmn.reports.drawing import VARIABLES
-from qmn.reports.page import STYLE
+from evidence.curves.catalogue import EXPERIMENTS
+from evidence.curves.estimates import Estimate
+from evidence.curves.parquet import write_parquet
+from evidence.curves.table import opened
 from qmn.scripting.exchange import Exchange
 from qmn.scripting.light import Hop, LightPath
 from qmn.scripting.network import Held, HostState
 from qmn.scripting.tables import TableOf, drawn
-from qmn.sweeps.catalogue import EXPERIMENTS
-from qmn.sweeps.estimates import Estimate
-from qmn.sweeps.parquet import write_parquet
-from qmn.sweeps.table import opened
+from views.report.drawing import VARIABLES
+from views.report.page import STYLE
 from wire.outcomes import Pauli
 
 EXCHANGE = Exchange(b"<secret>", 8, 0.25, 0.5, 4000, 1000, 3000, 30, 2)

@@ -21,7 +21,7 @@ MODULES = (
     "hosts",
     "hosts.applications.intercept",
     "hosts.applications.service",
-    "hosts.ip_over_light",
+    "applications.ip_over_light",
     "qswitch_agent",
 )
 SERVER = "topologies.system.processes.fork_server"

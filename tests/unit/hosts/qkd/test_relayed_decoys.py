@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from evidence.curves.relay_theory import diagonal, endless_key, rectilinear, single_photons
 from hosts.middleware.qkd.decoy import Decoys
 from hosts.middleware.qkd.relayed_decoys import (
     TERMS,
@@ -15,7 +16,6 @@ from hosts.middleware.qkd.relayed_decoys import (
     expected,
     key_length,
 )
-from qmn.sweeps.relay_theory import diagonal, endless_key, rectilinear, single_photons
 
 ALICE, BOB = Decoys((0.4, 0.05, 0.0)), Decoys((0.48, 0.06, 0.001))
 DARK, ERROR = 1e-6, 0.015

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from evidence.curves.relay_theory import diagonal, rectilinear, single_photons
 from hosts.middleware.qkd.decoy import Decoys, phase_error
 from hosts.middleware.qkd.key_length import binary_entropy
 from hosts.middleware.qkd.relayed_decoys import TERMS, PairSifted, bounds, expected
-from qmn.sweeps.relay_theory import diagonal, rectilinear, single_photons
 
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]

@@ -1,0 +1,49 @@
+"""Run one host's q0: python -m applications.ip_over_light --config FILE."""
+
+import logging
+import os
+import queue
+import signal
+import sys
+
+from applications.ip_over_light.interface import Interface
+from applications.ip_over_light.tun import Tun, TunError
+from programs.config_argument import config_path
+from wire.config import BadConfig
+from wire.ip_over_light import INTERFACE, IpOverLightConfig
+
+
+def run(config: IpOverLightConfig) -> int:
+    """Carry packets until told to stop, or until a part fails."""
+    ended: queue.SimpleQueue[BaseException | None] = queue.SimpleQueue()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda _number, _frame: ended.put(None))
+    addresses = [f"{config.address}/{config.prefix_length}"]
+    if config.address6:
+        addresses.append(f"{config.address6}/{config.prefix6_length}")
+    tun = Tun(INTERFACE, addresses, config.mtu)
+    interface = Interface(config, tun, ended.put)
+    interface.start()
+    print("ready", flush=True)
+    error = ended.get()
+    interface.close()
+    if error is not None:
+        print(f"q0: {error}", file=sys.stderr)
+    return 0 if error is None else 1
+
+
+def main() -> int:
+    """Read the arguments, run, and turn faults into one line and an exit status."""
+    path = config_path("python -m applications.ip_over_light", __doc__)
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
+    try:
+        return run(IpOverLightConfig.read(path))
+    except (BadConfig, TunError, OSError) as error:  # QuantumSocketError is an OSError
+        print(f"q0: {error}", file=sys.stderr)
+        return 1
+
+
+if __name__ == "__main__":
+    status = main()
+    sys.stdout.flush()
+    os._exit(status)  # threads that wait for light need not end

@@ -1,0 +1,67 @@
+"""Our connection and sockets in the place of netqasm.sdk.external."""
+
+import os
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
+from types import ModuleType
+
+import netqasm.sdk.toolbox
+from netqasm.runtime.settings import SIMULATOR_ENV, Simulator
+
+from applications.netqasm import sim_states
+from applications.netqasm.connection import Connection, get_qubit_state
+from applications.netqasm.placement import Placement
+from applications.netqasm.round_end import SOCKET, RoundEnd
+from applications.netqasm.rounds import simulate_application
+from applications.netqasm.texts import BroadcastChannel, Exchange, Socket
+from hosts.timeouts import ROUND_TIMEOUT_S
+from wire.netqasm.texts import NAME_BYTES
+
+NAME, SIM_STATES = "netqasm.sdk.external", "netqasm.sdk.toolbox.sim_states"
+
+
+@contextmanager
+def installed(
+    placement: Placement, told: Callable[[int], None] = lambda _number: None
+) -> Iterator[Mapping[str, RoundEnd]]:
+    """Let programs of the roles that run here use our network; yield the end of their rounds.
+
+    If a program requests a simulation of an application, `told` hears the number of each round
+    done.
+    """
+    for role in placement.hosts:
+        if len(role.encode()) > NAME_BYTES:
+            raise ValueError(f"role {role!r}: at most {NAME_BYTES} bytes")
+    exchanges = {role: Exchange(role, placement.addresses[role]) for role in placement.stacks}
+    module = ModuleType(NAME, __doc__)
+    sockets = {"placement": placement, "exchanges": exchanges}
+    module.Socket = own = type("Socket", (Socket,), sockets)  # type: ignore[attr-defined]
+    ends = {role: _end(role, placement, own) for role in placement.stacks}
+    words = {"placement": placement, "ends": ends}
+    module.NetQASMConnection = type("NetQASMConnection", (Connection,), words)  # type: ignore[attr-defined]
+    channel = type("BroadcastChannel", (BroadcastChannel,), {"_socket_class": own})
+    module.BroadcastChannel = channel  # type: ignore[attr-defined]
+    module.get_qubit_state = get_qubit_state  # type: ignore[attr-defined]
+    module.simulate_application = partial(simulate_application, placement, told, ends)  # type: ignore[attr-defined]
+    # Of the simulators that the SDK knows, the one whose own parts it never imports.
+    os.environ.setdefault(SIMULATOR_ENV, Simulator.SIMULAQRON.value)
+    netqasm.sdk.external, netqasm.sdk.toolbox.sim_states = module, sim_states
+    replaced: dict[str, ModuleType] = {NAME: module, SIM_STATES: sim_states}
+    before = {name: sys.modules.get(name) for name in replaced}
+    sys.modules.update(replaced)
+    try:
+        yield ends
+    finally:
+        for name, original in before.items():
+            del sys.modules[name]
+            if original is not None:
+                sys.modules[name] = original
+        for exchange in exchanges.values():
+            exchange.close()
+
+
+def _end(role: str, placement: Placement, kind: type[Socket]) -> RoundEnd:
+    others = [other for other in placement.hosts if other != role]
+    return RoundEnd(others, lambda other: kind(role, other, SOCKET, ROUND_TIMEOUT_S))

@@ -1,0 +1,62 @@
+"""WireGuard as any program drives it: by `wg` and `ip`, whoever wrote what carries the packets.
+
+A preshared key acts at the next handshake only, which WireGuard holds every two minutes. So the
+peer is removed and added with the new key by one command: its session ends, and a handshake with
+the new key begins.
+"""
+
+import base64
+from dataclasses import dataclass
+from uuid import UUID
+
+from applications.vpn.tunnel_commands import TunnelError, command, wait_until_it_works
+from hosts.timeouts import KEEPALIVE_S
+
+PORT = 51_820
+MTU = 1420
+KEY_BYTES = 32
+
+
+@dataclass(frozen=True)
+class WireGuard:
+    """One end of a tunnel between two hosts."""
+
+    interface: str
+    private_key: str  # base64, X25519
+    address: str  # inside, with prefix length
+    peer: str  # public key of the other end, base64
+    inside: str  # the other end's address inside
+    endpoint: str  # its address outside; "": it is learned from its handshake
+
+    def set_up(self) -> None:
+        """Give the interface its address and key, once the program that makes it answers."""
+        wait_until_it_works(lambda: command(["wg", "show", self.interface]))
+        words = ["wg", "set", self.interface, "listen-port", str(PORT), "private-key", "/dev/stdin"]
+        command(words, self.private_key.encode())
+        command(["ip", "address", "add", self.address, "dev", self.interface])
+        command(["ip", "link", "set", self.interface, "mtu", str(MTU), "up"])
+
+    def use(self, _key_id: UUID, key: bytes) -> None:
+        """Let packets pass with this preshared key, as soon as both ends have it."""
+        if len(key) != KEY_BYTES:
+            raise TunnelError(f"a preshared key has {KEY_BYTES} bytes, not {len(key)}")
+        reached = []
+        if self.endpoint:
+            reached = ["endpoint", f"{self.endpoint}:{PORT}"]
+            reached += ["persistent-keepalive", str(KEEPALIVE_S)]
+        peer = ["peer", self.peer]
+        added = ["preshared-key", "/dev/stdin", "allowed-ips", f"{self.inside}/32", *reached]
+        words = ["wg", "set", self.interface, *peer, "remove", *peer, *added]
+        command(words, base64.b64encode(key))
+
+    def end_former(self) -> None:
+        """Do nothing: `use` has ended it."""
+
+    def close(self) -> None:
+        """Let no packet pass."""
+        command(["wg", "set", self.interface, "peer", self.peer, "remove"])
+
+    def handshake_done(self) -> bool:
+        """Return whether there was a handshake with the key that is in use."""
+        said = command(["wg", "show", self.interface, "latest-handshakes"]).split()
+        return dict(zip(said[::2], said[1::2], strict=True)).get(self.peer, "0") != "0"

@@ -1,0 +1,112 @@
+"""Attacks by bright light, on detectors and on sources: what eve knows of a sifted key.
+
+    alice === eve === bob        blinding: she measures alice's photons, and makes bob's clicks
+    alice <== eve                Trojan horse: she reads the modulator by light of her own
+
+Neither makes an error, so no sample finds them: devices that watch for light do.
+"""
+
+import asyncio
+from dataclasses import dataclass
+from math import exp, sqrt
+from typing import Any
+
+import numpy as np
+
+from dispatcher.devices.bright_light import AvalanchePhotodiode, ReflectingSource, shares
+from dispatcher.laboratory import Laboratory
+from dispatcher.sabot.backend import Bytes
+from evidence.attacks.photons import SEED, Spied
+from evidence.curves.link import configuration, fiber
+from evidence.curves.photon_splitting import TO_EVE
+from hosts.middleware.qkd.key_length import asymptotic_fraction
+from wire.outcomes import NO_CLICK
+
+MONITORED = AvalanchePhotodiode(alarm_a=10e-6)  # a million clicks a second make some 1e-6 A
+GUARDED = ReflectingSource(isolator_db=60.0, alarm_photons=1e8)
+SIGMAS = 5
+
+
+@dataclass(frozen=True)
+class Glare:
+    """Eve's light on each of bob's detectors."""
+
+    continuous_w: float = 1.1e-3
+    trigger_w: float = 1.1e-3  # peak of a pulse that all comes to one detector
+
+
+def blinding(defended: bool, bits: int) -> tuple[int, int]:
+    """Blind bob's detectors and let those click that eve's did; return bits known, of how many.
+
+    The defence is a monitor of their photocurrent: what it tells of is not a key.
+    """
+    detector = MONITORED if defended else AvalanchePhotodiode()
+    spied = asyncio.run(blinded(4 * bits, Glare(), detector))
+    caught = detector.tells(Glare.continuous_w)
+    share = 0.0 if caught else asymptotic_fraction(spied.qber) if defended else 1.0
+    return spied.left(share * spied.bits), spied.bits
+
+
+async def blinded(photons: int, glare: Glare, detector: AvalanchePhotodiode) -> Spied:
+    """Return the key that alice and bob sift of so many photons, and what eve knows of it."""
+    laboratory = Laboratory(configuration(SEED, [fiber(*TO_EVE)]))
+    alice, eve = laboratory.host("alice"), laboratory.host("eve")
+    random, light = np.random.default_rng(SEED), (0, 0)
+    states = random.integers(0, 4, photons, dtype=np.uint8)
+    bases, hers = random.integers(0, 2, (2, photons), dtype=np.uint8)
+    await alice.prepare(states, light[0])
+    await alice.send({light: TO_EVE[0]})
+    await eve.receive(light, TO_EVE[1])
+    found: Any = await eve.measure(light, bases=hers)
+    outcomes = seen(2 * hers + found, bases, glare, detector, random)
+    sifted = (bases == states >> 1) & (outcomes != NO_CLICK)
+    knows = sifted & (hers == bases) & (found == outcomes)
+    wrong = sifted & (outcomes != states & 1)
+    return Spied(int(sifted.sum()), int(knows.sum()), int(wrong.sum()))
+
+
+def seen(
+    states: Bytes,
+    bases: Bytes,
+    glare: Glare,
+    detector: AvalanchePhotodiode,
+    random: np.random.Generator,
+) -> Bytes:
+    """Return what two such detectors tell of bright pulses; a bit of both is drawn."""
+    pulses_w = glare.trigger_w * shares(states, bases)
+    zero, one = detector.clicks(pulses_w, glare.continuous_w, random).T
+    coins = random.integers(0, 2, states.size, dtype=np.uint8)
+    told = np.where(zero & one, coins, one.astype(np.uint8))
+    return np.where(zero | one, told, np.uint8(NO_CLICK)).astype(np.uint8)
+
+
+def trojan_light(defended: bool, bits: int) -> tuple[int, int]:
+    """Read alice's modulator by reflected light; return bits known, of how many.
+
+    The defence is an isolator, and a monitor that tells of more light than it was made for.
+    """
+    source = GUARDED if defended else ReflectingSource()
+    return trojan(source, 1e7, bits, defended)
+
+
+def trojan(
+    source: ReflectingSource, injected: float, bits: int, amplified: bool
+) -> tuple[int, int]:
+    """Return how many bits eve knows who sends so many photons a pulse into a source, of how many.
+
+    She keeps what comes back until bases are told: one photon in the right one is enough. Ends who
+    amplify take away as many bits as light below the alarm can tell, and some standard errors.
+    """
+    random = np.random.default_rng(SEED)
+    states = random.integers(0, 4, bits, dtype=np.uint8)
+    mean = source.reflected(injected) * shares(states, states >> np.uint8(1))
+    photons = random.poisson(mean)
+    assert not photons[np.arange(bits), 1 - (states & 1)].any()  # none in the other arm
+    spied = Spied(bits, int((photons.sum(axis=1) > 0).sum()), 0)
+    if not amplified:
+        return spied.known, bits
+    if source.tells(injected):
+        return 0, bits
+    told = 1 - exp(-source.reflected(source.alarm_photons))
+    length = bits * (1 - told) - SIGMAS * sqrt(bits * told * (1 - told))
+    return spied.left(length), bits

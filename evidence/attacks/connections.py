@@ -1,0 +1,142 @@
+"""Attacks on what carries sessions: their TCP connections, and the announcements of fibres."""
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+from evidence.attacks.conduct import (
+    ATTACKER,
+    FRAMES,
+    POSED,
+    VICTIM,
+    facts_of,
+    settled,
+    told_count,
+)
+from hosts.quantum_socket import QuantumSocket, QuantumSocketError
+from qmn.timeouts import ATTACK_TIMEOUT_S
+from topologies.networks.network import Network
+from topologies.system.processes.programs import NetworkError
+from wire.metadata.header import METADATA_PORT
+
+GUESSES = 20  # RSTs on each connection: of 2^32 places in its sequence, blind
+LISTENING = 7  # port of bob's application
+
+
+def blind_rst(network: Network, sessions: int) -> int:
+    """End sessions of alice by RSTs in her name at guessed places; return how many that has ended.
+
+    charlie is told the ports of her connections, which a patient attacker tries one after the
+    other.
+    """
+    before = ended(network)
+    for _ in range(sessions):
+        with session(network):
+            reset(network, opener_port(network))
+            settled(network, lambda: len(ended(network)))
+    return len(ended(network) - before)
+
+
+def reset(network: Network, port: int) -> None:
+    """Let charlie send RSTs as if they were alice's."""
+    attacker, victim, posed = (network.host(name) for name in (ATTACKER, VICTIM, POSED))
+    words = [str(attacker.defaultIntf()), str(GUESSES), victim.MAC(), posed.IP(), victim.IP()]
+    run_frames(network, "resets", *words, str(port), count=GUESSES)
+
+
+def ended(network: Network) -> set[str]:
+    """Return the sessions that the controller believes to have been reset."""
+    facts = facts_of(network, "torn_down")
+    return {str(fact["session"]) for fact in facts if fact["detail"] == "RST"}
+
+
+@contextmanager
+def session(network: Network) -> Iterator[None]:
+    """Keep a session open, from alice to bob, over which a byte has gone."""
+    sockets = [QuantumSocket(network.runtime.socket(host)) for host in (VICTIM, POSED)]
+    listener, sender = sockets
+    try:
+        listener.listen(LISTENING)
+        sender.connect((VICTIM, LISTENING))
+        sockets.append(listener.accept()[0])
+        sender.sendall(b"x")
+        yield
+    finally:
+        for each in reversed(sockets):
+            with suppress(QuantumSocketError):  # of a session that was ended under it
+                each.close()
+
+
+def opener_port(network: Network) -> int:
+    """Return the port of alice's connection to bob."""
+    words = f"ss -Htn state established dst {network.host(VICTIM).IP()} dport = :{METADATA_PORT}"
+    said = network.host(POSED).cmd(words)
+    found = re.search(r"\d:(\d+)\s", said)
+    if found is None:
+        raise NetworkError(f"{POSED} has no connection to {VICTIM}: {said.strip()}")
+    return int(found[1])
+
+
+def lldp_spoofing(network: Network, announcements: int) -> int:
+    """Announce fibres as bob's on charlie's; return how many of them the controller believes."""
+    before, victim = lies(network), network.host(VICTIM)
+    words = [fiber_of(network), str(announcements), VICTIM, victim.IP()]
+    run_frames(network, "announcements", *words, count=announcements)
+    return settled(network, lambda: lies(network)) - before
+
+
+def replay(network: Network, frames: int) -> int:
+    """Repeat, on charlie's fibre, what bob has announced; return how often he is believed there.
+
+    Somebody who has tapped bob's fibres has given charlie an announcement of each.
+    """
+    before = lies(network)
+    heard = [recorded(network, port) for port in fibers_of(network, VICTIM)]
+    run_frames(network, "repeated", fiber_of(network), str(frames), *heard, count=frames)
+    return settled(network, lambda: lies(network)) - before
+
+
+def recorded(network: Network, port: str) -> str:
+    """Return the next announcement that bob sends into a fibre, in hexadecimal."""
+    with network.host(VICTIM).popen([*FRAMES, "record", port], text=True) as program:
+        said, errors = program.communicate(timeout=ATTACK_TIMEOUT_S)
+    found = re.search(r"frame=([0-9a-f]+)", said)
+    if found is None:
+        raise NetworkError(f"{VICTIM} announces nothing at {port}: {said}{errors}")
+    return found[1]
+
+
+def fibers_of(network: Network, host: str) -> list[str]:
+    """Return the interfaces of a host's fibres."""
+    ends = (end for fiber in network.runtime.fibers for end in (fiber.a, fiber.b))
+    return sorted(end.port for end in ends if end.node == host)
+
+
+def fiber_of(network: Network) -> str:
+    """Return the interface of charlie's first fibre."""
+    return fibers_of(network, ATTACKER)[0]
+
+
+def lies(network: Network) -> int:
+    """Return how often the controller has taken a port for bob's that is another's."""
+    own = places(network)
+    facts = [fact for fact in facts_of(network, "fiber") if fact["host"] == VICTIM]
+    return sum((fact["dpid"], fact["at"]) not in own for fact in facts)
+
+
+def places(network: Network) -> set[tuple[int, int]]:
+    """Return at which ports of switches bob's fibres are."""
+    ids, found = network.runtime.datapath_ids, set()
+    for fiber in network.runtime.fibers:
+        for near, far in ((fiber.a, fiber.b), (fiber.b, fiber.a)):
+            if near.node == VICTIM and far.node in ids:
+                found.add((ids[far.node], int(far.port)))
+    return found
+
+
+def run_frames(network: Network, what: str, *words: str, count: int) -> None:
+    """Let charlie send so many frames."""
+    with network.host(ATTACKER).popen([*FRAMES, what, *words], text=True) as sender:
+        said, errors = sender.communicate(timeout=ATTACK_TIMEOUT_S)
+    if told_count(said + errors) != count:
+        raise NetworkError(f"{ATTACKER} could not send {count} frames: {said}{errors}")

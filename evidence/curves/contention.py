@@ -1,0 +1,201 @@
+"""Contention for light: the controller's own arbiter on a trunk of channels, in counted time.
+
+    a1, a2, … --- q1 ===== q2 --- b1, b2, …
+
+Sessions are asked for as a Poisson process, by real set-up messages; a time that is counted takes
+the place of the clock, and switches take none. The hosts that take part are idle ones. Channels are
+fibres of their own, or wavelengths of one fibre, of which the controller chooses one.
+"""
+
+import struct
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from heapq import heappop, heappush
+from ipaddress import IPv4Address
+from random import Random
+
+from controller_apps.light.optics import SwitchOptics, SwitchPort
+from controller_apps.light.paths import HostPort, Network
+from controller_apps.sessions.actions import Action, Note, OpenPaths
+from controller_apps.sessions.arbiter import Arbiter
+from evidence.curves.estimates import NOTHING, Estimate, ratio
+from evidence.curves.experiment import Experiment, Measure, Outcome, SweepError, number
+from evidence.curves.parameters import Parameter, Values
+from evidence.traffic.erlang import erlang_b, erlang_c, mean_wait
+from wire.metadata.header import METADATA_PORT
+from wire.metadata.setup import SETUP_LENGTH, Setup
+from wire.metadata.vocabulary import Handshake, Service
+from wire.optical import ANY_PORT, ANY_WAVELENGTH, TX_PWR, USE_FREQ, PathOptics, PortOptics
+from wire.parameters.fiber import FiberOptics
+
+LOAD = Parameter("load", 2.0, 0.05, 64.0, "erlang")
+CHANNELS = Parameter("channels", 4, 1, 28)
+KIND = Parameter("trunk", "fibres", choices=("fibres", "wavelengths"))  # of one fibre
+RULE = Parameter("contention", "refuse", choices=("refuse", "queue"))
+HOLDING = Parameter("holding", "exponential", choices=("exponential", "constant"))
+SESSIONS = Parameter("sessions", 10_000, 1_000, 1_000_000)
+S1, Q1, Q2 = 1, 2, 3  # datapath ids
+PAIRS = 100  # of hosts, more than there are in sessions and in the queue
+BATCHES = 40  # of sessions one after the other; the first is left out, as it begins empty
+FIRST_SEQUENCE = 100
+FOR_EVER_S = 1e12  # the queue's patience, and that with silent sessions
+PUSH, FIN, ACK = 8, 1, 16
+_ETHERNET_IP_TCP = struct.Struct("!12sH BBHHHBBH4s4s HHIIBBHHH")
+
+
+def address(side: int, pair: int) -> str:
+    """Return the address of a host."""
+    return f"10.0.{side}.{pair + 1}"
+
+
+def trunk(channels: int, wavelengths: bool = False) -> Network:
+    """Return the network as it would have been discovered; wavelengths: of one fibre."""
+    network = Network({Q1, Q2})
+    for dpid, side in ((Q1, 0), (Q2, 1)):
+        network.optics.switches[dpid] = SwitchOptics(PathOptics(ANY_PORT, ANY_PORT, 0, 0))
+        for pair in range(PAIRS):
+            name = f"{'ab'[side]}{pair}"
+            host = HostPort(name, address(side, pair), f"{name}-q0")
+            network.attach(SwitchPort(dpid, pair + 1), host)
+    for channel in range(channels):
+        port = PAIRS + 1 + channel
+        network.add_link(SwitchPort(Q1, port), SwitchPort(Q2, port))
+        if wavelengths:
+            fixed = (FiberOptics(channels=channels).channel_mhz(channel + 1),) * 2
+            for dpid in (Q1, Q2):
+                described = PortOptics(TX_PWR | USE_FREQ, *fixed, 0, *fixed, 0, 0, 0)
+                network.optics.described(SwitchPort(dpid, port), described)
+    return network
+
+
+def frame(pair: int, source_port: int, sequence: int, flags: int, payload: bytes = b"") -> bytes:
+    """Return a frame of a host's connection; nobody here looks at checksums."""
+    ends = [IPv4Address(address(side, pair)).packed for side in (0, 1)]
+    lengths = 40 + len(payload)
+    ip = 0x45, 0, lengths, 0, 0, 64, 6, 0, *ends
+    tcp = source_port, METADATA_PORT, sequence, 1, 5 << 4, flags | ACK, 65_535, 0, 0
+    return _ETHERNET_IP_TCP.pack(bytes(12), 0x0800, *ip, *tcp) + payload
+
+
+@dataclass
+class Trunk:
+    """Sessions that come, get light or not, and go."""
+
+    arbiter: Arbiter
+    holding_s: "Iterable[float]"
+    idle: deque[int] = field(default_factory=lambda: deque(range(PAIRS)))
+    pairs: dict[int, int] = field(default_factory=dict)  # of hosts, by session
+    asked: dict[int, float] = field(default_factory=dict)  # when, by session
+    waited: dict[int, float] = field(default_factory=dict)  # how long
+    blocked: set[int] = field(default_factory=set)
+    ends: list[tuple[float, int]] = field(default_factory=list)  # of sessions with light
+
+    def ask(self, session: int, now: float) -> None:
+        """Let two idle hosts ask for light."""
+        if not self.idle:
+            raise SweepError(f"over {PAIRS} sessions wait for light at a time: choose less load")
+        pair = self.pairs[session] = self.idle.popleft()
+        self.asked[session] = now
+        asked = session, Service.BB84, Handshake.FRAMED, address(0, pair), 1, 1, 1
+        setup = Setup(*asked, wavelength_pm=ANY_WAVELENGTH)
+        self._say(session, FIRST_SEQUENCE, PUSH, now, setup.encode())
+
+    def end_until(self, now: float) -> None:
+        """Let the sessions end whose time is over by then, in order."""
+        while self.ends and self.ends[0][0] <= now:
+            end_s, session = heappop(self.ends)
+            self._say(session, FIRST_SEQUENCE + SETUP_LENGTH, FIN, end_s)
+            self.idle.append(self.pairs.pop(session))
+
+    def _say(self, session: int, sequence: int, flags: int, now: float, data: bytes = b"") -> None:
+        source_port = 1_024 + session % 60_000
+        sent = frame(self.pairs[session], source_port, sequence, flags, data)
+        self._obey(self.arbiter.segment_arrived(S1, 1, sent, now), now)
+
+    def _obey(self, actions: Iterable[Action], now: float) -> None:
+        """Do what switches do, at once; note who has light and who is refused."""
+        for action in actions:
+            if isinstance(action, OpenPaths):
+                passed = self.arbiter.barrier_passed(action.dpid, action.transaction, now)
+                self._obey(passed, now)
+            elif isinstance(action, Note) and action.event == "path_ready":
+                self.waited[action.session] = now - self.asked[action.session]
+                heappush(self.ends, (now + next(iter(self.holding_s)), action.session))
+            elif isinstance(action, Note) and action.event == "refused":
+                self.blocked.add(action.session)
+                self.idle.append(self.pairs.pop(action.session))
+
+
+async def contend(values: Values, seed: int) -> Outcome:
+    """Ask for sessions one after the other, and count who was blocked and who waited."""
+    random, load, count = Random(seed), number(values, LOAD.name), int(values[SESSIONS.name])  # noqa: S311
+    channels, queues = int(values[CHANNELS.name]), values[RULE.name] == "queue"
+    if queues and load >= channels:
+        return dict.fromkeys(("blocked", "waited", "wait"), NOTHING)  # the queue never ends
+    exponential = values[HOLDING.name] == "exponential"
+    holding_s = iter(lambda: random.expovariate(1.0) if exponential else 1.0, None)
+    budget_db = 30.0
+    network = trunk(channels, values[KIND.name] == "wavelengths")
+    arbiter = Arbiter(network, FOR_EVER_S, FOR_EVER_S, budget_db, queues)
+    state, now = Trunk(arbiter, holding_s), 0.0
+    for session in range(1, count + 1):
+        now += random.expovariate(load)
+        state.end_until(now)
+        state.ask(session, now)
+    state.end_until(FOR_EVER_S)
+    return {
+        "blocked": batched(count, dict.fromkeys(state.blocked, 1.0)),
+        "waited": batched(count, {session: 1.0 for session, s in state.waited.items() if s}),
+        "wait": batched(count, state.waited),
+    }
+
+
+def batched(count: int, values: dict[int, float]) -> Estimate:
+    """Return the mean over sessions, those without a value being 0, with the error of batches."""
+    size = count // BATCHES
+    sums = [0.0] * BATCHES
+    for session, value in values.items():
+        batch = (session - 1) // size
+        if batch < BATCHES:
+            sums[batch] += value
+    return ratio(sums[1:], [size] * (BATCHES - 1))
+
+
+def blocked(values: Values) -> float | None:
+    """Return the theory of blocked: it holds for holding times of any distribution."""
+    load, channels = number(values, LOAD.name), int(values[CHANNELS.name])
+    if values[RULE.name] == "refuse":
+        return erlang_b(load, channels)
+    return 0.0 if load < channels else None
+
+
+def waited(values: Values) -> float | None:
+    """Return the theory of waited."""
+    if values[RULE.name] == "refuse":
+        return 0.0
+    load, channels = number(values, LOAD.name), int(values[CHANNELS.name])
+    known = values[HOLDING.name] == "exponential" and load < channels
+    return erlang_c(load, channels) if known else None
+
+
+def wait(values: Values) -> float | None:
+    """Return the theory of wait."""
+    if values[RULE.name] == "refuse":
+        return 0.0
+    load, channels = number(values, LOAD.name), int(values[CHANNELS.name])
+    known = values[HOLDING.name] == "exponential" and load < channels
+    return mean_wait(load, channels, 1.0) if known else None
+
+
+LIGHT = Experiment(
+    "light",
+    "contention for the channels of a trunk, by the controller in counted time",
+    (LOAD, CHANNELS, KIND, RULE, HOLDING, SESSIONS),
+    (
+        Measure("blocked", "sessions that are refused", blocked),
+        Measure("waited", "sessions that wait for light", waited),
+        Measure("wait", "mean wait for light (mean holding times)", wait),
+    ),
+    contend,
+)

@@ -1,0 +1,92 @@
+"""An experiment: the measures that are taken at each point of a grid."""
+
+from collections.abc import Callable, Collection, Coroutine
+from dataclasses import dataclass
+
+from evidence.curves.estimates import Estimate
+from evidence.curves.parameters import BadGrid, Parameter, Value, Values
+from wire.parameters.checks import remedy
+
+Outcome = dict[str, Estimate]
+
+
+class SweepError(Exception):
+    """Points cannot be measured; the text names cause and remedy."""
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One measured number: its axis label with unit, and what theory says of it, if anything."""
+
+    name: str
+    label: str
+    theory: Callable[[Values], float | None] = lambda _values: None
+    logarithmic: bool = False
+    # Another measure of the experiment that it is drawn over; theory is told its value, too.
+    over: Parameter | None = None
+
+    def place(self, values: Values, outcome: Outcome) -> Values:
+        """Return what theory is told of a point."""
+        if self.over is None:
+            return values
+        return {**values, self.over.name: outcome[self.over.name].value}
+
+    def expected(self, values: Values, outcome: Outcome) -> float | None:
+        """Return what theory says of the measure at a point, None if nothing."""
+        return self.theory(self.place(values, outcome))
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A measurement on the physical layer, repeatable by its seed."""
+
+    name: str
+    what: str
+    parameters: tuple[Parameter, ...]
+    measures: tuple[Measure, ...]
+    # On the physical layer alone; None: only in an emulated network.
+    run: Callable[[Values, int], Coroutine[None, None, Outcome]] | None = None
+    # What the values that are given say of others; the rest is at its default.
+    implied: Callable[[Values], Values] = lambda _given: {}
+    # Parameters that the network is not told, at their defaults here: it may have others.
+    unsaid: Callable[[Values], Collection[str]] = lambda _values: ()
+    # Numbers of an outcome that tell how a point was measured: columns of their own, no figures.
+    circumstances: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> list[str]:
+        """The names of its parameters."""
+        return [parameter.name for parameter in self.parameters]
+
+    def parameter(self, name: str) -> Parameter:
+        """Return a parameter; raise BadGrid for one that the experiment does not have."""
+        for parameter in self.parameters:
+            if parameter.name == name:
+                return parameter
+        raise BadGrid(f"{name} is not a parameter of {self.name}: {remedy(name, self.names)}")
+
+    def measure(self, name: str) -> Measure:
+        """Return a measure by its name."""
+        return next(measure for measure in self.measures if measure.name == name)
+
+    def complete(self, given: Values) -> Values:
+        """Return a value for each parameter."""
+        defaults = {parameter.name: parameter.default for parameter in self.parameters}
+        return {**defaults, **self.implied(given), **given}
+
+    def place(self, values: Values) -> str:
+        """Name a point by the parameters that are not at their defaults."""
+        changed = (each.name for each in self.parameters if values[each.name] != each.default)
+        words = ", ".join(f"{name} {values[name]}" for name in changed)
+        return f"{self.name} at {words or 'its defaults'}"
+
+
+def number(values: Values, name: str) -> float:
+    """Return a parameter that is a number."""
+    value: Value = values[name]
+    return float(value)
+
+
+def pairs_parameter(default: int = 200_000) -> Parameter:
+    """Return the parameter that says how many pairs are measured at a point."""
+    return Parameter("pairs", default, 1_000, 100_000_000)

@@ -1,0 +1,183 @@
+"""Blocking in a network: sessions that need several fibres, by the controller in counted time.
+
+    a --- q1 ===== q2 ===== q3 ===== q4 --- b        some sessions pass one link, some all of them
+
+    a, source --- q1 ===== q2 --- b, b'              some need one fibre of the link, some two
+
+Sessions of each class come as a Poisson process. In the chain each needs a fibre of every link on
+its way. In the trunk a key needs one; a pair that is made at one side for two hosts of the other
+needs two. Hosts that take part are idle ones, and switches take no time.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from random import Random
+
+from controller_apps.light.optics import SwitchOptics, SwitchPort
+from controller_apps.light.paths import HostPort, Network
+from controller_apps.sessions.arbiter import Arbiter
+from evidence.curves.contention import FOR_EVER_S, batched
+from evidence.curves.experiment import Experiment, Measure, Outcome, number
+from evidence.curves.parameters import Parameter, Values
+from evidence.traffic.counted import Asked, CountedTime, Told
+from evidence.traffic.erlang import blocked_on_links, kaufman_roberts
+from wire.metadata.vocabulary import Service
+from wire.optical import ANY_PORT, PathOptics
+
+LOAD = Parameter("load", 2.0, 0.05, 16.0, "erlang")
+CHANNELS = Parameter("channels", 4, 2, 8)
+LINKS = Parameter("links", 3, 1, 4)
+SESSIONS = Parameter("sessions", 20_000, 1_000, 1_000_000)
+HOSTS = 128  # of a class at each end: who asks has been idle for long when its turn comes again
+FIBERS = 2  # of a host
+WIDE = 2  # fibres of the trunk that a pair for two hosts needs
+
+
+@dataclass(frozen=True)
+class Class:
+    """Sessions that are alike: where they begin and end, and how many come in a holding time."""
+
+    begin: int  # switches, counted from 1
+    end: int
+    load: float
+    service: Service = Service.BB84
+
+
+def chain(switches: int, channels: int) -> Network:
+    """Return switches in a row as they would have been discovered, with so many fibres between."""
+    network = Network(set(range(1, switches + 1)))
+    for dpid in range(1, switches + 1):
+        network.optics.told(dpid, SwitchOptics(PathOptics(ANY_PORT, ANY_PORT, 0, 0)))
+    ports = dict.fromkeys(range(1, switches + 1), 0)
+
+    def port(dpid: int) -> SwitchPort:
+        ports[dpid] += 1
+        return SwitchPort(dpid, ports[dpid])
+
+    for dpid in range(1, switches):
+        for _ in range(channels):
+            network.add_link(port(dpid), port(dpid + 1))
+    return network
+
+
+def attached(network: Network, dpid: int, place: int) -> str:
+    """Add a host at a switch if it is not there; return its address."""
+    address = f"10.{dpid}.{place >> 8}.{place & 0xFF}"
+    if not network.ports_of(address):
+        taken = [at.port for at in (*network.links, *network.hosts) if at.dpid == dpid]
+        for fiber in range(FIBERS):
+            host = HostPort(address, address, f"{address}-q{fiber}")
+            network.attach(SwitchPort(dpid, max(taken, default=0) + 1 + fiber), host)
+    return address
+
+
+def contend(network: Network, classes: Sequence[Class], count: int, seed: int) -> list[list[Told]]:
+    """Ask for so many sessions; return what becomes of each, by class in order of time."""
+    random, now = Random(seed), 0.0  # noqa: S311
+    requests: list[tuple[int, Asked]] = []
+    for turn in range(count):
+        now += random.expovariate(sum(each.load for each in classes))
+        (kind,) = random.choices(range(len(classes)), [each.load for each in classes])
+        hosts = hosts_of(network, classes, kind, turn % HOSTS)
+        requests.append((kind, asked(classes[kind], hosts, now, random.expovariate(1.0))))
+    arbiter = Arbiter(network, FOR_EVER_S, FOR_EVER_S)
+    told = CountedTime(arbiter).run([each for _kind, each in requests])
+    found: list[list[Told]] = [[] for _ in classes]
+    for (kind, _asked), each in zip(requests, told, strict=True):
+        found[kind].append(each)
+    return found
+
+
+def hosts_of(network: Network, classes: Sequence[Class], kind: int, turn: int) -> tuple[str, ...]:
+    """Return opener, acceptor and source of a session that nobody else has just then."""
+    own, wide = classes[kind], classes[kind].service == Service.DISTRIBUTE
+    first = 1 + 3 * (kind * HOSTS + turn)
+    begin, end = attached(network, own.begin, first), attached(network, own.end, first + 1)
+    return (end, attached(network, own.end, first + 2), begin) if wide else (begin, end, begin)
+
+
+def asked(own: Class, hosts: tuple[str, ...], now: float, holding_s: float) -> Asked:
+    """Return a request of a class."""
+    opener, acceptor, source = hosts
+    return Asked(now, opener, acceptor, holding_s, source=source, service=own.service)
+
+
+def blocked(told: Sequence[Told]) -> Outcome:
+    """Return the share of a class that is refused."""
+    refused = {number: 1.0 for number, each in enumerate(told, 1) if each.reason}
+    return {"blocked": batched(len(told), refused)}
+
+
+def classes_of_chain(values: Values) -> list[Class]:
+    """Return sessions over all links, and as many over each of them alone."""
+    links, load = int(values[LINKS.name]), number(values, LOAD.name) / 2
+    alone = [Class(link, link + 1, load) for link in range(1, links + 1)]
+    return [Class(1, links + 1, load), *alone]
+
+
+def routes(values: Values) -> tuple[list[float], list[Sequence[int]], list[int]]:
+    """Return what theory is told of the chain: loads, the links of each class, their fibres."""
+    classes, links = classes_of_chain(values), int(values[LINKS.name])
+    ways: list[Sequence[int]] = [range(each.begin - 1, each.end - 1) for each in classes]
+    return [each.load for each in classes], ways, [int(values[CHANNELS.name])] * links
+
+
+async def over_links(values: Values, seed: int) -> Outcome:
+    """Count who is blocked on a chain: those that pass all of it, and those of its first link."""
+    network = chain(int(values[LINKS.name]) + 1, int(values[CHANNELS.name]))
+    count = int(values[SESSIONS.name])
+    through, first, *_others = contend(network, classes_of_chain(values), count, seed)
+    return {
+        "through": blocked(through)["blocked"],
+        "one_link": blocked(first)["blocked"],
+    }
+
+
+def of_chain(kind: int) -> Callable[[Values], float | None]:
+    """Return the theory of a class of the chain."""
+    return lambda values: blocked_on_links(*routes(values))[kind]
+
+
+async def several_fibers(values: Values, seed: int) -> Outcome:
+    """Count who is blocked on a trunk: keys, and pairs for two hosts, of as many fibres each."""
+    network = chain(2, int(values[CHANNELS.name]))
+    narrow, wide = contend(network, classes_of_trunk(values), int(values[SESSIONS.name]), seed)
+    return {"narrow": blocked(narrow)["blocked"], "wide": blocked(wide)["blocked"]}
+
+
+def classes_of_trunk(values: Values) -> list[Class]:
+    """Return sessions of one fibre, and of two: half of the fibres are asked for by either."""
+    load = number(values, LOAD.name) / 2
+    return [Class(1, 2, load), Class(1, 2, load / WIDE, Service.DISTRIBUTE)]
+
+
+def of_trunk(kind: int) -> Callable[[Values], float | None]:
+    """Return the theory of a class of the trunk."""
+
+    def theory(values: Values) -> float:
+        loads = [each.load for each in classes_of_trunk(values)]
+        return kaufman_roberts(loads, [1, WIDE], int(values[CHANNELS.name]))[kind]
+
+    return theory
+
+
+CHAIN_OF_LINKS = Experiment(
+    "links",
+    "sessions over several links of a chain, by the controller in counted time",
+    (LOAD, LINKS, CHANNELS, SESSIONS),
+    (
+        Measure("through", "sessions over all links that are refused", of_chain(0)),
+        Measure("one_link", "sessions over the first link that are refused", of_chain(1)),
+    ),
+    over_links,
+)
+SEVERAL_FIBERS = Experiment(
+    "several-fibers",
+    "sessions of one fibre and of two, by the controller in counted time",
+    (LOAD, CHANNELS, SESSIONS),
+    (
+        Measure("narrow", "sessions of one fibre that are refused", of_trunk(0)),
+        Measure("wide", "sessions of two fibres that are refused", of_trunk(1)),
+    ),
+    several_fibers,
+)

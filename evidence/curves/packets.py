@@ -1,0 +1,241 @@
+"""Applications that want packets of pairs, one after the other, each by its deadline.
+
+The model of Tran, Cicconetti, Conti and Passarella, arXiv:2605.28795: in each slot of time every
+link of the shortest path makes a pair or not, and swaps join them or not; a packet is some pairs
+out of a window of slots, in which most packets are made. Links of a path belong to one packet.
+
+    released |--- waits ---|#### window, given back as soon as all pairs are there ####|    deadline
+
+Applications ask the controller's own arbiter, in counted time. Times are seconds of the network.
+"""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from ipaddress import IPv4Address
+from itertools import pairwise
+
+import networkx
+import numpy as np
+
+from controller_apps.light.optics import SwitchPort
+from controller_apps.light.paths import HostPort
+from controller_apps.policy.orders import Queue
+from controller_apps.sessions.arbiter import Arbiter
+from evidence.curves.contention import FOR_EVER_S
+from evidence.curves.scheduling import away, network_of
+from evidence.traffic.counted import Asked, CountedTime, Told
+from topologies.catalogue.maps import Map
+
+ROUNDING_S = 1e-9
+MOST = 10_000
+FIRST_PORT = 1_000  # of a switch, to those hosts
+GRID_PM = 200  # between the wavelengths of applications, each of which has one of its own
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """How pairs are made, and what a packet is."""
+
+    trials: int = 1000  # of each link in a slot
+    made: float = 1e-3  # chance of a trial
+    swapped: float = 0.6  # chance of a swap
+    slot_s: float = 1e-4
+    packet: int = 2  # pairs
+    share: float = 0.9  # of the packets that are to be there within their window
+    period_s: float = 1.0  # from release to deadline
+
+    def chance(self, links: int) -> float:
+        """Return the chance of a pair from end to end in a slot."""
+        link: float = 1 - (1 - self.made) ** self.trials
+        return link**links * self.swapped ** (links - 1)
+
+    def window(self, links: int) -> int:
+        """Return the fewest slots in which the share of the packets is made."""
+        from scipy.stats import nbinom  # takes a second, which few need
+
+        return self.packet + int(nbinom.ppf(self.share, self.packet, self.chance(links)))
+
+
+@dataclass
+class Application:
+    """Two places that want packets."""
+
+    path: list[str]  # places
+    chance: float  # of a pair in a slot
+    window: int  # slots
+    releases: int = 0
+    released_s: float = 0.0  # the last of them
+    packets: int = 0  # that were made
+    succeeds: bool = False  # the attempt that is under way
+
+
+def addresses(number: int) -> tuple[str, str]:
+    """Return the addresses of an application's two hosts."""
+    return f"10.1.{number >> 8}.{number & 0xFF}", f"10.2.{number >> 8}.{number & 0xFF}"
+
+
+def application_of(asked: Asked) -> int:
+    """Return whose request it is."""
+    return int(IPv4Address(asked.opener)) & 0xFFFF
+
+
+def graph_of(read: Map) -> "networkx.Graph[str]":
+    """Return the places and ways of a map."""
+    return networkx.Graph([(way.one, way.other) for way in read.ways])
+
+
+def tree_of(read: Map, centre: str) -> Map:
+    """Return the map with the ways that lead soonest to its centre: one for any two places."""
+    kept = {frozenset(ends) for ends in networkx.bfs_tree(graph_of(read), centre).edges()}
+    return replace(read, ways=[way for way in read.ways if {way.one, way.other} in kept])
+
+
+def drawn(read: Map, pairs: Pairs, count: int, seed: int) -> list[Application]:
+    """Return as many applications as the program of the paper's authors draws with this seed."""
+    graph, names = graph_of(read), [place.name for place in read.places]
+    random, found = np.random.default_rng(seed), []
+    for _ in range(count):
+        one, other = random.choice(names, 2, replace=False).tolist()
+        random.uniform(), random.choice(1, 1, replace=False)  # a period, and a policy
+        path = networkx.shortest_path(graph, one, other)
+        links = len(path) - 1
+        found.append(Application(path, pairs.chance(links), pairs.window(links)))
+    return found
+
+
+def timetable(applications: Sequence[Application], pairs: Pairs) -> list[float] | None:
+    """Return when in each period windows begin, one behind the other where they share links.
+
+    None: one of them ends behind the period. All have the same deadline, so that this is by
+    earliest deadline.
+    """
+    free: defaultdict[frozenset[str], float] = defaultdict(float)
+    starts = []
+    for each in applications:
+        links = [frozenset(ends) for ends in pairwise(each.path)]
+        starts.append(max(free[link] for link in links))
+        free.update(dict.fromkeys(links, starts[-1] + each.window * pairs.slot_s))
+    return starts if max(free.values()) <= pairs.period_s + ROUNDING_S else None
+
+
+@dataclass
+class Requests:
+    """What applications ask for until each has its packets.
+
+    Online packets are released as a Poisson process each, and tried again while there is time; by
+    a timetable they are released in each period, and tried once.
+    """
+
+    applications: Sequence[Application]
+    pairs: Pairs
+    wanted: int  # packets of each
+    rate_per_s: float
+    random: np.random.Generator
+    starts: Sequence[float] | None = None  # of the timetable
+    most: int = MOST  # releases of each, whatever becomes of them
+    turnarounds_s: list[float] = field(default_factory=list)  # from release on, of those made
+
+    @property
+    def released(self) -> int:
+        """How many packets have been released."""
+        return sum(each.releases for each in self.applications)
+
+    @property
+    def share(self) -> float:
+        """Which share of the packets was made."""
+        return len(self.turnarounds_s) / self.released
+
+    def begin(self) -> list[Asked]:
+        """Return the first requests."""
+        found = (self._released(number, 0.0) for number in range(len(self.applications)))
+        return [asked for asked in found if asked is not None]
+
+    def then(self, told: Told, now: float) -> Asked | None:
+        """Return what the opener of a request that is over asks for next."""
+        number = application_of(told.asked)
+        own = self.applications[number]
+        if told.used and own.succeeds:
+            own.packets += 1
+            self.turnarounds_s.append(now - own.released_s)
+        elif told.used and self.starts is None:
+            again = self._attempt(number, now + ROUNDING_S)  # behind those that wait already
+            if again is not None:
+                return again
+        return self._released(number, now)
+
+    def _released(self, number: int, now: float) -> Asked | None:
+        """Return the request for its next packet that can be there by its deadline."""
+        own = self.applications[number]
+        while own.packets < self.wanted and own.releases < self.most:
+            if self.starts is None:
+                own.released_s += self.random.exponential(1 / self.rate_per_s)
+                begin_s = own.released_s
+            else:
+                own.released_s = own.releases * self.pairs.period_s
+                begin_s = own.released_s + self.starts[number]
+            own.releases += 1
+            asked = self._attempt(number, max(now, begin_s))
+            if asked is not None:
+                return asked
+        return None
+
+    def _attempt(self, number: int, at_s: float) -> Asked | None:
+        """Return the request, None if its window would end behind the deadline."""
+        own, pairs = self.applications[number], self.pairs
+        window_s = own.window * pairs.slot_s
+        left_s = own.released_s + pairs.period_s - window_s - at_s
+        if left_s < -ROUNDING_S:
+            return None
+        needed = pairs.packet + int(self.random.negative_binomial(pairs.packet, own.chance))
+        own.succeeds = needed <= own.window
+        return Asked(
+            at_s,
+            *addresses(number),
+            min(needed, own.window) * pairs.slot_s,
+            deadline_s=left_s + window_s,
+            wavelength_pm=Asked.wavelength_pm + GRID_PM * number,
+            useful_s=left_s + ROUNDING_S,
+        )
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Applications that are drawn, and what they ask for."""
+
+    count: int
+    seed: int  # as their program has it
+    packets: int  # of each that are wanted
+    rate_per_s: float  # of each, where they come as a Poisson process
+    by_timetable: bool
+    most: int  # releases of each, whatever becomes of them
+
+
+def ask_in_counted_time(read: Map, asking: Requests, queue: Queue, signalling: float) -> None:
+    """Have applications ask the controller of a map until all have their packets.
+
+    Each has two hosts of its own, and a wavelength, so that it has the fibres of its path alone, of
+    which there is one for each way. Messages take `signalling` times as long as light in fibre.
+    """
+    network, switches = network_of(read, 1)
+    away_s = {place: signalling * far_s for place, far_s in away(read, switches).items()}
+    for number, each in enumerate(asking.applications):
+        ends = zip(addresses(number), (each.path[0], each.path[-1]), strict=True)
+        for side, (address, place) in enumerate(ends):
+            at = SwitchPort(switches[place], FIRST_PORT + 2 * number + side)
+            network.attach(at, HostPort(address, address, f"{address}-q0"))
+            away_s[address] = away_s[switches[place]]
+    arbiter = Arbiter(network, FOR_EVER_S, FOR_EVER_S, queues=True, order=queue)
+    CountedTime(arbiter, away_s.__getitem__, asking.then).run(asking.begin())
+
+
+def measured(
+    read: Map, wanted: Drawn, queue: Queue, signalling: float, random: np.random.Generator
+) -> dict[str, float]:
+    """Have applications ask in counted time; return their share, and their mean turnaround in s."""
+    applications = drawn(read, Pairs(), wanted.count, wanted.seed)
+    starts = timetable(applications, Pairs()) if wanted.by_timetable else None
+    limits = wanted.packets, wanted.rate_per_s, random, starts, wanted.most
+    asking = Requests(applications, Pairs(), *limits)
+    ask_in_counted_time(read, asking, queue, signalling)
+    return {"share": asking.share, "turnaround": float(np.mean(asking.turnarounds_s))}

@@ -1,0 +1,129 @@
+"""Schedulers of light on a map: the controller's own arbiter in counted time, signalling and all.
+
+Places have hosts with two fibres each, and between neighbours there are two, as in topologies/
+mapped.py; the controller is where the farthest place is nearest, and messages take as long as light
+in fibre does. Any two hosts ask, as a Poisson process, each request with a deadline; who asks makes
+the photons. A fibre loses nothing here: what is shared is its light.
+"""
+
+from random import Random
+
+from controller_apps.light.optics import SwitchOptics, SwitchPort
+from controller_apps.light.paths import HostPort, Network
+from controller_apps.policy.orders import ORDERS, Queue
+from controller_apps.sessions.arbiter import Arbiter
+from evidence.curves.contention import FOR_EVER_S, batched
+from evidence.curves.estimates import Estimate
+from evidence.curves.experiment import Experiment, Measure, Outcome, SweepError, number
+from evidence.curves.parameters import Parameter, Values
+from evidence.traffic.counted import Asked, CountedTime, Told
+from programs.ways import Ways, shortest
+from topologies.catalogue.maps import BadMap, Map, read_map
+from topologies.links.copper_lengths import centre
+from wire.optical import ANY_PORT, PathOptics
+from wire.parameters.fiber import SPEED_IN_FIBER_M_PER_S
+
+RATE = Parameter("rate_per_s", 20.0, 0.001, 1_000.0, "requests/s")
+ORDER = Parameter("order", "fcfs", choices=tuple(ORDERS))
+MAP = Parameter("map", "garr", text="a known map")
+SIGNALLING = Parameter("signalling", "on", choices=("on", "off"))
+HOLDING = Parameter("holding_s", 0.5, 0.01, 60.0, "s")
+SLOT = Parameter("slot_s", 0.6, 0.05, 60.0, "s")
+DEADLINE = Parameter("deadline_s", 3.0, 0.1, 600.0, "s")  # the latest; any from none on
+URGENT = Parameter("urgent", 0.2)
+SESSIONS = Parameter("sessions", 2_000, 400, 1_000_000)
+HOST_FIBERS = WAY_FIBERS = 2
+
+
+def network_of(read: Map, way_fibers: int = WAY_FIBERS) -> tuple[Network, dict[str, int]]:
+    """Return the network as it would have been discovered, and the switch of each place."""
+    switches = {place.name: number for number, place in enumerate(read.places, 1)}
+    network = Network(set(switches.values()))
+    free = dict.fromkeys(switches.values(), HOST_FIBERS + 1)
+    for name, dpid in switches.items():
+        network.optics.told(dpid, SwitchOptics(PathOptics(ANY_PORT, ANY_PORT, 0, 0)))
+        for port in range(1, HOST_FIBERS + 1):
+            host = HostPort(name, address(dpid), f"{name}-q{port - 1}")
+            network.attach(SwitchPort(dpid, port), host)
+    for way in read.ways:
+        for _ in range(way_fibers):
+            one, other = switches[way.one], switches[way.other]
+            network.add_link(SwitchPort(one, free[one]), SwitchPort(other, free[other]))
+            free[one], free[other] = free[one] + 1, free[other] + 1
+    return network, switches
+
+
+def address(dpid: int) -> str:
+    """Return the address of the host at a switch."""
+    return f"10.0.{dpid >> 8}.{dpid & 0xFF}"
+
+
+def away(read: Map, switches: dict[str, int]) -> dict[str | int, float]:
+    """Return how long a message takes between the controller and each host or switch."""
+    ways: Ways = {place.name: {} for place in read.places}
+    for way in read.ways:
+        for one, other in ((way.one, way.other), (way.other, way.one)):
+            ways[one][other] = min(way.length_km, ways[one].get(other, way.length_km))
+    far_km = shortest(ways, str(centre(ways, list(ways))))
+    found: dict[str | int, float] = {}
+    for name, dpid in switches.items():
+        found[dpid] = found[address(dpid)] = far_km.get(name, 0.0) * 1e3 / SPEED_IN_FIBER_M_PER_S
+    return found
+
+
+def requests(values: Values, hosts: list[str], random: Random) -> list[Asked]:
+    """Return what is asked for, the same for every order."""
+    now, found = 0.0, []
+    for _ in range(int(values[SESSIONS.name])):
+        now += random.expovariate(number(values, RATE.name))
+        opener, acceptor = random.sample(hosts, 2)
+        urgent = int(random.random() < number(values, URGENT.name))
+        deadline_s = max(random.uniform(0.0, number(values, DEADLINE.name)), 0.001)
+        holding_s = number(values, HOLDING.name)
+        found.append(Asked(now, opener, acceptor, holding_s, urgent, deadline_s))
+    return found
+
+
+async def schedule(values: Values, seed: int) -> Outcome:
+    """Have them all ask; count who had light in time, and how long it took."""
+    try:
+        read = read_map(str(values[MAP.name]))
+    except BadMap as error:
+        raise SweepError(str(error)) from error
+    network, switches = network_of(read)
+    away_s = away(read, switches) if values[SIGNALLING.name] == "on" else {}
+    slot_s = number(values, SLOT.name)
+    queue = Queue(str(values[ORDER.name]), slot_s)
+    arbiter = Arbiter(network, FOR_EVER_S, FOR_EVER_S, queues=True, order=queue)
+    asked = requests(values, [address(dpid) for dpid in switches.values()], Random(seed))  # noqa: S311
+    told = CountedTime(arbiter, lambda place: away_s.get(place, 0.0)).run(asked)
+    return {
+        "in_time": share_in_time(told),
+        "urgent_in_time": share_in_time([each for each in told if each.asked.priority]),
+        "wait": mean_wait([each.waited_s for each in told if each.waited_s is not None]),
+    }
+
+
+def share_in_time(told: list[Told]) -> Estimate:
+    """Return the share of requests that could use light by their deadline."""
+    waited = ((each.waited_s, each.asked.deadline_s) for each in told)
+    fit = (had is not None and had <= deadline_s for had, deadline_s in waited)
+    return batched(len(told), dict.fromkeys((n for n, fits in enumerate(fit, 1) if fits), 1.0))
+
+
+def mean_wait(waits: list[float]) -> Estimate:
+    """Return the mean time until light, of those that had some."""
+    return batched(len(waits), dict(enumerate(waits, 1)))
+
+
+SCHEDULE = Experiment(
+    "schedule",
+    "schedulers of light on a map, by the controller in counted time, signalling included",
+    (RATE, ORDER, MAP, SIGNALLING, HOLDING, SLOT, DEADLINE, URGENT, SESSIONS),
+    (
+        Measure("in_time", "requests with light by their deadline"),
+        Measure("urgent_in_time", "urgent requests with light by their deadline"),
+        Measure("wait", "mean time until light (s)"),
+    ),
+    schedule,
+)

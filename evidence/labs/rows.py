@@ -1,0 +1,50 @@
+"""Published figures beside the physical layer alone: the rows of labs, and those of no lab.
+
+Every figure is measured once, however many rows are of it.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+
+from evidence.curves.catalogue import EXPERIMENTS
+from evidence.curves.experiment import Outcome
+from evidence.curves.grid import Grid, Measurer, build
+from evidence.curves.parameters import Value, Values
+from evidence.labs.catalogue import lab, names
+from evidence.labs.lab import Finding, PublishedRow
+from evidence.labs.published import PUBLISHED
+
+Place = tuple[str, tuple[tuple[str, Value], ...]]  # an experiment, and the values of all parameters
+
+
+def rows() -> list[PublishedRow]:
+    """Return all rows that there are."""
+    return [*(row for name in names() for row in lab(name).rows), *PUBLISHED]
+
+
+def points(of: Iterable[PublishedRow]) -> dict[str, list[Values]]:
+    """Return what is to be measured, by experiment; raise BadGrid for what cannot be."""
+    found: dict[str, dict[Place, Values]] = {}
+    for row in of:
+        for name, values in _points(row):
+            found.setdefault(name, {})[_place(name, values)] = values
+    return {name: list(places.values()) for name, places in found.items()}
+
+
+def measured(of: Sequence[PublishedRow], seed: int, measurer: Measurer) -> Iterator[list[Finding]]:
+    """Measure point by point; yield nothing new behind each, and all findings in the end."""
+    told: dict[Place, Outcome] = {}
+    for name, wanted in points(of).items():
+        for values, outcome in measurer(Grid(EXPERIMENTS[name], {}), wanted, seed):
+            told[_place(name, values)] = outcome
+            yield []
+    yield [row.finding([told[_place(*point)] for point in _points(row)]) for row in of]
+
+
+def _points(row: PublishedRow) -> Iterator[tuple[str, Values]]:
+    """Yield the points of a row, with a value for each parameter."""
+    for name, given in row.points:
+        yield name, next(build(EXPERIMENTS[name], given).points())
+
+
+def _place(name: str, values: Values) -> Place:
+    return name, tuple(sorted(values.items()))

@@ -1,0 +1,71 @@
+"""Datagrams of one size at random times between two hosts, and how long each was on its way.
+
+    python -m evidence.networks.datagrams hear                    prints the times of each, in ns
+    python -m evidence.networks.datagrams say 10.0.0.2 --per-s 20 --frame-bytes 1250
+
+They come as a Poisson process; both hosts have one clock, that of the machine.
+"""
+
+import argparse
+import random
+import socket
+import struct
+import time
+from collections.abc import Iterator
+
+PORT = 10_009
+HEADERS_BYTES = 14 + 20 + 8  # of Ethernet, IPv4 and UDP
+LEAST_FRAME_BYTES, MOST_FRAME_BYTES = 60, 1514
+SENT_NS = struct.Struct("!Q")
+
+
+def main() -> None:
+    """Say or hear until somebody ends it."""
+    parser = argparse.ArgumentParser(prog="datagrams", description=__doc__)
+    verbs = parser.add_subparsers(dest="verb", required=True)
+    verbs.add_parser("hear")
+    say_parser = verbs.add_parser("say")
+    say_parser.add_argument("address")
+    say_parser.add_argument("--per-s", type=float, required=True)
+    say_parser.add_argument("--frame-bytes", type=int, required=True)
+    say_parser.add_argument("--seed", type=int, default=1)
+    asked = parser.parse_args()
+    if asked.verb == "hear":
+        hear()
+    else:
+        say(asked.address, asked.per_s, asked.frame_bytes, asked.seed)
+
+
+def hear() -> None:
+    """Print when each datagram was sent and came, for ever."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as hearing:
+        hearing.bind(("", PORT))
+        print("ready", flush=True)
+        while True:
+            data = hearing.recv(MOST_FRAME_BYTES)
+            came_ns = time.monotonic_ns()
+            if len(data) >= SENT_NS.size:
+                print(SENT_NS.unpack_from(data)[0], came_ns, flush=True)
+
+
+def say(address: str, per_s: float, frame_bytes: int, seed: int) -> None:
+    """Send datagrams for ever, each at its time also if the one before was late."""
+    padding = bytes(frame_bytes - HEADERS_BYTES - SENT_NS.size)
+    due_s = time.monotonic()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as saying:
+        saying.connect((address, PORT))
+        for gap_s in gaps_s(per_s, seed):
+            due_s += gap_s
+            time.sleep(max(0.0, due_s - time.monotonic()))
+            saying.send(SENT_NS.pack(time.monotonic_ns()) + padding)
+
+
+def gaps_s(per_s: float, seed: int) -> Iterator[float]:
+    """Yield the times between datagrams."""
+    draws = random.Random(seed)  # noqa: S311
+    while True:
+        yield draws.expovariate(per_s)
+
+
+if __name__ == "__main__":
+    main()

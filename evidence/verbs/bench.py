@@ -1,0 +1,198 @@
+"""qmn bench: measure this machine; print numbers, and ratios to a baseline of the same run."""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+from evidence.bench.controller_load import controller_benchmarks
+from evidence.bench.live_pairs import BLOCK_PAIRS, cost_by_live_pairs
+from evidence.bench.many_hosts import many_hosts_benchmarks
+from evidence.bench.measurement import seconds_of
+from evidence.bench.overhead import overhead_benchmarks
+from evidence.bench.path_benchmarks import path_benchmarks
+from evidence.bench.physical_layer import physical_layer_benchmarks
+from evidence.bench.sabot_speed import sabot_speed
+from evidence.bench.service_rates import (
+    key_benchmarks,
+    swap_benchmarks,
+    teleport_benchmarks,
+)
+from hosts.quantum_socket import QuantumSocket
+from qmn.needs import Needs
+from qmn.timeouts import MEASURE_TIMEOUT_S, RUN_TIMEOUT_S
+from topologies.networks.network import Interrupted, Network, Signals, require_root
+from topologies.sdc import SdcTopo
+from topologies.system.processes.programs import NetworkError, python
+from topologies.system.processes.signals import interrupted_words
+from topologies.system.runs.runtime import Runtime
+from topologies.tree import LEAST_HOSTS, MOST_HOSTS
+
+MEBIBYTE = 1 << 20
+PAIRS_PER_BYTE = 4
+BROADCAST = "10.0.0.255"
+LIVE_PAIRS = [100, 1_000, 10_000, 100_000, 1_000_000]
+PACKET_INS_PER_PAIR = 2  # the set-up message, and the end of its connection
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    parser = verbs.add_parser("bench", description=__doc__)
+    parser.add_argument("--pairs", type=int, default=256, help="of the per-pair handshake (256)")
+    parser.add_argument("--setups", type=int, default=500, help="light paths to set up (500)")
+    text = "sizes of networks to start, 3 to 1024, with commas (4,16,64)"
+    parser.add_argument("--hosts", type=sizes, default=(4, 16, 64), metavar="N,N", help=text)
+    parser.set_defaults(call=call, needs=Needs.NETWORK)
+
+
+def sizes(text: str) -> tuple[int, ...]:
+    """Return sizes of networks; raise ArgumentTypeError for anything else."""
+    words = text.split(",")
+    if not all(word.isdecimal() and LEAST_HOSTS <= int(word) <= MOST_HOSTS for word in words):
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: numbers of hosts are {LEAST_HOSTS} to {MOST_HOSTS}, as 4,16,64"
+        )
+    return tuple(map(int, words))
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """Measure everything; a network that does not start is one line and a status."""
+    try:
+        require_root()
+        with Signals() as signals, tempfile.TemporaryDirectory(prefix="qmn-bench-") as folder:
+            for name, text in chain(sabot_speed(), physical_layer_benchmarks()):
+                show(name, text)
+            for name, text in overhead_benchmarks(Path(folder), signals):
+                show(name, text)
+            run(Path(folder), arguments.pairs, signals)
+            for name, text in key_benchmarks(Path(folder), signals):
+                show(name, text)
+            for name, text in teleport_benchmarks(Path(folder), signals):
+                show(name, text)
+            for name, text in swap_benchmarks(Path(folder), signals):
+                show(name, text)
+            for name, text in path_benchmarks(Path(folder), arguments.setups, signals):
+                show(name, text)
+            for framework in ("ryu", "os-ken"):
+                parts = controller_benchmarks(Path(folder) / framework, signals, framework)
+                for name, text in parts:
+                    show(name, text)
+            for name, text in many_hosts_benchmarks(Path(folder), arguments.hosts, signals):
+                show(name, text)
+    except Interrupted as error:
+        print(f"qmn: {interrupted_words(error)}", file=sys.stderr)
+        return error.status
+    except NetworkError as error:
+        print(f"qmn: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def run(folder: Path, pairs: int, signals: Signals) -> None:
+    """Print one line for each benchmark."""
+    show("whole run, 1 KiB, native", f"{whole_run(folder):.1f} s")
+    with Network(SdcTopo, Runtime(log_folder=folder / "network"), signals) as network:
+        network.capture("s1")
+        seconds = send(network, os.urandom(MEBIBYTE), "framed")
+        show("framed, 1 MiB", f"{MEBIBYTE * PAIRS_PER_BYTE / seconds:,.0f} Bell pairs/s")
+        connect_s, packet_in_s = baseline(network, pairs)
+        show("baseline: TCP connect and close", f"{connect_s * 1e3:.3f} ms")
+        show("baseline: packet-in to packet-out", f"{packet_in_s * 1e3:.3f} ms")
+        size = max(pairs // PAIRS_PER_BYTE, 1)
+        seconds, pairs = send(network, os.urandom(size), "per-pair"), size * PAIRS_PER_BYTE
+        for live, pair_s, state in cost_by_live_pairs(network.runtime, LIVE_PAIRS):
+            show(
+                f"dispatcher, {live:,} live pairs",
+                f"{pair_s * 1e6:.2f} us a pair in blocks of {BLOCK_PAIRS:,}, "
+                f"{state:.1f} bytes of state a live pair",
+            )
+    each_s, baseline_s = seconds / pairs, connect_s + PACKET_INS_PER_PAIR * packet_in_s
+    show("per-pair", f"{1 / each_s:,.0f} Bell pairs/s, {each_s * 1e3:.3f} ms each")
+    show("per-pair to its baseline", f"{each_s / baseline_s:.2f} times {baseline_s * 1e3:.3f} ms")
+
+
+def show(name: str, text: str) -> None:
+    """Print what a benchmark has found."""
+    print(f"{name:<34}{text}", flush=True)
+
+
+def whole_run(folder: Path) -> float:
+    """Return the time of `qmn run sdc` with 1 KiB, from start to clean machine.
+
+    It is the command that is measured, its imports included: so it is a process of its own.
+    """
+    file = folder / "kibibyte"
+    file.write_bytes(os.urandom(1024))
+    command = ["-m", "qmn", "run", "sdc", "--file", str(file), "--runs", str(folder / "runs")]
+    started = time.perf_counter()
+    try:
+        done = subprocess.run(
+            [python(), *command],
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=RUN_TIMEOUT_S,
+        )
+    except subprocess.TimeoutExpired as error:
+        raise NetworkError(f"qmn run sdc did not end in {RUN_TIMEOUT_S:g} s") from error
+    if done.returncode:
+        raise NetworkError(f"qmn run sdc failed: {done.stderr.strip()}")
+    return time.perf_counter() - started
+
+
+def send(network: Network, data: bytes, handshake: str) -> float:
+    """Return the time from the first byte to the verified last, connecting not counted."""
+    with (
+        QuantumSocket(network.runtime.socket("bob")) as listener,
+        receiving(listener),
+        QuantumSocket(network.runtime.socket("alice")) as sender,
+    ):
+        sender.connect(("bob", 7), handshake=handshake)
+        started = time.perf_counter()
+        sender.sendall(data)
+        sender.shutdown()
+        return time.perf_counter() - started
+
+
+@contextmanager
+def receiving(listener: QuantumSocket) -> Iterator[None]:
+    """Take one connection and what it brings, beside the caller."""
+    listener.settimeout(MEASURE_TIMEOUT_S)
+    listener.listen(7)
+    reader = threading.Thread(target=_read_all, args=(listener,))
+    reader.start()
+    yield
+    reader.join(MEASURE_TIMEOUT_S)
+
+
+def _read_all(listener: QuantumSocket) -> None:
+    connection, _peer = listener.accept()
+    with connection:
+        while connection.recv(MEBIBYTE):
+            pass
+
+
+def baseline(network: Network, count: int) -> tuple[float, float]:
+    """Return the seconds of one TCP connect and of one packet-in, alice to bob."""
+    bob = network.runtime.addresses["bob"]
+    server = network.run_on(
+        "bob", "baseline", [python(), "-m", "evidence.bench.baseline", "serve", bob]
+    )
+    server.wait_for("ready", MEASURE_TIMEOUT_S)
+    connect_s = measure(network, "connects", count, bob)
+    return connect_s, measure(network, "packet-ins", count, BROADCAST)
+
+
+def measure(network: Network, what: str, count: int, address: str) -> float:
+    """Run one text on alice to its end."""
+    command = [python(), "-m", "evidence.bench.baseline", what, str(count), address]
+    program = network.run_on("alice", what, command)
+    return seconds_of(network, program)

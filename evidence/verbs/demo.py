@@ -1,0 +1,73 @@
+"""qmn demo [NAME]: effects of a whole network, measured and drawn beside theory.
+
+Without a name: list the demos. Each is a sweep of emulated networks on a grid of its own;
+`qmn sweep NAME --emulate` takes other grids.
+"""
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from evidence.networks.catalogue import DEMOS
+from evidence.networks.of_time import TIME_SCALE
+from evidence.verbs import sweep
+from qmn.needs import Needs
+from qmn.network.time_scale import REAL
+from qmn.options import add_options, read
+from qmn.requests.run_options import LiveOptions
+from wire.parameters.option import option
+
+AT_A_TIME = 1  # networks: beside another, software is slower
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemoOptions(LiveOptions):
+    """Where a demo leaves its figures."""
+
+    seed: int = option(1, "of all randomness (1)")
+    time_scale: float = option(
+        REAL,
+        f"one second of each network takes K seconds here ({REAL})",
+        metavar="K",
+    )
+    out: Path = option(Path("demos"), "(demos)", metavar="FOLDER")
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    parser = verbs.add_parser(
+        "demo",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("name", nargs="?", choices=[*DEMOS], metavar="NAME", help=", ".join(DEMOS))
+    add_options(parser, DemoOptions)
+    parser.set_defaults(call=call, needs=_needed)
+
+
+def _needed(arguments: argparse.Namespace) -> Needs:
+    return Needs.ROOT if arguments.name is not None else Needs.NOTHING
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """List the demos, or run one."""
+    if arguments.name is None:
+        for name, demo in DEMOS.items():
+            print(f"{name:16}{demo.what}")
+        return 0
+    return sweep.run(options_of(arguments))
+
+
+def options_of(arguments: argparse.Namespace) -> sweep.SweepOptions:
+    """Return the demo as a sweep."""
+    own = read(DemoOptions, arguments)
+    return sweep.SweepOptions(
+        what=DEMOS[arguments.name].experiment.name,
+        axes={**DEMOS[arguments.name].axes, TIME_SCALE.name: str(own.time_scale)},
+        emulate=True,
+        seed=own.seed,
+        out=own.out / arguments.name,
+        workers=AT_A_TIME,
+        live=own.live,
+    )

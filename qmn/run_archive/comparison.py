@@ -1,0 +1,106 @@
+"""Two runs beside each other: parameters, figures, and when what happened first."""
+
+import json
+from collections.abc import Container, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from qmn.running.event_sources import recorded
+from topologies.system.runs.runtime import EVENT_CAPTURE
+from wire.controller_lines import read_record
+from wire.results import schema
+from wire.results.run_result import RESULT, Message
+
+Row = tuple[str, str, str]
+TOLD = ("service", "topology", "controller", "seed", "parameters")
+DIGITS = 12  # of a digest, by which people tell messages apart
+FROM_THE_START = ("open", "create", "send", "arrive", "store", "measure", "bell-measure", "close")
+
+
+def parameters(one: Path, two: Path) -> list[Row]:
+    """Return the parameters that differ, and what was sent."""
+    first, second = ({**_plain(_result(run), TOLD), **_sent(run)} for run in (one, two))
+    return [row for row in _beside(first, second) if row[1] != row[2]]
+
+
+def _sent(run: Path) -> dict[str, str]:
+    """Return the message of a run, if it has one, in a few words."""
+    given = schema.head_of(_result(run)).job.get("message")
+    if given is None:
+        return {}
+    message = schema.read(Message, given, "job.message")
+    digest = message.sha256_sent
+    told = f"SHA-256 {digest[:DIGITS]}" if digest else Path(message.file).name
+    return {"message": f"{message.bytes:,} bytes, {told}"}
+
+
+def figures(one: Path, two: Path) -> list[Row]:
+    """Return all numbers that both results tell, and those that one alone does."""
+    left_out = ("parameters", "network", "every_fiber", "devices", "seed", "captures")
+    results = (_result(run) for run in (one, two))
+    first, second = (
+        _plain(result, [name for name in result if name not in left_out]) for result in results
+    )
+    told = {name for each in (first, second) for name, value in each.items() if _number(value)}
+    return list(_beside(first, second, told))
+
+
+def moments(one: Path, two: Path) -> list[Row]:
+    """Return when each kind of thing first happened, in ms since the first set-up of a path."""
+    first, second = map(_first_times, (one, two))
+    order = sorted({**first, **second}, key=lambda name: first.get(name, second.get(name, 0.0)))
+    return [(name, _ms(first.get(name)), _ms(second.get(name))) for name in order]
+
+
+def _ms(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
+
+
+def _first_times(run: Path) -> dict[str, float]:
+    times: dict[str, int] = {}
+    capture = run / EVENT_CAPTURE
+    for event in recorded(capture, follow=False) if capture.exists() else ():
+        if event.kind in FROM_THE_START:
+            times.setdefault(event.kind, event.time_ns)
+    for fact in read_record(run):
+        if fact["event"] in ("granted", "refused", "torn_down"):
+            times.setdefault(fact["event"].replace("_", " "), fact["time_ns"])
+    origin = min(times.values(), default=0)
+    return {name: (time_ns - origin) / 1e6 for name, time_ns in times.items()}
+
+
+def _result(run: Path) -> dict[str, Any]:
+    return schema.read(dict[str, Any], schema.decoded(run / RESULT))
+
+
+def _plain(values: Mapping[str, Any], names: Any) -> dict[str, Any]:
+    """Return values without depth: {"path_setup_ms": {"p50": 1}} is {"path_setup_ms p50": 1}."""
+    found: dict[str, Any] = {}
+    for name in names:
+        value = values.get(name)
+        if isinstance(value, Mapping):
+            prefix = "" if name in ("parameters", "job") else f"{name} "
+            found |= {f"{prefix}{key}": each for key, each in _plain(value, value).items()}
+        elif isinstance(value, int | float | str | bool) or name in values:
+            found[name] = value
+    return found
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, int | float)
+
+
+def _beside(
+    first: Mapping[str, Any], second: Mapping[str, Any], names: Container[str] | None = None
+) -> Iterator[Row]:
+    for name in {**first, **second}:
+        if names is None or name in names:
+            yield name.replace("_", " "), _text(first.get(name)), _text(second.get(name))
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return value if isinstance(value, str) else json.dumps(value)

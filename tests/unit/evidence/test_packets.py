@@ -1,0 +1,188 @@
+"""Applications that want packets of pairs: closed forms, and numbers of the authors' program.
+
+arXiv:2605.28795; what their program draws is in labs/scheduling/reference.json.
+"""
+
+import json
+from math import sqrt
+from statistics import fmean, stdev
+
+import numpy as np
+import pytest
+
+from controller_apps.policy.orders import Queue
+from controller_apps.sessions.arbiter import Arbiter
+from evidence.curves.contention import FOR_EVER_S, address, trunk
+from evidence.curves.packet_sessions import as_sessions, counted, of_counted, of_emulated
+from evidence.curves.packets import (
+    Application,
+    Pairs,
+    Requests,
+    ask_in_counted_time,
+    drawn,
+    timetable,
+    tree_of,
+)
+from evidence.curves.scheduling import away, network_of
+from evidence.labs import catalogue
+from evidence.traffic.counted import GIVEN_UP, Asked, CountedTime, Told
+from evidence.traffic.plan import Planned, Traffic, plan
+from topologies.catalogue.maps import read_map
+from wire.results.run_result import LoadSession
+
+GARR = read_map("garr")
+TOLD = json.loads((catalogue.LABS / "scheduling" / "reference.json").read_text())
+
+
+def two_or_more(slots: int, chance: float) -> float:
+    """Return how likely two of so many slots, or more, have a pair."""
+    return 1 - (1 - chance) ** slots - slots * chance * (1 - chance) ** (slots - 1)
+
+
+@pytest.mark.parametrize("links", [1, 3, 8])
+def test_a_window_is_the_shortest_in_which_nine_of_ten_packets_are_made(links: int) -> None:
+    pairs = Pairs()
+    chance = (1 - 0.999**1000) ** links * 0.6 ** (links - 1)
+    assert pairs.chance(links) == pytest.approx(chance)
+    window = pairs.window(links)
+    assert two_or_more(window - 1, chance) < 0.9 <= two_or_more(window, chance)
+
+
+@pytest.mark.parametrize("seed", range(1, 7))
+def test_applications_are_those_of_the_authors_program(seed: int) -> None:
+    found = drawn(tree_of(GARR, "rm2"), Pairs(), 30, seed)
+    windows_s = sum(each.window for each in found) * 1e-4
+    assert windows_s == pytest.approx(TOLD["tree 4 edf"]["windows_s"][seed - 1])
+
+
+def test_there_is_a_timetable_where_the_authors_program_finds_one() -> None:
+    """Commit ab9d3f05: --scheduler static --apps 100 on Garr201201.gml, seeds 1 to 8."""
+    fits = [timetable(drawn(GARR, Pairs(), 100, seed), Pairs()) for seed in range(1, 9)]
+    assert [seed for seed, starts in enumerate(fits, 1) if starts is not None] == [1, 3, 6, 7]
+
+
+def asking(paths: list[list[str]], wanted: int, table: bool = False) -> Requests:
+    pairs = Pairs()
+    applications = [
+        Application(path, pairs.chance(len(path) - 1), pairs.window(len(path) - 1))
+        for path in paths
+    ]
+    starts = timetable(applications, pairs) if table else None
+    return Requests(applications, pairs, wanted, 1.0, np.random.default_rng(1), starts)
+
+
+def test_by_timetable_as_many_packets_are_made_as_fit_their_windows() -> None:
+    """And one window is behind the other where they share a link."""
+    found = asking([["rm2", "rm1"], ["rm2", "rm1", "ca1"]], 500, table=True)
+    one, other = found.applications
+    assert found.starts == [0.0, pytest.approx(one.window * 1e-4)]
+    ask_in_counted_time(GARR, found, Queue(), 0.0)
+    for each in (one, other):
+        chance = two_or_more(each.window, each.chance)
+        share = each.packets / each.releases
+        assert abs(share - chance) < 5 * sqrt(chance * (1 - chance) / each.releases)
+
+
+def test_one_that_is_alone_waits_for_nothing_but_its_messages() -> None:
+    """Two ways to either end and two to the farthest switch for each attempt (Wald's equation)."""
+    for times in (0, 3):
+        found = asking([["rm2", "rm1"]], 400)
+        ask_in_counted_time(GARR, found, Queue("edf"), times)
+        assert found.share == 1.0
+        (own,) = found.applications
+        _network, switches = network_of(GARR)
+        far_s = [times * away(GARR, switches)[switches[place]] for place in own.path]
+        messages_s = 2 * sum(far_s) + 2 * max(far_s)
+        slots = sum(1 - two_or_more(slot, own.chance) for slot in range(own.window))
+        attempt_s = messages_s + slots * 1e-4
+        wanted_s = attempt_s / two_or_more(own.window, own.chance)
+        took_s = found.turnarounds_s
+        assert abs(fmean(took_s) - wanted_s) < 5 * stdev(took_s) / sqrt(len(took_s))
+
+
+def test_light_of_another_wavelength_does_not_share_a_fibre_the_other_way() -> None:
+    """Both directions of a port have one tuning."""
+    for apart_pm, waits in ((0, 0.0), (200, 1.0)):
+        own = Asked.wavelength_pm
+        both = [
+            Asked(0.0, address(0, 0), address(1, 0), 1.0, wavelength_pm=own),
+            Asked(0.0, address(1, 1), address(0, 1), 1.0, wavelength_pm=own + apart_pm),
+        ]
+        arbiter = Arbiter(trunk(1), FOR_EVER_S, FOR_EVER_S, queues=True)
+        found = CountedTime(arbiter).run(both)
+        assert [each.waited_s for each in found] == [0.0, waits]
+
+
+def test_who_gives_up_asks_for_the_next_once_and_has_no_light_any_more() -> None:
+    heard: list[tuple[Told, float]] = []
+    later = Asked(2.0, address(0, 2), address(1, 2), 0.5)
+
+    def then(told: Told, now: float) -> Asked | None:
+        heard.append((told, now))
+        return later if told.reason else None
+
+    both = [
+        Asked(0.0, address(0, 0), address(1, 0), 1.0),
+        Asked(0.1, address(0, 1), address(1, 1), 1.0, useful_s=0.4),
+    ]
+    arbiter = Arbiter(trunk(1), FOR_EVER_S, FOR_EVER_S, queues=True)
+    first, given_up, third = CountedTime(arbiter, then=then).run(both)
+    assert [now for _told, now in heard] == pytest.approx([0.5, 1.0, 2.5])
+    assert (given_up.light_s, given_up.reason, given_up.used) == (None, GIVEN_UP, False)
+    assert (first.used, third.used, third.waited_s) == (True, True, 0.0)
+
+
+def test_packets_of_the_lab_are_those_that_the_model_draws() -> None:
+    """The first thirty of ten applications with four packets a second."""
+    names = [place.name for place in GARR.places]
+    file = catalogue.LABS / "scheduling" / "packets.csv"
+    read = plan("trace", Traffic(names, names, 1.0, 0.0, file=file), 1, 1_000)
+    drew = as_sessions(drawn(GARR, Pairs(), 10, 1), Pairs(), 5, 4, np.random.default_rng(1))[:30]
+    assert len(read) == len(drew)
+    for one, other in zip(read, drew, strict=True):
+        assert (one.opener, one.acceptor) == (other.opener, other.acceptor)
+        assert one.at_s == pytest.approx(other.at_s, abs=1e-6)
+        assert (one.holding_s, one.deadline_s) == pytest.approx((other.holding_s, other.deadline_s))
+
+
+def test_a_packet_holds_its_light_for_all_attempts_and_has_a_window_left_for_the_last() -> None:
+    """Each attempt holds it up to the second pair, or the whole window in vain."""
+    pairs = Pairs()
+    path = ["rm2", "rm1", "ca1"]
+    chance, window = pairs.chance(2), pairs.window(2)
+    own = [Application(path, chance, window)]
+    found = as_sessions(own, pairs, 20_000, 1.0, np.random.default_rng(1))
+    again = 1 - two_or_more(window, chance)
+    slots = np.array([each.holding_s for each in found]) / pairs.slot_s
+    # The mean of min(slots up to the second pair, window), of 1/(1 - again) attempts.
+    mean = sum(1 - two_or_more(n, chance) for n in range(window)) / (1 - again)
+    assert abs(slots.mean() - mean) < 5 * slots.std() / sqrt(len(slots))
+    assert {each.deadline_s for each in found} == {1 - window * pairs.slot_s}
+    times = [each.at_s for each in found]
+    assert times == sorted(times)
+
+
+def test_one_packet_in_counted_time_waits_for_six_ways_of_messages() -> None:
+    """To the controller, to switches and back, to the acceptor and back, and to the opener."""
+    _network, switches = network_of(GARR)
+    far_s = away(GARR, switches)
+    ends = "rm1", "mi1"
+    (told,) = counted(GARR, [Planned(0.0, *ends, 0.01, 1.0)], Queue("edf"), 1.0)
+    one, other = (far_s[switches[end]] for end in ends)
+    least = 2 * one + 2 * other + 2 * max(one, other)
+    assert told.waited_s is not None
+    assert least - 1e-9 <= told.waited_s <= 2 * one + 2 * other + 2 * max(far_s.values())
+    share, took = of_counted([told, told])
+    assert share.value == 1.0
+    assert took.value == pytest.approx(told.waited_s + 0.01)
+
+
+def test_packets_of_a_network_count_as_made_where_they_were_accepted() -> None:
+    ways = [("accepted", 0.02, 0.01), ("late", None, 0.5), ("accepted", 0.04, 0.01)]
+    share, took = of_emulated(
+        LoadSession(0, 0, "rm1", "mi1", [], outcome, "", "", setup_s, 1, 0, holding_s, None, None)
+        for outcome, setup_s, holding_s in [*ways, ("broken", 0.1, 0.5)]
+    )
+    assert share.value == 0.5
+    assert took.value == pytest.approx(0.04)  # of .03 and .05
+    assert took.error == pytest.approx(0.01)

@@ -1,0 +1,52 @@
+"""The light paths that a run had, from its cross-connects and fibres."""
+
+import json
+
+import pytest
+from recorded_run import NETWORK, events
+
+from views.report.light_paths import light_paths, photons_by_port, without_outcome
+from wire.results import schema
+from wire.results.network_facts import NetworkFacts
+
+
+def test_a_path_leads_through_switches_that_were_connected_at_the_same_time() -> None:
+    (path,) = light_paths(NETWORK, events())
+    assert (path.begin, path.end) == ("alice-q0", "bob-q0")
+    assert [(hop.name, round(hop.loss_db, 9)) for hop in path.hops] == [
+        ("alice-q0 – q1:2", 1.0),  # noqa: RUF001
+        ("q1 2→3", 0.7),
+        ("q1:3 – q2:1", 2.0),  # noqa: RUF001
+        ("q2 1→2", 0.3),  # differs from the switch's other paths
+        ("bob-q0 – q2:2", 0.5),  # noqa: RUF001
+    ]
+    assert path.loss_db == pytest.approx(4.5)
+
+
+def test_half_a_path_is_none() -> None:
+    assert light_paths(NETWORK, events()[:1]) == []
+    closed_before = [events()[0], events()[-1], events()[1]]
+    assert light_paths(NETWORK, closed_before) == []
+
+
+def test_light_that_goes_in_circles_is_no_path() -> None:
+    circle = [event for event in events() if event.kind == "open"]
+    circle[1].detail = "1 -> 1"  # back where it came from
+    assert light_paths(NETWORK, circle) == []
+
+
+def test_photons_are_counted_where_they_arrive() -> None:
+    assert photons_by_port(events()) == {"bob-q0": (100, 40)}
+
+
+def test_a_pair_is_lost_if_either_half_is() -> None:
+    measured = next(event for event in events() if event.kind == "bell-measure")
+    measured.detail = "with 1/1: Phi+=20 Psi-=11"
+    assert (without_outcome(measured), measured.lost) == (69, 40)
+
+
+def test_a_network_survives_json() -> None:
+    assert schema.read(NetworkFacts, json.loads(json.dumps(NETWORK.to_dict()))) == NETWORK
+    assert NETWORK.host_at("s1-eth2") == "bob"
+    assert NETWORK.host_at("bob-eth0") == "s1"
+    assert NETWORK.host_at("c0") == ""

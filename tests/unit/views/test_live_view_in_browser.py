@@ -1,0 +1,828 @@
+"""The live view as Chromium shows it: large and small, by mouse and keyboard, to its end."""
+
+import os
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from live_page import browser, live, served
+from playwright.sync_api import Browser, Page, expect
+from recorded_run import NETWORK, START_NS, record_run
+
+from qmn.running.key_links import KeyLink
+from views.live import acts, pace
+from views.live.address import Place
+from views.live.layout import described
+from views.live.pages import Pages
+from views.live.server import View
+from views.live.sources import timeline_of_run
+from views.report.run_facts import read_result
+from wire.config import QuantumSwitch
+from wire.parameters.fiber import Fiber, FiberEnd
+
+SESSION = "18f3be73bfbdb225"
+DEADLINE_MS = 30_000
+expect.set_options(timeout=DEADLINE_MS)
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Browser]:
+    with browser() as started:
+        yield started
+
+
+@pytest.fixture
+def said() -> Iterator[list[str]]:
+    """Errors of scripts, and words to the browser's console: there are none at the end."""
+    heard: list[str] = []
+    yield heard
+    assert heard == []
+
+
+def opened(chromium: Browser, url: str, said: list[str], **options: Any) -> Page:
+    """Open the page."""
+    page = chromium.new_page(**options)
+    page.set_default_timeout(DEADLINE_MS)
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.on("console", lambda message: said.append(message.text))
+    page.goto(url)
+    return page
+
+
+def tell(view: View, t: float, kind: str, node: str, **fields: Any) -> None:
+    """Let something happen at a time, in seconds."""
+    view.timeline.add("event", START_NS + round(t * 1e9), {"node": node, "kind": kind, **fields})
+
+
+def light(view: View, t: float) -> None:
+    """Open the path of the recorded network from alice to bob, and send light over it."""
+    tell(view, t, "open", "q1", port="2", detail="2 -> 3")
+    tell(view, t, "open", "q2", port="1", detail="1 -> 2")
+    block = {"session": SESSION, "block": 1, "half": 0, "photons": 100}
+    tell(view, t, "create", "alice", **block)
+    tell(view, t, "send", "alice", port="alice-q0", **block)
+    tell(view, t + 0.001, "arrive", "bob", port="bob-q0", lost=40, **block)
+    tell(view, t + 0.002, "store", "bob", **block)
+
+
+def test_a_finished_run_is_shown_at_any_time(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    folder = record_run(tmp_path)
+    network = described(read_result(folder)[1])
+    view = View("over", network, timeline_of_run(folder), folder, False, False, lambda: "")
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        expect(page.locator("#status")).to_have_text("a run that is over")
+        expect(page.locator("#sessions tbody tr")).to_have_count(1)
+        cells = page.locator("#sessions tbody td")
+        expect(cells.nth(5)).to_have_text("100")  # pairs
+        expect(cells.nth(7)).to_have_text("60")  # photons that arrived
+        expect(cells.nth(8)).to_have_text("40.0")  # % lost
+        expect(page.locator("#outcomes")).to_contain_text("Φ+")
+        expect(page.locator("#job")).to_contain_text("bell pairs")
+        expect(page.locator(".fiber.lit")).to_have_count(0)  # at its end the path is closed
+        page.get_by_label("time in s").fill("0.0035")
+        expect(page.locator(".fiber.lit")).to_have_count(3)
+        expect(page.locator("#outcomes")).to_have_text("No Bell measurement yet.")
+        page.get_by_label("time in s").fill("0.0")
+        expect(page.locator(".fiber.lit")).to_have_count(0)
+        page.get_by_role("button", name="play").click()
+        expect(page.locator("#outcomes")).to_contain_text("Φ+")
+        expect(page.get_by_role("button", name="play")).to_be_visible()
+        page.get_by_role("button", name="host alice").click()
+        expect(page.locator("#chosen")).to_contain_text("nothing can be done to it")
+        page.close()
+
+
+def test_what_happens_is_shown_as_it_happens(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    view = live(tmp_path)
+    with served(view) as url:
+        page, second = (opened(chromium, url, said) for _tab in range(2))
+        expect(page.locator("#status")).to_have_text("live")
+        light(view, 1.0)
+        for each in (page, second):  # two tabs
+            expect(each.locator(".fiber.lit")).to_have_count(3)
+            expect(each.locator("#memories tbody tr")).to_have_count(1)
+        second.reload()
+        expect(second.locator(".fiber.lit")).to_have_count(3)
+        facts = {"event": "refused", "session": SESSION, "detail": "BUSY"}
+        view.timeline.add("controller", START_NS + 2 * 10**9, facts)
+        expect(page.locator("#sessions")).to_contain_text("refused: BUSY")
+        expect(page.locator("#decisions li").first).to_contain_text("2.000 s c0 refused")
+        page.get_by_label("time in s").fill("1.1")  # for half a second photons flow
+        expect(page.locator(".fiber.lit.flowing")).to_have_count(3)
+        page.get_by_label("time in s").fill("0.5")
+        expect(page.locator("#status")).to_have_text("live, looking back")
+        expect(page.locator(".fiber.lit")).to_have_count(0)
+        page.get_by_role("button", name="latest").click()
+        expect(page.locator(".fiber.lit")).to_have_count(3)
+        view.timeline.end()
+        expect(page.locator("#status")).to_have_text("the network has ended")
+        page.close()
+        second.close()
+
+
+def test_the_fill_of_key_stores_is_shown(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    view = live(tmp_path)
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        expect(page.locator("#keys")).to_have_text("No key links.")
+        link = KeyLink("alice", "bob", 1200, 1199, 9596, 4096, 0.0123, "active")
+        told = {"devices": [], "sessions": [], "key_links": [asdict(link)]}
+        view.timeline.add("devices", START_NS + 10**9, told)
+        row = ["alice → bob", "1,200", "1,199", "25", "4,096", "1.23", "active", "9,596"]
+        expect(page.locator("#keys tbody td")).to_have_text(row)
+        later = {"event": "key_link", **asdict(replace(link, keys_ready=2000))}  # in the record
+        view.timeline.add("controller", START_NS + 2 * 10**9, later)
+        row[1], row[3] = "2,000", "33"  # both counts, of what the store can hold
+        expect(page.locator("#keys tbody td")).to_have_text(row)
+        page.get_by_label("time in s").fill("1.5")
+        expect(page.locator("#keys tbody td").nth(1)).to_have_text("1,200")
+        page.close()
+
+
+def told_by_hosts(view: View, t: float, **estimate: Any) -> None:
+    """Let the controller record what an end of the session has found out."""
+    fact = {"event": "estimate", "session": SESSION, "host": "bob", **estimate}
+    view.timeline.add("controller", START_NS + round(t * 1e9), fact)
+
+
+def test_what_is_known_of_a_sessions_pairs_is_in_its_row(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    view = live(tmp_path)
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        light(view, 1.0)
+        heads = page.locator("#sessions th")
+        expect(heads.nth(10)).to_have_text("fidelity, or S of CHSH (95 %)")
+        expect(heads.nth(11)).to_have_text("errors in % (95 %)")
+        fidelity, errors = (page.locator("#sessions tbody td").nth(n) for n in (10, 11))
+        expect(fidelity).to_have_text("not yet known")
+        expect(errors).to_have_text("not yet known")
+        told_by_hosts(view, 1.1, quantity="error_rate", value=0.03125, low=0.02, high=0.045)
+        expect(errors).to_have_text("3.13 (2.00 to 4.50)")
+        expect(fidelity).to_have_text("not yet known")
+        told_by_hosts(view, 1.2, quantity="fidelity", value=0.9512, low=0.94, high=0.962)
+        expect(fidelity).to_have_text("0.9512 (0.9400 to 0.9620)")
+        told_by_hosts(view, 1.3, quantity="qber", value=0.0123, low=0.01, high=0.015)
+        told_by_hosts(view, 1.3, quantity="chsh", value=2.71, low=2.6, high=2.82)
+        expect(errors).to_have_text("QBER 1.23 (1.00 to 1.50); 3.13 (2.00 to 4.50)")
+        expect(fidelity).to_have_text("0.9512 (0.9400 to 0.9620); S 2.710 (2.600 to 2.820)")
+        expect(page.locator("#decisions li")).to_have_count(0)  # it is no decision
+        page.get_by_label("time in s").fill("1.15")  # what was known then
+        expect(fidelity).to_have_text("not yet known")
+        over = {"event": "torn_down", "session": SESSION, "detail": "FIN"}
+        view.timeline.add("controller", START_NS + 2 * 10**9, {**over, "session": "f" * 16})
+        page.get_by_role("button", name="latest").click()
+        expect(page.locator("#sessions tbody tr").first).to_contain_text("not measured")
+        page.close()
+
+
+def test_what_others_do_to_fibres_and_switches_is_shown(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    """As by commands in another terminal: the dispatcher tells of it."""
+    view = live(tmp_path)
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        expect(page.locator("#status")).to_have_text("live")
+        for node, port in (("alice", "alice-q0"), ("q1", "2")):
+            tell(view, 1.0, "tune", node, port=port, detail="tapped 0.25")
+        tell(view, 1.0, "tune", "q1", port="3", detail="193414 GHz")
+        tell(view, 1.1, "fault", "q1", detail="stuck 2 -> 3")
+        expect(page.locator(".fiber.tapped")).to_have_count(1)
+        expect(page.locator(".node.faulty")).to_have_count(1)
+        spoken = page.get_by_role("button", name="quantum switch q1, faulty", exact=True)
+        expect(spoken).to_be_visible()
+        tapped = re.compile("^fibre alice-q0.* dB, somebody measures$")
+        expect(page.get_by_role("button", name=tapped)).to_have_count(1)
+        page.get_by_role("button", name=re.compile("^fibre alice-q0")).press("Enter")
+        expect(page.locator("#facts")).to_contain_text("25 % of the photons")
+        page.get_by_role("button", name="quantum switch q1").press("Enter")
+        expect(page.locator("#facts")).to_contain_text("stuck 2 -> 3")
+        eth2 = {"port": 2, "name": "q1-eth2", "up": True, "photons_in": 1200}
+        eth2 |= {"photons_out": 1197, "photons_lost": 3}
+        eth2["light"] = {"frequency_mhz": 193_400_000, "tx_power_dbm": 0, "temperature_c": 25}
+        known = {"name": "q1", "kind": "quantum-switch", "dpid": "1001", "state": "up"}
+        ways = {"ports": [eth2], "paths": [{"in_port": 2, "out_port": 3}]}
+        told = {"devices": [known | ways], "sessions": [], "key_links": []}
+        view.timeline.add("devices", START_NS + 12 * 10**8, told)
+        row = ["2", "up", "3", "1,200", "1,197", "3", "193.4 THz", "0 dBm", "-", "25 °C"]
+        expect(page.locator("#ports tbody td")).to_have_text(row)
+        page.set_viewport_size({"width": 390, "height": 800})  # what is known of a port is long
+        page.wait_for_function("() => document.documentElement.scrollWidth <= innerWidth")
+        tell(view, 2.0, "fault", "q1", detail="repaired")
+        tell(view, 2.0, "tune", "q1", port="2", detail="tapped 0")
+        tell(view, 2.0, "tune", "alice", port="alice-q0", detail="tapped 0")
+        expect(page.locator(".node.faulty")).to_have_count(0)
+        expect(page.locator(".fiber.tapped")).to_have_count(0)
+        expect(page.get_by_role("button", name="quantum switch q1", exact=True)).to_be_visible()
+        page.close()
+
+
+def test_light_says_its_rate_and_its_loss(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    view = live(tmp_path)
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        expect(page.locator("#status")).to_have_text("live")
+        light(view, 1.0)
+        light(view, 1.5)  # 100 photons each, of which 40 are lost: 200 in that second
+        tell(view, 4.0, "create", "charlie")  # time goes on, and nothing comes
+        expect(page.locator("#clock")).to_have_text("4.000 s")
+        expect(page.locator(".fiber .flow", has_text="photons/s")).to_have_count(0)
+        page.get_by_label("time in s").fill("1.6")
+        expect(page.locator(".fiber .flow", has_text="photons/s")).to_have_text(
+            ["200 photons/s, 40.0 % lost"]
+        )
+        page.close()
+
+
+def test_where_all_processors_are_in_use_it_says_that_it_draws_seldom(
+    chromium: Browser, tmp_path: Path, said: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pace, "LIVE_LOOK_S", 0.0)
+    idle = 0  # of a clock that goes on
+    view = replace(live(tmp_path), pace=pace.Pace(lambda: (idle, time.monotonic_ns())))
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        status = page.locator("#status")
+        expect(status).to_have_text("live; one picture a second, as all processors here are in use")
+        light(view, 1.0)
+        expect(page.locator(".fiber.lit")).to_have_count(3)  # what happens is shown all the same
+        page.get_by_label("time in s").fill("0.5")  # what one does oneself is shown at once
+        expect(page.locator("#clock")).to_have_text("0.500 s")
+        page.get_by_role("button", name="latest").click()
+        idle = 1 << 62
+        tell(view, 2.0, "create", "charlie")
+        expect(status).to_have_text("live")
+        page.close()
+
+
+def test_photons_of_a_block_are_told_of_the_time_in_which_they_flew(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    """A block is one event, however long its light takes: 1,000 within 2 s are 500 a second."""
+    view = live(tmp_path)
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        tell(view, 0.9, "open", "q1", port="2", detail="2 -> 3")
+        tell(view, 0.9, "open", "q2", port="1", detail="1 -> 2")
+        block = {"session": SESSION, "block": 1, "half": 0, "photons": 1000}
+        tell(view, 1.0, "create", "alice", **block)
+        tell(view, 1.0, "send", "alice", port="alice-q0", **block)
+        tell(view, 1.3, "create", "charlie")  # time goes on, and nothing has come yet
+        expect(page.locator("#clock")).to_have_text("1.300 s")
+        expect(page.locator("#rates .u-value").nth(1)).to_have_text("-")  # not known yet
+        expect(page.locator("#rates")).not_to_contain_text("10,000")
+        tell(view, 2.5, "create", "charlie")
+        expect(page.locator("#clock")).to_have_text("2.500 s")
+        expect(page.locator(".fiber.lit.flowing")).to_have_count(3)
+        expect(page.locator("#rates")).not_to_contain_text("10,000")  # all of them at once
+        tell(view, 3.0, "arrive", "bob", port="bob-q0", lost=400, **block)
+        tell(view, 3.5, "create", "charlie")
+        label = page.locator(".fiber .flow", has_text="photons/s")
+        expect(label).to_have_text(["500 photons/s, 40.0 % lost"])
+        row = ["alice → bob", "q1, q2", "500", "40.0", "stands"]
+        expect(page.locator("#paths tbody td")).to_have_text(row)
+        rates, losses = page.locator("#rates .u-value"), page.locator("#losses .u-value")
+        page.get_by_label("time in s").fill("3.05")
+        expect(rates.nth(1)).to_have_text(re.compile("^(500|476.2)$"))  # 2 s are 20 or 21 tenths
+        expect(rates.nth(2)).to_have_text(re.compile("^(300|285.7)$"))
+        expect(losses.nth(1)).to_have_text("40")
+        page.close()
+
+
+SENT_ON = """async () => {
+  const { apply, blank } = await import("./state.js");
+  const { rate } = await import("./light.js");
+  const state = blank(), block = { session: "1", block: 1, half: 0 };
+  const here = { what: "event", node: "alice", port: "alice-q0", ...block };
+  apply(state, { ...here, kind: "arrive", t: 1.0, photons: 100, lost: 20 }, {});
+  apply(state, { ...here, kind: "send", t: 1.1, photons: 100, lost: 20 }, {});
+  return rate(state, "alice-q0");
+}"""
+
+
+def test_light_that_is_sent_on_by_the_port_it_came_to_is_counted_once(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    with served(live(tmp_path)) as url:
+        told = opened(chromium, url, said).evaluate(SENT_ON)
+    assert told == {"photons": 100, "lost": 0.2}
+
+
+def test_a_light_path_of_milliseconds_is_seen_for_a_second(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    view = live(tmp_path)
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        light(view, 1.0)
+        tell(view, 1.01, "close", "q1", port="2")
+        tell(view, 1.01, "close", "q2", port="1")
+        expect(page.locator("#clock")).to_have_text("1.010 s")
+        expect(page.locator(".fiber.lit")).to_have_count(0)
+        tell(view, 3.0, "create", "charlie")
+        expect(page.locator(".fiber.glow")).to_have_count(0)
+        page.get_by_label("time in s").fill("1.9")
+        expect(page.locator(".fiber.glow")).to_have_count(3)
+        expect(page.locator("#paths tbody td").last).to_have_text("closed")
+        page.close()
+
+
+def test_a_memory_holds_what_was_not_let_go(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    view = live(tmp_path)
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        light(view, 1.0)  # bob has stored 100
+        cells = page.locator("#memories tbody td")
+        taken = {"session": SESSION, "block": 2, "half": 0, "photons": 60}
+        tell(view, 2.0, "gather", "bob", detail="60 of 100 of 1/0, still stored", **taken)
+        expect(cells).to_have_text(["bob", "100", "0.998"])  # the others stay
+        more = {"session": SESSION, "block": 3, "half": 0, "photons": 50}
+        detail = "10 of 40 of 1/0, 40 of 60 of 2/0, still stored, the rest let go"
+        tell(view, 3.0, "gather", "bob", detail=detail, **more)
+        expect(cells).to_have_text(["bob", "50", "1.998"])
+        page.close()
+
+
+def test_decisions_say_whose_and_why(chromium: Browser, tmp_path: Path, said: list[str]) -> None:
+    view = live(tmp_path)
+    asked = {"session": SESSION, "service": "bb84", "from": "alice", "to": "bob"}
+    way = {"begin": "alice-q0", "end": "bob-q0", "by": ["q1", "q2"], "loss_db": 1.25}
+    chain = [NETWORK.addresses[name] for name in ("alice", "charlie", "bob")]
+    facts: list[dict[str, Any]] = [
+        {"event": "granted", **asked, "light": [way]},
+        {"event": "refused", **asked, "session": "2" * 16, "detail": "BUSY"},
+        {"event": "forbidden", **asked, "session": "3" * 16, "detail": "rule 2"},
+        {"event": "path_ready", "session": SESSION, "setup_ms": 3.9},
+        {"event": "override", "name": "alice", "rate_hz": 2_000_000, "fec": "golay"},
+        {"event": "torn_down", "session": SESSION, "detail": "FIN"},
+        {"event": "light_after", "session": "4" * 16, "ends": [], "after": {"session": SESSION}},
+        {"event": "chain", "session": SESSION, "nodes": chain, "schedule": "parallel"},
+    ]
+    for number, fact in enumerate(facts):
+        view.timeline.add("controller", START_NS + number * 10**9, fact)
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        way_told = "light of least loss: alice-q0 → bob-q0 by q1, q2 (1.25 dB)"
+        expect(page.locator("#decisions li")).to_have_text(
+            [
+                "7.000 s c0 orders parallel swaps: session bdb225; alice → charlie → bob",
+                "6.000 s c0 has light now: session 444444, which waited for session bdb225 to give"
+                " it back",
+                "5.000 s c0 over: session bdb225; its connection was closed",
+                "4.000 s c0 alice shall use rate 2 MHz, fec golay",
+                "3.000 s c0 light path of session bdb225 stands after 3.9 ms",
+                "2.000 s c0 forbidden by the policy: session 333333; alice → bob, bb84; rule 2",
+                "1.000 s c0 refused: session 222222; alice → bob, bb84; BUSY: another session uses"
+                " these fibres",
+                f"0.000 s c0 granted: session bdb225; alice → bob, bb84; {way_told}",
+            ]
+        )
+        row = page.locator("#sessions tbody tr", has_text="bdb225").locator("td")
+        expect(row.nth(1)).to_have_text("bb84")
+        expect(row.nth(2)).to_have_text("alice → bob")
+        page.close()
+
+
+def test_the_newest_handshake_is_drawn_when_one_looks_at_it(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    view = live(tmp_path)
+    light(view, 1.0)
+    tell(view, 3.0, "create", "charlie")
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        expect(page.locator("#clock")).to_have_text("3.000 s")
+        page.locator("#handshake").scroll_into_view_if_needed()
+        expect(page.locator("#handshake")).to_have_text("drawn")
+        page.close()
+
+
+HOURS = """async () => {
+  const { apply, blank } = await import("./state.js");
+  const state = blank();
+  for (let n = 0; n < 72_000; n++) { // two hours, ten sessions a second
+    const here = { what: "event", t: n / 10, node: "alice", session: n % 2 ? String(n) : "stays" };
+    apply(state, { ...here, kind: "create", photons: 1 }, {});
+  }
+  const { sessions, buckets } = state;
+  return [sessions.size, sessions.get("stays").pairs, sessions.has("71999"), buckets.size];
+}"""
+
+
+def test_what_is_known_of_a_network_does_not_grow_with_its_age(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    with served(live(tmp_path)) as url:
+        sessions, pairs, newest, buckets = opened(chromium, url, said).evaluate(HOURS)
+    assert sessions <= 300
+    assert (pairs, newest) == (36_000, True)  # of one that goes on, and is the oldest
+    assert buckets <= 601  # a minute, ten a second
+
+
+def test_a_network_that_is_gone_is_told(chromium: Browser, tmp_path: Path) -> None:
+    view = live(tmp_path)
+    with served(view) as url:
+        page = chromium.new_page()
+        page.goto(url)
+        expect(page.locator("#status")).to_have_text("live")
+    expect(page.locator("#status")).to_have_text("the network has ended")
+    page.get_by_role("button", name="host alice").click()
+    page.get_by_role("button", name="reload the policy").click()
+    expect(page.locator("#chosen .failed")).to_contain_text("has the network ended?")
+    page.close()
+
+
+# `qmn` as if networks had their files elsewhere: this machine may run some. No root is asked for.
+QMN_ELSEWHERE = """import sys
+from pathlib import Path
+from topologies.system.runs import runtime
+runtime.RUNTIME_ROOT = Path({folder!r})
+from qmn import __main__
+__main__.become_root = lambda words: None
+sys.exit(__main__.main())
+"""
+
+
+def test_an_act_shows_its_command_and_what_came_of_it(
+    chromium: Browser, tmp_path: Path, said: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "run").mkdir()
+    code = QMN_ELSEWHERE.format(folder=str(tmp_path / "run"))
+    monkeypatch.setattr(acts, "QMN", (sys.executable, "-c", code))
+    view = live(tmp_path)
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        fiber = page.get_by_role("button", name=re.compile("^fibre alice-q0"))
+        fiber.focus()
+        page.keyboard.press("Enter")
+        page.get_by_role("button", name="cut").click()
+        answer = page.locator("#chosen .failed")  # no network runs here
+        expect(answer).to_contain_text("qmn link alice q1 down")
+        expect(answer).to_contain_text("qmn: no network")
+        expect(page.locator("#decisions li").first).to_contain_text("you qmn link alice q1 down")
+        page.close()
+    assert '"command": ["link", "alice", "q1", "down"]' in (tmp_path / "acts.jsonl").read_text()
+
+
+def test_nothing_can_be_done_in_a_view_to_be_looked_at(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    with served(live(tmp_path, acts=False)) as url:
+        page = opened(chromium, url, said)
+        page.get_by_role("button", name="host alice").click()
+        expect(page.locator("#chosen")).to_contain_text("to be looked at alone")
+        expect(page.locator("#chosen form")).to_have_count(0)
+        page.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [390, 1600])
+def test_it_fits_a_phone_and_a_screen(
+    chromium: Browser, tmp_path: Path, said: list[str], width: int, scheme: Any
+) -> None:
+    view = live(tmp_path)
+    light(view, 0.1)
+    with served(view) as url:
+        page = opened(
+            chromium, url, said, viewport={"width": width, "height": 800}, color_scheme=scheme
+        )
+        expect(page.locator(".fiber.lit")).to_have_count(3)
+        overflow = "document.documentElement.scrollWidth - window.innerWidth"
+        assert page.evaluate(f"() => {overflow}") <= 0
+        name = page.locator(".node text", has_text="alice").bounding_box()
+        assert name is not None
+        assert name["height"] >= 9  # px: it can be read (7 by the font of large screens)
+        dark = page.evaluate("() => getComputedStyle(document.body).backgroundColor")
+        assert (dark == "rgb(255, 255, 255)") == (scheme == "light")
+        page.close()
+
+
+def test_everything_has_a_name_for_who_does_not_see_it(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    with served(live(tmp_path)) as url:
+        page = opened(chromium, url, said)
+        page.get_by_role("button", name="quantum switch q1").click()
+        nameless = page.evaluate(
+            """() => [...document.querySelectorAll('button, input, select, [role=button]')]
+            .filter(each => !(each.ariaLabel || each.textContent.trim() || each.labels?.length))
+            .map(each => each.outerHTML)"""
+        )
+        assert nameless == []
+        for _ in range(60):  # by the keyboard alone one comes to every node
+            page.keyboard.press("Tab")
+            label = page.evaluate("() => document.activeElement.ariaLabel ?? ''")
+            if label == "host bob":
+                break
+        assert label == "host bob"
+        page.close()
+
+
+BOX = "document.getElementById('network').viewBox.baseVal"
+
+
+def box(page: Page) -> list[float]:
+    """Return which part of the drawing is seen: left, top, width, height."""
+    text = page.locator("#network").get_attribute("viewBox")
+    assert text is not None
+    return [float(each) for each in text.split()]
+
+
+def place(page: Page, name: str) -> tuple[float, float]:
+    """Return where a node is on the screen."""
+    found = page.get_by_role("button", name=name).bounding_box()
+    assert found is not None
+    return found["x"] + found["width"] / 2, found["y"] + found["height"] / 2
+
+
+def test_the_drawing_is_zoomed_by_buttons_and_wheel_and_dragged(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    with served(live(tmp_path)) as url:
+        page = opened(chromium, url, said)
+        expect(page.locator("#status")).to_have_text("live")
+        whole = box(page)
+        page.get_by_role("button", name="zoom in").click()
+        left, top, width, height = box(page)
+        assert width == pytest.approx(whole[2] / 1.3)
+        assert left + width / 2 == pytest.approx(whole[0] + whole[2] / 2)  # the middle stays
+        assert top + height / 2 == pytest.approx(whole[1] + whole[3] / 2)
+        page.get_by_role("button", name="zoom out").click()
+        assert box(page) == pytest.approx(whole)
+        x, y = place(page, "host alice")
+        page.mouse.move(x, y)
+        page.mouse.wheel(0, -100)
+        page.wait_for_function(f"() => {BOX}.width < {whole[2]}")
+        assert place(page, "host alice") == pytest.approx((x, y), abs=2)  # what is pointed at stays
+        ground = page.locator("#network").bounding_box()
+        assert ground is not None
+        corner = ground["x"] + 3, ground["y"] + 3
+        page.mouse.move(*corner)
+        page.mouse.down()
+        page.mouse.move(corner[0] + 60, corner[1] + 40, steps=4)
+        page.mouse.up()
+        page.mouse.move(*corner)  # no button is down any more
+        assert place(page, "host alice") == pytest.approx((x + 60, y + 40), abs=2)
+        page.get_by_role("button", name="whole network").click()
+        assert box(page) == pytest.approx(whole)
+        page.close()
+
+
+def test_a_network_that_goes_on_can_be_paused_and_played_at_another_speed(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    view = live(tmp_path)
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        tell(view, 1.0, "create", "charlie")
+        clock = page.locator("#clock")
+        expect(clock).to_have_text("1.000 s")
+        page.get_by_role("button", name="pause").click()
+        expect(page.locator("#status")).to_have_text("live, looking back")
+        tell(view, 100.0, "create", "charlie")
+        expect(page.locator("#slider")).to_have_attribute("max", "100")  # it can be gone to
+        expect(clock).to_have_text("1.000 s")
+        page.get_by_label("speed").select_option("10")
+        page.wait_for_timeout(2000)  # while it is paused no time passes, which it would catch up on
+        begun = time.monotonic()
+        page.get_by_role("button", name="play").click()
+        page.wait_for_function("() => parseFloat(document.getElementById('clock').value) > 21")
+        assert 1.5 < time.monotonic() - begun < DEADLINE_MS / 1000  # 20 s at ten a second
+        page.get_by_label("speed").select_option("0.01")
+        page.get_by_role("button", name="pause").click()
+        page.get_by_role("button", name="latest").click()
+        expect(clock).to_have_text("100.000 s")
+        expect(page.locator("#status")).to_have_text("live")
+        page.close()
+
+
+SERVER = """import asyncio, sys
+from pathlib import Path
+from live_page import ANYWHERE, live
+from views.live.server import serve
+asyncio.run(serve(live(Path(sys.argv[1])), ANYWHERE, lambda url: print(url, flush=True)))
+"""
+
+
+def test_a_server_that_dies_is_told(chromium: Browser, tmp_path: Path) -> None:
+    command = [sys.executable, "-c", SERVER, str(tmp_path)]
+    path = os.pathsep.join(each for each in sys.path if each)
+    environment = {**os.environ, "PYTHONPATH": path}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as server:
+        assert server.stdout is not None
+        page = chromium.new_page()
+        page.goto(server.stdout.readline().strip())
+        expect(page.locator("#status")).to_have_text("live")
+        server.kill()
+        expect(page.locator("#status")).to_have_text("no connection: has the network ended?")
+        page.close()
+
+
+@contextmanager
+def served_in(pages: Pages, tmp_path: Path, name: str) -> Iterator[View]:
+    """Serve the page of one network of a command, as `live_view` has it done."""
+    view = replace(live(tmp_path), name=name)
+    with pages.one_more(name) as number:
+        place = Place(pages.port, Path(pages.socket(number)), pages.secret, number)
+        with served(view, place):
+            yield view
+
+
+@contextmanager
+def address_of_command(folder: Path) -> Iterator[tuple[Pages, str]]:
+    """Serve the address of a command of several networks; yield where they are kept, and it."""
+    folder.mkdir()
+    program = [sys.executable, "-m", "views.live.command_page", str(folder)]
+    root = Path(acts.__file__).parents[2]
+    with subprocess.Popen(program, stdout=subprocess.PIPE, text=True, cwd=root) as server:
+        assert server.stdout is not None
+        try:
+            yield Pages(folder), server.stdout.readline().strip().partition(": ")[2]
+        finally:
+            server.terminate()
+    assert not folder.exists()
+
+
+def test_the_page_of_a_command_goes_from_network_to_network(
+    chromium: Browser, tmp_path: Path
+) -> None:
+    with address_of_command(tmp_path / "pages") as (pages, url):
+        page = chromium.new_page()
+        page.set_default_timeout(DEADLINE_MS)
+        page.goto(url)
+        status, name, networks = map(page.locator, ("[role=status]", "h1", "#networks option"))
+        expect(status).to_contain_text("No network of this command runs yet.")
+        with served_in(pages, tmp_path, "first") as view:
+            expect(name).to_have_text("network 1: first")
+            expect(status.first).to_have_text("live: network 1")
+            light(view, 1.0)
+            expect(page.locator("#memories tbody tr")).to_have_count(1)
+        expect(status.first).to_have_text("network 1 has ended, the next one has not started yet")
+        expect(page.locator("#memories tbody tr")).to_have_count(1)  # it can still be looked at
+        with served_in(pages, tmp_path, "second"):
+            expect(name).to_have_text("network 2: second")
+            expect(status.first).to_have_text("live: network 2; 1 before it has ended")
+            expect(page.locator("#memories")).to_have_text("No qubit is in a memory.")
+            with served_in(pages, tmp_path, "third"):
+                expect(networks).to_have_text(["2: second", "3: third"])
+                expect(name).to_have_text("network 2: second")  # which goes on
+                page.get_by_label("of this command").select_option("3")
+                expect(name).to_have_text("network 3: third")
+                page.get_by_role("button", name="pause").click()
+            text = "network 3 has ended, and network 2 runs: see latest"
+            expect(status.first).to_have_text(text)
+            page.get_by_role("button", name="latest").click()
+            expect(name).to_have_text("network 2: second")
+        page.reload()  # of a network that is over, when none runs
+        expect(status).to_contain_text("Network 3, third, has ended.")
+        with served_in(pages, tmp_path, "fourth"):
+            expect(name).to_have_text("network 4: fourth")
+        expect(status.first).to_contain_text("network 4 has ended")
+    expect(status.first).to_have_text("network 4 has ended, and its command")
+    page.close()
+
+
+def test_a_page_that_waits_for_a_network_hears_that_its_command_has_ended(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    with address_of_command(tmp_path / "pages") as (_pages, url):
+        page = opened(chromium, url, said)
+        status = page.locator("[role=status]")
+        expect(status).to_contain_text("No network of this command runs yet.")
+        with page.expect_request(re.compile(r"/networks\?next$")):
+            page.reload()
+        # That question may only be on its way; a browser's next one comes after it.
+        assert page.evaluate("async () => (await fetch('networks')).status") == 200
+    expect(status).to_have_text("No network of this command runs yet. So has its command.")
+    page.close()
+
+
+def test_a_network_waits_for_a_page_that_is_being_opened(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    """One can be over before its page has asked for what happened in it."""
+    view = live(tmp_path)
+    light(view, 1.0)
+    with served(view) as url:
+        page = chromium.new_page()
+        page.on("pageerror", lambda error: said.append(str(error)))
+        page.goto(url, wait_until="commit")  # its address has been answered, and nothing else
+    expect(page.locator("#status")).to_have_text("the network has ended")
+    expect(page.locator("#memories tbody tr")).to_have_count(1)
+    page.close()
+
+
+def overlaps(page: Page, selector: str) -> list[str]:
+    """Return pairs of what is seen of these whose boxes on the screen overlap by over a pixel."""
+    seen = [each for each in page.locator(selector).all() if each.is_visible()]
+    boxes = [(each.text_content(), each.bounding_box()) for each in seen]
+    found = []
+    for number, (name, one) in enumerate(boxes):
+        for other, two in boxes[:number]:
+            assert one is not None
+            assert two is not None
+            across = max(one["x"] - two["x"] - two["width"], two["x"] - one["x"] - one["width"])
+            down = max(one["y"] - two["y"] - two["height"], two["y"] - one["y"] - one["height"])
+            if max(across, down) < -1:
+                found.append(f"{name} {other}")
+    return found
+
+
+@pytest.mark.parametrize("width", [390, 1400])
+def test_no_names_of_a_map_overlap_at_any_zoom(
+    chromium: Browser, tmp_path: Path, said: list[str], width: int
+) -> None:
+    places = [
+        (9.19, 45.46),
+        (9.2, 45.47),
+        (9.22, 45.5),
+        (11.34, 44.49),
+        (12.5, 41.9),
+        (13.36, 38.1),
+    ]
+    names = [f"place{number}" for number in range(len(places))]
+    hosts = {name: f"10.0.0.{number}" for number, name in enumerate(names, 1)}
+    fibers = [Fiber(FiberEnd(name, f"{name}-q0"), FiberEnd(f"q{name}", "1")) for name in names]
+    positions = {f"q{name}": place for name, place in zip(names, places, strict=True)}
+    net = replace(NETWORK, addresses=hosts, source=names[0], fibers=fibers, positions=positions)
+    net = replace(net, switches=[QuantumSwitch(name) for name in positions])
+    net = replace(net, copper=[], copper_switches=[])
+    with served(replace(live(tmp_path), network=described(net))) as url:
+        page = opened(chromium, url, said, viewport={"width": width, "height": 900})
+        expect(page.locator("#status")).to_have_text("live")
+        expect(page.locator("#network")).to_have_class(re.compile("dots"))
+        assert page.locator(".node.named").count() > 1
+        assert overlaps(page, "#network .name") == []
+        for _turn in range(60):
+            if "dots" not in (page.locator("#network").get_attribute("class") or ""):
+                break
+            page.get_by_role("button", name="zoom in").click()
+        assert overlaps(page, "#network rect.box") == []
+        boxes = [each.bounding_box() for each in page.locator("#network rect.box").all()]
+        assert {round(box["width"]) for box in boxes if box} <= {92, 93, 94}  # as large as ever
+        page.get_by_role("button", name="whole network").click()
+        expect(page.locator("#network")).to_have_class(re.compile("dots"))
+        page.close()
+
+
+def test_columns_lie_on_a_phone_and_stand_on_a_screen(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    with served(live(tmp_path)) as url:
+        page = opened(chromium, url, said, viewport={"width": 1400, "height": 900})
+        (_, alice), (_, bob) = (place(page, f"host {name}") for name in ("alice", "bob"))
+        assert abs(alice - bob) > 40  # one below the other
+        page.set_viewport_size({"width": 390, "height": 844})
+        expect(page.locator("#network")).to_have_class("turned")  # and not far
+        (_, alice), (_, bob) = (place(page, f"host {name}") for name in ("alice", "bob"))
+        assert alice == pytest.approx(bob, abs=1)  # side by side
+        page.close()
+
+
+def test_a_network_of_a_thousand_hosts_is_drawn_and_can_be_read_from_near(
+    chromium: Browser, tmp_path: Path, said: list[str]
+) -> None:
+    switches = [QuantumSwitch(f"q{n}") for n in range(32)]
+    fibers = [
+        Fiber(FiberEnd(f"h{n}", f"h{n}-q0"), FiberEnd(f"q{n % 32}", str(n // 32 + 1)))
+        for n in range(1024)
+    ]
+    hosts = {f"h{n}": f"10.0.{n // 250}.{n % 250}" for n in range(1024)}
+    large = replace(NETWORK, addresses=hosts, source="h0", fibers=fibers, switches=switches)
+    large = replace(large, copper=[], copper_switches=[])
+    view = replace(live(tmp_path), network=described(large))
+    with served(view) as url:
+        page = opened(chromium, url, said)
+        expect(page.locator("#status")).to_have_text("live")
+        assert page.locator(".node").count() == 1024 + 32
+        assert page.locator(".fiber").count() == 1024
+        x, y = place(page, "host h700")
+        page.mouse.move(x, y)
+        for _turn in range(40):
+            page.mouse.wheel(0, -100)
+        name = page.locator(".node text", has_text="h700")
+        expect(name).to_be_visible()
+        page.wait_for_function("() => !document.getElementById('network').matches('.far')")
+        page.get_by_role("button", name="host h700").click()
+        expect(page.locator("#chosen")).to_contain_text("h700")
+        page.close()

@@ -1,0 +1,285 @@
+"""The report of a run: one page that needs nothing else."""
+
+import json
+import re
+import xml.etree.ElementTree as ET
+from argparse import Namespace
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+from recorded_run import ALICE, BOB, MS, NETWORK, SETUP, capture, record_run, run_of, segment
+
+from views.report import report_file
+from views.report.error_counts import reported
+from views.report.figures import _losses
+from views.report.light_paths import Hop, LightPath, light_paths
+from views.report.page import _fibers, _verdict
+from views.report.report_file import NoReport, made_report, report_of_run
+from views.report.run_facts import read_run
+from views.verbs import report
+from wire.metadata.blocks import Block, Emit, Frame, Report
+from wire.results.figures import KeyFigures
+from wire.results.run_result import ServiceJob
+
+FIGURES = [
+    "The network",
+    "The handshake, in both layers",
+    "Bell pairs a second",
+    "Errors over time",
+    "Symbols sent and received",
+    "Loss of each hop",
+    "Set-up of light paths",
+]
+
+
+def made_page(folder: Path) -> str:
+    return made_report(folder).read_text()
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Return the page of a run that went well."""
+    return made_page(record_run(tmp_path_factory.mktemp("run")))
+
+
+def figures(page: str) -> dict[str, str]:
+    """Return the text in each figure, by its title."""
+    found = re.findall(r"<figure.*?<h2>(.*?)</h2>.*?(<svg.*?</svg>)", page, re.DOTALL)
+    spaced = 'xmlns:xlink="http://www.w3.org/1999/xlink"'
+    texts = {title: svg.replace("<svg", f"<svg {spaced}", 1) for title, svg in found}
+    return {
+        title: " ".join(ET.fromstring(text).itertext())  # noqa: S314 (we made it)
+        for title, text in texts.items()
+    }
+
+
+def test_the_page_says_how_large_approximations_are(page: str) -> None:
+    words = re.sub(r"<[^>]*>", " ", page)
+    assert re.search(r"approximated: one thing\s+a probability is wrong by 0.19 at most", words)
+    assert re.search(r"approximated: another\s+a probability is wrong by 0.5 at most", words)
+
+
+def test_every_figure_of_a_run_is_there(page: str) -> None:
+    drawn = figures(page)
+    assert list(drawn) == FIGURES
+    assert "Not drawn" not in page
+    words = dict(zip(FIGURES, drawn.values(), strict=True))
+    for word in ("alice", "10.0.0.3", "q2", "s1", "5 km, 1 dB", "10 km, 2 dB"):
+        assert word in words["The network"]
+    for word in ("0.000 ms", "packet-in: set-up held", "barrier", "q1 open 2→3", "100 photons"):
+        assert word in words["The handshake, in both layers"]
+    for word in ("alice-q0 → bob-q0", "4.5 dB", "q2 1→2: 0.3 dB", "a path may lose 30 dB"):
+        assert word in words["Loss of each hop"]
+    for word in ("95.2 %", "4.76 %", "10", "00", "11"):  # 20 of 21, and 1 of 21
+        assert word in words["Symbols sent and received"]
+    assert "p50 3.00 ms" in words["Set-up of light paths"]
+
+
+def test_the_page_needs_nothing_else_and_runs_nothing(page: str) -> None:
+    assert "<script" not in page
+    addresses = set(re.findall(r'(?:src|href|url)\s*[=(]\s*"?([^")\s>]+)', page))
+    assert all(address.startswith(("#", "data:")) for address in addresses)
+
+
+def test_no_colour_is_that_of_one_theme_alone(page: str) -> None:
+    for svg in re.findall(r"<svg.*?</svg>", page, re.DOTALL):
+        assert re.findall(r"#[0-9a-fA-F]{6}\b", svg) == []
+        assert "var(--ink)" in svg
+        texts = re.findall(r"<text [^>]*>", svg)
+        assert texts
+        assert all("fill: var(--" in text for text in texts)
+
+
+def test_what_users_wrote_is_no_markup(page: str) -> None:
+    assert "none &lt;&amp;&gt;" in page
+    assert "<&>" not in page
+
+
+def test_a_run_says_whether_it_delivered_and_with_which_seed(page: str, tmp_path: Path) -> None:
+    assert "delivered exactly" in page
+    assert "<td>seed</td><td>1</td>" in page
+    assert "<td>fibre: length_km</td><td>5.0</td>" in page
+    assert "<td>device: bob</td><td>detectors: efficiency: 0.8</td>" in page
+    lost = made_page(record_run(tmp_path, delivered=False))
+    assert "NOT DELIVERED" in lost
+    assert "delivered exactly" not in lost
+
+
+@pytest.mark.parametrize(
+    ("qber", "error", "verdict"),
+    [
+        (0.269, "no key: 566 of 2105 are wrong", "No key: an eavesdropper or noise (QBER 26.9 %)"),
+        (0.01, "no key: 20 blocks without light", "bb84: no key: 20 blocks without light"),
+        (None, None, "bb84: not done"),
+    ],
+)
+def test_a_run_without_a_key_says_why(qber: float | None, error: str | None, verdict: str) -> None:
+    counts = dict.fromkeys(each.name for each in fields(cast("Any", KeyFigures)))
+    figures_of_keys = KeyFigures(**cast("Any", counts | {"qber": qber}))
+    result = run_of("bb84", ServiceJob(asking=figures_of_keys), time_scale=1.0)
+    result.error = error
+    assert _verdict(result) == verdict
+
+
+def test_what_was_not_recorded_is_said_and_not_drawn(tmp_path: Path) -> None:
+    record_run(tmp_path, captured=False)
+    for name in ("quantum.pcapng", "asking.log", "controller.jsonl"):
+        (tmp_path / name).unlink()
+    result = json.loads((tmp_path / "result.json").read_text())
+    (tmp_path / "result.json").write_text(
+        json.dumps({**result, "job": {**result["job"], "asked": {}}})
+    )
+    page = made_page(tmp_path)
+    assert list(figures(page)) == ["The network"]
+    assert page.count("Not drawn: ") == 6
+
+
+def test_a_run_without_captures_shows_its_quantum_events(tmp_path: Path) -> None:
+    page = made_page(record_run(tmp_path, captured=False))
+    assert "Packets were not captured" in page
+    drawn = [title.replace("in the quantum layer", "in both layers") for title in figures(page)]
+    assert drawn == FIGURES
+
+
+def test_a_run_that_wrote_no_events_does_not_say_that_nothing_happened(tmp_path: Path) -> None:
+    record_run(tmp_path)
+    (tmp_path / "quantum.pcapng").unlink()
+    result = json.loads((tmp_path / "result.json").read_text())
+    (tmp_path / "result.json").write_text(json.dumps({**result, "events": False}))
+    page = made_page(tmp_path)
+    assert "The handshake, in the classical layer" in figures(page)
+    assert page.count("what happened to qubits was not written (--no-events)") == 4
+    assert "No light path stood" not in page
+    assert "no Bell pair was measured" not in page
+
+
+def test_errors_are_drawn_from_the_reports_of_all_sessions(page: str, tmp_path: Path) -> None:
+    record_run(tmp_path)
+    assert "in the end: symbol errors 3, lost pairs 40, repeated frames 1" in page
+    there, back = (ALICE, BOB), (BOB, ALICE)
+    said = [
+        (there, SETUP),
+        (there, Emit(1, 1, 103, 50_000_000)),  # of which 100 come to the sender
+        (there, Block(1, 1, 100, 0, 0, (Frame(0, 25, 0),))),
+        (back, Report(1, 1, 100, lost=5, errors=2, failed=(0,))),
+        (back, Report(2, 1, 100, lost=7, errors=4)),
+        (back, Report(1, 2, 100, errors=3)),
+    ]
+    packets, places = [], {there: 0, back: 0}
+    for number, (ends, message) in enumerate(said):
+        data = message.encode()
+        packets.append((number * MS, segment(ends, places[ends], data)))
+        places[ends] += len(data)
+    capture(tmp_path / "s1-eth1.pcap", packets)
+    counts = reported(tmp_path, NETWORK, "alice")
+    assert counts is not None
+    assert counts.seconds == [0, 0.003, 0.004, 0.005]
+    assert counts.counts == {
+        "symbol errors": [0, 2, 6, 7],
+        "lost pairs": [0, 8, 15, 15],
+        "repeated frames": [0, 1, 1, 1],
+    }
+    assert "in the end: symbol errors 7, lost pairs 15, repeated frames 1" in made_page(tmp_path)
+    assert reported(tmp_path, NETWORK, "bob") is None
+
+
+def test_the_same_run_gives_the_same_page(tmp_path: Path) -> None:
+    record_run(tmp_path)
+    assert made_page(tmp_path) == made_page(tmp_path)
+
+
+def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(NoReport, match="name the folder of a run that has ended"):
+        made_report(tmp_path)
+    (tmp_path / "result.json").write_text("{}")
+    with pytest.raises(NoReport, match="does not say what the network was"):
+        made_report(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "why"),
+    [
+        ("network fibers 0 length_km", float("nan"), "infinite, or NaN"),
+        ("network fibers 0 a node", "nowhere", r"fibres to no node \(nowhere\)"),
+        ("network copper 0", ["s1", "s1-eth1", "alice"], "copper without two ends"),
+        ("hosts", [], "are not of its network"),
+        ("hosts 0", "nobody", "are not of its network"),
+        ("job asked confusion 0", [1, 2], "confusion must be a table of counts"),
+        ("job asked confusion 0 0", -1, "confusion must be a table of counts"),
+        ("network switches 0 paths", [{"in_port": 1}], "has no out_port"),
+    ],
+)
+def test_a_result_that_cannot_be_drawn_is_refused(
+    tmp_path: Path, place: str, value: Any, why: str
+) -> None:
+    """Of another person's run: the types are right, or nearly, and the values are not."""
+    file = record_run(tmp_path) / "result.json"
+    given = json.loads(file.read_text())
+    *way, last = (int(word) if word.isdecimal() else word for word in place.split())
+    inner: Any = given
+    for word in way:
+        inner = inner[word]
+    inner[last] = value
+    file.write_text(json.dumps(given))
+    with pytest.raises(NoReport, match=why):
+        made_report(tmp_path)
+
+
+def test_a_network_that_names_no_switch_of_copper_is_drawn(tmp_path: Path) -> None:
+    file = record_run(tmp_path) / "result.json"
+    given = json.loads(file.read_text())
+    given["network"]["copper_switches"] = []
+    file.write_text(json.dumps(given))
+    assert "unknown" in figures(made_page(tmp_path))["The handshake, in both layers"]
+
+
+def test_a_spoiled_capture_is_named_and_ends_no_run(tmp_path: Path) -> None:
+    record_run(tmp_path)
+    (tmp_path / "quantum.pcapng").write_bytes(b"this is not a capture")
+    assert report_of_run(tmp_path).startswith("not made: not a pcapng file")
+    assert not (tmp_path / "report.html").exists()
+
+
+def test_a_long_run_does_not_wait_for_its_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record_run(tmp_path)
+    assert report_of_run(tmp_path) == str(tmp_path / "report.html")
+    monkeypatch.setattr(report_file, "AT_MOST_EVENT_BYTES", 100)
+    assert report_of_run(tmp_path).endswith(f"`qmn report {tmp_path}` makes it")
+
+
+def test_the_verb_says_where_the_report_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record_run(tmp_path)
+    assert report.call(Namespace(run=tmp_path)) == 0
+    assert capsys.readouterr().out == f"{tmp_path / 'report.html'}\n"
+    assert report.call(Namespace(run=tmp_path / "none")) == 1
+    assert capsys.readouterr().err.startswith("qmn: cannot read ")
+
+
+def test_lines_that_are_no_json_do_not_matter(tmp_path: Path) -> None:
+    record_run(tmp_path)
+    with (tmp_path / "asking.log").open("a") as log:
+        log.write("a warning\n[1]\n")
+    assert len(read_run(tmp_path).sender) == 1
+
+
+def test_the_page_of_a_large_network_stays_short(tmp_path: Path) -> None:
+    """As one of 48 places, of whose paths and fibres it would else have forty screens."""
+    run = read_run(record_run(tmp_path))
+    few = _losses(run, light_paths(run.network, run.events))
+    hops = [(Hop("a fibre", loss),) for loss in range(20)]
+    paths = [LightPath(f"h{n}-q0", f"h{n}-q1", each) for n, each in enumerate(hops)]
+    drawn = _losses(run, paths)
+    assert "Every light path that stood" in few
+    assert "Of 20 light paths that stood the 12 that lose most" in drawn
+    shown = set(map(int, re.findall(r"h(\d+)-q0", drawn)))
+    assert shown == set(range(8, 20))
+    fibers = [run.network.fibers[0]] * 25
+    large = replace(run, network=replace(run.network, fibers=fibers))
+    assert "<details><summary>25 fibres</summary>" in _fibers(large)
+    assert "<details>" not in _fibers(run)

@@ -1,0 +1,84 @@
+"""A live view beside networks that a command starts: programs of their own.
+
+A command of one network has its page. One of several has an address (command_page.py) that goes
+with them from page to page; networks find it by their environment, wherever they start.
+"""
+
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from pathlib import Path
+
+from qmn.timeouts import LIVE_START_S
+from topologies.system.processes.programs import Program, python
+from topologies.system.runs.runtime import LIVE_PAGES
+from views.live.acts import ACTS
+from views.live.address import SAID
+from views.live.pages import NUMBER, Pages
+
+Say = Callable[[str], None]
+SAY = partial(print, flush=True)
+
+
+@contextmanager
+def live_view(wanted: bool, folder: Path, say: Say = SAY) -> Iterator[None]:
+    """Serve the page of the network that runs, and say where, as long as this lasts.
+
+    If it is one of several of a command, its page is at the address of that, wanted here or not.
+    The log is in the folder of the run. Raise NetworkError if it does not begin in time.
+    """
+    (folder / ACTS).unlink(missing_ok=True)  # of an earlier network in this folder
+    pages = Pages.of_command()
+    if pages is None and not wanted:
+        yield
+        return
+    server = Program("live", folder / "live.log")
+    command = [python(), "-m", "qmn", "live"]
+    with ExitStack() as stack:
+        if pages is not None:
+            number = stack.enter_context(pages.one_more(folder.name))
+            command = ["env", f"{NUMBER}={number}", *command, "--no-browser"]
+        stack.callback(server.stop)
+        server.start(command)
+        server.wait_for(SAID, LIVE_START_S)
+        if pages is None:
+            say(address_said(server))
+        yield
+
+
+@contextmanager
+def page_of_command(wanted: bool, say: Say = SAY) -> Iterator[None]:
+    """Serve an address that shows the networks that are started meanwhile, and say where it is."""
+    if not wanted or Pages.of_command():
+        yield
+        return
+    server = begin_page_of_command(say)
+    try:
+        yield
+    finally:
+        server.stop()
+        del os.environ[LIVE_PAGES]
+
+
+def begin_page_of_command(say: Say = SAY) -> Program:
+    """Start what serves it, until this process ends; raise NetworkError if it does not begin."""
+    folder = Path(tempfile.mkdtemp(prefix="qmn-live-"))
+    server = Program("live", folder / "live.log")
+    server.start([python(), "-m", "views.live.command_page", str(folder)])
+    try:
+        server.wait_for(SAID, LIVE_START_S)
+    except BaseException:
+        server.stop()
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    say(address_said(server))
+    os.environ[LIVE_PAGES] = str(folder)
+    return server
+
+
+def address_said(server: Program) -> str:
+    """Return the line in which a server has told its address."""
+    return next(line for line in server.said().splitlines() if line.startswith(SAID))

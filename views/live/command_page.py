@@ -1,0 +1,144 @@
+"""The one address of a command that starts several networks: it leads to the page of each.
+
+    python -m views.live.command_page FOLDER     of pages.py
+
+GET /SECRET/            goes to the newest network that runs; if none does, says so
+GET /SECRET/next.js     by which that page goes to the next one
+GET /SECRET/networks    the networks of the command: names by number, which run, whether it is over;
+                        with ?next as soon as one runs, or the command has ended
+    /SECRET/NUMBER/...  whatever the server of that network answers
+
+It runs until it is told to end, and takes the folder away.
+"""
+
+import asyncio
+import json
+import re
+import shutil
+import signal
+import sys
+from contextlib import suppress
+from functools import partial
+from html import escape
+from pathlib import Path
+
+from programs.connection_shares import StreamServer
+from programs.relay import relay
+from qmn.timeouts import LIVE_HEAD_S, LIVE_LAST_S, LIVE_LOOK_AGAIN_S
+from views.live.address import LOOPBACK, Place, listen, place_given, say
+from views.live.pages import PORT, Pages
+
+HTML, JSON = "text/html; charset=utf-8", "application/json"
+HEADERS = "Cache-Control: no-store\r\nReferrer-Policy: no-referrer\r\nConnection: close\r\n"
+HEADERS += "Content-Security-Policy: default-src 'none'; script-src 'self'; connect-src 'self'\r\n"
+HEADERS += "X-Content-Type-Options: nosniff\r\n"
+WAITING = """<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>qmn</title>
+<meta name="color-scheme" content="light dark">
+<script type="module" src="/%s/next.js"></script>
+<h1>qmn</h1><p role="status">%s This page goes to the next network by itself.</p></html>"""
+SCRIPT = Path(__file__).with_name("page") / "next.js"
+NONE_YET = "No network of this command runs yet."
+ENDED = "Network {}, {}, has ended."
+
+
+async def main(pages: Pages) -> None:
+    """Serve until a signal that ends it; raise OSError if the place cannot be had."""
+    place = place_given() or Place()
+    serving = asyncio.ensure_future(serve(pages, place))
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, serving.cancel)
+    with suppress(asyncio.CancelledError):
+        await serving
+
+
+async def serve(pages: Pages, place: Place) -> None:
+    """Tell where it is, and serve until this task is cancelled."""
+    over, waiting = asyncio.Event(), set[asyncio.Task[None]]()
+    answer = partial(answered, pages, over, waiting)
+    listener, port = listen(place)
+    server = StreamServer(answer, listener)
+    (pages.folder / PORT).write_text(str(port))
+    try:
+        say(f"http://{LOOPBACK}:{port}/{pages.secret}/", browser=True)
+        await asyncio.Event().wait()
+    finally:
+        over.set()
+        if waiting:  # who wait for a network hear that none comes
+            await asyncio.wait(waiting, timeout=LIVE_LAST_S)
+        server.close()
+        shutil.rmtree(pages.folder)
+
+
+async def answered(
+    pages: Pages,
+    over: asyncio.Event,
+    waiting: "set[asyncio.Task[None]]",
+    reader: asyncio.StreamReader,
+    writer: asyncio.StreamWriter,
+) -> None:
+    """Answer one request, or have the network answer that it is about; each has a connection."""
+    try:
+        async with asyncio.timeout(LIVE_HEAD_S):
+            head = await reader.readuntil(b"\r\n\r\n")
+    except (asyncio.IncompleteReadError, asyncio.LimitOverrunError, ConnectionError, TimeoutError):
+        writer.close()
+        return
+    asked = re.match(
+        rb"[A-Z]+ /" + pages.secret.encode() + rb"/(?:(\d{1,9})/)?([^ ?]*)(\?next)?", head
+    )
+    number = int(asked[1] or 0) if asked else 0
+    if number and pages.runs(number):
+        connect = partial(asyncio.open_unix_connection, pages.socket(number))
+        await relay(connect, (reader, writer), head)
+        return
+    path = asked[2].decode(errors="replace") if asked else ""
+    task = asyncio.current_task()
+    assert task is not None
+    waiting.add(task)
+    try:
+        if asked and asked[3]:
+            await next_network(pages, over)
+        writer.write(answer_to(pages, number, path, over.is_set()) if asked else said(404))
+        with suppress(ConnectionError):
+            await writer.drain()
+        writer.close()
+    finally:
+        waiting.discard(task)
+
+
+async def next_network(pages: Pages, over: asyncio.Event) -> None:
+    """Wait until a network runs, or none will."""
+    while not over.is_set() and not any(map(pages.runs, pages.names())):
+        with suppress(TimeoutError):
+            await asyncio.wait_for(over.wait(), LIVE_LOOK_AGAIN_S)
+
+
+def answer_to(pages: Pages, number: int, path: str, over: bool) -> bytes:
+    """Return the answer to a request that no network can answer; `over`: none will begin."""
+    names = pages.names()
+    running = [each for each in names if pages.runs(each)]
+    if path == "networks" and not number:
+        return said(200, JSON, json.dumps({"names": names, "running": running, "over": over}))
+    if path == SCRIPT.name and not number:
+        return said(200, "text/javascript", SCRIPT.read_text())
+    if path:
+        return said(404)
+    if running:
+        return said(302, more=f"Location: /{pages.secret}/{running[-1]}/\r\n")
+    last = max(names, default=0)
+    words = ENDED.format(last, escape(names[last])) if last else NONE_YET
+    return said(200, HTML, WAITING % (pages.secret, words))
+
+
+def said(status: int, kind: str = "text/plain", text: str = "", more: str = "") -> bytes:
+    """Return an answer of HTTP."""
+    body = text.encode()
+    head = f"HTTP/1.1 {status} -\r\nContent-Type: {kind}\r\nContent-Length: {len(body)}\r\n"
+    return f"{head}{HEADERS}{more}\r\n".encode() + body
+
+
+if __name__ == "__main__":
+    try:
+        asyncio.run(main(Pages(Path(sys.argv[1]))))
+    except OSError as error:
+        sys.exit(f"qmn: {error}")

@@ -1,0 +1,40 @@
+"""The newest handshake of a run, drawn as its report draws the first one."""
+
+from pathlib import Path
+
+from qmn.running.event_sources import recorded
+from topologies.system.runs.runtime import EVENT_CAPTURE
+from views.report.packets import messages
+from views.report.sequence import handshake, lanes
+from wire.metadata.setup import Setup
+from wire.parameters.network import OPENFLOW_PORT
+from wire.results.network_facts import NetworkFacts
+
+
+def newest_setup_ns(folder: Path, network: NetworkFacts) -> int:
+    """Return when the newest session was first asked for, 0 if the captures hold none."""
+    asked: dict[int, int] = {}
+    for file in folder.glob("*.pcap"):
+        if network.host_at(file.stem) in network.addresses:
+            for time_ns, _flow, _sequence, message in messages(file):
+                if isinstance(message, Setup):
+                    asked[message.session] = min(time_ns, asked.get(message.session, time_ns))
+    return max(asked.values(), default=0)
+
+
+def drawn_handshake(folder: Path, network: NetworkFacts) -> str:
+    """Return an element of the page: the drawing, or in its place what is missing."""
+    # matplotlib takes half a second to load: a page begins without it.
+    from views.report.handshake_diagram import handshake_diagram
+
+    since_ns = newest_setup_ns(folder, network)
+    if not since_ns:
+        return "<p>No set-up has been captured (in <code>qmn cli</code>: --capture).</p>"
+    capture = folder / EVENT_CAPTURE
+    events = [
+        event
+        for event in (recorded(capture, follow=False) if capture.exists() else ())
+        if event.time_ns >= since_ns and not event.photon
+    ]
+    steps, _more = handshake(folder, network, events, OPENFLOW_PORT, since_ns)
+    return handshake_diagram(steps, lanes(steps, network))

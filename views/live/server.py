@@ -1,0 +1,258 @@
+"""The server of a live view: one page on the loopback, under a path that is a secret.
+
+GET  /SECRET/                 the page, and its modules beside it
+GET  /SECRET/network.json     nodes with places, fibres, copper
+GET  /SECRET/messages?after=N server-sent events: lists of messages (timeline.py)
+GET  /SECRET/handshake        the newest handshake as the report draws it
+POST /SECRET/act              one of acts.py, as JSON
+"""
+
+import asyncio
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tornado.httpserver import HTTPServer
+from tornado.iostream import StreamClosedError
+from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandler
+
+from qmn.timeouts import LIVE_LAST_S, LIVE_LIST_S, LIVE_NEWEST_S
+from views.live.acts import BadAct, perform, words_of
+from views.live.address import LOOPBACK, Place, listen
+from views.live.pace import Pace
+from views.live.sources import ACT
+from views.live.timeline import Timeline
+from wire.bounded_json import decode_json
+from wire.malformed import MalformedPacket
+
+PAGE, INDEX = Path(__file__).with_name("page"), "index.html"
+STYLE = Path(__file__).parents[1] / "report" / "report.css"
+AT_ONCE = 2000  # messages in one list
+MOST_REQUEST = 1 << 16  # bytes
+MOST_DEPTH = 2  # of objects in a request
+POLICY = "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
+POLICY += "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+
+
+@dataclass
+class View:
+    """What is shown, and what may be done."""
+
+    name: str
+    network: dict[str, Any]  # layout.described
+    timeline: Timeline
+    folder: Path  # of the run
+    live: bool  # whether it goes on, or is over
+    acts: bool  # whether one may act
+    handshake: Callable[[], str]  # an element of the page, or words in its place
+    pace: Pace = field(default_factory=Pace)
+    over: str = "a run that is over"  # said of one that does not go on
+    opening_s: float = -math.inf  # when a page was asked for that has not asked for messages yet
+    streams: set["asyncio.Task[Any]"] = field(default_factory=set)  # of messages, being sent
+
+
+async def serve(view: View, place: Place, opened: Callable[[str], None]) -> None:
+    """Serve until this task is cancelled; `opened` gets the address once it can be asked.
+
+    Raise OSError if the place cannot be had.
+    """
+    path = place.path()
+    listener, port = listen(place)
+    given = {"view": view}
+    application = Application(
+        [
+            (rf"/{path}/network.json", Network, {**given, "number": place.number}),
+            (rf"/{path}/messages", Messages, given),
+            (rf"/{path}/handshake", Handshake, given),
+            (rf"/{path}/act", Act, given),
+            (rf"/{path}/()", Index, {**given, "path": str(PAGE), "default_filename": INDEX}),
+            (rf"/{path}/(report\.css)", File, {"path": str(STYLE.parent)}),
+            (rf"/{path}/(.*)", File, {"path": str(PAGE)}),
+        ],
+        log_function=lambda _handler: None,
+    )
+    # Who leads here from an address of several pages looks at the first request of a connection.
+    alone = place.number == 0
+    server = HTTPServer(application, max_body_size=MOST_REQUEST, no_keep_alive=not alone)
+    server.add_socket(listener)
+    try:
+        opened(f"http://{LOOPBACK}:{port}/{path}/")
+        await asyncio.Event().wait()
+    finally:
+        if not view.timeline.ended:
+            await asyncio.sleep(LIVE_NEWEST_S)
+        view.timeline.end()
+        await until_opened(view)
+        server.stop()
+        if view.streams:  # that tell their readers so
+            await asyncio.wait(view.streams, timeout=LIVE_LAST_S)
+        await server.close_all_connections()
+
+
+async def until_opened(view: View) -> None:
+    """Let a page that is about to be opened get what it shows: a network can be short."""
+    end_s = min(view.opening_s, time.monotonic()) + LIVE_LAST_S  # who asks later is too late
+    while view.opening_s > -math.inf and time.monotonic() < end_s:
+        await asyncio.sleep(LIVE_LIST_S)
+
+
+class Guarded(RequestHandler):
+    """Answers pages of this server alone: a name that leads here from elsewhere is refused."""
+
+    def prepare(self) -> None:
+        """Refuse a foreign name in Host, or a foreign page in Origin."""
+        host = self.request.host.partition(":")[0]
+        if host not in (LOOPBACK, "localhost"):
+            raise HTTPError(403, reason="this page is served on the loopback alone")
+        origin = self.request.headers.get("Origin")
+        if origin is not None and origin != f"http://{self.request.host}":
+            raise HTTPError(403, reason="asked by another page")
+
+    def set_default_headers(self) -> None:
+        """Let the page load nothing from elsewhere, and nobody keep a copy."""
+        self.set_header("Content-Security-Policy", POLICY)
+        self.set_header("Referrer-Policy", "no-referrer")
+        self.set_header("X-Content-Type-Options", "nosniff")
+        self.set_header("Cache-Control", "no-store")
+
+
+class File(Guarded, StaticFileHandler):
+    """A file of the page."""
+
+    def set_extra_headers(self, _path: str) -> None:
+        """Load it anew with each version of qmn."""
+        self.set_header("Cache-Control", "no-store")
+
+
+class Index(File):
+    """The page."""
+
+    def initialize(self, view: View, path: str, default_filename: str) -> None:  # type: ignore[override]
+        """Know the view."""
+        super().initialize(path, default_filename)
+        self.view = view
+
+    def prepare(self) -> None:
+        """Note that it is being opened."""
+        super().prepare()
+        self.view.opening_s = time.monotonic()
+
+
+class Answer(Guarded):
+    """An answer about one view."""
+
+    def initialize(self, view: View) -> None:
+        """Know the view."""
+        self.view = view
+
+
+class Network(Answer):
+    """What the network is made of."""
+
+    def initialize(self, view: View, number: int) -> None:  # type: ignore[override]
+        """Know the view, and the number of the network in its command; 0: it is the only one."""
+        super().initialize(view)
+        self.number = number
+
+    def get(self) -> None:
+        """Answer with it."""
+        view = self.view
+        self.write(
+            {
+                "name": view.name,
+                "number": self.number,
+                "live": view.live,
+                "over": view.over,
+                "acts": view.acts,
+                "origin_ns": str(view.timeline.origin_ns),
+                **view.network,
+            }
+        )
+
+
+class Handshake(Answer):
+    """The drawing of the newest handshake."""
+
+    async def get(self) -> None:
+        """Draw it beside whatever else is served."""
+        self.set_header("Content-Type", "text/html; charset=utf-8")
+        self.write(await asyncio.to_thread(self.view.handshake))
+
+
+class Messages(Answer):
+    """The messages, as server-sent events."""
+
+    async def get(self) -> None:
+        """Send lists of messages until there are no more, or nobody reads."""
+        timeline = self.view.timeline
+        try:
+            position = int(
+                self.request.headers.get("Last-Event-ID", self.get_argument("after", "0"))
+            )
+        except ValueError as error:
+            raise HTTPError(400, reason="after is a number") from error
+        self.set_header("Content-Type", "text/event-stream")
+        task = asyncio.current_task()
+        assert task is not None
+        self.view.streams.add(task)
+        more, loop = asyncio.Event(), asyncio.get_running_loop()
+        try:
+            with timeline.telling(lambda: loop.call_soon_threadsafe(more.set)):
+                await self._send_all(position, more)
+        except StreamClosedError:
+            pass  # nobody reads any more
+        finally:
+            self.view.streams.discard(task)
+
+    async def _send_all(self, position: int, more: asyncio.Event) -> None:
+        """Send what comes, list by list; `more` is set whenever something has come."""
+        timeline, told_s = self.view.timeline, 0.0
+        self.view.opening_s = -math.inf
+        await self.flush()  # it is connected, though nothing may happen for long
+        while True:
+            more.clear()
+            over = timeline.ended
+            messages, position, missed = timeline.after(position, AT_ONCE)
+            if missed:
+                self._write("missed", position, str(missed))
+            if messages:
+                self._write("messages", position, f"[{','.join(messages)}]")
+            elif over:
+                self._write("ended", position, "null")
+                await self.flush()
+                return
+            pause_s = self.view.pace.look() if self.view.live else 0.0
+            if pause_s != told_s:
+                self._write("pause", position, str(round(1000 * pause_s)))
+                told_s = pause_s
+            await self.flush()
+            if not over and len(messages) < AT_ONCE:
+                await asyncio.sleep(pause_s)
+                await more.wait()
+
+    def _write(self, event: str, position: int, data: str) -> None:
+        self.write(f"event: {event}\nid: {position}\ndata: {data}\n\n")
+
+
+class Act(Answer):
+    """What the page asks to be done."""
+
+    async def post(self) -> None:
+        """Do it, and say what it was and what came of it."""
+        view = self.view
+        if not view.acts:
+            raise HTTPError(403, reason="this view is to be looked at alone")
+        if self.request.headers.get("Content-Type", "").partition(";")[0] != "application/json":
+            raise HTTPError(415, reason="an act is application/json")
+        try:
+            words = words_of(decode_json(self.request.body, MOST_REQUEST, MOST_DEPTH))
+        except (BadAct, MalformedPacket) as error:
+            self.set_status(400)
+            self.write({"said": str(error), "status": 2})
+            return
+        time_ns, done = await perform(words, view.folder)
+        view.timeline.add(ACT, time_ns, done)
+        self.write(done)

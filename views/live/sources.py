@@ -1,0 +1,144 @@
+"""Where a live view's messages come from: a network that runs, or the folder of a run."""
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from qmn.running.controller_console import NoAnswer, ask
+from qmn.running.event_sources import gathered, recorded
+from qmn.running.key_links import key_links
+from qmn.timeouts import LIVE_DEVICES_S, LIVE_LINES_S, LIVE_PAUSE_MS
+from topologies.system.processes.programs import NetworkError
+from topologies.system.runs.runtime import EVENT_CAPTURE
+from views.live.acts import ACTS
+from views.live.timeline import Timeline
+from views.report.run_facts import SENDER_LOG
+from wire.application_lines import fields_of
+from wire.config import DispatcherConfig
+from wire.controller_lines import RECORD, read_record
+from wire.dispatcher_pb2 import WatchRequest
+from wire.events import to_fields
+
+EVENT, CONTROLLER, ACT, DEVICES, JOB, FAULT = (
+    "event",
+    "controller",
+    "act",
+    "devices",
+    "job",
+    "fault",
+)
+
+
+def _shown(fields: dict[str, Any]) -> dict[str, Any]:
+    """Return fields without their time, which a message has once."""
+    return {name: value for name, value in fields.items() if name not in ("time", "time_ns")}
+
+
+def timeline_of_run(folder: Path) -> Timeline:
+    """Return all that a run has left, in the order of time; its origin is what came first."""
+    capture = folder / EVENT_CAPTURE
+    events = recorded(capture, follow=False) if capture.exists() else ()
+    found: list[tuple[int, str, dict[str, Any]]] = [
+        (event.time_ns, EVENT, to_fields(event)) for event in events if not event.photon
+    ]
+    for what, facts in ((CONTROLLER, read_record(folder)), (ACT, read_acts(folder))):
+        found += [(fact["time_ns"], what, _shown(fact)) for fact in facts]
+    said = [fields_of(line) for line in read_lines(folder / SENDER_LOG)]
+    last_ns = max((each[0] for each in found), default=0)
+    found += [(last_ns, JOB, fields) for fields in said[-1:]]
+    found.sort(key=lambda each: each[0])
+    timeline = Timeline(found[0][0] if found else 0)
+    for time_ns, what, fields in found:
+        timeline.add(what, time_ns, fields)
+    timeline.end()
+    return timeline
+
+
+def read_acts(folder: Path) -> list[dict[str, Any]]:
+    """Return what was done in a live view of a run."""
+    acts = map(fields_of, read_lines(folder / ACTS))
+    return [act for act in acts if isinstance(act.get("time_ns"), int)]
+
+
+def read_lines(file: Path) -> list[bytes]:
+    """Return the lines of a file; none if it is not there."""
+    return file.read_bytes().splitlines() if file.exists() else []
+
+
+@contextmanager
+def following(timeline: Timeline, config: DispatcherConfig, folder: Path) -> Iterator[None]:
+    """Append what happens in the network that runs, until it ends or nobody looks any more."""
+    over = threading.Event()
+    followers = (
+        lambda: _follow_events(timeline, config),
+        lambda: _follow_lines(timeline, CONTROLLER, folder / RECORD, over),
+        lambda: _follow_lines(timeline, JOB, folder / SENDER_LOG, over),
+        lambda: _follow_devices(timeline, over),
+    )
+    # Daemons: a thread that reads from the dispatcher cannot be told to end.
+    threads = [threading.Thread(target=follower, daemon=True) for follower in followers]
+    for thread in threads:
+        thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+
+
+def _follow_events(timeline: Timeline, config: DispatcherConfig) -> None:
+    try:
+        for events in gathered(config, WatchRequest(history=True, pause_ms=LIVE_PAUSE_MS)):
+            timeline.add_events(EVENT, events)
+    except NetworkError as error:
+        timeline.add(FAULT, time.time_ns(), {"text": str(error)})
+    timeline.end()
+
+
+def _follow_lines(timeline: Timeline, what: str, file: Path, over: threading.Event) -> None:
+    """Append the objects of a file, one a line, as they are written; it may not be there yet."""
+    place, begun = 0, b""
+    while not over.is_set() and not timeline.ended:
+        if file.exists():
+            with file.open("rb") as opened:
+                opened.seek(place)
+                new = opened.read()
+            place += len(new)
+            *lines, begun = (begun + new).split(b"\n")
+            for fields in map(fields_of, lines):
+                if fields:
+                    timeline.add(what, fields.get("time_ns", time.time_ns()), _shown(fields))
+        over.wait(LIVE_LINES_S)
+
+
+def _follow_devices(timeline: Timeline, over: threading.Event) -> None:
+    """Ask what devices have told the controller, and what the sessions are, when it has changed."""
+    known: dict[str, Any] = {}
+    while not over.is_set() and not timeline.ended:
+        try:
+            now = {
+                "devices": ask("devices"),
+                "sessions": ask("sessions"),
+                "key_links": _key_links(),
+            }
+        except NoAnswer:
+            now = {}  # it starts, or has ended, of which the dispatcher tells
+        told = {name: [_still(each) for each in values] for name, values in now.items()}
+        if told and told != known:
+            known = told
+            timeline.add(DEVICES, time.time_ns(), now)
+        over.wait(LIVE_DEVICES_S)
+
+
+def _key_links() -> list[dict[str, Any]]:
+    return [asdict(link) for link in key_links(ask("keys")["qkd_nodes"])]
+
+
+def _still(fields: dict[str, Any]) -> dict[str, Any]:
+    """Return fields without those that go on by themselves."""
+    return {
+        name: value for name, value in fields.items() if name not in ("heard_s_ago", "silent_s")
+    }

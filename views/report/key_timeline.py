@@ -1,0 +1,85 @@
+"""The time line of keys: error rates of sessions, keys in use, when a tunnel was open, its file."""
+
+from collections.abc import Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from hosts.middleware.services.key_distribution.options import KeyOptions
+from views.report import drawing
+from views.report.drawing import BAD, INK, METADATA, MUTED, QUANTUM
+from wire.results.moments import FileMoment, KeyMoment, Moment, SessionMoment
+
+TUNNEL = "tunnel"  # how events of it begin
+WIDE_INCHES = (9.0, 1.6)  # of each row
+
+
+@drawing.styled
+def key_timeline(moments: Sequence[Moment]) -> str:
+    """Draw what happened to keys, and to a tunnel if there was one."""
+    tunnel = any(each.event.startswith(TUNNEL) for each in moments)
+    rows = [_sessions, _tunnel, _file] if tunnel else [_sessions]
+    width, height = WIDE_INCHES
+    made = Figure(figsize=(width, height * len(rows) + 0.6), layout="constrained")
+    end = max(each.at for each in moments)
+    every = made.subplots(len(rows), sharex=True, squeeze=False)[:, 0]
+    for axes, draw in zip(every, rows, strict=True):
+        for begin, over in spans(moments, "eve_comes", "eve_leaves", end):
+            axes.axvspan(begin, over, color=BAD, alpha=0.12, linewidth=0)
+        draw(axes, moments, end)
+    axes.set_xlabel("time (s)")
+    axes.set_xlim(min(0.0, *(each.at for each in moments)), end)
+    return drawing.svg(made, "Keys over time")
+
+
+def spans(
+    moments: Sequence[Moment], begins: str, ends: str, end: float
+) -> list[tuple[float, float]]:
+    """Return from when to when something lasted; what does not end lasts until the end."""
+    found: list[tuple[float, float]] = []
+    since: float | None = None
+    for moment in moments:
+        if moment.event == begins and since is None:
+            since = moment.at
+        elif moment.event == ends and since is not None:
+            found.append((since, moment.at))
+            since = None
+    return found if since is None else [*found, (since, end)]
+
+
+def _sessions(axes: Axes, moments: Sequence[Moment], _end: float) -> None:
+    held = [
+        (each.at, each.qber, each.keys > 0)
+        for each in moments
+        if isinstance(each, SessionMoment) and each.opened and each.qber is not None
+    ]
+    for with_key, colour, label in ((True, QUANTUM, "key"), (False, BAD, "no key")):
+        some = [(at, qber) for at, qber, keys in held if keys == with_key]
+        points = [at for at, _qber in some], [qber for _at, qber in some]
+        axes.plot(*points, "o", color=colour, markersize=5, label=label)
+    axes.axhline(KeyOptions.max_qber, color=MUTED, linewidth=0.9, linestyle="--")
+    axes.set_ylabel("QBER")
+    axes.set_ylim(bottom=-0.01)
+    axes.legend(loc="center left", ncols=2)
+
+
+def _tunnel(axes: Axes, moments: Sequence[Moment], end: float) -> None:
+    hosts = sorted({each.host for each in moments if each.event.startswith(TUNNEL)})
+    for row, host in enumerate(reversed(hosts)):
+        own = [each for each in moments if each.host == host]
+        open_spans = spans(own, "tunnel_opened", "tunnel_closed", end)
+        bars = [(begin, over - begin) for begin, over in open_spans]
+        axes.broken_barh(bars, (row - 0.3, 0.6), color=METADATA, alpha=0.35)
+        keys = [each.at for each in own if isinstance(each, KeyMoment)]
+        axes.plot(keys, [row] * len(keys), "|", color=INK, markersize=12)
+    axes.set_yticks(range(len(hosts)), reversed(hosts))
+    axes.set_ylim(-0.6, len(hosts) - 0.4)
+    axes.set_ylabel("tunnel, keys")
+
+
+def _file(axes: Axes, moments: Sequence[Moment], _end: float) -> None:
+    told = [each for each in moments if isinstance(each, FileMoment)]
+    points = [each.at for each in told], [each.bytes / 1e6 for each in told]
+    axes.plot(*points, color=METADATA, linewidth=1.8)
+    axes.set_ylabel("file (MB)")
+    axes.set_ylim(bottom=0)

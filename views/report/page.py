@@ -1,0 +1,180 @@
+"""The report as one page: HTML, CSS and SVG, no script, nothing from elsewhere."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, is_dataclass
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from hosts.middleware.services.key_distribution.options import KeyOptions
+from qmn.printable_text import printable
+from qmn.requests.service import ServiceRequest
+from qmn.results.result import said_size
+from qmn.results.run_folder import REPORT
+from qmn.results.run_result import RunResult
+from qmn.results.service_result import number_text
+from views.report import figures
+from views.report.light_paths import fiber_name, light_paths, photons_by_port
+from views.report.markup import table
+from views.report.run_facts import RunFacts, read_run
+from wire.device import OF_LIGHT, setting_name
+from wire.results.figures import Figures, KeyFigures, SentFigures
+from wire.results.run_result import KeysJob, LoadJob
+
+MOST_FIBERS = 24  # whose table is seen at once
+LAST_COUNTS = "Counts are the sender's; figures may include later events."
+# Of a page that has no script: a run may be another person's.
+POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
+POLICY += "form-action 'none'"
+STYLE = Path(__file__).with_name("report.css")
+
+
+def write_report(folder: Path) -> Path:
+    """Write report.html into the folder of a finished run; return the file.
+
+    Raise BadRun for a folder without a run, MalformedPacket for files that are not captures.
+    """
+    text = printable(page(read_run(folder)))
+    unfinished = folder / f".{REPORT}"
+    unfinished.unlink(missing_ok=True)  # it may be a link
+    unfinished.write_text(text)
+    return unfinished.replace(folder / REPORT)
+
+
+def page(run: RunFacts) -> str:
+    """Return the whole page."""
+    name = escape(run.folder.name)
+    return "\n".join(
+        [
+            '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">',
+            f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            '<meta name="color-scheme" content="light dark"><link rel="icon" href="data:,">',
+            f"<title>{name} · qmn</title><style>{STYLE.read_text()}</style></head><body>",
+            f"<header><h1>{name}</h1>{_outcome(run)}</header><main>",
+            *_sections(run),
+            "</main></body></html>\n",
+        ]
+    )
+
+
+def _outcome(run: RunFacts) -> str:
+    result, done = run.result, run.result.delivered
+    verdict, numbers = _verdict(result), _numbers(result.asking)
+    if result.message is not None:
+        numbers["bytes of message"] = f"{result.message.bytes:,}"
+    kind = "good" if done else "failed"
+    numbers["seed"] = f"{result.seed}"
+    tiles = "".join(
+        f"<div><b>{escape(value)}</b><span>{escape(name)}</span></div>"
+        for name, value in numbers.items()
+    )
+    reason = result.error if result.error and result.error not in verdict else ""
+    error = f"<p>{escape(reason)}</p>" if reason else ""
+    note = "" if done else f"<p>{LAST_COUNTS}</p>"
+    return f'<p class="{kind}">{escape(verdict)}</p>{error}<div class="tiles">{tiles}</div>{note}'
+
+
+def _verdict(result: RunResult) -> str:
+    if result.message is not None:
+        return "delivered exactly" if result.delivered else "NOT DELIVERED"
+    if result.delivered:
+        return f"{result.service}: done"
+    figures_of_keys, request = result.asking, result.parameters
+    if isinstance(figures_of_keys, KeyFigures) and isinstance(request, ServiceRequest):
+        qber, options = figures_of_keys.qber, request.options
+        if isinstance(options, KeyOptions) and qber is not None and qber > options.max_qber:
+            return f"No key: an eavesdropper or noise (QBER {100 * qber:.1f} %)"
+    return f"{result.service}: {result.error or 'not done'}"
+
+
+def _numbers(told: Figures) -> dict[str, str]:
+    if isinstance(told, SentFigures):
+        rate = told.symbol_error_rate
+        return {
+            "Bell pairs": f"{told.bell_pairs:,}",
+            "Bell pairs/s": f"{told.pairs_per_s:,.0f}",
+            "lost pairs": f"{told.lost_pairs:,}",
+            "symbol error rate": "–" if rate is None else f"{rate:.3g}",  # noqa: RUF001
+        }
+    numbers = {name: value for name, value in vars(told).items() if not isinstance(value, str)}
+    return {name.replace("_", " "): number_text(value) for name, value in numbers.items()}
+
+
+def _sections(run: RunFacts) -> Iterator[str]:
+    paths = light_paths(run.network, run.events)
+    yield figures.network(run, paths)
+    if isinstance(run.result.job, LoadJob):
+        yield figures.load_figure(run, run.result.job)
+        yield figures.waits_figure(run.result.job)
+    if isinstance(run.result.job, KeysJob):
+        yield figures.key_figure(run.result.job)
+    yield figures.handshake_figure(run)
+    yield '<div class="charts">'
+    yield from figures.chart_figures(run, paths)
+    yield "</div>"
+    yield _fibers(run)
+    yield _parameters(run.result)
+
+
+def _fibers(run: RunFacts) -> str:
+    arrived = photons_by_port(run.events)
+    rows = []
+    for fiber in run.network.fibers:
+        photons, lost = map(
+            sum, zip(*(arrived.get(end.port, (0, 0)) for end in (fiber.a, fiber.b)), strict=True)
+        )
+        rows.append(
+            [
+                fiber_name(fiber),
+                fiber.kind,
+                f"{fiber.length_km:g} km",
+                f"{fiber.loss_db:.3g} dB",
+                f"{fiber.delay_s * 1e6:.3g} µs",
+                f"{photons:,}" if photons else "–",  # noqa: RUF001
+                f"{lost:,}" if photons else "–",  # noqa: RUF001
+            ]
+        )
+    heads = ["fibre", "kind", "length", "loss", "delay", "photons to its host", "of these lost"]
+    note = "<p>Photons count with the blocks they belong to; lost: anywhere before.</p>"
+    told = f"{table(heads, rows)}{note}"
+    if len(rows) > MOST_FIBERS:
+        told = f"<details><summary>{len(rows):,} fibres</summary>{told}</details>"
+    return f"<section><h2>Fibres</h2>{told}</section>"
+
+
+def _parameters(result: RunResult) -> str:
+    names = ("seed", "service", "topology", "controller", "backend", "exact", "mode")
+    of_time = (
+        "time_scale",
+        "software_share",
+        "dominated_by_software",
+        "time_scale_kept",
+        "acausal",
+    )
+    rows = [[name, _said(getattr(result, name))] for name in (*names, *of_time)]
+    met = result.approximations
+    rows += [[f"approximated: {each.name}", said_size(each)] for each in met]
+    rows += [[name, _said(value)] for name, value in result.told_parameters.items()]
+    if isinstance(result.asking, SentFigures):
+        used = {name: getattr(result.asking, name) for name in OF_LIGHT}
+        rows += [[f"in use: {name}", _said(setting_name(name, used[name]))] for name in used]
+    optics = vars(result.every_fiber) if result.every_fiber else {}
+    rows += [[f"fibre: {name}", _said(value)] for name, value in optics.items()]
+    told = {host: device.to_dict() for host, device in result.devices.items()}
+    rows += [[f"device: {host}", _said(parts)] for host, parts in told.items() if parts]
+    made = table(["parameter", "value"], rows, "parameters")
+    return f"<section><h2>Parameters and seed</h2>{made}</section>"
+
+
+def _said(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_said, value)) or "–"  # noqa: RUF001
+    if isinstance(value, dict):
+        return ", ".join(f"{name}: {_said(each)}" for name, each in value.items())
+    if is_dataclass(value) and not isinstance(value, type):
+        return _said(asdict(value))
+    if value is None or value == "":
+        return "–"  # noqa: RUF001
+    return value if isinstance(value, str) else json.dumps(value)

@@ -1,0 +1,109 @@
+"""qmn live [RUN]: see what happens in the network that runs, or happened in a run, in the browser.
+
+The page is served on the loopback, under an address that nobody can guess, until Ctrl-C.
+"""
+
+import argparse
+import asyncio
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from qmn.needs import Needs
+from qmn.options import add_options, read
+from qmn.run_archive.named_run import add_run
+from qmn.running.network import KILLED, announced_network, dispatcher_of_running_network
+from topologies.system.processes.programs import NetworkError
+from views.live.address import Place, place_given, say
+from views.live.handshakes import drawn_handshake
+from views.live.layout import described
+from views.live.server import View, serve
+from views.live.sources import following, timeline_of_run
+from views.live.timeline import Timeline
+from views.report.run_facts import BadRun, read_result
+from wire.malformed import MalformedPacket
+from wire.parameters.option import option
+from wire.results import schema
+from wire.results.network_facts import NetworkFacts
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """What shall be shown, and how."""
+
+    port: int = option(0, "of the page, on the loopback (one that is free)", range=(0, 65535))
+    read_only: bool = option(False, "a page to look at: one cannot act")
+    browser: bool = option(True, "do not open a browser")
+
+
+def add_parser(verbs: Any) -> None:
+    """Describe the verb."""
+    parser = verbs.add_parser("live", description=__doc__)
+    add_run(parser, "default: the network that runs")
+    add_options(parser, LiveOptions)
+    parser.set_defaults(call=call, needs=_needed)
+
+
+def _needed(arguments: argparse.Namespace) -> Needs:
+    return Needs.RUNNING if arguments.run is None else Needs.NOTHING
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """Serve until Ctrl-C; turn what is wrong into one line and an exit status."""
+    options = read(LiveOptions, arguments)
+    place = place_given() or Place(options.port)
+    if options.port not in (0, place.port):
+        print("qmn: --port: in Docker it is QMN_LIVE_PORT that chooses it", file=sys.stderr)
+        return 2
+    try:
+        with shown(arguments.run, options.read_only) as view:
+            asyncio.run(until_the_end(view, place, options.browser))
+    except (BadRun, MalformedPacket, NetworkError, OSError) as error:
+        print(f"qmn: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+async def until_the_end(view: View, place: Place, browser: bool) -> None:
+    """Serve until a signal that ends it."""
+    serving = asyncio.ensure_future(serve(view, place, lambda address: say(address, browser)))
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, serving.cancel)
+    with suppress(asyncio.CancelledError):
+        await serving
+
+
+@contextmanager
+def shown(run: Path | None, read_only: bool) -> Iterator[View]:
+    """Yield what is shown of a run, or of the network that runs."""
+    if run is not None:
+        result, network = read_result(run)
+        view = _view(run.resolve(), network, timeline_of_run(run), live=False, acts=False)
+        if result.error == KILLED:
+            view.over = f"{view.over}: {KILLED}"
+            print(f"qmn: {KILLED}: the page shows what was there by then", file=sys.stderr)
+        yield view
+        return
+    config = dispatcher_of_running_network()
+    running = announced_network()
+    folder = Path(running.folder)
+    network = schema.read(NetworkFacts, running.network)
+    timeline = Timeline(running.since_ns)
+    with following(timeline, config, folder):
+        yield _view(folder, network, timeline, live=True, acts=not read_only)
+
+
+def _view(folder: Path, network: NetworkFacts, timeline: Timeline, live: bool, acts: bool) -> View:
+    return View(
+        folder.name,
+        described(network),
+        timeline,
+        folder,
+        live,
+        acts,
+        lambda: drawn_handshake(folder, network),
+    )
