@@ -97,8 +97,8 @@ lint: setup ## Check style and formatting
 types: setup ## Check types
 	$(PYTHON) -m mypy
 
-unit: setup browser notebooks ## Run the unit tests (no root)
-	@$(call in_folder,$(WITH_BYTE_CODE),$(IN_PARALLEL) tests/unit)
+unit: setup browser notebooks ## Run the unit and contract tests (no root)
+	@$(call in_folder,$(WITH_BYTE_CODE),$(IN_PARALLEL) tests/unit tests/contract)
 	@echo 'unit: handlers of the controller on os-ken, too: a process loads one framework'
 	@QMN_CONTROLLER_FRAMEWORK=os-ken $(WITH_BYTE_CODE) $(PYTEST) tests/unit/controller_apps/handlers
 

@@ -90,7 +90,13 @@ class QuantumController(QuantumNode, ManagedController):
             connect_copper(network)
         if network.settings.tls:
             self._enter()
-        config = ControllerConfig(
+        self._early.go_on(self.controller_config())
+        self._launched = True
+
+    def controller_config(self) -> ControllerConfig:
+        """Return the controller's configuration; all nodes and fibres are made by now."""
+        network = self.network
+        return ControllerConfig(
             listen=f"{LOOPBACK if network.settings.tls else ANYWHERE}:{self.port}",
             framework=network.settings.controller,
             quantum_switches=dict(network.datapath_ids),
@@ -105,8 +111,6 @@ class QuantumController(QuantumNode, ManagedController):
             announcement_period_s=period_s(len(network.fibers)),
             **part(ControllerSettings, network.settings),
         )
-        self._early.go_on(config)
-        self._launched = True
 
     def _enter(self) -> None:
         """Let switches come in by TLS alone."""

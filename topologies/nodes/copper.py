@@ -15,10 +15,14 @@ def connect_copper(network: Runtime) -> None:
     if not network.cables:
         return
     files = [file for cable in network.cables for file in (cable.a_fd, cable.b_fd)]
-    simulation = network.dispatcher.partition(":")[0]
-    config = CopperConfig(list(network.cables), simulation, network.settings.seed)
-    program = launch(network, COPPER, "copper", config, descriptors=files)
+    program = launch(network, COPPER, "copper", copper_config(network), descriptors=files)
     for file in files:
         os.close(file)  # the program has them
     network.cables.clear()
     program.wait_for("ready", READY_TIMEOUT_S)
+
+
+def copper_config(network: Runtime) -> CopperConfig:
+    """Return the configuration of that program."""
+    simulation = network.dispatcher.partition(":")[0]
+    return CopperConfig(list(network.cables), simulation, network.settings.seed)

@@ -26,8 +26,14 @@ class DispatcherHost(ClassicalHost):
     def config(self, **params: object) -> dict[str, object]:
         """Configure the interfaces and start the dispatcher."""
         result = super().config(**params)
+        config = self.dispatcher_config()
+        self.program = launch(self.network, DISPATCHER, "dispatcher", config, self)
+        return result
+
+    def dispatcher_config(self) -> DispatcherConfig:
+        """Return the dispatcher's configuration; all nodes and fibres are made by now."""
         network = self.network
-        config = DispatcherConfig(
+        return DispatcherConfig(
             listen=network.dispatcher,
             socket=network.socket(DISPATCHER),
             seed=network.settings.seed,
@@ -43,8 +49,6 @@ class DispatcherHost(ClassicalHost):
             credentials=self._credentials(),
             **part(DispatcherSettings, network.settings),
         )
-        self.program = launch(network, DISPATCHER, "dispatcher", config, self)
-        return result
 
     def _credentials(self) -> Credentials | None:
         if not self.network.tls:

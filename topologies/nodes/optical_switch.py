@@ -71,12 +71,27 @@ class OpticalSwitch(ClassicalSwitch):
         """Start the bridge and its agent ahead of `start`, which then only has to wait."""
         if self.program is not None:
             return
-        network, commanding = self.network, self._controllers(controllers)
-        config = AgentConfig(
+        network, config = self.network, self.agent_config(controllers)
+        self.lay()
+        # Who asks for the bridge by name, as ovs-ofctl does, comes to the agent.
+        Path(config.programs).replace(config.management)
+        self._targets = [
+            f"unix:{config.listening(number)}" for number in range(len(config.controllers))
+        ]
+        switch_ipv6_off(self, self.name)
+        for program in network.programs:
+            if program.name == DISPATCHER:  # the agent asks it at once
+                program.wait_for("ready", READY_TIMEOUT_S)
+        self.program = launch(network, f"{self.name}-agent", "qswitch_agent", config)
+
+    def agent_config(self, controllers: list[Controller]) -> AgentConfig:
+        """Return the agent's configuration; all fibres are made by now."""
+        network = self.network
+        return AgentConfig(
             switch=self.name,
             # Open vSwitch connects to Unix sockets of its own folder alone.
             listen=str(openvswitch.agent_socket(self.name)),
-            controllers=commanding,
+            controllers=self._controllers(controllers),
             management=network.socket(f"{self.name}-bridge"),
             programs=str(openvswitch.management(self.name)),
             dispatcher=network.socket(DISPATCHER),
@@ -92,15 +107,6 @@ class OpticalSwitch(ClassicalSwitch):
             credentials=self._credentials(),
             gnmi=self._gnmi(),
         )
-        self.lay()
-        # Who asks for the bridge by name, as ovs-ofctl does, comes to the agent.
-        Path(config.programs).replace(config.management)
-        self._targets = [f"unix:{config.listening(number)}" for number in range(len(commanding))]
-        switch_ipv6_off(self, self.name)
-        for program in network.programs:
-            if program.name == DISPATCHER:  # the agent asks it at once
-                program.wait_for("ready", READY_TIMEOUT_S)
-        self.program = launch(network, f"{self.name}-agent", "qswitch_agent", config)
 
     def start(self, controllers: list[Controller]) -> None:
         """Start the bridge and its agent, then let the bridge connect to the agent.

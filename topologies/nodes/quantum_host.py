@@ -109,8 +109,15 @@ class QuantumHost(ClassicalHost):
     def config(self, **params: object) -> dict[str, object]:
         """Configure the interfaces and start the stack."""
         result = super().config(**params)
-        network = self.network
-        config = HostConfig(
+        if self.light == STANDING:
+            require_unrotated(self.network.switches.values())
+        self.program = launch(self.network, self.name, "hosts", self.stack_config(), self)
+        return result
+
+    def stack_config(self) -> HostConfig:
+        """Return the configuration of the stack; all nodes and fibres are made by now."""
+        network, device = self.network, self.network.devices[self.name]
+        return HostConfig(
             name=self.name,
             address=network.addresses[self.name],
             qnics=qnics(self),
@@ -122,20 +129,20 @@ class QuantumHost(ClassicalHost):
             seed=network.settings.seed,
             report_to=broadcast(network.addresses.values(), network.prefix_length),
             device_key=network.device_key(self.name),
-            analyser=network.devices[self.name].analyser.kind,
+            analyser=device.analyser.kind,
             qnic=self.qnic,
             qnic_parameters=self.qnic_parameters,
-            features=network.devices[self.name].features.value,
+            features=device.features.value,
             stations=[name for name, each in network.devices.items() if each.is_station],
-            memory_qubits=network.devices[self.name].memory.capacity,
-            multi_photon=network.devices[self.name].source.multi_photon,
-            intensities=list(network.devices[self.name].source.intensities),
+            memory_qubits=device.memory.capacity,
+            multi_photon=device.source.multi_photon,
+            intensities=list(device.source.intensities),
             pair_secrets=network.secrets_folder(),
             pair_rate_hz=pair_rate_hz(network.devices.values()),
-            t1_s=network.devices[self.name].memory.t1_s,
-            t2_s=network.devices[self.name].memory.t2_s,
-            depolarizing_s=network.devices[self.name].memory.depolarizing_s,
-            cutoff_s=network.devices[self.name].memory.cutoff_s,
+            t1_s=device.memory.t1_s,
+            t2_s=device.memory.t2_s,
+            depolarizing_s=device.memory.depolarizing_s,
+            cutoff_s=device.memory.cutoff_s,
             keys=network.key_folder(self.name),
             light=self.light,
             announcement_period_s=period_s(len(network.fibers)),
@@ -147,10 +154,6 @@ class QuantumHost(ClassicalHost):
             },
             credentials=credentials(network, self.name) if network.tls else None,
         )
-        if self.light == STANDING:
-            require_unrotated(network.switches.values())
-        self.program = launch(network, self.name, "hosts", config, self)
-        return result
 
 
 def pair_rate_hz(devices: Iterable[Device]) -> int:

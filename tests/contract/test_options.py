@@ -1,0 +1,209 @@
+"""Every option of a network comes to the programs that need it, and no other.
+
+The options are those that are declared. One that is a setting of a program comes to it by its name;
+what each other does is said here, and a new one without that fails.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import pytest
+from described import Flat, changes, configurations, flat, folder, options
+from test_physical_settings import FIBER, FIBERS, HOSTS, another, text
+
+from qmn.network.options import NetworkOptions
+from wire.parameters.network import ControllerSettings, DispatcherSettings
+
+OPTIONS = {each.name: each for each in fields(NetworkOptions) if "help" in each.metadata}
+FILE = str(Path(__file__).resolve())
+TEXTS = {
+    "sabot": FILE,
+    "policy": FILE,
+    "rest": "127.0.0.1:0",
+    "apps": "ryu.app.ofctl_rest",
+    "length_km": "2.5",
+    "loss_db_per_km": "0.25",
+    "depolarizing": "0.125",
+}
+ELSEWHERE = {  # what tries the others
+    **dict.fromkeys(("fiber", "switch", "node", "device", "preset"), "test_physical_settings.py"),
+    "tls_from": "tests/emulation/test_given_certificates.py, with certificates",
+}
+MAP = ["--topology", "map", "--map", "abilene"]
+
+
+def spelled(name: str) -> list[str]:
+    """Return an option as it is written, with another value than its default."""
+    option = OPTIONS[name]
+    flag = option.metadata.get("flag", f"--{name.replace('_', '-')}")
+    return [flag, TEXTS.get(name) or text(another(option))]
+
+
+def names(settings: type[Any]) -> list[str]:
+    """Return the options that are settings of a program."""
+    return [each.name for each in fields(settings) if each.name in OPTIONS]
+
+
+OF_PROGRAMS = [("dispatcher", name) for name in names(DispatcherSettings)]
+OF_PROGRAMS += [("controller", name) for name in names(ControllerSettings)]
+OF_FIBERS = sorted(OPTIONS.keys() & FIBER.keys() - {"channels"})
+
+
+@pytest.mark.parametrize(("program", "name"), OF_PROGRAMS)
+def test_a_setting_of_a_program_comes_to_it_alone(program: str, name: str) -> None:
+    words = spelled(name)
+    value = getattr(options(*words), name)
+    told = changes(words)
+    assert told.pop(f"{program}.{name}") == (list(value) if isinstance(value, tuple) else value)
+    also = {"controller.rest_fd", "controller.rest_token"} if name == "rest" else set()
+    assert told.keys() == also
+
+
+@pytest.mark.parametrize("name", OF_FIBERS)
+def test_an_option_of_every_fibre_is_its_setting(name: str) -> None:
+    words = spelled(name)
+    value = getattr(options(*words), name)
+    told = changes(words)
+    if name == "length_km":  # copper is as long: test_physical_settings.py
+        told = {path: each for path, each in told.items() if ".fibers." in path}
+    assert told == {f"dispatcher.fibers.{number}.{name}": value for number in range(len(FIBERS))}
+
+
+def cables(told: Flat, name: str) -> list[Any]:
+    """Return a number of each cable that packets are held back on."""
+    return [value for path, value in told.items() if path.endswith(f".{name}")]
+
+
+def switches_of(told: Flat) -> set[str]:
+    return set(numbered(told, "dispatcher.switches", "name"))
+
+
+def numbered(told: Flat, where: str, name: str) -> Iterator[Any]:
+    """Yield a field of each of a list."""
+    number = 0
+    while (path := f"{where}.{number}.{name}") in told:
+        yield told[path]
+        number += 1
+
+
+def devices(told: Flat) -> set[str]:
+    """Return the hosts that have light."""
+    return {path.split(".")[2] for path in told if path.startswith("dispatcher.devices.")}
+
+
+def fibers_between(told: Flat, one: str, other: str) -> int:
+    ends = [list(numbered(told, "dispatcher.fibers", f"{end}.node")) for end in "ab"]
+    return sum({*pair} == {one, other} for pair in zip(*ends, strict=True))
+
+
+def sources(told: Flat) -> set[str]:
+    return {told[f"{host}.source"] for host in devices(told)}
+
+
+def gates(told: Flat, host: str) -> Any:
+    return told[f"dispatcher.devices.{host}.gates.kind"]
+
+
+DELAY_S = 20.4e3 / 2.04e8  # of 20.4 km
+# Words on the command line, and what is so of the configurations then, and else is not.
+CASES: dict[str, tuple[list[str], Callable[[Flat], bool]]] = {
+    "controller": (
+        ["--controller", "os-ken"],
+        lambda told: told["controller.framework"] == "os-ken",
+    ),
+    "openflow_port": (
+        ["--openflow-port", "7000"],
+        lambda told: (
+            (told["controller.listen"], told["q1.controllers"])
+            == ("0.0.0.0:7000", ["198.18.1.1:7000"])
+        ),
+    ),
+    "copper_km": (["--copper-km", "20.4"], lambda told: cables(told, "delay_s") == [DELAY_S] * 6),
+    "copper_mbps": (["--copper-mbps", "7"], lambda told: cables(told, "mbps").count(7.0) == 5),
+    "control_km": (["--control-km", "20.4"], lambda told: cables(told, "delay_s") == [DELAY_S] * 2),
+    "control_loss": (["--control-loss", "0.25"], lambda told: cables(told, "loss") == [0.25] * 2),
+    "tls": (
+        ["--tls"],
+        lambda told: (
+            all(f"{name}.credentials.private_key" in told for name in (*HOSTS, "dispatcher", "q1"))
+            and told["controller.listen"].startswith("127.0.0.1:")
+        ),
+    ),
+    "keys": (["--keys", "KEYS"], lambda told: told["bob.keys"].endswith("/KEYS/bob")),
+    "metrics": (
+        ["--metrics"],
+        lambda told: (
+            None not in [told[f"{name}.metrics_fd"] for name in ("dispatcher", "controller", "q1")]
+        ),
+    ),
+    "gnmi": (["--gnmi"], lambda told: bool(told["q1.gnmi"]) and told["q1.gnmi_fd"] is not None),
+    "seed": (
+        ["--seed", "7"],
+        lambda told: {told[f"{name}.seed"] for name in (*HOSTS, "dispatcher", "copper")} == {7},
+    ),
+    "time_scale": (
+        ["--time-scale", "3"],
+        lambda told: {v for path, v in told.items() if path.endswith("time_scale")} == {3.0},
+    ),
+    "channels": (
+        ["--channels", "2"],
+        lambda told: [*numbered(told, "dispatcher.fibers", "channel")] == [1, 2] * 5,
+    ),
+    "map": (MAP, lambda told: len(switches_of(told)) == 12),  # of SNDlib's Abilene
+    "hosts_at": (
+        [*MAP, "--hosts-at", "dnvrng,sttlng"],
+        lambda told: devices(told) == {"dnvrng", "sttlng", "src"},
+    ),
+    "sources_at": (
+        [*MAP, "--sources-at", "dnvrng,sttlng"],
+        lambda told: sources(told) == {"src1", "src2"},
+    ),
+    "repeaters_at": (
+        [*MAP, "--repeaters-at", "dnvrng"],
+        lambda told: (
+            {host for host in devices(told) if gates(told, host) == "any"} == {"dnvrng", "src"}
+        ),
+    ),
+    "fibers": (
+        ["--topology", "chain", "--fibers", "5"],
+        lambda told: fibers_between(told, "q1", "q2") == 5,
+    ),
+    "repeaters": (
+        ["--topology", "repeaters", "--repeaters", "3"],
+        lambda told: {"r1", "r2", "r3"} <= devices(told),
+    ),
+    "stations": (
+        ["--topology", "repeaters", "--stations"],
+        lambda told: told["alice.stations"] == ["m1", "m2"],
+    ),
+    "hosts": (["--topology", "tree", "--hosts", "5"], lambda told: len(devices(told)) == 5),
+    "switches": (
+        ["--topology", "ring", "--switches", "5"],
+        lambda told: switches_of(told) == {"q1", "q2", "q3", "q4", "q5"},
+    ),
+    "leaves": (
+        ["--topology", "leaf-spine", "--leaves", "4"],
+        lambda told: len(switches_of(told)) == 6,
+    ),
+    "spines": (
+        ["--topology", "leaf-spine", "--spines", "3"],
+        lambda told: len(switches_of(told)) == 6,
+    ),
+    "both_ways": (["--both-ways"], lambda told: fibers_between(told, "alice", "q1") == 2),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_an_option_does_in_configurations_what_it_is_for(name: str) -> None:
+    words, holds = CASES[name]
+    words = [str(folder() / "KEYS") if word == "KEYS" else word for word in words]
+    assert holds(flat(configurations(*words)))
+    flag = words.index(f"--{name.replace('_', '-')}")
+    assert name == "map" or not holds(flat(configurations(*words[:flag])))
+
+
+def test_every_option_is_tried() -> None:
+    tried = CASES.keys() | OF_FIBERS | {name for _program, name in OF_PROGRAMS}
+    assert OPTIONS.keys() - tried == ELSEWHERE.keys()
