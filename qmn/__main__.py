@@ -1,8 +1,14 @@
 """qmn: the Mininet for programmable quantum networks."""
 
+# ruff: noqa: E402
+import signal
+
+# Until a verb runs there is nothing to clean up: Ctrl-C just ends the program, also while it loads.
+signal.signal(signal.SIGINT, signal.SIG_DFL)
+signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # bin/qmn has blocked it
+
 import argparse
 import gc
-import signal
 import sys
 from collections.abc import Mapping, Sequence
 from importlib import import_module
@@ -18,9 +24,6 @@ from qmn.version import ShowVersion
 from topologies.system.processes.outputs import forget_no_width, with_outputs
 from topologies.system.processes.programs import NetworkError, find_tools
 from topologies.system.processes.signals import Signals
-
-# Until a verb runs there is nothing to clean up: Ctrl-C just ends the program.
-signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 # Verbs and what they do, by the purpose of their user.
 HEADINGS: Mapping[str, Mapping[str, str]] = MappingProxyType(

@@ -2,9 +2,11 @@
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tomllib
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -208,8 +210,21 @@ def test_the_citation_has_the_fields_that_the_format_knows() -> None:
     assert paper["identifiers"] == [{"type": "other", "value": "arXiv:1604.01276"}]
 
 
-@pytest.mark.parametrize("signal", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT"])
-def test_a_signal_after_the_last_word_changes_nothing(signal: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT"])
+def test_a_signal_after_the_last_word_changes_nothing(name: str, tmp_path: Path) -> None:
     listed = "runs", "--runs", tmp_path, "--json"
-    done = said(sys.executable, "-c", STRUCK_WHILE_IT_ENDS, *listed, signal, cwd=ROOT)
+    done = said(sys.executable, "-c", STRUCK_WHILE_IT_ENDS, *listed, name, cwd=ROOT)
     assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "[]", "")
+
+
+@pytest.mark.parametrize("after_s", [0.002 * 1.6**n for n in range(11)])  # to 0.2 s
+def test_ctrl_c_while_it_loads_ends_it_without_a_traceback(after_s: float) -> None:
+    pipe = subprocess.PIPE
+    command = [str(QMN), "run", "--help"]
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe, start_new_session=True) as process:
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(after_s)
+        os.killpg(process.pid, signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
+    assert errors == b""
+    assert process.returncode in (-signal.SIGINT, 130)  # of Python, and of the script before it
