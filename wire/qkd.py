@@ -7,7 +7,7 @@
 
 Network byte order. `length` counts the whole message; the tag covers all that stands before
 it. `sequence` counts the messages of one direction from 0. Bit strings are packed, first bit
-highest, and their padding is 0. What the messages are for: docs/qkd.md.
+highest, and their padding is 0. What the messages are for: docs/key-distillation.md.
 """
 
 import struct

@@ -45,7 +45,7 @@ WAYS = ("charlie-q0", "alice-q0"), ("charlie-q1", "bob-q0")
 SETUP = Setup(1, Service.DISTRIBUTE, Handshake.FRAMED, "10.0.0.3", 1 << 16, 1, 1_000_000)
 FOREVER = Lifetimes(*[math.inf] * 4)
 FEATURES = NodeFeatures(EVERYTHING, 1 << 20)
-# As docs/services.md has it.
+# As docs/distribution.md has it.
 LEAST_SAMPLE, SPARE, GROWTH = 30, 1.05, 4
 UNLIKELY = 1e-8  # what is not enumerated
 

@@ -71,7 +71,7 @@ class LightOptions:
     fiber: tuple[str, ...] = option(
         (),
         f"parameter {EVERY}, as burst_end_hz=10, or of those between two nodes, as "
-        "q1-q2.length_km=40 (repeatable; docs/physical-layer.md)",
+        "q1-q2.length_km=40 (repeatable; docs/fibers.md)",
         metavar="[A-B.]NAME=VALUE",
     )
     switch: tuple[str, ...] = option(
@@ -88,7 +88,7 @@ class LightOptions:
     device: tuple[str, ...] = option(
         (),
         "parameter of a device of a host, as bob.detectors.efficiency=0.8 (repeatable; "
-        "docs/physical-layer.md)",
+        "docs/devices.md)",
         metavar="HOST.PART.NAME=VALUE",
     )
     channels: int | None = option(None, f"channels {EVERY}, by wavelength (1)", metavar="N")

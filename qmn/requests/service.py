@@ -52,7 +52,7 @@ class ServiceRequest:
     )
     schedule: str | None = option(
         None,
-        f"who swaps when ({PARALLEL}, or as --policy says; docs/services.md)",
+        f"who swaps when ({PARALLEL}, or as --policy says; docs/swapping.md)",
         choices=SCHEDULES,
     )
     purify: int | None = option(

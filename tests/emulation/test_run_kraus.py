@@ -1,4 +1,4 @@
-"""Kraus operators over the real components: docs/physical-layer/damping.py, as it says."""
+"""Kraus operators over the real components: docs/noise-models/damping.py, as it says."""
 
 from math import sqrt
 from pathlib import Path
@@ -7,7 +7,7 @@ from test_run_nodes import polarised, require_estimate, result_of
 
 GAMMA = 1 - sqrt(0.7)  # of a fibre: .3 of the two that each half passes
 DAMPED, TWIRLED = 0.745, 0.7225  # both halves by .3: ((2 - g)^2 + g^2) / 4, and (1 - g / 2)^2
-NOISE = ["--fiber", "noise=docs/physical-layer/damping.py:Damping"]
+NOISE = ["--fiber", "noise=docs/noise-models/damping.py:Damping"]
 NOISE += ["--fiber", f'noise_parameters={{"gamma": {GAMMA}}}']
 
 

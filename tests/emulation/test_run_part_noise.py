@@ -1,4 +1,4 @@
-"""Noise of one's own in a memory, over the real components: docs/physical-layer/ageing.py."""
+"""Noise of one's own in a memory, over the real components: docs/noise-models/ageing.py."""
 
 import re
 from math import exp
@@ -17,7 +17,7 @@ def test_a_memory_ages_as_the_example_says(tmp_path: Path) -> None:
     then software and the way to alice take their time, which is as the log says.
     """
     words = ["distribute", "--rate-hz", str(RATE_HZ), "--count", "300", "--sample", "0.8"]
-    words += ["--device", "bob.memory.noise=docs/physical-layer/ageing.py:Ageing"]
+    words += ["--device", "bob.memory.noise=docs/noise-models/ageing.py:Ageing"]
     words += ["--time-scale", "10"]
     words += ["--device", f'bob.memory.noise_parameters={{"time_s": {T_S}}}']
     asking = result_of(tmp_path, *words)["job"]["asking"]

@@ -25,7 +25,7 @@ from wire.qkd import Confirm, Proposal
 FIBERS = {"bb84": 2, "bbm92": 4, "e91": 4, "mdi": 4}
 
 
-LIAR = Path(__file__).parents[2] / "docs" / "qkd" / "lying_relay.py"
+LIAR = Path(__file__).parents[2] / "docs" / "mdi" / "lying_relay.py"
 
 
 def run_qkd(runs: Path, *words: str) -> tuple[subprocess.CompletedProcess[str], dict[str, Any]]:

@@ -76,7 +76,7 @@ def key_length(
 
     A relay that does what it should makes of both pulses what a pair would be, of which each end
     has measured a half, and whoever has the relay has made the pair: so the argument is the same
-    (Curty and others, Nat. Commun. 5, 3732 (2014), for the argument; docs/qkd.md compares both).
+    (Curty and others, Nat. Commun. 5, 3732 (2014), for the argument; docs/mdi.md compares both).
     """
     secret = bounds(ends, sifted, eps_sec).secret
     cost = 6 * log2(TERMS / eps_sec) + log2(2 / eps_cor)

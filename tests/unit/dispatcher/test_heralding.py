@@ -40,7 +40,7 @@ from wire.parameters.physics import (
     PairSource,
 )
 
-M_PER_S = 2.04e8  # of light in fibre, as docs/physical-layer.md has it
+M_PER_S = 2.04e8  # of light in fibre, as docs/fibers.md has it
 STATION = Device(memory=Memory(capacity=0), analyser=BellAnalyser("linear"))
 PSI = {1: np.array([0, 1, 1, 0]) / sqrt(2), 3: np.array([0, 1, -1, 0]) / sqrt(2)}
 
@@ -669,7 +669,7 @@ def test_light_of_attempts_meets_no_kraus_operators() -> None:
         with pytest.raises(BadConfig, match=r"fibre to 1 of q1: light of heralded attempts cannot"):
             await heralded(laboratory, 10)
 
-    damping = str(Path(__file__).parents[3] / "docs" / "physical-layer" / "damping.py") + ":Damping"
+    damping = str(Path(__file__).parents[3] / "docs" / "noise-models" / "damping.py") + ":Damping"
     own: dict[str, Any] = {"noise": damping, "noise_parameters": {"gamma": 0.1}}
     scene(act, Device(emitter=Emitter("two-click")), **own)
 

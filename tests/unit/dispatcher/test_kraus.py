@@ -37,7 +37,7 @@ from wire.parameters.physics import BellAnalyser, Detectors, Device, Gates, Memo
 
 COUNT = 4_000
 PREPARED_ONE = 1  # of dispatcher.operations.preparation.STATES
-RELAXING = str(Path(__file__).parents[3] / "docs" / "physical-layer" / "damping.py") + ":Relaxing"
+RELAXING = str(Path(__file__).parents[3] / "docs" / "noise-models" / "damping.py") + ":Relaxing"
 MODEL = """
 from dataclasses import dataclass
 from typing import Any

@@ -54,7 +54,7 @@ class Wrong:
     def effect(self, moment):
         return Effect(paulis=np.full(moment.photons, 7, np.uint8))
 """
-AGEING = str(Path(__file__).parents[3] / "docs" / "physical-layer" / "ageing.py") + ":Ageing"
+AGEING = str(Path(__file__).parents[3] / "docs" / "noise-models" / "ageing.py") + ":Ageing"
 
 
 @pytest.fixture

@@ -290,7 +290,7 @@ def test_what_happens_at_the_same_time_is_replayed_in_its_order(tmp_path: Path, 
     assert replayed(content) == log
 
 
-DAMPING = str(Path(__file__).parents[3] / "docs" / "physical-layer" / "damping.py") + ":Damping"
+DAMPING = str(Path(__file__).parents[3] / "docs" / "noise-models" / "damping.py") + ":Damping"
 EVERYTHING: dict[str, Any] = {
     "dephasing": 0.1,
     "phase_drift_rad_per_sqrt_km": 1.0,

@@ -119,7 +119,7 @@ async def gathered(bench: Bench) -> list[bytes]:
 
 
 def test_kraus_operators_are_a_comment_of_the_dump(tmp_path: Path) -> None:
-    damping = str(Path(__file__).parents[3] / "docs" / "physical-layer" / "damping.py") + ":Damping"
+    damping = str(Path(__file__).parents[3] / "docs" / "noise-models" / "damping.py") + ":Damping"
     own: dict[str, Any] = {"noise": damping, "noise_parameters": {"gamma": 0.1}}
     fibers = with_fibers(configuration(tmp_path), **own).fibers
     text, _outcomes = dumped(tmp_path, gathered, fibers=fibers, backend="dense")

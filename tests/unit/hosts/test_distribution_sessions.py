@@ -28,7 +28,7 @@ from wire.metadata.vocabulary import Reason, Service
 from wire.parameters.physics import Device, Memory, PairSource
 
 LASTING = Lifetimes(*[float("inf")] * 4).numbers()
-PAGE = Path(__file__).resolve().parents[3] / "docs" / "services.md"
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "distribution.md"
 
 
 def inside(folder: Path, scene: Callable[[], None], **physics: Any) -> None:

@@ -10,7 +10,7 @@ import pytest
 from wire.parameters.fiber import KINDS, Fiber, FiberEnd, FiberOptics, optics
 from wire.parameters.physics import BadParameter
 
-PAGE = Path(__file__).resolve().parents[3] / "docs" / "physical-layer.md"
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "fibers.md"
 
 
 @pytest.mark.parametrize(

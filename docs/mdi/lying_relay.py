@@ -1,6 +1,6 @@
 """A relay of MDI-QKD that lies: of a part of what it has measured it tells Psi- for Psi+, and back.
 
-qmn run qkd --protocol mdi --device charlie.detectors.noise=docs/qkd/lying_relay.py:Liar \
+qmn run qkd --protocol mdi --device charlie.detectors.noise=docs/mdi/lying_relay.py:Liar \
     --device charlie.detectors.noise_parameters='{"share": 0.3}'
 
 In the basis Z that changes nothing; in X every bit is wrong that it lies of. So the error rate is

@@ -4,7 +4,7 @@
               ||        ||                messages from alice to bob go by both, and come first
               q5 == q4 == q3 === bob
 
-qmn script docs/services/watched.py
+qmn script docs/tamper-seal/watched.py
 """
 
 import tempfile

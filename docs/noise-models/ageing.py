@@ -1,6 +1,6 @@
 """Noise of one's own in a memory: phases flip ever faster, the longer a qubit has waited.
 
-qmn run distribute --rate-hz 100000 --device bob.memory.noise=docs/physical-layer/ageing.py:Ageing \
+qmn run distribute --rate-hz 100000 --device bob.memory.noise=docs/noise-models/ageing.py:Ageing \
     --device bob.memory.noise_parameters='{"time_s": 0.05}'
 
 Coherence falls as exp(-(t / T)^2), as where something drifts, and not as exp(-t / T2). A model is

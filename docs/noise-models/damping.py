@@ -1,7 +1,7 @@
 """Noise of one's own by Kraus operators: amplitude damping, which no Paulis are.
 
 qmn run distribute --backend dense --rate-hz 1000000 --count 100 --sample 0.9 \
-    --fiber noise=docs/physical-layer/damping.py:Damping --fiber noise_parameters='{"gamma": 0.1}'
+    --fiber noise=docs/noise-models/damping.py:Damping --fiber noise_parameters='{"gamma": 0.1}'
 
 Each half passes two fibres, of which g = 1 - (1 - gamma)^2 becomes: the fidelity of pairs is
 ((2 - g)^2 + g^2) / 4, here .8281. The backend dense alone can hold that: others refuse it.
