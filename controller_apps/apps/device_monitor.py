@@ -23,7 +23,7 @@ from controller_apps.apps.host_orders import (
     EventNodeAnswered,
     EventOrder,
     EventSealOver,
-    EventSessionTold,
+    EventSessionReported,
     EventSwapsOrdered,
     HostOrders,
     session_of,
@@ -297,7 +297,7 @@ class DeviceMonitor(App):
         order = self._orders.answered(node, answer.session)
         if order is None or isinstance(order, GiveBack):
             return  # a seal may have ended before it is told to
-        told = EventSessionTold if isinstance(order, SessionQuery) else EventNodeAnswered
+        told = EventSessionReported if isinstance(order, SessionQuery) else EventNodeAnswered
         self.send_event(METADATA, told(session_of(order), node, Reason(answer.reason)))
 
     def _repeat_orders(self, now: float) -> None:

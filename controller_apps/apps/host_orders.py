@@ -38,7 +38,7 @@ class EventNodeAnswered(Event):
         self.session, self.node, self.reason = session, node, reason
 
 
-class EventSessionTold(EventNodeAnswered):
+class EventSessionReported(EventNodeAnswered):
     """A host has said whether it takes part in a session."""
 
 

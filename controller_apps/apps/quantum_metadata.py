@@ -18,7 +18,7 @@ from controller_apps.apps.host_orders import (
     EventNodeAnswered,
     EventOrder,
     EventSealOver,
-    EventSessionTold,
+    EventSessionReported,
     EventSwapsOrdered,
 )
 from controller_apps.console.questions import EventQuestion, Refused, reply
@@ -70,11 +70,11 @@ from controller_apps.sessions.actions import (
     RemoveBypass,
     SwapsOrdered,
 )
-from controller_apps.sessions.admission import Admission, find_light
+from controller_apps.sessions.admission import Admission
 from controller_apps.sessions.arbiter import Arbiter
-from controller_apps.sessions.given_back import TAKEN_BACK
 from controller_apps.sessions.idle_light import IdleLight
 from controller_apps.sessions.permission import Permission
+from controller_apps.sessions.preempted import PREEMPTED
 from controller_apps.sessions.restore import take_over
 from controller_apps.sessions.seals import Seals, names_of
 from controller_apps.sessions.snapshot import encode_hosts
@@ -131,7 +131,7 @@ class QuantumMetadata(App):
         policy = read_policy(config.policy)
         require_switches(policy, names.values())
         self.permission = Permission(policy, self.network, self.arbiter.sessions)
-        self.arbiter.forbid = self._forbid
+        self.arbiter.terms.forbid = self._forbid
         self.seals = Seals(self.network)
         self._seal_names = (f"{time.time_ns()}/{number}" for number in count())
         sessions = self.arbiter.sessions
@@ -371,11 +371,11 @@ class QuantumMetadata(App):
         self._do(self.arbiter.node_answered(*answered))
         self._do(self.idle.node_answered(*answered))
 
-    @on(EventSessionTold)
-    def session_told(self, event: Any) -> None:
+    @on(EventSessionReported)
+    def session_reported(self, event: Any) -> None:
         """Tell the arbiter whether a host takes part in a session that was taken over."""
         told = event.session, event.node, event.reason
-        self._do(self.arbiter.session_told(*told, self._now()))
+        self._do(self.arbiter.session_reported(*told, self._now()))
 
     @on(EventAlarm)
     def seal_alarmed(self, event: Any) -> None:
@@ -426,9 +426,7 @@ class QuantumMetadata(App):
 
     def _find_idle(self, setup: Setup, connection: FiveTuple) -> Admission:
         """Return light for a seal that is to begin."""
-        arbiter = self.arbiter
-        words = arbiter.sessions, self.network, arbiter.budget_mdb, arbiter.taps
-        return find_light(setup, connection, *words)
+        return self.arbiter.terms.find_light(setup, connection, self.arbiter.sessions)
 
     def _new_seal(self) -> int:
         """Return the number of a session that nobody else makes."""
@@ -474,12 +472,7 @@ class QuantumMetadata(App):
 
     def _follow_policy(self) -> None:
         policy = self.permission.policy
-        self.arbiter.taps, self.arbiter.schedule = policy.taps, policy.schedule
-        self.arbiter.purification = policy.purification
-        self.arbiter.follow(policy.queue)
-        self.arbiter.verdicts.names_elements = policy.names_elements
-        self.arbiter.needs_handshake = policy.filter.handshakes
-        self.arbiter.needs_sequence = policy.filter.sequences
+        self.arbiter.follow(policy)
         self.fibers.needs_seal = policy.filter.announcements
         self.mac_table.place(self.stations if policy.filter.addresses else [])
         self.network.closed = policy.closed | self.seals.closed
@@ -571,7 +564,7 @@ class QuantumMetadata(App):
             self.seals.granted(session)
         if note.event in ("refused", "torn_down"):
             self.idle.over(note.session, self._now())
-        if note.event == "torn_down" and note.detail == TAKEN_BACK:
+        if note.event == "torn_down" and note.detail == PREEMPTED:
             self.seals.forget(note.session)
         self.record.write(note.event, **fields, packet_in_count=self.packet_in_count)
 

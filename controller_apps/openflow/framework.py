@@ -67,7 +67,7 @@ class SwitchServer(hub.StreamServer):
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        self.server = SharedAccept(self.server, hub.sleep)
+        self.server: Any = SharedAccept(vars(self)["server"], hub.sleep)
 
 
 vars(_controller).update(StreamServer=SwitchServer)

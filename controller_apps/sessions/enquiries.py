@@ -40,21 +40,22 @@ class Enquiries:
     def due(self, now: float) -> list[Action]:
         """Return the questions that are to be asked now."""
         self._open = {
-            number: each
-            for number, each in self._open.items()
-            if self.sessions.by_number.get(number) is each.session and now - each.begun < ASKED_S
+            number: enquiry
+            for number, enquiry in self._open.items()
+            if self.sessions.by_number.get(number) is enquiry.session
+            and now - enquiry.begun < ASKED_S
         }
         actions: list[Action] = []
-        for number, each in self._open.items():
-            if each.asked is None or now - each.asked >= NODE_TIMEOUT_S:
-                owner = each.session.owner
-                waited = now - each.begun >= HELD_UP_S
-                each.asked, each.node = now, owner.destination if waited else owner.source
-                actions.append(Order(each.node, SessionQuery(0, number)))
+        for number, enquiry in self._open.items():
+            if enquiry.asked is None or now - enquiry.asked >= NODE_TIMEOUT_S:
+                owner = enquiry.session.owner
+                waited = now - enquiry.begun >= HELD_UP_S
+                enquiry.asked, enquiry.node = now, owner.destination if waited else owner.source
+                actions.append(Order(enquiry.node, SessionQuery(0, number)))
         return actions
 
-    def told(self, number: int, node: str, reason: Reason) -> Session | None:
-        """Take what a host (its address) says of a session; return that if it is over."""
+    def reported(self, number: int, node: str, reason: Reason) -> Session | None:
+        """Note a host's (its address) report on a session; return the session if it is over."""
         enquiry = self._open.get(number)
         if enquiry is None or enquiry.node != node:
             return None

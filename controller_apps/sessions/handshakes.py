@@ -1,27 +1,19 @@
-"""TCP connections to the metadata port that have begun, by what their acceptors said to it.
+"""TCP connections to the metadata port that have begun, by the answers of their acceptors.
 
     opener --SYN, seq a-->              <--SYN ACK, seq b, ack a+1-- acceptor
            --set-up, seq a+1, ack b+1-->
 
 Switches send the middle one to the controller, too. A set-up message that does not fit it comes
-from somebody who has not heard the acceptor: nothing is asked for in the name of another.
-
-Whether a FIN or RST is of the connection that it names, by the sequence numbers seen of it.
-
-Who cannot see a connection can only guess where it is. What goes past the controller by a bypass
-it does not see: a close further on than it has seen is held against the bytes that the switch has
-counted there.
+from a host that has not heard the acceptor, and asks for light in the name of another.
 """
 
 from collections import Counter
 from dataclasses import dataclass, field
 
-from controller_apps.packets.segments import ACK, FiveTuple, Segment
-from controller_apps.sessions.sessions import Request
+from controller_apps.packets.segments import FiveTuple, Segment
 
 MAX_HANDSHAKES = 8192
 MAX_OF_ONE = 512  # of an opener's address: nobody's place is taken by the connections of another
-WINDOW = 1 << 20  # bytes further on than was seen
 
 
 @dataclass(frozen=True)
@@ -54,20 +46,15 @@ class Handshakes:
         self._of[opener] += 1
 
     def completed_by(self, segment: Segment, at: tuple[int, int]) -> bool:
-        """Tell whether a segment is the first with data of a connection that has begun.
+        """Return whether a segment is the first with data of a connection that has begun.
 
-        Who speaks for both ends does so by way of one port.
+        It has to come by another port than the acceptor's answer.
         """
-        known = self._by_connection.get(segment.five_tuple)
-        told = segment.sequence, segment.acknowledged
-        return (
-            known is not None
-            and at != known.at
-            and told
-            == (
-                known.opener_next,
-                known.acceptor_next,
-            )
+        handshake = self._by_connection.get(segment.five_tuple)
+        return handshake is not None and (segment.sequence, segment.acknowledged, True) == (
+            handshake.opener_next,
+            handshake.acceptor_next,
+            at != handshake.at,
         )
 
     def _forget(self, connection: FiveTuple) -> None:
@@ -75,26 +62,3 @@ class Handshakes:
             self._of[connection.source] -= 1
             if not self._of[connection.source]:
                 del self._of[connection.source]
-
-
-def is_expected(request: Request, segment: Segment, from_opener: bool) -> bool:
-    """Tell whether a closing segment fits what was seen of both ends."""
-    at = position(request, segment, from_opener)
-    if at is None:  # it tells of the acceptor alone
-        return request.acceptor_next is None or segment.sequence == request.acceptor_next
-    if not 0 <= at <= request.progress + WINDOW:
-        return False
-    if not segment.flags & ACK:
-        return request.acceptor_next is None or at == request.progress
-    acceptor = segment.acknowledged if from_opener else segment.sequence
-    return request.acceptor_next is None or (acceptor - request.acceptor_next) % (1 << 32) <= WINDOW
-
-
-def position(request: Request, segment: Segment, from_opener: bool) -> int | None:
-    """Return where the opener is as a segment has it, in bytes from the beginning of its message.
-
-    None if a segment of the acceptor does not say so.
-    """
-    if from_opener:
-        return request.offset(segment.sequence)
-    return request.offset(segment.acknowledged) if segment.flags & ACK else None

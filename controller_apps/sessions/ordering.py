@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 from controller_apps.policy.schedules import Purification
 from controller_apps.sessions.actions import Action, Note, SwapsOrdered
+from controller_apps.sessions.admission import Admission
 from controller_apps.sessions.light_paths import Light
-from controller_apps.sessions.sessions import Chain, Refusal, Request, Session, Sessions
+from controller_apps.sessions.sessions import Refusal, Request, Session, Sessions
 from controller_apps.sessions.verdicts import Verdicts
 from controller_apps.timeouts import NODE_TIMEOUT_S
 from wire.metadata.vocabulary import Reason
@@ -27,19 +28,20 @@ class Ordering:
         self,
         request: Request,
         session: Session,
-        chain: Chain,
+        admission: Admission,
         schedule: str,
         purification: Purification,
-        blocks: int,
     ) -> list[Action]:
-        """Tell the nodes of a chain what they do, and when; the request waits for them."""
-        session.chain = chain
-        request.unanswered = {stop.address for stop in chain}
+        """Send their orders to the nodes of a chain; the request waits for their answers."""
+        session.chain = admission.chain
+        request.unanswered = {stop.address for stop in admission.chain}
         self.light.hold(request)
-        return [SwapsOrdered(session.number, chain, schedule, purification, blocks)]
+        return [
+            SwapsOrdered(session.number, admission.chain, schedule, purification, admission.blocks)
+        ]
 
     def node_answered(self, number: int, node: str, reason: Reason, now: float) -> list[Action]:
-        """Note what a node (its address) says; let the request on after the last."""
+        """Note the answer of a node (its address); grant the request after the last."""
         session = self.sessions.by_number.get(number)
         request = session.requests.get(session.owner) if session is not None else None
         if request is None or node not in request.unanswered:

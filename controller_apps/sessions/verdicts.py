@@ -10,6 +10,7 @@ from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.returns import returns_of
 from controller_apps.sessions.sessions import Arrival, Refusal, Request, Session, Sessions
 from controller_apps.sessions.snapshot import keep
+from controller_apps.sessions.terms import Terms
 from wire.metadata.vocabulary import Reason, Verdict
 from wire.verdict import seal
 
@@ -20,28 +21,28 @@ class Verdicts:
 
     sessions: Sessions
     light: Light
+    terms: Terms
     keys: Mapping[str, str] = field(default_factory=dict)  # device keys, by address of the host
-    names_elements: bool = True  # whether hosts are told which element is in the way of their light
 
     def grant(self, request: Request, *notes: Note) -> list[Action]:
-        """Let a request on: its session is open from now on."""
+        """Release a request; its session is open from now on."""
         session = self.sessions.of(request)
         assert session is not None
         session.open = True
         answer = self.answer(request, Verdict.GRANTED, Refusal(Reason.OK))
-        # Kept and noted first: what the hosts know of must not be lost with a controller.
+        # Kept first: a session that hosts know must outlive this controller.
         kept = [keep(session)] if request.lasts else []
         return [*kept, *notes, Note("granted", session.number, asked=request), *answer]
 
     def refuse(self, request: Request, why: Refusal, now: float) -> list[Action]:
-        """Let a request on with a refusal; undo what was done for it."""
+        """Release a request with a refusal; undo its effects."""
         assert request.held is not None
         at = request.held.port
         undone = self._leave(request, now)
         name = why.reason.name
-        told = f"{name}: {why.detail}" if why.detail else name
-        note = Note("refused", request.setup.session, detail=told, at=at, asked=request)
-        if not self.names_elements:
+        detail = f"{name}: {why.detail}" if why.detail else name
+        note = Note("refused", request.setup.session, detail=detail, at=at, asked=request)
+        if not self.terms.policy.names_elements:
             why = why._replace(obstacle="")
         return [*undone, note, *self.answer(request, Verdict.REFUSED, why)]
 
@@ -63,7 +64,7 @@ class Verdicts:
     def over(self, request: Request, cause: str, now: float) -> list[Action]:
         """Note the end of a request's connection."""
         if request.held is not None:
-            # It must pass all the same, or TCP would repeat it for minutes.
+            # It must pass, or TCP would repeat it for minutes.
             return self.refuse(request, Refusal(Reason.PEER_GONE, cause), now)
         had_session = self.sessions.of(request) is not None
         undone = self._leave(request, now)
@@ -94,7 +95,7 @@ class Verdicts:
         return [*self._end(session, now), Note("torn_down", session.number, detail=cause)]
 
     def _end(self, session: Session, now: float) -> list[Action]:
-        # Forgotten first: nothing may be opened again for what has ended.
+        # Forgotten first: nothing may be opened again for an ended session.
         returns = returns_of(session, self.sessions)
         forgotten = [Forget(session.number)] if session.saved else []
         actions = [*forgotten, *self.light.close(session)]
@@ -129,6 +130,6 @@ class Verdicts:
 
 
 def released(request: Request, arrival: Arrival) -> Forward:
-    """Return the answer in the clothes of the segment; TCP repeats what came behind it."""
+    """Return a segment with the answer alone; TCP repeats the data behind it."""
     frame = arrival.segment.with_payload(request.answer)
     return Forward(arrival.dpid, arrival.in_port, frame)

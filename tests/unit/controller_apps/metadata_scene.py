@@ -55,6 +55,12 @@ def arbiter(
     return Arbiter(discovered, HOLD_S, IDLE_S, queues=queues, keys=keys or {})
 
 
+def is_live(state: Arbiter, number: int) -> bool:
+    """Return whether a session has light."""
+    session = state.sessions.by_number.get(number)
+    return session is not None and bool(session.paths)
+
+
 def frame(
     payload: bytes = b"",
     sport: int = 40000,

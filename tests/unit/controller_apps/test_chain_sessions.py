@@ -240,7 +240,7 @@ def test_links_are_allowed_with_their_chain_and_count_for_nothing() -> None:
     policy = "default = 'deny'\n[[rule]]\naction = 'allow'\nfrom = 'alice'\nmax_sessions = 2"
     policy += "\n[filter]\nnumbers = false"
     permission = Permission(parse_policy(policy), state.network, state.sessions)
-    state.forbid = lambda setup, connection: (
+    state.terms.forbid = lambda setup, connection: (
         Admission(Reason.NOT_ALLOWED) if permission.objection(setup, connection) else None
     )
     linked(chained(state))

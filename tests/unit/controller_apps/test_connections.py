@@ -13,9 +13,11 @@ from metadata_scene import (
     arbiter,
     frame,
     from_bob,
+    is_live,
 )
 
 from controller_apps.packets.segments import FiveTuple
+from controller_apps.policy.policy import Filter, Policy
 from controller_apps.sessions import handshakes
 from controller_apps.sessions.actions import (
     Action,
@@ -26,7 +28,7 @@ from controller_apps.sessions.actions import (
     OpenPaths,
 )
 from controller_apps.sessions.arbiter import Arbiter
-from controller_apps.sessions.handshakes import WINDOW
+from controller_apps.sessions.connections import WINDOW
 from controller_apps.timeouts import COUNTING_S, HELD_UP_S
 from wire.metadata.header import METADATA_PORT
 from wire.metadata.setup import SETUP_LENGTH
@@ -41,7 +43,7 @@ BEHIND = (A + SETUP_LENGTH) & 0xFFFFFFFF  # what follows the set-up
 
 def state_of(needs_handshake: bool = True) -> Arbiter:
     state = arbiter()
-    state.needs_handshake = needs_handshake
+    state.follow(Policy(filter=Filter(handshakes=needs_handshake)))
     return state
 
 
@@ -63,7 +65,7 @@ def opened(state: Arbiter) -> Arbiter:
     (action,) = ask(state)
     assert isinstance(action, OpenPaths)
     state.barrier_passed(Q1, action.transaction, 0.0)
-    assert state.is_live(FRAMED.session)
+    assert is_live(state, FRAMED.session)
     return state
 
 
@@ -98,7 +100,7 @@ def test_a_set_up_on_the_connection_of_another_does_not_end_it() -> None:
     state = opened(state_of())
     elsewhere = frame(FRAMED.encode(), seq=5000, ack=1)
     assert causes(arrive(state, elsewhere)) == ["unopened"]
-    assert state.is_live(FRAMED.session)
+    assert is_live(state, FRAMED.session)
 
 
 def test_a_new_connection_between_the_same_ports_takes_the_place_of_the_old() -> None:
@@ -144,10 +146,10 @@ def test_a_blind_close_ends_nothing(flags: str, seq: int, ack: int) -> None:
     blind = frame(flags=flags, seq=seq & 0xFFFFFFFF, ack=ack & 0xFFFFFFFF)
     assert arrive(state, blind, CHARLIE_PORT) == []
     assert arrive(state, from_bob("RA", ack & 0xFFFFFFFF, seq & 0xFFFFFFFF), CHARLIE_PORT) == []
-    assert state.is_live(FRAMED.session)
-    state.needs_sequence = False  # for attack studies: any close counts
+    assert is_live(state, FRAMED.session)
+    state.follow(Policy(filter=Filter(sequences=False)))  # for attack studies: any close counts
     assert torn_down(arrive(state, blind, CHARLIE_PORT))
-    assert not state.is_live(FRAMED.session)
+    assert not is_live(state, FRAMED.session)
 
 
 @pytest.mark.parametrize(
@@ -163,14 +165,14 @@ def test_a_blind_close_ends_nothing(flags: str, seq: int, ack: int) -> None:
 def test_a_close_of_the_connection_itself_ends_it(data: bytes) -> None:
     state = opened(state_of())
     assert torn_down(arrive(state, data))
-    assert not state.is_live(FRAMED.session)
+    assert not is_live(state, FRAMED.session)
 
 
 @pytest.mark.parametrize("data", [frame(flags="R", seq=BEHIND + 1), from_bob("R", B + 1, 0)])
 def test_a_reset_that_acknowledges_nothing_has_to_be_exact(data: bytes) -> None:
     state = opened(state_of())
     assert arrive(state, data) == []
-    assert state.is_live(FRAMED.session)
+    assert is_live(state, FRAMED.session)
 
 
 @pytest.mark.parametrize(("counted", "ends"), [(3 * WINDOW, True), (WINDOW // 2, False)])
@@ -190,7 +192,7 @@ def test_a_close_far_on_is_held_against_what_the_switch_has_counted(
         assert not any(isinstance(action, CountBypass) for action in state.tick(1.2))
         assert state.tick(1.0 + COUNTING_S) == asked
     assert torn_down(state.bypass_counted(CONNECTION, counted, 3.0)) == ends
-    assert state.is_live(FRAMED.session) != ends
+    assert is_live(state, FRAMED.session) != ends
     assert state.bypass_counted(CONNECTION, 1 << 40, 4.0) == []
 
 
@@ -219,7 +221,7 @@ def test_light_of_a_session_whose_close_is_being_counted_is_waited_for(
     counted_now = state.bypass_counted(CONNECTION, counted, 3.0)
     assert any(isinstance(action, OpenPaths) for action in counted_now) == ends
     if not ends:  # somebody else has guessed at the close
-        late = state.tick(1.0 + state.hold_timeout_s)
+        late = state.tick(1.0 + state.terms.hold_timeout_s)
         assert said(late) == [("refused", Reason.BUSY.name)]
 
 

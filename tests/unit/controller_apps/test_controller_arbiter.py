@@ -20,6 +20,7 @@ from metadata_scene import (
     arbiter,
     frame,
     from_bob,
+    is_live,
     payload_of,
     rotating,
 )
@@ -388,7 +389,7 @@ def test_a_late_fin_of_an_earlier_connection_is_ignored() -> None:
     state = arbiter()
     granted(state)
     assert arrive(state, fin(seq=50)) == []
-    assert state.is_live(7)
+    assert is_live(state, 7)
 
 
 def test_what_tcp_repeats_after_the_end_still_passes() -> None:
@@ -461,13 +462,13 @@ def test_a_pair_source_connection_belongs_to_its_session() -> None:
     assert isinstance(arrive(state, later)[0], AddBypass)
     actions = arrive(state, fin(LATER + 4, 41000, CHARLIE))
     assert [type(action) for action in actions[:2]] == [Keep, RemoveBypass]
-    assert state.is_live(7)  # the session stays
+    assert is_live(state, 7)  # the session stays
 
 
 def test_per_pair_opens_light_for_each_pair_alone() -> None:
     state = arbiter(rotation=2)
     assert answer(ask(state, PER_PAIR)).verdict == Verdict.GRANTED
-    assert not state.is_live(7)
+    assert not is_live(state, 7)
     for number in range(3):
         one = replace(ONE_PAIR, block=number)
         message = granted(state, one, sport=50000 + number)
@@ -500,7 +501,7 @@ def test_the_next_pair_takes_the_path_over_from_the_last() -> None:
     granted(state, ONE_PAIR, sport=50000)
     assert granted(state, ONE_PAIR, sport=50001).verdict == Verdict.GRANTED
     assert arrive(state, fin(LATER, 50000)) == [Note("torn_down", 7, detail="FIN")]
-    assert state.is_live(7)
+    assert is_live(state, 7)
     assert ClosePaths(Q1, 7) in arrive(state, fin(LATER, 50001))
 
 
@@ -543,7 +544,7 @@ def test_a_switch_that_is_soon_back_keeps_its_sessions() -> None:
     state.network.connected.add(Q1)
     assert state.network_changed(2.0) == []
     assert state.tick(2.0 + SWITCH_GRACE_S) == []
-    assert state.is_live(7)
+    assert is_live(state, 7)
 
 
 def test_a_classical_switch_that_leaves_forgets_its_bypasses() -> None:

@@ -23,6 +23,7 @@ from metadata_scene import (
     Q1,
     S1,
     frame,
+    is_live,
     payload_of,
     rotating,
 )
@@ -143,7 +144,7 @@ def test_without_another_way_the_session_waits_for_its_own() -> None:
     assert state.network_changed(2.0) == []  # told once
     state.network.set_fiber(SwitchPort(Q1, 1), whole=True)
     assert state.network_changed(3.0) == []
-    assert state.is_live(7)
+    assert is_live(state, 7)
     assert notes(cut(state, Q1, 1, 4.0)) == ["stranded"]
 
 
@@ -421,7 +422,7 @@ def restarted(tables: FlowTables, now: float) -> Arbiter:
     """Let another arbiter take over; switches find it one after the other."""
     before, hops = tables.state, dict(tables.hops)
     before.network.connected.clear()
-    tables.state = Arbiter(before.network, HOLD_S, IDLE_S, queues=before.queues)
+    tables.state = Arbiter(before.network, HOLD_S, IDLE_S, queues=before.terms.queues)
     for data in tables.kept.values():
         tables.state.resume(decode_session(data, now), now)
     for dpid in RIM:

@@ -7,7 +7,7 @@ from itertools import count
 from typing import Any
 
 import pytest
-from metadata_scene import ALICE, BOB, CHARLIE, FRAMED, S1, arbiter, frame
+from metadata_scene import ALICE, BOB, CHARLIE, FRAMED, S1, arbiter, frame, is_live
 from test_seals_and_sessions import DIRECT, ROUND, grant, noted, opened, triangle
 
 from controller_apps.light.optics import SwitchPort
@@ -34,7 +34,7 @@ def idle(state: Arbiter, *watches: Watch) -> IdleLight:
     """Return what watches the idle light of an arbiter; the first seal is session 1000."""
 
     def find(setup: Setup, connection: FiveTuple) -> Admission:
-        return find_light(setup, connection, state.sessions, state.network, state.budget_mdb)
+        return find_light(setup, connection, state.sessions, state.network, state.terms.budget_mdb)
 
     numbers = count(1000)
     found = IdleLight(state.network, state.sessions, find, lambda: next(numbers))
@@ -220,7 +220,7 @@ def test_a_session_that_wants_the_light_of_an_ordered_seal_has_it_when_that_ends
     waiting = state.segment_arrived(S1, 1, segment, 1.0)
     assert noted(waiting) == ["queued", "wanted"]
     end(state, light, 1000, 1.02)
-    assert state.is_live(KEYS.session)
+    assert is_live(state, KEYS.session)
     assert not light.tick(11.1)  # the session has the light now
 
 

@@ -35,7 +35,7 @@ def under(policy: str, numbers: str = ANY_NUMBER) -> tuple[Arbiter, Permission]:
     """Return an arbiter that keeps to a policy."""
     state = arbiter()
     permission = Permission(parse_policy(policy + numbers), state.network, state.sessions)
-    state.forbid = lambda setup, connection: (
+    state.terms.forbid = lambda setup, connection: (
         Admission(Reason.NOT_ALLOWED) if permission.objection(setup, connection) else None
     )
     return state, permission

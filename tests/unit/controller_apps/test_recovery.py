@@ -299,7 +299,7 @@ QUESTION = SessionQuery(0, FRAMED.session)
 def test_a_session_that_has_ended_unseen_is_over_as_soon_as_its_opener_says_so() -> None:
     state = confirmed()  # by a bypass, which a switch forgets after 30 s of silence
     assert asked(state, RESTART) == [(ALICE, QUESTION)]
-    over = state.session_told(FRAMED.session, ALICE, Reason.UNKNOWN_SESSION, RESTART + 0.1)
+    over = state.session_reported(FRAMED.session, ALICE, Reason.UNKNOWN_SESSION, RESTART + 0.1)
     assert over == [
         Forget(FRAMED.session),
         ClosePaths(Q1, FRAMED.session),
@@ -312,8 +312,8 @@ def test_a_session_that_has_ended_unseen_is_over_as_soon_as_its_opener_says_so()
 def test_a_session_that_its_opener_is_in_lives_and_nobody_is_asked_again() -> None:
     state = confirmed()
     asked(state, RESTART)
-    assert state.session_told(FRAMED.session, ALICE, Reason.OK, RESTART + 0.1) == []
-    assert state.session_told(FRAMED.session, ALICE, Reason.UNKNOWN_SESSION, RESTART + 9) == []
+    assert state.session_reported(FRAMED.session, ALICE, Reason.OK, RESTART + 0.1) == []
+    assert state.session_reported(FRAMED.session, ALICE, Reason.UNKNOWN_SESSION, RESTART + 9) == []
     assert not asked(state, RESTART + HELD_UP_S)
     assert FRAMED.session in state.sessions.by_number
 
@@ -325,8 +325,8 @@ def test_who_does_not_answer_is_asked_again_and_then_the_acceptor() -> None:
     assert asked(state, RESTART + NODE_TIMEOUT_S) == [(ALICE, QUESTION)]
     assert asked(state, RESTART + HELD_UP_S) == [(BOB, QUESTION)]
     unknown = FRAMED.session, CHARLIE, Reason.UNKNOWN_SESSION
-    assert state.session_told(*unknown, RESTART + HELD_UP_S) == []  # who was not asked
-    over = state.session_told(FRAMED.session, BOB, Reason.UNKNOWN_SESSION, RESTART + HELD_UP_S)
+    assert state.session_reported(*unknown, RESTART + HELD_UP_S) == []  # who was not asked
+    over = state.session_reported(FRAMED.session, BOB, Reason.UNKNOWN_SESSION, RESTART + HELD_UP_S)
     assert over[-1].event == "torn_down"  # type: ignore[union-attr]
 
 
@@ -340,10 +340,10 @@ def test_nobody_is_asked_for_ever_nor_about_a_session_that_is_over() -> None:
 
 def test_who_waits_for_its_light_has_it_then() -> None:
     state = confirmed()
-    state.queues = True
+    state.terms.queues = True
     asked(state, RESTART)
     waiting = ask(state, replace(FRAMED, session=8), RESTART, sport=50000)
     assert Note("queued", 8) in waiting
-    freed = state.session_told(FRAMED.session, ALICE, Reason.UNKNOWN_SESSION, RESTART + 0.1)
+    freed = state.session_reported(FRAMED.session, ALICE, Reason.UNKNOWN_SESSION, RESTART + 0.1)
     (opening,) = (action for action in freed if isinstance(action, OpenPaths))
     assert (opening.session, opening.hops) == (8, HOPS)

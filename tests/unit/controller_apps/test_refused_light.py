@@ -13,6 +13,7 @@ from controller_apps.policy.policy import Policy
 from controller_apps.policy.reading import parse_policy
 from controller_apps.sessions.actions import Forward, Note
 from controller_apps.sessions.arbiter import Arbiter
+from controller_apps.sessions.terms import UNFILTERED
 from wire.metadata.decoding import decode
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Reason, Service, Verdict
@@ -35,7 +36,7 @@ def two_switches() -> Network:
 def refusal(found: Network, setup: Setup = KEYS, names_elements: bool = True) -> tuple[Setup, str]:
     """Return what the hosts and the operator are told of a set-up."""
     state = Arbiter(found, 5.0, 30.0)
-    state.verdicts.names_elements = names_elements
+    state.follow(replace(UNFILTERED, names_elements=names_elements))
     segment = frame(setup.encode(), sport=40_000, source=ALICE, destination=BOB)
     actions = state.segment_arrived(S1, 1, segment, 0.0)
     (sent,) = (action for action in actions if isinstance(action, Forward))

@@ -14,6 +14,7 @@ from controller_apps.policy.reading import parse_policy
 from controller_apps.sessions.actions import ClosePaths, Note
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.permission import Permission
+from controller_apps.sessions.terms import UNFILTERED
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Reason, Service, Verdict
 from wire.optical import ANY_PORT, PathOptics
@@ -79,9 +80,9 @@ def test_a_tap_counts_where_the_pairs_of_a_return_pass_it(
     state = scene(rotation=1)
     state.network.attach(SwitchPort(Q1, 7), HostPort("eve", EVE, "eve-q0"))
     state.network.attach(SwitchPort(Q1, 8), HostPort("eve", EVE, "eve-q1"))
-    state.taps = (Tap(between, "eve"),)
+    state.follow(replace(UNFILTERED, taps=(Tap(between, "eve"),)))
     granted(state)
-    state.taps = ()
+    state.follow(replace(UNFILTERED, taps=()))
     assert granted(state, BACK, **BACKWARDS).rotation == rotation
 
 

@@ -20,7 +20,7 @@ from controller_apps.sessions.actions import (
 )
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.seals import Seals
-from controller_apps.timeouts import TAKEN_BACK_S
+from controller_apps.timeouts import PREEMPTION_S
 from wire.metadata.decoding import decode
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Reason, Service
@@ -89,8 +89,8 @@ def test_a_seal_that_is_not_given_back_is_torn_down() -> None:
     state = arbiter()
     grant(state, ask(state, SEAL, 40000))
     ask(state, KEYS, 40001)
-    assert not opened(state.tick(TAKEN_BACK_S * 0.9))
-    late = state.tick(TAKEN_BACK_S)
+    assert not opened(state.tick(PREEMPTION_S * 0.9))
+    late = state.tick(PREEMPTION_S)
     assert noted(late)[0] == "torn_down"
     assert opened(late) == [Hop(Q1, 1, 2)]
 

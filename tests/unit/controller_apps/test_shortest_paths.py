@@ -211,7 +211,7 @@ def test_whoever_waits_has_no_light_after_any_event() -> None:
         waited += len(waiting)
         for request in islice(waiting, 20):
             found = find_light(
-                request.setup, request.five_tuple, state.sessions, network, state.budget_mdb
+                request.setup, request.five_tuple, state.sessions, network, state.terms.budget_mdb
             )
             assert found.waits_for_light
             assert not found.paths

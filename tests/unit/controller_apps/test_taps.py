@@ -12,6 +12,7 @@ from controller_apps.policy.policy import Tap
 from controller_apps.policy.reading import parse_policy
 from controller_apps.sessions.actions import Action, Forward, Note, OpenPaths
 from controller_apps.sessions.arbiter import Arbiter
+from controller_apps.sessions.terms import UNFILTERED
 from wire.metadata.decoding import decode
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Reason, Service, Verdict
@@ -55,19 +56,19 @@ def test_light_between_two_hosts_goes_by_way_of_the_third(between: tuple[str, st
     state = network_of("eve-q0", "eve-q1")
     assert opened(ask(state, BB84)) == [DIRECT]
     state = network_of("eve-q0", "eve-q1")
-    state.taps = (Tap(between, "eve"),)
+    state.follow(replace(UNFILTERED, taps=(Tap(between, "eve"),)))
     assert opened(ask(state, BB84)) == BY_EVE
 
 
 def test_her_first_fibres_by_their_names_are_taken() -> None:
     state = network_of("eve-q10", "eve-q2", "eve-q9")
-    state.taps = (TAP,)
+    state.follow(replace(UNFILTERED, taps=(TAP,)))
     assert opened(ask(state, BB84)) == [Hop(Q1, 1, 7), Hop(Q1, 8, 2)]
 
 
 def test_only_the_legs_between_these_hosts_are_divided() -> None:
     state = network_of("eve-q0", "eve-q1")
-    state.taps = (Tap(("charlie", "alice"), "eve"),)
+    state.follow(replace(UNFILTERED, taps=(Tap(("charlie", "alice"), "eve"),)))
     assert opened(ask(state, replace(BB84, service=Service.BBM92, source=CHARLIE))) == [
         Hop(Q1, 4, 6),
         Hop(Q1, 7, 1),
@@ -77,7 +78,7 @@ def test_only_the_legs_between_these_hosts_are_divided() -> None:
 
 def test_a_host_that_nobody_has_announced_is_refused_by_name() -> None:
     state = network_of()
-    state.taps = (TAP,)
+    state.follow(replace(UNFILTERED, taps=(TAP,)))
     actions = ask(state, BB84)
     assert reason(actions) == Reason.UNKNOWN_HOST
     told = (
@@ -91,7 +92,7 @@ def test_a_host_that_nobody_has_announced_is_refused_by_name() -> None:
 
 def test_a_host_of_one_fibre_cannot_tap() -> None:
     state = network_of("eve-q0")
-    state.taps = (TAP,)
+    state.follow(replace(UNFILTERED, taps=(TAP,)))
     actions = ask(state, BB84)
     assert reason(actions) == Reason.NO_PATH
     told = (
@@ -104,7 +105,7 @@ def test_a_host_of_one_fibre_cannot_tap() -> None:
 
 def test_a_tap_that_others_use_makes_the_next_wait() -> None:
     state = network_of("eve-q0", "eve-q1", queues=True)
-    state.taps = (TAP,)
+    state.follow(replace(UNFILTERED, taps=(TAP,)))
     assert opened(ask(state, BB84)) == BY_EVE
     actions = ask(state, replace(BB84, session=8), sport=40001)
     assert Note("queued", 8) in actions
@@ -115,7 +116,7 @@ def test_a_tap_that_others_use_makes_the_next_wait() -> None:
 def test_open_sessions_stay_as_they_are_when_the_policy_changes() -> None:
     state = network_of("eve-q0", "eve-q1")
     ask(state, BB84)
-    state.taps = (TAP,)
+    state.follow(replace(UNFILTERED, taps=(TAP,)))
     (session,) = state.sessions.by_number.values()
     assert list(session.hops) == [DIRECT]
     state.segment_arrived(S1, 1, frame(flags="FA", seq=5000), 1.0)

@@ -106,7 +106,7 @@ def test_stations_speak_for_themselves_unless_the_policy_lets_them(tmp_path: Pat
         scene.quantum.asked(question)
         question.wait()
         assert filtering(scene.s1.take()) == entries
-        assert scene.quantum.arbiter.needs_handshake == (policy == "")
+        assert scene.quantum.arbiter.terms.policy.filter.handshakes == (policy == "")
 
 
 def test_copper_of_a_quantum_switch_learns_like_any_other(scene: Scene) -> None:

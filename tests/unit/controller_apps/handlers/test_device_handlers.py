@@ -20,7 +20,7 @@ from controller_apps.apps.host_orders import (
     EventEstimate,
     EventOrder,
     EventSealOver,
-    EventSessionTold,
+    EventSessionReported,
     EventSwapsOrdered,
 )
 from controller_apps.console.questions import EventQuestion, Refused
@@ -239,7 +239,7 @@ def test_what_a_host_says_of_a_session_is_told_as_that(
     assert question.about == 7
     scene.says(Answer(question.session, Reason.UNKNOWN_SESSION))
     (event,) = told
-    assert type(event) is EventSessionTold
+    assert type(event) is EventSessionReported
     assert (event.session, event.node, event.reason) == (7, ALICE, Reason.UNKNOWN_SESSION)
 
 

@@ -25,6 +25,7 @@ from metadata_scene import (
     FRAMED,
     HOLD_S,
     frame,
+    is_live,
     payload_of,
 )
 
@@ -83,11 +84,11 @@ def test_a_close_far_on_is_held_against_the_count_of_its_bypass(
     cookie_and_mask = struct.unpack_from("!QQ", question.body, 16)  # OpenFlow 1.4, 7.3.5.2
     assert cookie_and_mask == (FRAMED.session, (1 << 64) - 1)
     for xid, count in ((question.xid + 1, 4 << 20), (question.xid, 4 << 20)):
-        assert ready.quantum.arbiter.is_live(FRAMED.session)
+        assert is_live(ready.quantum.arbiter, FRAMED.session)
         counted = SimpleNamespace(byte_count=count)
         reply = SimpleNamespace(datapath=ready.s1, xid=xid, body=[counted], flags=0)
         ready.quantum.flows_listed(SimpleNamespace(msg=reply))
-    assert not ready.quantum.arbiter.is_live(FRAMED.session)
+    assert not is_live(ready.quantum.arbiter, FRAMED.session)
 
 
 def expire(scene: Scene, reason: int) -> None:

@@ -15,6 +15,7 @@ from metadata_scene import (
     Q1,
     S1,
     frame,
+    is_live,
     payload_of,
 )
 
@@ -81,7 +82,7 @@ def test_a_switch_that_stays_away_gets_nothing_and_ends_its_sessions(
     grant(ready)
     ready.connect(ready.q1, framework.DEAD)
     assert ready.q1.take() == []
-    assert ready.quantum.arbiter.is_live(FRAMED.session)
+    assert is_live(ready.quantum.arbiter, FRAMED.session)
     other = replace(FRAMED, session=8)
     ready.packet_in(ready.s1, 1, frame(other.encode(), sport=41000))
     (sent,) = ready.s1.take()
@@ -108,7 +109,7 @@ def test_a_switch_that_is_soon_back_keeps_its_sessions_and_gets_what_it_lost(rea
     added = [m.inner for m in messages if m.kind == ofproto.OFPT_BUNDLE_ADD_MESSAGE]
     assert [(e.cookie, e.match["in_port"]) for e in added] == [(7, 1), (7, 5)]
     assert [m.cookie for m in flow_mods(messages)] == [99]
-    assert ready.quantum.arbiter.is_live(FRAMED.session)
+    assert is_live(ready.quantum.arbiter, FRAMED.session)
 
 
 def test_a_connection_without_features_is_no_switch(ready: Scene) -> None:
@@ -124,7 +125,7 @@ def test_a_second_controller_begins_with_what_the_first_has_kept(tmp_path: Path)
     grant(first)
     second = Scene(tmp_path, str(tmp_path / "state"))
     assert second.quantum.network.hosts == first.quantum.network.hosts
-    assert second.quantum.arbiter.is_live(FRAMED.session)
+    assert is_live(second.quantum.arbiter, FRAMED.session)
     resumed = [fact for fact in second.recorded() if fact["event"] == "resumed"]
     assert [fact["session"] for fact in resumed] == [f"{FRAMED.session:016x}"]
 

@@ -120,7 +120,7 @@ def test_a_policy_that_is_read_again_has_its_schedule(ready: Scene, tmp_path: Pa
     file.write_text("[swap]\nschedule = 'nested'")
     ready.quantum.policy_path = str(file)
     ready.quantum.asked(EventQuestion("reload", {}))
-    assert ready.quantum.arbiter.schedule == "nested"
+    assert ready.quantum.arbiter.terms.policy.schedule == "nested"
 
 
 def test_what_the_policy_denies_is_refused_and_opens_nothing(ready: Scene, tmp_path: Path) -> None:
