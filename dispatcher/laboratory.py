@@ -9,6 +9,7 @@ missing: the clock jumps to whatever is waited for.
 """
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,41 +17,20 @@ from numpy.typing import NDArray
 from dispatcher.build import build_layer
 from dispatcher.layer.journal import CausedBy
 from dispatcher.layer.ownership import BlockName
-from dispatcher.operations.blocks import Operations
-from dispatcher.operations.gathering import Gathering
-from dispatcher.operations.heralding import Heralding
-from dispatcher.operations.looking import Telling
-from dispatcher.operations.measurements import Measurements
-from dispatcher.operations.operation_handlers import Handler, operation_handlers
-from dispatcher.operations.resending import Resending
-from dispatcher.operations.splitting import Splitting
-from dispatcher.operations.switching import Switching
-from dispatcher.operations.transport import Transport
+from dispatcher.operations.request_table import RequestTable
 from dispatcher.sabot.backend import Bytes
 from dispatcher.timeouts import RECEIVE_TIMEOUT_S
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import (
-    ApplyRequest,
-    AttemptRequest,
-    BellMeasureRequest,
     BlockId,
     Connection,
     CreateRequest,
-    DiscardRequest,
+    CrossConnectRequest,
     Feedback,
     Gate,
-    GatherRequest,
-    HeraldRequest,
     Launch,
     MeasureRequest,
     Pick,
-    ReceiveRequest,
-    ResendRequest,
-    SendRequest,
-    SenseRequest,
-    SplitRequest,
-    StoreRequest,
-    TellRequest,
 )
 
 START_NS = 1_700_000_000_000_000_000
@@ -58,23 +38,6 @@ RATE_HZ = 1_000_000_000
 SESSION = 1
 
 BlockKey = tuple[int, int]  # number and half of a block
-Request = (
-    CreateRequest
-    | ApplyRequest
-    | SendRequest
-    | ReceiveRequest
-    | MeasureRequest
-    | BellMeasureRequest
-    | StoreRequest
-    | DiscardRequest
-    | GatherRequest
-    | ResendRequest
-    | AttemptRequest
-    | HeraldRequest
-    | SplitRequest
-    | TellRequest
-    | SenseRequest
-)
 
 
 class JumpingClock:
@@ -97,18 +60,11 @@ class Laboratory:
     """The hosts, fibres and switches of a configuration."""
 
     def __init__(self, config: DispatcherConfig) -> None:
-        """Build the layer; raise BadConfig for a network that cannot be."""
+        """Build the layer; raise BadConfig for an impossible network."""
         self.clock = JumpingClock()
         self.layer = build_layer(config, self.clock, None)
-        self.switching = Switching(self.layer)
         self._errors: list[BaseException] = []
-        self._transport = transport = Transport(self.layer, self._errors.append)
-        operations, measurements = Operations(self.layer), Measurements(self.layer)
-        rest = Gathering(self.layer), Resending(self.layer), Splitting(self.layer)
-        self._heralding = heralding = Heralding(self.layer, self._errors.append)
-        self._handlers = operation_handlers(
-            self.layer, operations, measurements, transport, *rest, heralding, Telling(self.layer)
-        )
+        self.table = RequestTable(self.layer, self._errors.append)
 
     def host(self, name: str) -> "LaboratoryHost":
         """Return the host of this name; it need not have fibres."""
@@ -117,86 +73,83 @@ class Laboratory:
     async def connect(self, switch: str, connections: dict[int, int]) -> None:
         """Replace a switch's cross-connects, and wait until light passes."""
         ports = [Connection(in_port=i, out_port=o) for i, o in connections.items()]
-        await self.switching.cross_connect(switch, ports)
+        request = CrossConnectRequest(switch=switch, connections=ports)
+        await self.table.handle(switch, "cross_connect", request)
 
     async def wait(self, seconds: float) -> None:
         """Let time pass."""
         await self.clock.wait_until(self.clock.now_ns() + round(seconds * 1e9))
 
-    async def act(self, node: str, operation: str, request: Request) -> Feedback:
-        """Do what a host asks; raise Refusal as the dispatcher's service would."""
-        handle: Handler = self._handlers[operation]
+    async def act(self, node: str, operation: str, request: Any) -> Feedback:
+        """Execute a host's request, and wait for what follows from it; raise Refusal."""
         with CausedBy(node, operation, request):
-            feedback = await handle(node, request)
-            await self._transport.landed()
-            await self._heralding.told()
+            feedback: Feedback = await self.table.handle(node, operation, request)
+            await self.table.transport.landed()
+            await self.table.heralding.told()
         if self._errors:  # flights are tasks of their own
             raise self._errors[0]
         return feedback
+
+    def request(self, operation: str, **fields: Any) -> Any:
+        """Return the message of an operation."""
+        return self.table.rows[operation].message(**fields)
 
 
 class LaboratoryHost:
     """One host's requests, with blocks of one session named by number and half."""
 
     def __init__(self, laboratory: Laboratory, name: str) -> None:
-        """Ask in the name of this host."""
+        """Request in the name of this host."""
         self._laboratory, self.name = laboratory, name
-        self.asked_ns = 0  # when it has asked for what it does from now on; 0: when it does so
+        self.asked_ns = 0  # time of the requests from now on; 0: the time of their execution
 
     async def create(
         self, count: int, number: int = 0, state: CreateRequest.State = CreateRequest.BELL_PAIRS
     ) -> Feedback:
         """Make a block of `count` Bell pairs, or of qubits in |0>."""
-        request = CreateRequest(session=SESSION, number=number, count=count, state=state)
-        return await self._act("create", request)
+        return await self._act("create", session=SESSION, number=number, count=count, state=state)
 
     async def prepare(
         self, states: Bytes, number: int = 0, levels: Bytes | None = None
     ) -> Feedback:
         """Make a block of photons in these states (dispatcher.operations.preparation.STATES).
 
-        Levels say with which intensity of its source each pulse is made.
+        Levels, shape (k,): the source's intensity of each pulse.
         """
-        request = CreateRequest(
+        return await self._act(
+            "create",
             session=SESSION,
             number=number,
             count=states.size,
             state=CreateRequest.PREPARED,
             states=states.tobytes(),
-            levels=b"" if levels is None else levels.tobytes(),
+            levels=packed(levels),
         )
-        return await self._act("create", request)
 
     async def apply(
         self, block: BlockKey, paulis: Bytes | None = None, gates: Sequence[Gate] = ()
     ) -> Feedback:
         """Apply a Pauli to each photon (0 I, 1 X, 2 Z, 3 XZ; shape (k,)), then gates to all."""
-        packed = b"" if paulis is None else paulis.tobytes()
-        return await self._act(
-            "apply", ApplyRequest(block=block_id(block), paulis=packed, gates=gates)
-        )
+        return await self._act("apply", block=block_id(block), paulis=packed(paulis), gates=gates)
 
     async def send(
         self, launches: dict[BlockKey, str], rate_hz: int = RATE_HZ, frequency_mhz: int = 0
     ) -> Feedback:
         """Launch blocks together, each into the port named; return when all have come or are lost.
 
-        Their colour is that of channel 1, unless another is said.
+        Frequency 0: channel 1.
         """
         ways = [Launch(block=block_id(block), port=port) for block, port in launches.items()]
-        request = SendRequest(launches=ways, rate_hz=rate_hz, frequency_mhz=frequency_mhz)
-        return await self._act("send", request)
+        return await self._act("send", launches=ways, rate_hz=rate_hz, frequency_mhz=frequency_mhz)
 
     async def receive(self, block: BlockKey, port: str) -> Feedback | None:
-        """Take a block from a port; return None if no light came.
-
-        What was sent has come or is lost by now: nobody need wait for it.
-        """
+        """Take a block from a port; return None if no light came."""
         name = BlockName(SESSION, *block)
         if self._laboratory.layer.ownership.at(name, self.name, port) is None:
-            return None
-        request = ReceiveRequest(block=block_id(block), port=port, timeout_s=RECEIVE_TIMEOUT_S)
-        return await self._act("receive", request)
+            return None  # all that was sent has come or is lost by now
+        return await self._act(
+            "receive", block=block_id(block), port=port, timeout_s=RECEIVE_TIMEOUT_S
+        )
 
     async def measure(
         self,
@@ -205,51 +158,46 @@ class LaboratoryHost:
         bases: Bytes | None = None,
     ) -> Bytes:
         """Measure and use up a block; return the outcomes, 255 for no click, shape (k,)."""
-        packed = b"" if bases is None else bases.tobytes()
-        request = MeasureRequest(block=block_id(block), basis=basis, bases=packed)
-        return outcomes(await self._act("measure", request))
+        return outcomes(
+            await self._act("measure", block=block_id(block), basis=basis, bases=packed(bases))
+        )
 
     async def resend(self, block: BlockKey, bases: Bytes) -> Bytes:
         """Measure photons and put new ones in their places; a basis of 255 leaves one alone."""
-        request = ResendRequest(block=block_id(block), bases=bases.tobytes())
-        return outcomes(await self._act("resend", request))
+        return outcomes(await self._act("resend", block=block_id(block), bases=packed(bases)))
 
     async def split(self, block: BlockKey, into: BlockKey) -> Bytes:
         """Count photons of pulses, and take one of several into a new block; return the counts."""
-        request = SplitRequest(block=block_id(block), into=block_id(into))
-        return outcomes(await self._act("split", request))
+        return outcomes(await self._act("split", block=block_id(block), into=block_id(into)))
 
     async def bell_measure(self, first: BlockKey, second: BlockKey) -> Bytes:
         """Bell-measure two blocks; return 0 Phi+, 1 Psi+, 2 Phi-, 3 Psi-, 255 none, shape (k,)."""
-        request = BellMeasureRequest(first=block_id(first), second=block_id(second))
-        return outcomes(await self._act("bell_measure", request))
+        return outcomes(
+            await self._act("bell_measure", first=block_id(first), second=block_id(second))
+        )
 
     async def store(self, block: BlockKey, cutoff_s: float | None = None) -> Feedback:
-        """Put a block into the host's memory; what is older than the cut-off is dropped."""
-        request = StoreRequest(block=block_id(block), cutoff_s=cutoff_s)
-        return await self._act("store", request)
+        """Put a block into the host's memory, which drops qubits older than the cut-off."""
+        return await self._act("store", block=block_id(block), cutoff_s=cutoff_s)
 
     async def attempt(self, block: BlockKey, port: str, cutoff_s: float | None = None) -> Feedback:
         """Let qubits of the host's memory attempt to emit into a port."""
-        request = AttemptRequest(block=block_id(block), port=port, cutoff_s=cutoff_s)
-        return await self._act("attempt", request)
+        return await self._act("attempt", block=block_id(block), port=port, cutoff_s=cutoff_s)
 
     async def herald(
         self, count: int, ports: tuple[str, str], timeout_s: float, number: int = 0
     ) -> Feedback:
         """Herald pairs of the hosts whose light comes to these ports, in this time at most."""
-        request = HeraldRequest(
-            session=SESSION, number=number, count=count, ports=ports, timeout_s=timeout_s
-        )
-        return await self._act("herald", request)
+        names = {"session": SESSION, "number": number}
+        return await self._act("herald", **names, count=count, ports=ports, timeout_s=timeout_s)
 
     async def sense(self, block: BlockKey) -> Feedback:
         """Let every photon of a block take the phase of the host's sensor."""
-        return await self._act("sense", SenseRequest(block=block_id(block)))
+        return await self._act("sense", block=block_id(block))
 
     async def discard(self, block: BlockKey) -> Feedback:
         """Discard a block."""
-        return await self._act("discard", DiscardRequest(block=block_id(block)))
+        return await self._act("discard", block=block_id(block))
 
     async def gather(
         self,
@@ -259,12 +207,12 @@ class LaboratoryHost:
     ) -> Feedback:
         """Make a block of photons of others, by their positions; keep or discard the rest."""
         every = [Pick(block=block_id(block), photons=at.tolist()) for block, at in picks.items()]
-        request = GatherRequest(into=block_id(into), picks=every, keep_rest=keep_rest)
-        return await self._act("gather", request)
+        return await self._act("gather", into=block_id(into), picks=every, keep_rest=keep_rest)
 
-    async def _act(self, operation: str, request: Request) -> Feedback:
+    async def _act(self, operation: str, **fields: Any) -> Feedback:
+        request = self._laboratory.request(operation, **fields)
         if self.asked_ns and "asked_ns" in request.DESCRIPTOR.fields_by_name:
-            request.asked_ns = self.asked_ns  # type: ignore[union-attr]
+            request.asked_ns = self.asked_ns
         return await self._laboratory.act(self.name, operation, request)
 
 
@@ -272,6 +220,10 @@ def block_id(block: BlockKey) -> BlockId:
     """Return the name of a block as requests have it."""
     number, half = block
     return BlockId(session=SESSION, number=number, half=half)
+
+
+def packed(values: Bytes | None) -> bytes:
+    return b"" if values is None else values.tobytes()
 
 
 def outcomes(feedback: Feedback) -> Bytes:

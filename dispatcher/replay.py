@@ -12,13 +12,12 @@ from dataclasses import replace
 from itertools import chain
 from typing import Any, BinaryIO, TextIO
 
-from google.protobuf.message import DecodeError
+from google.protobuf.message import DecodeError, Message
 
 from dispatcher.build import build_layer
 from dispatcher.layer.journal import Journal
 from dispatcher.recording.recorder import current_request, running_request
 from dispatcher.refusal import Refusal
-from dispatcher.server.recorded_requests import REQUESTS
 from dispatcher.server.server import build_service
 from dispatcher.server.servicer import Service
 from wire import dispatcher_record
@@ -165,15 +164,16 @@ async def _perform(service: Service, entry: Request) -> None:
     """Do a recorded request; one that was refused is refused again."""
     with running_request(entry.number):
         try:
-            await service.change(entry.node, entry.kind, _decoded(entry))
+            await service.change(entry.node, entry.kind, _decoded(service, entry))
         except Refusal:
             return
 
 
-def _decoded(entry: Request) -> Any:
-    if entry.kind not in REQUESTS:
+def _decoded(service: Service, entry: Request) -> Message:
+    row = service.table.rows.get(entry.kind)
+    if row is None:
         raise BadRecord(f"request {entry.number} is of the unknown kind {entry.kind!r}")
     try:
-        return REQUESTS[entry.kind].FromString(entry.message)
+        return row.message.FromString(entry.message)
     except DecodeError as error:
         raise BadRecord(f"request {entry.number} is malformed") from error

@@ -14,15 +14,18 @@ from dispatcher.layer import further, herald
 from dispatcher.layer.ownership import Block
 from dispatcher.refusal import invalid
 from dispatcher.sabot.simulation import Simulation
+from wire.dispatcher_pb2 import AttemptRequest, StoreRequest
 
 NEVER = float("inf")
 
 
-def checked(cutoff_s: float) -> float:
-    """Return a cut-off that a host has told; refuse anything else."""
-    if not cutoff_s > 0:  # also what is not a number
-        raise invalid(f"cut-off of {cutoff_s} s; give more than 0, or infinity for none")
-    return cutoff_s
+def requested(request: StoreRequest | AttemptRequest) -> float | None:
+    """Return the cut-off (s) that a host requests, None for its memory's own."""
+    if not request.HasField("cutoff_s"):
+        return None
+    if not request.cutoff_s > 0:  # or not a number
+        raise invalid(f"cut-off of {request.cutoff_s} s; give more than 0, or infinity for none")
+    return request.cutoff_s
 
 
 def drop(sabot: Simulation, block: Block, until_ns: int, step_ns: float = 0.0) -> int:

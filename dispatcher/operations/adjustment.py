@@ -15,7 +15,7 @@ from wire.dispatcher_pb2 import AdjustFiberRequest
 from wire.parameters.physics import BadParameter
 
 
-def adjust(layer: PhysicalLayer, request: AdjustFiberRequest) -> int:
+def adjust(layer: PhysicalLayer, _node: str, request: AdjustFiberRequest) -> int:
     """Do what is asked to all fibres between two nodes; return how many there are."""
     lines = layer.network.between(request.a, request.b)
     kind = request.WhichOneof("adjustment")

@@ -20,7 +20,14 @@ from dispatcher.sabot.capacity import GateStep
 from dispatcher.sabot.gates import ROTATIONS, TWO_QUBIT_GATES
 from dispatcher.sabot.limits import MAX_GATES, require_count
 from dispatcher.sabot.registers import Register
-from wire.dispatcher_pb2 import ApplyRequest, CreateRequest, Feedback, Gate
+from wire.dispatcher_pb2 import (
+    ApplyRequest,
+    BlockId,
+    CreateRequest,
+    Feedback,
+    Gate,
+    StoreRequest,
+)
 from wire.features import EMIT, GATE, STORE
 from wire.outcomes import PAULIS
 
@@ -206,20 +213,20 @@ class Operations:
         seconds = imperfections.of_gates(layer.devices.of(node).gates, singles, len(others))
         return imperfections.lasts(feedback, seconds, [block, *others])
 
-    def store(self, node: str, name: BlockName, cutoff_s: float | None = None) -> Feedback:
+    def store(self, node: str, request: StoreRequest) -> Feedback:
         """Keep a block in the node's memory, and drop what is older than the cut-off."""
-        told = None if cutoff_s is None else cutoff.checked(cutoff_s)
-        block = self._layer.ownership.require(name, node)
-        wrong = self._layer.memories.store(block, told)
+        cutoff_s = cutoff.requested(request)
+        block = self._layer.ownership.require(block_name(request.block), node)
+        wrong = self._layer.memories.store(block, cutoff_s)
         self._layer.record(node, "store", block, detail=wrong)
         feedback = self._layer.feedback(block)
         feedback.time_ns = block.stored_ns
         feedback.arrived = herald.told(block).astype(np.uint8).tobytes()
         return feedback
 
-    def discard(self, node: str, name: BlockName) -> Feedback:
+    def discard(self, node: str, block: BlockId) -> Feedback:
         """Discard a block, also one that waits at a port of the node."""
-        ownership = self._layer.ownership
+        ownership, name = self._layer.ownership, block_name(block)
         waiting = [block for block in ownership.parts(name) if block.node == node]
         return self._discard(waiting or [ownership.require(name, node)])
 

@@ -26,7 +26,7 @@ from dispatcher.sabot.limits import positions as checked_positions
 from dispatcher.sabot.limits import require_count
 from dispatcher.sabot.registers import Mask
 from dispatcher.sabot.registers import Pick as RegisterPick
-from wire.dispatcher_pb2 import Feedback, Pick
+from wire.dispatcher_pb2 import Feedback, GatherRequest, Pick
 
 MOST_PLACES = 2  # for each qubit that may live
 MOST_TOLD = 8  # blocks that an event names
@@ -46,12 +46,10 @@ class Gathering:
         """Act on this layer."""
         self._layer = layer
 
-    def gather(
-        self, node: str, into: BlockName, picks: Sequence[Pick], keep_rest: bool
-    ) -> Feedback:
+    def gather(self, node: str, request: GatherRequest) -> Feedback:
         """Make a block of the photons that are picked; keep or discard the rest."""
-        layer = self._layer
-        picked = self._look_up(node, picks)
+        layer, into, keep_rest = self._layer, block_name(request.into), request.keep_rest
+        picked = self._look_up(node, request.picks)
         blocks = [block for block, _positions in picked]
         self._require_free(node, into, [] if keep_rest else blocks)
         if keep_rest:

@@ -21,7 +21,7 @@ import numpy as np
 from dispatcher.devices import hardware
 from dispatcher.devices.heralding import ENTANGLED, KINDS
 from dispatcher.layer import cutoff
-from dispatcher.layer.layer import PhysicalLayer, tally
+from dispatcher.layer.layer import PhysicalLayer, block_name, tally
 from dispatcher.layer.ownership import HALVES, Block, BlockName
 from dispatcher.operations import limits
 from dispatcher.operations.heralded_link import Link, Offer
@@ -29,8 +29,9 @@ from dispatcher.operations.heralds import Drawing, Heralded
 from dispatcher.operations.station_way import StationWay, find_way
 from dispatcher.refusal import Refusal, exhausted, invalid, precondition
 from dispatcher.sabot.limits import require_count
-from wire.dispatcher_pb2 import Feedback, HeraldRequest
+from wire.dispatcher_pb2 import AttemptRequest, Feedback, HeraldRequest
 from wire.features import HERALD, INTERFERE
+from wire.optical import DEFAULT_FREQUENCY_MHZ
 from wire.outcomes import BELL_STATES
 
 MAX_OFFERS = 10_000
@@ -56,18 +57,13 @@ class Heralding:
         while self._news:
             await asyncio.wait(self._news)
 
-    def attempt(
-        self,
-        node: str,
-        name: BlockName,
-        port: str,
-        frequency_mhz: int,
-        cutoff_s: float | None = None,
-    ) -> Feedback:
+    def attempt(self, node: str, request: AttemptRequest) -> Feedback:
         """Let qubits of a node attempt to emit into one of its ports."""
-        layer = self._layer
-        own_s = layer.devices.of(node).memory.cutoff_s
-        cutoff_s = own_s if cutoff_s is None else cutoff.checked(cutoff_s)
+        layer, name, port = self._layer, block_name(request.block), request.port
+        frequency_mhz = request.frequency_mhz or DEFAULT_FREQUENCY_MHZ
+        cutoff_s = cutoff.requested(request)
+        if cutoff_s is None:
+            cutoff_s = layer.devices.of(node).memory.cutoff_s
         hardware.require(layer.devices, node, HERALD)
         end = layer.network.require_port(node, port)
         if name.half not in HALVES:

@@ -52,17 +52,10 @@ def density(vector: Matrix, qubit: int, entangled: bool) -> Matrix:
     return matrix
 
 
-class Telling:
-    """Records what hosts say; nothing of it is checked but its form."""
-
-    def __init__(self, layer: PhysicalLayer) -> None:
-        self._layer = layer
-
-    def tell(self, node: str, request: TellRequest) -> Feedback:
-        """Record a subroutine; refuse a text that would not be one line of a log."""
-        text = request.text
-        if not 0 < len(text) <= MOST or not (text.isascii() and text.isprintable()):
-            shown = text[:20]
-            raise invalid(f"text {shown!r}: 1 to {MOST} printable ASCII characters are told")
-        self._layer.record(node, "subroutine", detail=text)
-        return Feedback(time_ns=self._layer.clock.now_ns(), exact=True)
+def tell(layer: PhysicalLayer, node: str, request: TellRequest) -> Feedback:
+    """Record a subroutine; refuse a text that would not be one line of a log."""
+    text = request.text
+    if not 0 < len(text) <= MOST or not (text.isascii() and text.isprintable()):
+        raise invalid(f"text {text[:20]!r}: 1 to {MOST} printable ASCII characters are told")
+    layer.record(node, "subroutine", detail=text)
+    return Feedback(time_ns=layer.clock.now_ns(), exact=True)

@@ -12,7 +12,7 @@ from dispatcher.devices.detectors import Told
 from dispatcher.devices.overlap import Overlap, overlap
 from dispatcher.fiber.turn import alignment
 from dispatcher.layer import drift, further, part_noise, pulses
-from dispatcher.layer.layer import PhysicalLayer, tally
+from dispatcher.layer.layer import PhysicalLayer, block_name, tally
 from dispatcher.layer.ownership import Block, BlockName, Pulses
 from dispatcher.operations import gate_noise, imperfections, limits
 from dispatcher.operations.blocks import require_pairs
@@ -23,7 +23,7 @@ from dispatcher.sabot.capacity import DIAGONAL, GateStep
 from dispatcher.sabot.draws import PhotonDraws
 from dispatcher.sabot.registers import Mask
 from wire import dibits
-from wire.dispatcher_pb2 import Feedback, MeasureRequest
+from wire.dispatcher_pb2 import BellMeasureRequest, Feedback, MeasureRequest
 from wire.features import MEASURE
 from wire.outcomes import BASES, BELL_STATES, NO_CLICK, PAULI_BASES
 from wire.parameters.fiber import SPEED_IN_FIBER_M_PER_S
@@ -39,10 +39,10 @@ class Measurements:
         """Act on this layer."""
         self._layer = layer
 
-    def measure(self, node: str, name: BlockName, request: MeasureRequest) -> Feedback:
-        """Measure and use up every photon, each in its basis; tell them packed or not."""
+    def measure(self, node: str, request: MeasureRequest) -> Feedback:
+        """Measure and use up every photon, each in its basis."""
         layer = self._layer
-        block = layer.ownership.require(name, node)
+        block = layer.ownership.require(block_name(request.block), node)
         hardware.require(layer.devices, node, MEASURE)
         hardware.require_encoding(layer.devices, node, block.pulses.encoding)
         size = block.register.size
@@ -92,12 +92,10 @@ class Measurements:
             for register in registers:
                 self._layer.sabot.require_capacity(register, [DIAGONAL])
 
-    def bell_measure(
-        self, node: str, names: tuple[BlockName, BlockName], packed: bool = False
-    ) -> Feedback:
-        """Measure and use up pairs of photons in the Bell basis; tell them packed or not."""
+    def bell_measure(self, node: str, request: BellMeasureRequest) -> Feedback:
+        """Measure and use up pairs of photons in the Bell basis."""
         layer = self._layer
-        first, second = self._taken_up(node, names)
+        first, second = self._taken_up(node, block_name(request.first), block_name(request.second))
         feedback = layer.feedback(first, second)
         feedback.first_ns = min(first.first_ns, second.first_ns)
         feedback.last_ns = max(first.last_ns, second.last_ns)
@@ -125,11 +123,11 @@ class Measurements:
         each = partial(outcome, outcomes, BELL_STATES)
         layer.record(node, "bell-measure", first, detail=told + listed(found.incidents), each=each)
         feedback.clicks = found.clicks
-        _tell_bell_states(feedback, outcomes, packed)
+        _tell_bell_states(feedback, outcomes, request.packed)
         gates = layer.devices.of(node).gates
         return imperfections.lasts(feedback, imperfections.of_bell_measurement(gates) * by_gates)
 
-    def _taken_up(self, node: str, names: tuple[BlockName, BlockName]) -> tuple[Block, Block]:
+    def _taken_up(self, node: str, *names: BlockName) -> tuple[Block, Block]:
         """Take up two blocks for a Bell measurement, if their node can make it."""
         layer = self._layer
         first, second = (layer.ownership.require(name, node) for name in names)

@@ -15,8 +15,8 @@ import numpy as np
 from dispatcher.devices import hardware
 from dispatcher.fiber.turn import merged
 from dispatcher.layer import drift, further, part_noise, pulses
-from dispatcher.layer.layer import PhysicalLayer, tally
-from dispatcher.layer.ownership import Block, BlockName, Pulses
+from dispatcher.layer.layer import PhysicalLayer, block_name, tally
+from dispatcher.layer.ownership import Block, Pulses
 from dispatcher.operations import imperfections, preparation
 from dispatcher.operations.measurements import listed, outcome, train
 from dispatcher.photon_random import PhotonRandom
@@ -24,7 +24,7 @@ from dispatcher.refusal import exhausted, invalid
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.limits import packed
 from dispatcher.sabot.registers import Mask, Register
-from wire.dispatcher_pb2 import Feedback
+from wire.dispatcher_pb2 import Feedback, ResendRequest
 from wire.features import MEASURE
 from wire.outcomes import BASES, NO_CLICK, PAULI_BASES
 
@@ -38,14 +38,14 @@ class Resending:
         """Act on this layer."""
         self._layer = layer
 
-    def resend(self, node: str, name: BlockName, bases: bytes) -> Feedback:
+    def resend(self, node: str, request: ResendRequest) -> Feedback:
         """Measure the photons that have a basis, and replace them by what was found."""
-        layer = self._layer
+        layer, name = self._layer, block_name(request.block)
         block = layer.ownership.require(name, node)
         hardware.require(layer.devices, node, MEASURE)
         hardware.require_encoding(layer.devices, node, block.pulses.encoding)
         size = block.register.size
-        values = _bases(bases, size)
+        values = _bases(request.bases, size)
         fresh = self._fresh(size)
         layer.take_up(block)
         chosen = values != ALONE

@@ -6,15 +6,14 @@ it exactly; a phase of quarter turns stays with the stabilisers.
 """
 
 from dispatcher.layer import drift, further
-from dispatcher.layer.layer import PhysicalLayer
-from dispatcher.layer.ownership import BlockName
+from dispatcher.layer.layer import PhysicalLayer, block_name
 from dispatcher.sabot.capacity import GateStep
-from wire.dispatcher_pb2 import Feedback
+from wire.dispatcher_pb2 import Feedback, SenseRequest
 
 
-def sense(layer: PhysicalLayer, node: str, name: BlockName) -> Feedback:
+def sense(layer: PhysicalLayer, node: str, request: SenseRequest) -> Feedback:
     """Let every photon of a block take the phase of the node's sensor."""
-    block = layer.ownership.require(name, node)
+    block = layer.ownership.require(block_name(request.block), node)
     phase_rad = layer.devices.of(node).sensor.phase_rad
     layer.sabot.require_capacity(block.register, [GateStep("RZ", angle_rad=phase_rad)])
     layer.take_up(block)

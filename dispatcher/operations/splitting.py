@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from dispatcher.devices import hardware
 from dispatcher.layer import drift
-from dispatcher.layer.layer import PhysicalLayer
+from dispatcher.layer.layer import PhysicalLayer, block_name
 from dispatcher.layer.ownership import Block, BlockName, Further
 from dispatcher.operations.gathering import require_places
 from dispatcher.refusal import Refusal, invalid
 from dispatcher.sabot.registers import Mask, Pick
-from wire.dispatcher_pb2 import Feedback
+from wire.dispatcher_pb2 import Feedback, SplitRequest
 from wire.features import MEASURE
 
 MOST_COUNTED = 254  # a byte tells it, and 255 is not a count
@@ -36,9 +36,9 @@ class Splitting:
         """Act on this layer."""
         self._layer = layer
 
-    def split(self, node: str, name: BlockName, into: BlockName) -> Feedback:
+    def split(self, node: str, request: SplitRequest) -> Feedback:
         """Count the photons of each pulse; take one of those that have several into a new block."""
-        layer = self._layer
+        layer, name, into = self._layer, block_name(request.block), block_name(request.into)
         block = layer.ownership.require(name, node)
         hardware.require(layer.devices, node, MEASURE)
         if layer.ownership.taken(into, node):

@@ -1,7 +1,7 @@
 """Operations of quantum switches: cross-connects, tuning, statistics, faults."""
 
 import asyncio
-from collections.abc import AsyncIterator, Iterable, Iterator, Sequence
+from collections.abc import AsyncIterator, Iterable, Iterator
 from contextlib import contextmanager
 
 from dispatcher.layer.layer import PhysicalLayer
@@ -12,6 +12,7 @@ from dispatcher.switch.reports import condition, statistics
 from wire.config import FiberEnd
 from wire.dispatcher_pb2 import (
     Connection,
+    CrossConnectRequest,
     Event,
     InjectFaultRequest,
     SwitchCondition,
@@ -36,19 +37,19 @@ class Switching:
         self._wanted: dict[str, list[Connection]] = {}  # what each was told last
         self._watchers: dict[str, set[asyncio.Event]] = {name: set() for name in self._switches}
 
-    async def cross_connect(self, name: str, connections: Sequence[Connection]) -> int:
+    async def cross_connect(self, _node: str, request: CrossConnectRequest) -> int:
         """Replace a switch's cross-connects; return when all were open, once they are."""
-        switch = self._switches[name]
-        wanted = limits.cross_connects(connections)
+        switch = self._switches[request.switch]
+        wanted = limits.cross_connects(request.connections)
         for port in (port for connection in wanted.items() for port in connection):
             _require_port(switch, port)
         _require_not_stuck(switch, wanted)
-        self._wanted[name] = list(connections)
+        self._wanted[request.switch] = list(request.connections)
         ready_ns = self._connect(switch)
         await self._layer.clock.wait_until(ready_ns)
         return ready_ns
 
-    def tune(self, request: TunePortRequest) -> int:
+    def tune(self, _node: str, request: TunePortRequest) -> int:
         """Tune a port; return from when on light meets the new values."""
         switch = self._switches[request.switch]
         _require_port(switch, request.port)
@@ -89,7 +90,7 @@ class Switching:
         finally:
             self._watchers[name].remove(changed)
 
-    async def inject(self, request: InjectFaultRequest) -> None:
+    async def inject(self, _node: str, request: InjectFaultRequest) -> None:
         """Make a switch faulty, or whole again; refuse what cannot be."""
         switch, kind = self._switches[request.switch], request.WhichOneof("fault")
         if kind == "stuck":

@@ -1,7 +1,7 @@
 """Light on its way: launching blocks and receiving them."""
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import grpc
 
@@ -9,13 +9,13 @@ from dispatcher.approximations import UNLIKE_LIGHT, approximation
 from dispatcher.devices import hardware
 from dispatcher.fiber.noise import Pattern
 from dispatcher.layer import cutoff, drift, further, pulses
-from dispatcher.layer.layer import PhysicalLayer
+from dispatcher.layer.layer import PhysicalLayer, block_name
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations import limits
 from dispatcher.operations.flight import Arrival, Departure, Flight
 from dispatcher.refusal import Refusal, invalid
 from wire.config import FiberEnd
-from wire.dispatcher_pb2 import Feedback
+from wire.dispatcher_pb2 import Feedback, ReceiveRequest, SendRequest
 from wire.features import EMIT
 from wire.optical import DEFAULT_FREQUENCY_MHZ
 from wire.outcomes import ERRORS
@@ -31,18 +31,14 @@ class Transport:
         self._flights: dict[asyncio.Task[None], Flight] = {}
         self._waiting: dict[BlockName, list[asyncio.Future[None]]] = {}
 
-    async def send(
-        self,
-        node: str,
-        launches: Sequence[tuple[BlockName, str]],
-        rate_hz: int,
-        frequency_mhz: int = DEFAULT_FREQUENCY_MHZ,
-    ) -> Feedback:
+    async def send(self, node: str, request: SendRequest) -> Feedback:
         """Launch blocks together; return when the last photon has left.
 
-        What is told is of the light as it leaves: nothing of what becomes of it.
+        The reply is about the light as it leaves, not about what becomes of it.
         """
-        layer = self._layer
+        layer, rate_hz = self._layer, request.rate_hz
+        launches = [(block_name(launch.block), launch.port) for launch in request.launches]
+        frequency_mhz = request.frequency_mhz or DEFAULT_FREQUENCY_MHZ
         if not launches:
             raise invalid("no launches; name at least one block and its port")
         if len({name for name, _port in launches}) < len(launches):
@@ -74,11 +70,11 @@ class Transport:
         feedback.time_ns = layer.clock.now_ns()
         return feedback
 
-    async def receive(self, node: str, name: BlockName, port: str, timeout_s: float) -> Feedback:
+    async def receive(self, node: str, request: ReceiveRequest) -> Feedback:
         """Wait for a block at a port of the node until all has come, and take it from there."""
-        layer = self._layer
+        layer, name, port = self._layer, block_name(request.block), request.port
         layer.network.require_port(node, port)
-        limit_s = limits.timeout(timeout_s)
+        limit_s = limits.timeout(request.timeout_s)
         block = self._whole(name, node, port)
         if block is None:
             try:

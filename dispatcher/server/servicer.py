@@ -12,21 +12,11 @@ import grpc
 
 from dispatcher.layer.journal import CausedBy
 from dispatcher.layer.layer import PhysicalLayer
-from dispatcher.operations.blocks import Operations
-from dispatcher.operations.gathering import Gathering
-from dispatcher.operations.heralding import Heralding
-from dispatcher.operations.looking import Telling
-from dispatcher.operations.measurements import Measurements
-from dispatcher.operations.operation_handlers import operation_handlers
-from dispatcher.operations.resending import Resending
-from dispatcher.operations.splitting import Splitting
-from dispatcher.operations.switching import Switching
-from dispatcher.operations.transport import Transport
+from dispatcher.operations.request_table import RequestTable
 from dispatcher.refusal import Refusal, denied, exhausted
 from dispatcher.sabot.dense import TooLarge
 from dispatcher.server.callers import Callers
 from dispatcher.server.orders import Orders
-from dispatcher.server.recorded_requests import changes
 from dispatcher.timeouts import MAX_PAUSE_S
 from wire import dispatcher_pb2 as messages
 from wire.dispatcher_pb2_grpc import DispatcherServicer
@@ -59,10 +49,6 @@ def call(
     return answer
 
 
-# Operations on photons that may have waited until they were asked for.
-USES = frozenset(("apply", "send", "measure", "bell_measure", "gather", "resend", "split", "sense"))
-
-
 class Service(DispatcherServicer):
     """Serves the nodes, the switches' agents and the runner."""
 
@@ -73,19 +59,7 @@ class Service(DispatcherServicer):
         self.looking = looking
         self.callers, self.failed = callers, failed
         self.layer = layer
-        self.transport = Transport(layer, failed)
-        self.switching = Switching(layer)
-        self._operations = Operations(layer)
-        parts = self._operations, Measurements(layer), self.transport, Gathering(layer)
-        self._handlers = operation_handlers(
-            layer,
-            *parts,
-            Resending(layer),
-            Splitting(layer),
-            Heralding(layer, failed),
-            Telling(layer),
-        )
-        self._changes = changes(layer, self.switching)
+        self.table = RequestTable(layer, failed)
 
     async def Challenge(
         self, _request: messages.ChallengeRequest, context: Context
@@ -94,113 +68,22 @@ class Service(DispatcherServicer):
         return messages.ChallengeReply(nonce=self.callers.challenges.give(context.peer()))
 
     @call
-    async def Create(
-        self, request: messages.CreateRequest, node: str, _context: Context
-    ) -> messages.Feedback:
-        """Make a block."""
-        return await self._act(node, "create", request)
-
-    @call
-    async def Apply(
-        self, request: messages.ApplyRequest, node: str, _context: Context
-    ) -> messages.Feedback:
-        """Apply Paulis and gates."""
-        return await self._act(node, "apply", request)
-
-    @call
-    async def Send(
-        self, request: messages.SendRequest, node: str, _context: Context
-    ) -> messages.Feedback:
-        """Launch blocks into fibres."""
-        return await self._act(node, "send", request)
-
-    @call
-    async def Receive(
-        self, request: messages.ReceiveRequest, node: str, _context: Context
-    ) -> messages.Feedback:
-        """Take a block from a port."""
-        return await self._act(node, "receive", request)
-
-    @call
-    async def Measure(
-        self, request: messages.MeasureRequest, node: str, _context: Context
-    ) -> messages.Feedback:
-        """Measure a block."""
-        return await self._act(node, "measure", request)
-
-    @call
-    async def BellMeasure(
-        self, request: messages.BellMeasureRequest, node: str, _context: Context
-    ) -> messages.Feedback:
-        """Measure two blocks in the Bell basis."""
-        return await self._act(node, "bell_measure", request)
-
-    @call
-    async def Store(
-        self, request: messages.StoreRequest, node: str, _context: Context
-    ) -> messages.Feedback:
-        """Keep a block."""
-        return await self._act(node, "store", request)
-
-    @call
-    async def Discard(
-        self, request: messages.DiscardRequest, node: str, _context: Context
-    ) -> messages.Feedback:
-        """Discard a block or a session."""
-        return await self._act(node, "discard", request)
-
-    @call
-    async def Gather(
-        self, request: messages.GatherRequest, node: str, _context: Context
-    ) -> messages.Feedback:
-        """Count photons anew, in a block of their own."""
-        return await self._act(node, "gather", request)
-
-    @call
-    async def Resend(
-        self, request: messages.ResendRequest, node: str, _context: Context
-    ) -> messages.Feedback:
-        """Measure photons and put new ones in their places."""
-        return await self._act(node, "resend", request)
-
-    @call
-    async def Attempt(
-        self, request: messages.AttemptRequest, node: str, _context: Context
-    ) -> messages.Feedback:
-        """Let qubits of a memory attempt to be heralded."""
-        return await self._act(node, "attempt", request)
-
-    @call
-    async def Herald(
-        self, request: messages.HeraldRequest, node: str, _context: Context
-    ) -> messages.Feedback:
-        """Herald pairs of two hosts."""
-        return await self._act(node, "herald", request)
-
-    @call
-    async def Split(
-        self, request: messages.SplitRequest, node: str, _context: Context
-    ) -> messages.Feedback:
-        """Count the photons of pulses, and take one out of those that have several."""
-        return await self._act(node, "split", request)
-
-    @call
     async def Perform(
         self, orders: AsyncIterator[messages.Order], node: str, context: Context
     ) -> None:
         """Do what a host orders, until it goes away."""
         self.callers.require_host(node)
-        perform = functools.partial(self._perform, node)
-        await Orders(perform, context.write, self.transport.settled).run(self._asked(orders))
+        act = functools.partial(self.change, node)
+        await Orders(act, context.write, self.table.transport.settled).run(self._asked(orders))
 
     async def _asked(self, orders: AsyncIterator[messages.Order]) -> AsyncIterator[messages.Order]:
         """Write into each order when it came, whenever its steps are done."""
         async for order in orders:
             now_ns = self.layer.clock.now_ns()
             for step in order.steps:
-                kind = step.WhichOneof("operation")
-                if kind in USES:
-                    getattr(step, kind).asked_ns = now_ns
+                name = step.WhichOneof("operation")
+                if name is not None and self.table.rows[name].has_time:
+                    getattr(step, name).asked_ns = now_ns
             yield order
 
     @call
@@ -213,24 +96,11 @@ class Service(DispatcherServicer):
             raise denied("no state can be looked at in this network, as in none of hardware")
         return cast(messages.LookReply, await self.change(node, "look", request))
 
-    async def _act(self, node: str, kind: str, request: Any) -> messages.Feedback:
-        if kind in USES:
-            request.asked_ns = self.layer.clock.now_ns()
-        return await self._perform(node, kind, request)
-
-    async def _perform(self, node: str, kind: str, request: Any) -> messages.Feedback:
-        self.callers.require_host(node)
-        return cast(messages.Feedback, await self.change(node, kind, request))
-
     async def change(self, node: str, kind: str, request: Any) -> Any:
         """Do what a caller may ask for, and what may change something; return the answer."""
-        change = self._handlers.get(kind) or self._changes[kind]
         try:
-            with (
-                self.layer.journal.request(node, kind, request),
-                CausedBy(node, kind, request),
-            ):
-                return await change(node, request)
+            with self.layer.journal.request(node, kind, request), CausedBy(node, kind, request):
+                return await self.table.handle(node, kind, request)
         except TooLarge as error:
             raise exhausted(str(error)) from error
 
@@ -248,7 +118,7 @@ class Service(DispatcherServicer):
     ) -> messages.SwitchStatisticsReply:
         """Tell what a switch has counted."""
         self.callers.require_reader(node, request.switch)
-        return self.switching.statistics(request.switch)
+        return self.table.switching.statistics(request.switch)
 
     @call
     async def WatchSwitch(
@@ -256,7 +126,7 @@ class Service(DispatcherServicer):
     ) -> None:
         """Tell a switch's condition whenever it changes, until the caller goes away."""
         self.callers.require_reader(node, request.switch)
-        with self.switching.watching(request.switch) as conditions:
+        with self.table.switching.watching(request.switch) as conditions:
             async for condition in conditions:
                 try:
                     await context.write(condition)
@@ -298,7 +168,7 @@ class Service(DispatcherServicer):
         return messages.StatusReply(
             live_qubits=self.layer.sabot.live_qubits,
             live_bytes=self.layer.sabot.live_bytes,
-            pairs_created=self._operations.pairs_created,
+            pairs_created=self.table.blocks.pairs_created,
             photons_lost=self.layer.photons_lost,
             photons_lost_waiting=self.layer.photons_lost_waiting,
             events=self.layer.history.count,

@@ -13,7 +13,9 @@ from wire.dispatcher_pb2 import (
     BlockId,
     CreateRequest,
     DiscardRequest,
+    Order,
     StatusRequest,
+    Step,
 )
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.dispatcher_service import RUNNER, metadata
@@ -49,16 +51,20 @@ class _Load:
     def fill(self, amount: int) -> None:
         """Make pairs until so many are alive."""
         while self._live < amount:
-            self._live += self._create(min(BLOCK_PAIRS, amount - self._live))[1]
+            pairs = min(BLOCK_PAIRS, amount - self._live)
+            self._perform(self._create(pairs))
+            self._live += pairs
 
     def seconds_for_a_pair(self) -> float:
         """Return the mean time to make and measure one pair, in blocks."""
         started = time.perf_counter()
         for _ in range(ROUNDS):
-            number, _pairs = self._create(BLOCK_PAIRS)
-            halves = [BlockId(session=SESSION, number=number, half=half) for half in (0, 1)]
-            request = BellMeasureRequest(first=halves[0], second=halves[1])
-            self._stub.BellMeasure(request, **self._host)
+            create = self._create(BLOCK_PAIRS)
+            halves = [
+                BlockId(session=SESSION, number=create.create.number, half=half) for half in (0, 1)
+            ]
+            measure = BellMeasureRequest(first=halves[0], second=halves[1])
+            self._perform(create, Step(bell_measure=measure))
         return (time.perf_counter() - started) / (ROUNDS * BLOCK_PAIRS)
 
     def bytes_for_a_pair(self) -> float:
@@ -67,10 +73,13 @@ class _Load:
 
     def clear(self) -> None:
         """Close everything."""
-        self._stub.Discard(DiscardRequest(session=SESSION), **self._host)
+        self._perform(Step(discard=DiscardRequest(session=SESSION)))
 
-    def _create(self, pairs: int) -> tuple[int, int]:
+    def _create(self, pairs: int) -> Step:
         number = next(self._numbers)
-        request = CreateRequest(session=SESSION, number=number, count=pairs)
-        self._stub.Create(request, **self._host)
-        return number, pairs
+        return Step(create=CreateRequest(session=SESSION, number=number, count=pairs))
+
+    def _perform(self, *steps: Step) -> None:
+        (outcome,) = self._stub.Perform(iter([Order(steps=steps)]), **self._host)
+        if outcome.code:
+            raise RuntimeError(f"the dispatcher refuses: {outcome.text}")

@@ -33,10 +33,12 @@ from wire.dispatcher_pb2 import (
     InjectFaultRequest,
     Launch,
     MeasureRequest,
+    Order,
     ReceiveRequest,
     SendRequest,
     StatusReply,
     StatusRequest,
+    Step,
     SwitchStatisticsReply,
     SwitchStatisticsRequest,
     TunePortReply,
@@ -46,6 +48,10 @@ from wire.dispatcher_pb2 import (
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.dispatcher_service import CHANNEL_OPTIONS, cross_connects_socket, metadata
 
+STEP = {  # by the type of a request
+    type(getattr(Step(), field.name)): field.name
+    for field in Step.DESCRIPTOR.oneofs_by_name["operation"].fields
+}
 STATUS = {status.value[0]: status for status in grpc.StatusCode}
 START_NS = 1_700_000_000_000_000_000
 DEADLINE_S = 20
@@ -117,21 +123,27 @@ class Client:
         """Make a call by name, within the deadline."""
         return await getattr(self.stub, method)(request, metadata=self.metadata, timeout=DEADLINE_S)
 
-    async def feedback(self, method: str, request: Any) -> Feedback:
-        """Make a call that is answered by feedback."""
-        feedback: Feedback = await self.call(method, request)
-        return feedback
+    async def act(self, request: Any) -> Feedback:
+        """Perform one request of a host; raise the status that an outcome has."""
+        order = Order(number=1, steps=[Step(**{STEP[type(request)]: request})])
+        call = self.stub.Perform(iter([order]), metadata=self.metadata, timeout=DEADLINE_S)
+        (outcome,) = [outcome async for outcome in call]
+        if outcome.code:
+            status, nothing = STATUS[outcome.code], grpc.aio.Metadata()
+            raise grpc.aio.AioRpcError(status, nothing, nothing, outcome.text, None)
+        (feedback,) = outcome.feedbacks
+        return feedback  # type: ignore[no-any-return]
 
     async def create(
         self, count: int, number: int = 0, state: CreateRequest.State = CreateRequest.BELL_PAIRS
     ) -> Feedback:
         """Create block `number` of session 7."""
         request = CreateRequest(session=7, number=number, count=count, state=state)
-        return await self.feedback("Create", request)
+        return await self.act(request)
 
     async def apply(self, name: BlockId, paulis: bytes) -> Feedback:
         """Apply Paulis."""
-        return await self.feedback("Apply", ApplyRequest(block=name, paulis=paulis))
+        return await self.act(ApplyRequest(block=name, paulis=paulis))
 
     async def send(
         self, *launches: tuple[BlockId, str], rate_hz: int = FAST_HZ, frequency_mhz: int = 0
@@ -139,7 +151,7 @@ class Client:
         """Launch blocks; where the clock jumps, until they have come or are lost."""
         ways = [Launch(block=name, port=port) for name, port in launches]
         request = SendRequest(launches=ways, rate_hz=rate_hz, frequency_mhz=frequency_mhz)
-        feedback = await self.feedback("Send", request)
+        feedback = await self.act(request)
         if self.landed is not None:
             await self.landed()
         return feedback
@@ -147,21 +159,21 @@ class Client:
     async def receive(self, name: BlockId, port: str, timeout_s: float = 5) -> Feedback:
         """Receive a block."""
         request = ReceiveRequest(block=name, port=port, timeout_s=timeout_s)
-        return await self.feedback("Receive", request)
+        return await self.act(request)
 
     async def measure(
         self, name: BlockId, basis: MeasureRequest.Basis = MeasureRequest.Z
     ) -> Feedback:
         """Measure a block."""
-        return await self.feedback("Measure", MeasureRequest(block=name, basis=basis))
+        return await self.act(MeasureRequest(block=name, basis=basis))
 
     async def bell_measure(self, first: BlockId, second: BlockId) -> Feedback:
         """Bell-measure two blocks."""
-        return await self.feedback("BellMeasure", BellMeasureRequest(first=first, second=second))
+        return await self.act(BellMeasureRequest(first=first, second=second))
 
     async def discard(self, request: DiscardRequest) -> Feedback:
         """Discard."""
-        return await self.feedback("Discard", request)
+        return await self.act(request)
 
     async def connect(self, *connections: tuple[int, int], circuit: int = 0) -> int:
         """Set the cross-connects of q1; raise Refusal if it refuses."""
@@ -231,8 +243,8 @@ class Bench:
     ) -> None:
         """Make the clients."""
         self.service, self.stub = service, stub
-        self.layer, self.transport = service.layer, service.transport
-        self.switching = service.switching
+        self.layer, self.transport = service.layer, service.table.transport
+        self.switching = service.table.switching
         self.errors = errors
         clients = {node: Client(stub, f"token of {node}", config.socket) for node in config.tokens}
         self.alice, self.bob, self.charlie = (clients[n] for n in ("alice", "bob", "charlie"))

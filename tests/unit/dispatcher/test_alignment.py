@@ -18,7 +18,7 @@ from dispatcher.fiber.turn import Turn, alignment, gathered, merged, of_paulis
 from dispatcher.laboratory import Laboratory
 from dispatcher.layer.ownership import BlockName
 from evidence.curves.link import configuration, fiber
-from wire.dispatcher_pb2 import AttemptRequest, Feedback
+from wire.dispatcher_pb2 import AttemptRequest
 from wire.outcomes import NO_CLICK
 from wire.parameters.physics import BellAnalyser, Detectors, Device, Emitter, PairSource
 
@@ -254,13 +254,13 @@ def test_light_of_two_colours_heralds_pairs_with_less_of_a_phase(scheme: str) ->
     )
 
     async def act(laboratory: Laboratory) -> None:
-        handler = laboratory._handlers["attempt"]
+        row = laboratory.table.rows["attempt"]
 
-        async def other(node: str, request: AttemptRequest) -> Feedback:
+        def other(node: str, request: AttemptRequest) -> Any:
             request.frequency_mhz = 193_400_000 + apart_mhz * (node == "bob")
-            return await handler(node, request)
+            return row.handler(node, request)
 
-        laboratory._handlers["attempt"] = other
+        laboratory.table.rows["attempt"] = row._replace(handler=other)
         found, attempts, _took_s = await heralded(laboratory, count)
         assert within(count, attempts, chance)
         right = await correlations(laboratory, found)

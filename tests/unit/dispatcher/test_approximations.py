@@ -103,7 +103,7 @@ def test_relaxation_by_paulis_is_wrong_by_half_of_what_has_relaxed(tmp_path: Pat
 
 async def wait_and_measure(bench: Bench, clock: JumpingClock) -> None:
     await bench.alice.create(10, state=CreateRequest.ZEROS)
-    await bench.alice.feedback("Store", StoreRequest(block=block(0)))
+    await bench.alice.act(StoreRequest(block=block(0)))
     clock.time_ns += 3 * 10**8
     await bench.alice.measure(block(0))
 

@@ -15,7 +15,7 @@ from dispatcher.server.callers import Challenges
 from topologies.system.certificates.authority import CertificateAuthority
 from topologies.system.runs.runtime import free_port
 from wire.credentials import Credentials
-from wire.dispatcher_pb2 import ChallengeRequest, CreateRequest, StatusRequest
+from wire.dispatcher_pb2 import ChallengeRequest, StatusRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.dispatcher_service import NONCE_BYTES, metadata, proof, proving
 
@@ -96,10 +96,9 @@ def test_by_tls_a_call_is_of_whom_proof_and_certificate_name(tmp_path: Path) -> 
         async with running(config, JumpingClock()):
             async with grpc.aio.secure_channel(address, shown) as channel:
                 alice: Any = DispatcherStub(channel)  # type: ignore[no-untyped-call]
-                nonce = await nonce_of(alice)
-                proof_of_alice = proving("token of alice", nonce, "Create")
-                create = CreateRequest(session=1, number=1, count=1)
-                await alice.Create(create, metadata=proof_of_alice, timeout=TIMEOUT_S)
+                told = proving("token of alice", await nonce_of(alice), "Perform")
+                call = alice.Perform(iter(()), metadata=told, timeout=TIMEOUT_S)
+                assert [outcome async for outcome in call] == []
                 told = proving("token of bob", await nonce_of(alice), "Status")
                 await refused(alice, told, "the proof is bob's, and the certificate of alice")
             without = grpc.ssl_channel_credentials(pem)

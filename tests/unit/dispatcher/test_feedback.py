@@ -39,7 +39,7 @@ async def every_operation(bench: Bench) -> list[Feedback]:
     alice, bob = bench.alice, bench.bob
     replies = [await alice.create(4), await alice.create(4, number=1)]
     replies.append(await alice.apply(block(0), bytes(4)))
-    replies.append(await alice.feedback("Store", StoreRequest(block=block(0))))
+    replies.append(await alice.act(StoreRequest(block=block(0))))
     replies.append(await alice.send((block(0), "alice-q9")))
     replies.append(await bob.receive(block(0), "bob-q9"))
     replies.append(await bob.measure(block(0)))
@@ -69,7 +69,7 @@ def test_an_approximation_shows_in_replies_and_spreads_with_gates(tmp_path: Path
         approximated.pulses.approximations = approximation(PHASE, 0.25)
         assert (await bench.runner.status()).exact  # nothing reported so far
         gate = Gate(name=Gate.CX, target=block(0))
-        reply = await alice.feedback("Apply", ApplyRequest(block=block(1), gates=[gate]))
+        reply = await alice.act(ApplyRequest(block=block(1), gates=[gate]))
         assert not reply.exact
         assert not (await alice.measure(block(1))).exact
         assert (await alice.measure(block(2))).exact
@@ -100,7 +100,7 @@ def test_a_request_beyond_what_state_vectors_hold_changes_nothing(tmp_path: Path
         request = ApplyRequest(block=block(0), paulis=bytes((1, 1)), gates=gates)
         before = await bench.runner.status()
         with pytest.raises(grpc.aio.AioRpcError, match=r"13 qubits .* at most 12") as refusal:
-            await alice.feedback("Apply", request)
+            await alice.act(request)
         assert refusal.value.code() == RESOURCE_EXHAUSTED
         assert await bench.runner.status() == before
         for number in range(13):
@@ -117,7 +117,7 @@ def test_a_bell_measurement_beyond_what_state_vectors_hold_changes_nothing(tmp_p
             await alice.create(1, number, ZEROS)
         links = [Gate(name=Gate.CX, target=block(number)) for number in range(1, 12)]
         gates = [Gate(name=Gate.T), *links]
-        await alice.feedback("Apply", ApplyRequest(block=block(0), gates=gates))
+        await alice.act(ApplyRequest(block=block(0), gates=gates))
         before = await bench.runner.status()
         with pytest.raises(grpc.aio.AioRpcError, match="13 qubits") as refusal:
             await alice.bell_measure(block(12), block(0))
@@ -151,7 +151,7 @@ def test_the_event_log_writes_the_angles_of_gates(tmp_path: Path) -> None:
     async def action(bench: Bench) -> None:
         await bench.alice.create(1, 0, ZEROS)
         gates = [Gate(name=Gate.RY, angle_rad=0.5), Gate(name=Gate.T_DAG), Gate(name=Gate.H)]
-        await bench.alice.feedback("Apply", ApplyRequest(block=block(0), gates=gates))
+        await bench.alice.act(ApplyRequest(block=block(0), gates=gates))
 
     attempt(tmp_path, action, event_log=str(log))
     assert "RY(0.5) T_DAG H" in log.read_text()

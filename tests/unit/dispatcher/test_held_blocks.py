@@ -14,7 +14,7 @@ def test_the_status_lists_the_blocks_at_a_node_its_ports_and_its_memory(tmp_path
             await bench.switch.connect((1, 3))
             await bench.charlie.create(5)
             await bench.charlie.send((block(half=0), "charlie-q0"))
-            await bench.charlie.call("Store", StoreRequest(block=block(half=1)))
+            await bench.charlie.act(StoreRequest(block=block(half=1)))
 
             async def at(node: str) -> list[HeldBlock]:
                 reply = await bench.runner.call("Status", StatusRequest(blocks_at=node))

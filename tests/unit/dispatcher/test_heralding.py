@@ -842,7 +842,7 @@ def test_a_pair_that_nobody_wants_any_more_when_it_is_heard_of_is_let_go() -> No
         station = asyncio.create_task(heralded(laboratory, 3))
         while "alice" not in laboratory.layer.memories._stored:
             await asyncio.sleep(0)
-        await laboratory._handlers["discard"]("alice", request)
+        await laboratory.table.handle("alice", "discard", request)
         await station
         assert not laboratory.layer.ownership.at_node("alice")
         assert len(laboratory.layer.ownership.at_node("bob")) == 1

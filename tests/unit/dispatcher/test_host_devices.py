@@ -184,7 +184,7 @@ def test_detectors_are_live_again_by_the_time_light_comes(tmp_path: Path, waits:
             await bench.alice.send((block(number), "alice-q9"), rate_hz=1_000)
             await bench.bob.receive(block(number), "bob-q9")
             if waits:
-                await bench.bob.feedback("Store", StoreRequest(block=block(number)))
+                await bench.bob.act(StoreRequest(block=block(number)))
                 clock.time_ns += 10**9 * number
             found.append((await bench.bob.measure(block(number))).clicks)
             clock.time_ns += 25 * 10**7
@@ -239,7 +239,7 @@ def test_a_turn_comes_before_the_gates_that_come_later(tmp_path: Path) -> None:
         turn(bench, 0.6)
         for half in (0, 1):
             request = ApplyRequest(block=block(0, half), gates=[Gate(name=Gate.H)])
-            await bench.alice.feedback("Apply", request)
+            await bench.alice.act(request)
         found = await bench.alice.bell_measure(block(0, 0), block(0, 1))
         assert within(shares(found)[1], COUNT, np.sin(0.3) ** 2)
         assert shares(found)[0] + shares(found)[1] == COUNT

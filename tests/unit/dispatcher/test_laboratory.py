@@ -7,6 +7,7 @@ import uvloop
 from dispatcher.laboratory import Laboratory
 from dispatcher.refusal import Refusal
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
+from wire.dispatcher_pb2 import Step
 
 PAIRS = 1_000
 DELAY_NS = 4_902  # of 1 km
@@ -68,3 +69,9 @@ def test_the_clock_jumps_as_far_as_asked() -> None:
         assert laboratory.clock.now_ns() - start_ns == pytest.approx(2.5e9, abs=1)
 
     uvloop.run(scene())
+
+
+def test_the_table_has_a_row_for_each_operation_of_a_step_with_its_message() -> None:
+    rows = Laboratory(configuration()).table.rows
+    for field in Step.DESCRIPTOR.oneofs_by_name["operation"].fields:
+        assert rows[field.name].message.DESCRIPTOR is field.message_type

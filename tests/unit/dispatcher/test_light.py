@@ -38,14 +38,14 @@ async def superdense_coding(bench: Bench, paulis: bytes, packed: bool = False) -
     await bench.alice.receive(block(half=0), "alice-q0")
     if packed:
         request = ApplyRequest(block=block(half=0), dibits=two_bits_each(paulis))
-        await bench.alice.feedback("Apply", request)
+        await bench.alice.act(request)
     else:
         await bench.alice.apply(block(half=0), paulis)
     await bench.alice.send((block(half=0), "alice-q0"))
     await bench.bob.receive(block(half=0), "bob-q1")
     await bench.bob.receive(block(half=1), "bob-q0")
     measure = BellMeasureRequest(first=block(half=0), second=block(half=1), packed=packed)
-    feedback = await bench.bob.feedback("BellMeasure", measure)
+    feedback = await bench.bob.act(measure)
     outcomes = unpacked(feedback) if packed else list(feedback.outcomes)
     seen = len(paulis) - outcomes.count(NO_CLICK)
     assert (feedback.photons, feedback.coincidences) == (len(paulis), seen)

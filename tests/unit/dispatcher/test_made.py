@@ -177,9 +177,9 @@ def test_a_host_cannot_tell_by_its_memory_what_a_station_heralds_before_news_can
         answers = []
         for number in (1, 2, 3):
             request = CreateRequest(session=SESSION, number=number, count=2, state=ZEROS)
-            await laboratory._handlers["create"]("alice", request)
+            await laboratory.table.handle("alice", "create", request)
             block = BlockId(session=SESSION, number=number)
-            keep = laboratory._handlers["store"]("alice", StoreRequest(block=block))
+            keep = laboratory.table.handle("alice", "store", StoreRequest(block=block))
             answers.append(await refusal(keep))
         told.set()
         if heralded:

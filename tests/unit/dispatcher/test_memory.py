@@ -67,7 +67,7 @@ def run(
 
 async def store(client: Client, half: int, number: int = 0) -> Feedback:
     """Store a block."""
-    return await client.feedback("Store", StoreRequest(block=block(number, half)))
+    return await client.act(StoreRequest(block=block(number, half)))
 
 
 def outcomes_after(folder: Path, waited_s: float, count: int, **memory: object) -> Feedback:

@@ -56,7 +56,7 @@ async def turned(bench: Bench, number: int, angles: tuple[float, float]) -> floa
     """Measure both halves of a block along axes between Z (0) and X (pi/2)."""
     for half, (node, angle) in enumerate(zip((bench.alice, bench.bob), angles, strict=True)):
         turn = Gate(name=Gate.RY, angle_rad=-angle)
-        await node.feedback("Apply", ApplyRequest(block=block(number, half), gates=[turn]))
+        await node.act(ApplyRequest(block=block(number, half), gates=[turn]))
     ours = await bench.alice.measure(block(number, 0))
     theirs = await bench.bob.measure(block(number, 1))
     assert (ours.backend, ours.exact, theirs.backend) == ("dense", True, "dense")
@@ -213,7 +213,7 @@ def test_the_same_seed_gives_the_same_outcomes_whichever_block_comes_first(
             for number in numbers:
                 gates = [Gate(name=Gate.RY, angle_rad=0.3), Gate(name=Gate.T)]
                 request = ApplyRequest(block=block(number), gates=gates)
-                await bench.alice.feedback("Apply", request)
+                await bench.alice.act(request)
                 found[number] = (await bench.alice.measure(block(number))).outcomes
         return found
 

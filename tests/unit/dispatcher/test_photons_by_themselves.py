@@ -87,7 +87,7 @@ def weak_pulses(
         config.devices.update(alice=Device(source=source), bob=device)
         laboratory = Laboratory(config)
         request = AdjustFiberRequest(a="alice", b="bob", tapped=tapped)
-        adjust(laboratory.layer, request)
+        adjust(laboratory.layer, "runner", request)
         alice, bob = laboratory.host("alice"), laboratory.host("bob")
         await alice.prepare(np.full(COUNT, state, np.uint8))
         await alice.send({(0, 0): "alice-q0"}, rate_hz)

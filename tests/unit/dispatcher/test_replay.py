@@ -108,12 +108,10 @@ async def prepared(bench: Bench) -> None:
     """Send photons in the six cardinal states."""
     states = bytes(n % 6 for n in range(200))
     request = CreateRequest(session=7, count=200, state=CreateRequest.PREPARED, states=states)
-    await bench.alice.call("Create", request)
+    await bench.alice.act(request)
     await bench.alice.send((block(), "alice-q9"))
     await bench.bob.receive(block(), "bob-q9")
-    await bench.bob.call(
-        "Measure", MeasureRequest(block=block(), bases=bytes(n % 3 for n in range(200)))
-    )
+    await bench.bob.act(MeasureRequest(block=block(), bases=bytes(n % 3 for n in range(200))))
 
 
 @pytest.mark.parametrize("backend", ["chp", "stim", "dense"])
@@ -130,16 +128,16 @@ async def gathered(bench: Bench) -> None:
     await bench.bob.receive(block(0, 1), "bob-q9")
     odd, even = list(range(1, 200, 2)), list(range(0, 200, 2))
     for client, half in ((bench.alice, 0), (bench.bob, 1)):
-        await client.call("Store", StoreRequest(block=block(0, half)))
+        await client.act(StoreRequest(block=block(0, half)))
         for number, photons, keep in ((1, odd, True), (2, even, False)):
             pick = Pick(block=block(0, half), photons=photons)
             request = GatherRequest(into=block(number, half), picks=[pick], keep_rest=keep)
-            await client.call("Gather", request)
+            await client.act(request)
         gate = Gate(name=Gate.CX, target=block(2, half))
-        await client.call("Apply", ApplyRequest(block=block(1, half), gates=[gate]))
+        await client.act(ApplyRequest(block=block(1, half), gates=[gate]))
         await client.measure(block(2, half))
     with pytest.raises(grpc.aio.AioRpcError):
-        await bench.bob.call("Gather", GatherRequest(into=block(3)))
+        await bench.bob.act(GatherRequest(into=block(3)))
     await bench.alice.discard(DiscardRequest(session=7))
     await bench.bob.measure(block(1, 1))
 
@@ -161,12 +159,12 @@ async def resent(bench: Bench) -> None:
     await bench.alice.create(200)
     await bench.alice.send((block(0, 1), "alice-q9"))
     await bench.bob.receive(block(0, 1), "bob-q9")
-    await bench.bob.call("Store", StoreRequest(block=block(0, 1)))
+    await bench.bob.act(StoreRequest(block=block(0, 1)))
     for shift in (0, 1):
         bases = bytes((0, 1, 255, 2)[(n + shift) % 4] for n in range(200))
-        await bench.bob.call("Resend", ResendRequest(block=block(0, 1), bases=bases))
+        await bench.bob.act(ResendRequest(block=block(0, 1), bases=bases))
     with pytest.raises(grpc.aio.AioRpcError):
-        await bench.bob.call("Resend", ResendRequest(block=block(0, 1)))
+        await bench.bob.act(ResendRequest(block=block(0, 1)))
     await bench.bob.measure(block(0, 1), MeasureRequest.X)
     await bench.alice.measure(block(0, 0), MeasureRequest.X)
 
@@ -184,10 +182,10 @@ async def divided(bench: Bench) -> None:
     states = bytes(n % 4 for n in range(500))
     request = CreateRequest(session=7, number=0, count=500, state=CreateRequest.PREPARED)
     request.states = states
-    await bench.alice.call("Create", request)
+    await bench.alice.act(request)
     await bench.alice.send((block(0, 0), "alice-q9"))
     await bench.bob.receive(block(0, 0), "bob-q9")
-    await bench.bob.call("Split", SplitRequest(block=block(0), into=block(7)))
+    await bench.bob.act(SplitRequest(block=block(0), into=block(7)))
     await bench.bob.measure(block(7, 0), MeasureRequest.X)
     await bench.bob.measure(block(0, 0), MeasureRequest.X)
 
@@ -318,7 +316,7 @@ def test_every_noise_that_there_is_is_replayed(tmp_path: Path, damping: str, kra
         for number in range(3):
             await bench.alice.create(100, number=number)
             for half in (0, 1):
-                await bench.alice.feedback("Store", StoreRequest(block=block(number, half)))
+                await bench.alice.act(StoreRequest(block=block(number, half)))
             await bench.alice.send((block(number, 0), "alice-q9"), rate_hz=10_000)
             adjust = AdjustFiberRequest(a="alice", b="bob", classical_mw=float(number))
             await bench.runner.call("AdjustFiber", adjust)

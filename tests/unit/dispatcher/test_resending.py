@@ -19,7 +19,7 @@ from dispatcher.operations.resending import ALONE, Resending
 from dispatcher.refusal import Refusal
 from dispatcher.sabot.backend import Bytes
 from wire.config import DispatcherConfig, Fiber, FiberEnd
-from wire.dispatcher_pb2 import CreateRequest, MeasureRequest
+from wire.dispatcher_pb2 import BlockId, CreateRequest, MeasureRequest, ResendRequest
 from wire.outcomes import NO_CLICK
 from wire.parameters.physics import Detectors, Device, PairSource
 
@@ -221,7 +221,8 @@ def test_the_event_counts_bases_and_outcomes_and_tells_of_each_photon() -> None:
     request = CreateRequest(session=7, count=4, state=CreateRequest.PREPARED, states=b"\0\3\1\1")
     Operations(layer).create("eve", request)
     log.truncate(log.seek(0))
-    Resending(layer).resend("eve", BlockName(7, 0, 0), bytes((Z, X, ALONE, Z)))
+    bases = bytes((Z, X, ALONE, Z))
+    Resending(layer).resend("eve", ResendRequest(block=BlockId(session=7), bases=bases))
     whole, *photons = log.getvalue().splitlines()
     assert " resend " in whole
     assert whole.endswith("Z=2 X=1: 0=1 1=2")

@@ -241,17 +241,17 @@ async def transmission(folder: Path, **changes: Any) -> tuple[list[Feedback], st
         for half in (0, 1):
             request = GatherRequest(into=block(2, half))
             request.picks.add(block=block(0, half), photons=range(199, 19, -1))
-            answers.append(await bench.bob.feedback("Gather", request))
+            answers.append(await bench.bob.act(request))
         answers.append(await bench.bob.bell_measure(block(2, 0), block(2, 1)))
         states = bytes(n % 6 for n in range(60))
         chosen = CreateRequest(session=7, number=3, count=60, state=PREPARED, states=states)
-        answers.append(await bench.bob.feedback("Create", chosen))
+        answers.append(await bench.bob.act(chosen))
         bases = bytes((0, 1, 2, 255)[n % 4] for n in range(60))
         resend = ResendRequest(block=block(3), bases=bases)
-        answers.append(await bench.bob.feedback("Resend", resend))
+        answers.append(await bench.bob.act(resend))
         answers.append(await bench.bob.measure(block(3), MeasureRequest.X))
         tilted = ApplyRequest(block=block(1), gates=[Gate(name=Gate.RX, angle_rad=0.4)])
-        answers.append(await bench.alice.feedback("Apply", tilted))
+        answers.append(await bench.alice.act(tilted))
         answers += [await bench.alice.measure(block(1, half)) for half in (0, 1)]
         if config.backend == "dense":
             answers += await each_turned(bench)
@@ -264,7 +264,7 @@ async def each_turned(bench: Bench) -> list[Feedback]:
     await bench.alice.create(100, number=4)
     turn = Gate(name=Gate.RY, angles_rad=[0.06 * n for n in range(100)])
     tilted = ApplyRequest(block=block(4), gates=[turn])
-    answers = [await bench.alice.feedback("Apply", tilted)]
+    answers = [await bench.alice.act(tilted)]
     return answers + [await bench.alice.measure(block(4, half)) for half in (0, 1)]
 
 

@@ -55,10 +55,10 @@ def test_who_makes_too_much_is_refused_and_others_are_not(tmp_path: Path) -> Non
         )
         assert words in (caught.value.details() or "")
         await bench.bob.create(1, number=1)
-        await bench.alice.feedback("Discard", DiscardRequest(block=block(0, 0)))
+        await bench.alice.act(DiscardRequest(block=block(0, 0)))
         await bench.alice.create(1, number=2)
-        await bench.alice.feedback("Discard", DiscardRequest(session=7))
-        await bench.bob.feedback("Discard", DiscardRequest(session=7))
+        await bench.alice.act(DiscardRequest(session=7))
+        await bench.bob.act(DiscardRequest(session=7))
         assert bench.service.layer.ownership.makers.places_of("alice") == 0
         assert not bench.service.layer.ownership.makers._made
         await bench.alice.create(pairs, number=3)
@@ -83,10 +83,10 @@ def test_who_has_many_small_blocks_leaves_some_for_others(tmp_path: Path) -> Non
             assert caught.value.code() == grpc.StatusCode.RESOURCE_EXHAUSTED
             assert "7 blocks that alice has made are live, its share" in str(caught.value)
             await bench.bob.create(1)
-            await bench.alice.feedback("Discard", DiscardRequest(block=block(0, 0)))
+            await bench.alice.act(DiscardRequest(block=block(0, 0)))
             await bench.alice.create(1, number=3)
             for host in (bench.alice, bench.bob):
-                await host.feedback("Discard", DiscardRequest(session=7))
+                await host.act(DiscardRequest(session=7))
             assert layer.ownership.makers.blocks_of("alice") == 0
             assert not layer.ownership.makers._blocks
 

@@ -15,6 +15,7 @@ from dispatcher.refusal import Refusal
 from wire.dispatcher_pb2 import (
     Connection,
     InjectFaultRequest,
+    StatusRequest,
     SwitchStatisticsRequest,
     TunePortRequest,
     WatchSwitchRequest,
@@ -52,6 +53,7 @@ def heat(temperature_c: float, switch: str = "q1") -> InjectFaultRequest:
 
 
 REFUSED = [
+    ("alice", "Status", StatusRequest(), Code.PERMISSION_DENIED, "only runner"),
     ("alice", "TunePort", tune(), Code.PERMISSION_DENIED, "alice may not tune a port of q1"),
     ("runner", "TunePort", tune(), Code.PERMISSION_DENIED, "only its own agent"),
     ("q1", "TunePort", tune(switch="q2"), Code.NOT_FOUND, "there is q1"),

@@ -87,9 +87,9 @@ async def prepared(bench: Bench) -> bytes:
     """Prepare the six cardinal states and measure each in its own basis."""
     states = bytes(n % 6 for n in range(30))
     create = CreateRequest(session=7, count=30, state=CreateRequest.PREPARED, states=states)
-    await bench.alice.call("Create", create)
+    await bench.alice.act(create)
     measure = MeasureRequest(block=block(), bases=bytes(n % 6 // 2 for n in range(30)))
-    return (await bench.alice.feedback("Measure", measure)).outcomes
+    return (await bench.alice.act(measure)).outcomes
 
 
 def test_prepared_photons_are_prepared_in_the_dump_too(tmp_path: Path) -> None:
@@ -109,9 +109,9 @@ async def gathered(bench: Bench) -> list[bytes]:
         for number, photons in ((1, [90, *range(29, -1, -1)]), (2, [*range(30, 60), 91])):
             pick = Pick(block=block(0, half), photons=photons)
             request = GatherRequest(into=block(number, half), picks=[pick], keep_rest=number == 1)
-            await client.call("Gather", request)
+            await client.act(request)
         gate = Gate(name=Gate.CX, target=block(2, half))
-        await client.call("Apply", ApplyRequest(block=block(1, half), gates=[gate]))
+        await client.act(ApplyRequest(block=block(1, half), gates=[gate]))
         outcomes.append((await client.measure(block(2, half))).outcomes)
     for client, half in ((bench.alice, 0), (bench.bob, 1)):
         outcomes.append((await client.measure(block(1, half), MeasureRequest.X)).outcomes)
@@ -180,7 +180,7 @@ async def everything(bench: Bench) -> list[bytes]:
         await bench.alice.create(30, number=number)
         await bench.alice.apply(block(number), bytes(n % 4 for n in range(30)))
     gates = [Gate(name=Gate.CX, target=block(1, 0)), Gate(name=Gate.S), Gate(name=Gate.H)]
-    await bench.alice.feedback("Apply", ApplyRequest(block=block(0, 0), gates=gates))
+    await bench.alice.act(ApplyRequest(block=block(0, 0), gates=gates))
     for name, basis in (
         (block(0, 0), MeasureRequest.X),
         (block(1, 0), MeasureRequest.X),
@@ -191,10 +191,10 @@ async def everything(bench: Bench) -> list[bytes]:
     await bench.alice.discard(DiscardRequest(session=7))
     await bench.alice.create(30, number=5)
     tilts = [Gate(name=Gate.RY, angle_rad=1.0), Gate(name=Gate.RY, angle_rad=-1.0)]
-    await bench.alice.feedback("Apply", ApplyRequest(block=block(5, 1), gates=tilts))
+    await bench.alice.act(ApplyRequest(block=block(5, 1), gates=tilts))
     for half in (0, 1):
         request = MeasureRequest(block=block(5, half), bases=bytes(n % 3 for n in range(30)))
-        outcomes.append((await bench.alice.feedback("Measure", request)).outcomes)
+        outcomes.append((await bench.alice.act(request)).outcomes)
     return outcomes
 
 
@@ -221,7 +221,7 @@ async def each_turned(bench: Bench) -> None:
     """Turn photons by angles of their own."""
     await bench.alice.create(3)
     turn = Gate(name=Gate.RY, angles_rad=[0.5, 0.0, -1.25])
-    await bench.alice.feedback("Apply", ApplyRequest(block=block(0), gates=[turn]))
+    await bench.alice.act(ApplyRequest(block=block(0), gates=[turn]))
 
 
 def test_angles_of_their_own_are_dumped_with_each_photon(tmp_path: Path) -> None:

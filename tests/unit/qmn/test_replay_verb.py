@@ -58,7 +58,7 @@ def recorded_run(
             await service.change("alice", "create", create)
             send = SendRequest(launches=[Launch(block=block, port="a0")], rate_hz=1000)
             await service.change("alice", "send", send)
-            await service.transport.landed()
+            await service.table.transport.landed()
             half = BlockId(session=1, half=1)
             await service.change("alice", "measure", MeasureRequest(block=half))
 

@@ -6,7 +6,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,7 @@ from wire.dispatcher_pb2 import (
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.dispatcher_service import RUNNER, metadata
 
-MAX_LAUNCHES = 100  # in one request
+BLOCKS = 60  # in one order
 PROGRAM = """
 import sys
 from pathlib import Path
@@ -55,28 +55,25 @@ class Scene:
 
     def act(self, session: int, count: int = 1, pairs: int = 4) -> None:
         """Let alice make blocks of pairs and send half 0 of each to bob: three events each."""
-        channel = grpc.insecure_channel(f"unix:{self.folder}/d.sock")
-        with channel:
-            stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
-            token = metadata("token of alice")
-            for first in range(0, count, MAX_LAUNCHES):
-                numbers = range(first, min(count, first + MAX_LAUNCHES))
-                for number in numbers:
-                    create = CreateRequest(session=session, number=number, count=pairs)
-                    stub.Create(create, metadata=token, timeout=10)
-                blocks = [BlockId(session=session, number=number) for number in numbers]
-                launches = [Launch(block=block, port="alice-q0") for block in blocks]
-                send = SendRequest(launches=launches, rate_hz=10**9)
-                stub.Send(send, metadata=token, timeout=10)
+        for first in range(0, count, BLOCKS):
+            numbers = range(first, min(count, first + BLOCKS))
+            creates = [CreateRequest(session=session, number=n, count=pairs) for n in numbers]
+            blocks = [BlockId(session=session, number=number) for number in numbers]
+            launches = [Launch(block=block, port="alice-q0") for block in blocks]
+            send = Step(send=SendRequest(launches=launches, rate_hz=10**9))
+            steps = [*(Step(create=create) for create in creates), send]
+            self._perform("alice", [Order(number=1, steps=steps)])
 
     def tell(self, node: str, text: str, count: int) -> None:
         """Let a host say so often what it executes: an event each."""
+        steps = [Step(tell=TellRequest(text=text))]
+        self._perform(node, (Order(number=number, steps=steps) for number in range(count)))
+
+    def _perform(self, node: str, orders: Iterable[Order]) -> None:
         with grpc.insecure_channel(f"unix:{self.folder}/d.sock") as channel:
             stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
-            steps = [Step(tell=TellRequest(text=text))]
-            orders = (Order(number=number, steps=steps) for number in range(count))
             token = metadata(f"token of {node}")
-            for outcome in stub.Perform(orders, metadata=token, timeout=10):
+            for outcome in stub.Perform(iter(orders), metadata=token, timeout=10):
                 assert not outcome.code, outcome.text
 
     def spy(self, *words: str) -> subprocess.Popen[str]:

@@ -39,7 +39,9 @@ from wire.dispatcher_pb2 import (
     CreateRequest,
     InjectFaultRequest,
     Launch,
+    Order,
     SendRequest,
+    Step,
 )
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.optical import DEFAULT_FREQUENCY_MHZ
@@ -77,20 +79,20 @@ class Bench:
     def connections(self) -> dict[int, int]:
         return self.layer.network.switches["q1"].timeline.connections
 
-    async def call(self, node: str, method: str, request: Any) -> Any:
-        metadata = dispatcher_service.metadata(f"token of {node}")
-        return await getattr(self._stub, method)(request, metadata=metadata, timeout=5)
-
     async def send(self, photons: int, port: int) -> None:
         """Let alice send photons into the fibre of a port."""
         create = CreateRequest(session=1, number=1, count=photons, state=CreateRequest.ZEROS)
-        await self.call("alice", "Create", create)
         launch = Launch(block=BlockId(session=1, number=1), port=f"a{port}")
         send = SendRequest(launches=[launch], rate_hz=1_000_000_000)
-        await self.call("alice", "Send", send)
+        order = Order(number=1, steps=[Step(create=create), Step(send=send)])
+        metadata = dispatcher_service.metadata("token of alice")
+        call = self._stub.Perform(iter([order]), metadata=metadata, timeout=5)
+        assert [outcome.code async for outcome in call] == [0]
 
     async def inject(self, **fault: Any) -> None:
-        await self.call("runner", "InjectFault", InjectFaultRequest(switch="q1", **fault))
+        request = InjectFaultRequest(switch="q1", **fault)
+        metadata = dispatcher_service.metadata("token of runner")
+        await self._stub.InjectFault(request, metadata=metadata, timeout=5)
 
 
 @asynccontextmanager

@@ -1,0 +1,97 @@
+"""The requests that change the physical layer: one row each, with its message and its handler.
+
+Hosts request operations as steps of an order; agents and the runner request the rest. A request is
+recorded, and replayed, by the name of its row. To add an operation: docs/architecture.md.
+"""
+
+from collections.abc import Callable
+from inspect import isawaitable
+from typing import Any, NamedTuple
+
+from google.protobuf.message import Message
+
+from dispatcher.layer.layer import PhysicalLayer
+from dispatcher.operations.adjustment import adjust
+from dispatcher.operations.blocks import Operations
+from dispatcher.operations.gathering import Gathering
+from dispatcher.operations.heralding import Heralding
+from dispatcher.operations.imperfections import over
+from dispatcher.operations.looking import look, tell
+from dispatcher.operations.measurements import Measurements
+from dispatcher.operations.resending import Resending
+from dispatcher.operations.sensing import sense
+from dispatcher.operations.splitting import Splitting
+from dispatcher.operations.switching import Switching
+from dispatcher.operations.transport import Transport
+from dispatcher.refusal import invalid
+from wire import dispatcher_pb2 as messages
+
+Handler = Callable[[str, Any], Any]  # called with node and request
+
+
+class Row(NamedTuple):
+    """One kind of request."""
+
+    message: type[Message]
+    handler: Handler
+
+    @property
+    def has_time(self) -> bool:
+        """Whether the request says when its order came."""
+        return "asked_ns" in self.message.DESCRIPTOR.fields_by_name
+
+
+class RequestTable:
+    """All kinds of requests, by name, to one physical layer."""
+
+    def __init__(self, layer: PhysicalLayer, failed: Callable[[BaseException], None]) -> None:
+        """Call `failed` with an error of what goes on after a request, such as a flight."""
+        self.layer = layer
+        self.transport, self.switching = Transport(layer, failed), Switching(layer)
+        self.heralding, self.blocks = Heralding(layer, failed), Operations(layer)
+        measurements, resending = Measurements(layer), Resending(layer)
+        self.rows = {
+            "create": Row(messages.CreateRequest, self._timed(self.blocks.create)),
+            "apply": Row(messages.ApplyRequest, self._timed(self.blocks.apply)),
+            "send": Row(messages.SendRequest, self.transport.send),
+            "receive": Row(messages.ReceiveRequest, self.transport.receive),
+            "measure": Row(messages.MeasureRequest, self._timed(measurements.measure)),
+            "bell_measure": Row(
+                messages.BellMeasureRequest, self._timed(measurements.bell_measure)
+            ),
+            "store": Row(messages.StoreRequest, self.blocks.store),
+            "discard": Row(messages.DiscardRequest, self._discard),
+            "gather": Row(messages.GatherRequest, Gathering(layer).gather),
+            "resend": Row(messages.ResendRequest, self._timed(resending.resend)),
+            "attempt": Row(messages.AttemptRequest, self.heralding.attempt),
+            "herald": Row(messages.HeraldRequest, self.heralding.herald),
+            "split": Row(messages.SplitRequest, Splitting(layer).split),
+            "tell": Row(messages.TellRequest, self._on_layer(tell)),
+            "sense": Row(messages.SenseRequest, self._on_layer(sense)),
+            # not steps of an order
+            "look": Row(messages.LookRequest, self._on_layer(look)),
+            "cross_connect": Row(messages.CrossConnectRequest, self.switching.cross_connect),
+            "tune_port": Row(messages.TunePortRequest, self.switching.tune),
+            "inject_fault": Row(messages.InjectFaultRequest, self.switching.inject),
+            "adjust_fiber": Row(messages.AdjustFiberRequest, self._on_layer(adjust)),
+        }
+
+    async def handle(self, node: str, name: str, request: Any) -> Any:
+        """Return the reply to a node's request; raise Refusal if it is not possible."""
+        reply = self.rows[name].handler(node, request)
+        return await reply if isawaitable(reply) else reply
+
+    def _on_layer(self, handler: Callable[[PhysicalLayer, str, Any], Any]) -> Handler:
+        return lambda node, request: handler(self.layer, node, request)
+
+    def _timed(self, handler: Handler) -> Handler:
+        """Let the reply come when the node's devices have finished."""
+        return lambda node, request: over(self.layer, node, handler(node, request))
+
+    def _discard(self, node: str, request: messages.DiscardRequest) -> messages.Feedback:
+        if request.HasField("block") == bool(request.session):
+            raise invalid("name either a block or a session that is not 0")
+        if request.session:
+            self.heralding.forget(node, request.session)
+            return self.blocks.discard_session(node, request.session)
+        return self.blocks.discard(node, request.block)
