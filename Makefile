@@ -5,14 +5,14 @@ SHELL := /bin/bash
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
 .PHONY: help setup packages strongswan notebooks install uninstall run-sdc test test-docker lint types unit \
-    emulation test-swarm commands chaos fuzz bench live-speed curves labs picture lab-pictures site image clean \
+    emulation test-swarm commands nightly chaos fuzz bench live-speed curves labs picture lab-pictures site image clean \
     lock browser q0-programs house
 
 PYTHON := .venv/bin/python
 # The caches and byte code of root would be in the user's way.
 AS_ROOT = $(if $(filter-out 0,$(shell id -u)),sudo env PYTHONDONTWRITEBYTECODE=1)
 # OpenBLAS has one thread, as in the programs of a network: more would spin, and take tests' time.
-PYTEST := env PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -p no:cacheprovider -p progress -p garbage
+PYTEST := env PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -p no:cacheprovider -p progress -p garbage -p nightly
 # More processes than processors, as long as all has room, because tests wait for time or other
 # processes. Of unit tests half as many more: each process imports and collects everything, which takes
 # it as long as hundreds of tests. Of those that emulate networks three times as many, of which a third
@@ -98,12 +98,21 @@ types: setup ## Check types
 	$(PYTHON) -m mypy
 
 unit: setup browser notebooks ## Run the unit and contract tests (no root)
-	@$(call in_folder,$(WITH_BYTE_CODE),$(IN_PARALLEL) tests/unit tests/contract)
+	@$(call in_folder,$(WITH_BYTE_CODE),-m 'not nightly' $(IN_PARALLEL) tests/unit tests/contract)
 	@echo 'unit: handlers of the controller on os-ken, too: a process loads one framework'
 	@QMN_CONTROLLER_FRAMEWORK=os-ken $(WITH_BYTE_CODE) $(PYTEST) tests/unit/controller_apps/handlers
 
 emulation: setup strongswan q0-programs browser notebooks ## Run the emulation tests (root, Open vSwitch)
 	@$(call in_folder,$(AS_ROOT),$(APART) tests/emulation)
+
+# Beside all tests of the day. Both images whole, one after the other, as by day.
+nightly: setup browser notebooks ## Run what is left out by day, some hours: before a release
+	@$(call in_folder,$(WITH_BYTE_CODE),-m nightly $(IN_PARALLEL) tests/unit)
+	@$(MAKE) --no-print-directory chaos MINUTES=120 STRIKES=1000
+	@$(MAKE) --no-print-directory commands
+	@for debian in 12 13; do \
+	    DEBIAN=$$debian $(MAKE) --no-print-directory image test-docker TESTS=tests/emulation; \
+	done
 
 chaos: setup ## Strike runs at random for MINUTES (3), from SEED (1): nothing may hang, lie or stay
 	$(AS_ROOT) $(PYTHON) tests/chaos --minutes $(or $(MINUTES),3) --seed $(or $(SEED),1) \

@@ -44,6 +44,7 @@ def test_a_teleported_state_is_as_good_as_the_pair(
     close([fidelity(matrix, state) for matrix in left["receiver"]], (1 + W) / 2, 1)
 
 
+@pytest.mark.nightly
 def test_chsh_is_won_as_often_as_noise_lets(tmp_path: Path) -> None:
     """1/2 + W^2 / (2 sqrt 2): light from charlie to either end passes two fibres, and is swapped.
 
@@ -63,6 +64,7 @@ def test_chsh_is_won_as_often_as_noise_lets(tmp_path: Path) -> None:
     close(won, 1 / 2 + W / (2 * sqrt(2)), 1 / 2 + 1 / (2 * sqrt(2)))
 
 
+@pytest.mark.nightly
 def test_bb84_finds_the_errors_that_noise_makes(tmp_path: Path) -> None:
     """(1 - W) / 2 of the bits along equal bases, which the program itself draws: without a seed."""
     hosts = {"alice": "alice", "bob": "bob"}
@@ -93,6 +95,7 @@ def test_a_distributed_cnot_flips_what_the_pair_has_wrong(tmp_path: Path) -> Non
     close([fidelity(each["controller"]["final_state"], state) for each in told], expected, 1)
 
 
+@pytest.mark.nightly
 def test_the_magic_square_is_lost_where_a_pair_is_wrong(tmp_path: Path) -> None:
     """A cell whose observable acts on w pairs is won in (1 + W^w) / 2."""
     hosts = {"player1": "alice", "player2": "bob"}
@@ -108,6 +111,7 @@ def test_the_magic_square_is_lost_where_a_pair_is_wrong(tmp_path: Path) -> None:
     close(won, float(np.mean([(1 + W**w) / 2 for w in np.ravel(weights)])), 1)
 
 
+@pytest.mark.nightly
 def test_blind_grover_errs_by_both_of_its_pairs(tmp_path: Path) -> None:
     """Each of the two qubits is turned to its opposite in (1 - W) / 2."""
     secrets = {"r1": 1, "r2": 0, "theta1": 3 * pi / 4, "theta2": pi / 4}
@@ -117,6 +121,7 @@ def test_blind_grover_errs_by_both_of_its_pairs(tmp_path: Path) -> None:
     close(found, ((1 + W) / 2) ** 2, 1)
 
 
+@pytest.mark.nightly
 def test_a_blind_rotation_is_as_wrong_as_its_cluster(tmp_path: Path) -> None:
     """The cluster's qubits have a Z each in (1 - W) / 2: all 16 cases are added up."""
     phi = [0.4, 1.9, 5.1]

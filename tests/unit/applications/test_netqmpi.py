@@ -42,6 +42,7 @@ def test_states_are_passed_on_from_rank_to_rank(
     assert capsys.readouterr().out == "found {'01': 6}\n"  # its own rank begins last
 
 
+@pytest.mark.nightly
 def test_states_that_are_passed_on_are_as_good_as_the_pairs(tmp_path: Path) -> None:
     """Each of two bits is right in (1 + W) / 2, with W = (1 - p)^4 of two fibres a link."""
     w, shots = 0.3, 60

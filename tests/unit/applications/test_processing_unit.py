@@ -265,6 +265,7 @@ def in_portions(role: str, peer: str, creates: bool, portions: list[int], use: s
     return program
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize("use", ["keep", "measure"])
 @pytest.mark.parametrize(("ours", "theirs"), [([1, 1], [2]), ([3, 5], [1, 6, 1]), ([8], [1] * 8)])
 def test_pairs_are_counted_one_by_one_at_both_ends(
@@ -333,7 +334,7 @@ def test_a_gate_waits_for_a_pair_on_its_way(tmp_path: Path, early: str) -> None:
 
 
 def test_a_pair_takes_as_long_as_its_light_at_both_ends(tmp_path: Path) -> None:
-    """A source of 50 MHz makes 2,000 pairs in 40 us, and those of a margin: twice as many at most.
+    """A source of 50 MHz makes 500 pairs in 10 us, and those of a margin: twice as many at most.
 
     The last pair of a request in two portions comes after the light of both.
     """
@@ -349,13 +350,13 @@ def test_a_pair_takes_as_long_as_its_light_at_both_ends(tmp_path: Path) -> None:
         return program
 
     programs = {
-        "alice": durations("alice", "bob", True, [2000, 1000, 1000]),
-        "bob": durations("bob", "alice", False, [2000, 2000]),
+        "alice": durations("alice", "bob", True, [500, 250, 250]),
+        "bob": durations("bob", "alice", False, [500, 500]),
     }
     (told,) = outputs(tmp_path, programs, TWO)
     first, second, third = told["alice"]
-    assert 40 <= first <= 80
-    assert 20 <= second <= 40
+    assert 10 <= first <= 20
+    assert 5 <= second <= 10
     assert told["bob"] == [first, second + third]
 
 

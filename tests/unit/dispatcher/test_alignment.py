@@ -102,6 +102,7 @@ async def swapped(laboratory: Laboratory, stored: bool = False) -> tuple[int, in
     return int(wrong[in_x].sum()), int(in_x.sum()), int(wrong[seen & (bases == 0)].sum())
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("rms_rad", [0.8, SCRAMBLED])
 def test_time_bins_behind_fibres_that_turn_polarisation_swap_worse(
@@ -207,6 +208,7 @@ def test_weak_pulses_meet_by_their_polarisation_however_many_photons_they_have(
         assert within(int(np.count_nonzero(outcomes == state)), COUNT, chance)
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("scheme", list(SCHEMES))
 @pytest.mark.parametrize("efficiency", [0.05, 0.8])
 def test_heralds_of_scrambled_light_are_the_mean_over_its_overlap(

@@ -114,6 +114,7 @@ def amplitude(light: Spectrum, later_ps: float = 0.0) -> NDArray[np.complex128]:
     return np.asarray(spectrum / np.sqrt((np.abs(spectrum) ** 2).sum()))
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize("widths_nm", [(0.1, 0.1), (0.1, 0.3)])
 @pytest.mark.parametrize("dispersion_ps_per_nm", [(0.0, 0.0), (170.0, 0.0), (170.0, -340.0)])
 @pytest.mark.parametrize("apart_ps", [0.0, 5.0, -40.0])

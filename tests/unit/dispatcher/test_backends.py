@@ -54,6 +54,7 @@ def experiment(random: Generator, state: Backend, simulator: stim.TableauSimulat
             getattr(simulator, name.lower())(*chosen)
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize("first_seed", range(0, 1000, 100))
 @pytest.mark.parametrize("backend", STABILIZERS)
 def test_random_circuits_with_feed_forward_agree_with_stim(
@@ -110,6 +111,7 @@ def assert_same(one: Backend, other: Backend) -> None:
         assert np.allclose(overlaps(as_dense(part), as_dense(their_part)), 1)
 
 
+@pytest.mark.by_day(every=4)
 @pytest.mark.parametrize("seed", range(200))
 @pytest.mark.parametrize("members", [1, 4])
 def test_same_random_numbers_give_same_outcomes_on_every_backend(members: int, seed: int) -> None:

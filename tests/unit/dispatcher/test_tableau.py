@@ -92,6 +92,7 @@ def random_pauli(random: Generator, tableau: Tableau, simulator: TableauSimulato
     simulator.do(stim.CircuitInstruction(PAULIS[pauli], [qubit]))
 
 
+@pytest.mark.by_day(every=4)
 @pytest.mark.parametrize("seed", range(300))
 def test_random_circuits_agree_with_stim(seed: int) -> None:
     random = np.random.default_rng(seed)

@@ -84,6 +84,7 @@ def test_reduced_load_is_a_fixed_point_that_is_near() -> None:
     assert near == pytest.approx(blocked_on_links([0.3] * 5, many, [4] * 4), abs=0.01)
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("of", [CHAIN_OF_LINKS, SEVERAL_FIBERS], ids=["links", "fibers"])
 def test_the_arbiter_blocks_as_theory_says(of: Experiment) -> None:
     values = of.complete({"load": 3.0, "channels": 2, "sessions": SESSIONS})

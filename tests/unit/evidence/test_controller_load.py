@@ -10,6 +10,7 @@ from topologies.networks.network import Signals
 from wire.controller_lines import read_record
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("framework", ["ryu", "os-ken"])
 def test_each_request_is_granted_or_refused_as_counted(tmp_path: Path, framework: str) -> None:
     folder, each = tmp_path / "played", 25

@@ -31,6 +31,7 @@ def test_pairs_that_do_not_pass_have_no_key() -> None:
     assert OXFORD.key_of(2.7, 0.019) == 0
 
 
+@pytest.mark.nightly
 def test_the_best_pairs_have_a_key_from_as_many_rounds_on_as_published() -> None:
     """Nadlinger et al. (2022), figure S15: about 2.6e5, at the best share of tests."""
     shares = (0.08, 0.1, 0.12, 0.14, 0.16)
@@ -66,6 +67,7 @@ def known(weights: np.ndarray, angles: np.ndarray) -> tuple[float, float]:
     return s, float(np.mean(left))
 
 
+@pytest.mark.nightly
 def test_no_strategy_leaves_less_of_two_bases_than_the_bound() -> None:
     """Of 20,000 pairs and settings at random; the bound is met within .03 by one with S > 2.77."""
     draws, nearest = np.random.default_rng(1), 1.0

@@ -48,6 +48,7 @@ def agrees(values: Sequence[float], wanted: float) -> bool:
     return abs(fmean(means) - wanted) < 5 * stdev(means) / sqrt(len(means))
 
 
+@pytest.mark.nightly
 def test_priorities_wait_as_cobham_says() -> None:
     """Non-preemptive priorities, M/M/1: W_k = rho / ((1 - s_k) (1 - s_k-1)), s_k their loads.
 

@@ -114,6 +114,7 @@ def test_conference_keys_over_links_that_depolarise(
     assert abs(told - key) < 5 * slope * sqrt(qber / (PAIRS / 2)) + 1e-4
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize(("hosts", "km"), [(3, 0.0), (4, 20.0), (3, 80.0)])
 def test_conference_keys_over_distance(hosts: int, km: float) -> None:
     """By a sum over which photons are lost: who misses one has seen the dark, and has any bit."""
@@ -234,6 +235,7 @@ def test_a_relay_tells_as_much_of_lasers_as_the_published_forms_say() -> None:
     assert abs(found["qber_x"][0] - qber) < 5 * sqrt(qber / (told * signals))
 
 
+@pytest.mark.by_day(every=4)
 @pytest.mark.parametrize("heralding", [0.0, 0.7])
 @pytest.mark.parametrize("km", [0.0, 40.0])
 def test_a_relay_tells_as_much_of_heralded_pairs_as_gaussian_states_say(

@@ -81,6 +81,7 @@ def test_a_sweep_leaves_a_table_and_a_figure(swept: Path) -> None:
     assert picture.std() > 0.05  # something is drawn
 
 
+@pytest.mark.nightly
 def test_two_workers_measure_the_same_as_one(swept: Path, tmp_path: Path) -> None:
     assert run("sweep", "teleport", *POINTS, "--out", str(tmp_path), "--workers", "2") == 0
     assert rows(tmp_path / "teleport.csv") == rows(swept / "teleport.csv")

@@ -409,17 +409,18 @@ def run(scene: Callable[..., Coroutine[Any, Any, Scene]], *arguments: Any, **opt
     return asyncio.run(scene(*arguments, **options))
 
 
+@pytest.mark.by_day(every=4)
 @pytest.mark.parametrize("schedule", SCHEDULES)
 @pytest.mark.parametrize("blocks", [2, 4])
+@pytest.mark.parametrize("seed", range(8))
 def test_blocks_under_way_do_not_disturb_each_other_in_any_order_of_events(
-    schedule: str, blocks: int
+    seed: int, schedule: str, blocks: int
 ) -> None:
     """Whatever comes first: halves of one pair have the same number at both ends, corrected."""
-    for seed in range(8):
-        scene = run(chain, seed, 3, schedule, blocks, 0.3, count=40, sample=0.3)
-        require_pairs(scene, 40)
-        for memory in scene.memories[1:-1]:
-            assert memory.most <= 2 * PAIRS * blocks
+    scene = run(chain, seed, 3, schedule, blocks, 0.3, count=40, sample=0.3)
+    require_pairs(scene, 40)
+    for memory in scene.memories[1:-1]:
+        assert memory.most <= 2 * PAIRS * blocks
 
 
 def test_as_many_blocks_are_under_way_as_are_ordered_and_not_one_more() -> None:
@@ -434,6 +435,7 @@ def test_as_many_blocks_are_under_way_as_are_ordered_and_not_one_more() -> None:
     assert 2 * PAIRS < most[2] <= 4 * PAIRS < most[4] <= 8 * PAIRS
 
 
+@pytest.mark.by_day(every=4)
 @pytest.mark.parametrize("schedule", ["parallel", "left-to-right"])
 @pytest.mark.parametrize(
     ("blocks", "cutoffs"), [(4, (inf, 60)), (1, (inf, 20)), (4, (140, inf)), (4, (200, 65))]

@@ -124,6 +124,7 @@ def test_two_rounds_of_dejmps_gain_more(tmp_path: Path) -> None:
     assert near(alice, twice)
 
 
+@pytest.mark.nightly
 def test_two_rounds_of_bbpssw_are_those_of_werner_pairs(tmp_path: Path) -> None:
     twice, _success = bbpssw(bbpssw(0.8)[0])
     options: dict[str, Any] = {

@@ -67,6 +67,7 @@ def results_of_light() -> int:
     )
 
 
+@pytest.mark.by_day(every=2)
 @protocols
 def test_what_light_has_brought_is_held_no_longer_than_it_is_needed(
     tmp_path: Path, protocol: str

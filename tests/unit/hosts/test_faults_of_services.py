@@ -132,6 +132,7 @@ MOMENTS = [
 moments = pytest.mark.parametrize("moment", MOMENTS, ids=lambda moment: moment.__name__)
 
 
+@pytest.mark.by_day(every=3)
 @services
 @moments
 def test_a_peer_that_is_gone_is_named_at_both_ends(
@@ -191,6 +192,7 @@ def of_another_session(message: Message) -> Message:
     return replace(message, session=message.session ^ 1)
 
 
+@pytest.mark.by_day(every=3)
 @services
 @moments
 def test_a_message_of_another_session_is_refused_by_its_number(
@@ -216,6 +218,7 @@ FORGED: dict[str, Callable[[Message], Any]] = {
 }
 
 
+@pytest.mark.by_day(every=4)
 @services
 @pytest.mark.parametrize("moment", [first_message, first_report], ids=lambda m: m.__name__)
 @pytest.mark.parametrize("forged", list(FORGED))
@@ -230,6 +233,7 @@ def test_what_has_no_place_in_a_session_ends_it(
         assert told.error.reason != Reason.OK
 
 
+@pytest.mark.by_day(every=3)
 @services
 @pytest.mark.parametrize("size", [1, HEADER.size, -1])
 @pytest.mark.parametrize("moment", [first_message, first_report], ids=lambda m: m.__name__)
@@ -335,6 +339,7 @@ ASKED: list[tuple[dict[str, Any], str]] = [
 ]
 
 
+@pytest.mark.by_day(every=3)
 @services
 @pytest.mark.parametrize(("asked", "words"), ASKED)
 def test_a_set_up_that_cannot_be_served_is_refused_by_its_value(
@@ -368,6 +373,7 @@ def test_a_source_that_is_refused_is_told_to_both_ends(tmp_path: Path, service: 
         assert "the controller knows no such session" in told.text
 
 
+@pytest.mark.by_day(every=3)
 @services
 @pytest.mark.parametrize("gone", ["alice", "bob"])
 @pytest.mark.parametrize("moment", [first_message, first_report, third_block])

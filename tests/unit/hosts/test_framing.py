@@ -67,6 +67,7 @@ def test_what_arrives_is_exactly_what_was_sent(size: int, seed: int) -> None:
     assert inbox.take() == b""
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize("alphabet", ALPHABETS.values(), ids=lambda a: str(a.symbols))
 @pytest.mark.parametrize("interleaved", [False, True])
 @pytest.mark.parametrize("code", CODES.values(), ids=lambda code: code.name)

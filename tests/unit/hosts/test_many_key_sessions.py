@@ -26,6 +26,7 @@ def stored(folder: Path, host: str, other: str) -> dict[str, Keys]:
     }
 
 
+@pytest.mark.by_day(every=4)
 @pytest.mark.parametrize("noise", NOISES)
 @pytest.mark.parametrize("protocol", ["bb84", "bbm92"])
 def test_both_stores_hold_the_same_keys_after_every_session(

@@ -88,6 +88,7 @@ def test_spans_grow_from_the_left_or_are_links_alone() -> None:
     assert spans("parallel", 3)[0] == links
 
 
+@pytest.mark.by_day(every=4)
 @pytest.mark.parametrize("schedule", ["nested", "left-to-right"])
 @pytest.mark.parametrize("protocol", ["bbpssw", "dejmps"])
 def test_blocks_that_follow_each_other_are_purified_each_by_itself(

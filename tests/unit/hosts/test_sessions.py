@@ -121,6 +121,7 @@ def test_every_code_delivers_exactly_over_fibres_that_lose_and_depolarise(
     assert statistics["interleave"] == interleave
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("fec", FECS)
 def test_every_code_delivers_exactly_pair_by_pair(tmp_path: Path, fec: str) -> None:
     data = b"four"
@@ -179,6 +180,7 @@ def linear(rotation: Pauli, **noise: float) -> tuple[Judge, dict[str, Any]]:
     return announced, {"rotation": rotation, "analyser": "linear", **noise}
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("handshake", ["framed", "per-pair"])
 @pytest.mark.parametrize("rotation", list(Pauli))
 def test_linear_optics_delivers_eleven_bits_in_seven_pairs(

@@ -75,6 +75,7 @@ def test_noisy_links_make_the_pairs_of_the_pauli_convolution(
     assert bob["fidelity"] == alice["fidelity"]
 
 
+@pytest.mark.nightly
 def test_pairs_of_65_links_are_those_of_werner(tmp_path: Path) -> None:
     """Of Werner links with weight w = (4 F - 1) / 3 each, w^65 is left: F = (1 + 3 w^65) / 4."""
     device = Device(source=PairSource(fidelity=0.998))

@@ -91,6 +91,7 @@ def test_a_signal_ends_the_wait_for_a_full_pipe(pipe: tuple[int, int]) -> None:
         assert process.stderr.read() == "cleaned up\n"
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize("words", [["--help"], ["lab"], ["runs", "--json"]])
 @pytest.mark.parametrize(
     ("outputs", "status", "why"),

@@ -799,6 +799,7 @@ def test_columns_lie_on_a_phone_and_stand_on_a_screen(
         page.close()
 
 
+@pytest.mark.nightly
 def test_a_network_of_a_thousand_hosts_is_drawn_and_can_be_read_from_near(
     chromium: Browser, tmp_path: Path, said: list[str]
 ) -> None:

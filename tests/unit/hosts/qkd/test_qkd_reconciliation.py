@@ -76,6 +76,7 @@ def test_cascade_corrects_all_errors_for_little_more_than_shannons_bound(
     assert 1.0 < told / (sessions * size * binary_entropy(qber)) < most
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize("size", [33, 50, 64, 100])
 @pytest.mark.parametrize("qber", [0.0, 0.02, 0.3])
 def test_cascade_finds_a_single_error_in_a_key_of_any_size(size: int, qber: float) -> None:
