@@ -34,13 +34,13 @@ def ask(path: str) -> tuple[str, str]:
         manager = HTTPSConnection(os.environ["KME"].removeprefix("https://"), context=proof)
         manager.request("GET", f"/api/v1/keys/{path}")
         answer = manager.getresponse()
-        said = json.load(answer)
+        reply = json.load(answer)
         manager.close()
         if answer.status == OK:
-            (key,) = said["keys"]
+            (key,) = reply["keys"]
             return key["key_ID"], base64.b64decode(key["key"]).hex()
         if answer.status != NO_KEY_YET or time.monotonic() > deadline:
-            raise ConnectionError(said["message"])
+            raise ConnectionError(reply["message"])
         time.sleep(0.2)
 
 
@@ -85,8 +85,8 @@ def call(host: str, text: str) -> int:
     command = openssl("s_client", key_id, key, "-connect", f"{host}:{TLS}", "-ign_eof")
     deadline = time.monotonic() + LONGEST_S
     while True:  # until the server listens
-        said = f"{text}\nCLOSE\n"
-        done = subprocess.run(command, input=said, capture_output=True, text=True, check=False)
+        typed = f"{text}\nCLOSE\n"
+        done = subprocess.run(command, input=typed, capture_output=True, text=True, check=False)
         if "Connection refused" not in done.stderr or time.monotonic() > deadline:
             print(done.stdout + done.stderr)
             return done.returncode

@@ -60,13 +60,13 @@ def compared(found: Found, other: socket.socket, signs: dict[tuple[int, ...], in
     """Return S and the key; all axes are public, and outcomes along axes that differ."""
     with other.makefile() as lines:
 
-        def told(mine: list[Any]) -> list[Any]:
+        def exchanged(mine: list[Any]) -> list[Any]:
             other.sendall(f"{json.dumps(mine)}\n".encode())
             theirs: list[Any] = json.loads(lines.readline())
             return theirs
 
-        both = list(zip(found, told([axis for axis, _ in found]), strict=True))
-        public = told([outcome if axis != their else None for (axis, outcome), their in both])
+        both = list(zip(found, exchanged([axis for axis, _ in found]), strict=True))
+        public = exchanged([outcome if axis != their else None for (axis, outcome), their in both])
     key = ""
     alike: dict[tuple[int, ...], list[bool]] = defaultdict(list)
     for ((axis, outcome), their_axis), theirs in zip(both, public, strict=True):

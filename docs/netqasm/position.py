@@ -9,7 +9,7 @@ qmn> alice python docs/netqasm/position.py
 
 Alice measures her halves of pairs along Z or X, by chance, and tells charlie in private; bob's
 halves wait in his memory. Charlie tells bob the bases and takes the time until bob's outcomes are
-back: whoever answers as fast is as near, and whoever is not, has to measure before the bases are
+back: a prover that answers as fast is as near, and another has to measure before the bases are
 there. In the second round bob does that: one outcome in four is then wrong. The distance is a
 bound: it counts the time of the software as well, which is most of it here.
 """
@@ -40,9 +40,9 @@ def measured(processor: Processor, halves: list[Qubit], along: list[int]) -> lis
     return processor.measure(halves)
 
 
-def tell(other: TextIO, said: Any) -> None:
+def tell(other: TextIO, message: Any) -> None:
     """Send a line."""
-    print(json.dumps(said), file=other, flush=True)
+    print(json.dumps(message), file=other, flush=True)
 
 
 def hear(other: TextIO) -> Any:
@@ -74,7 +74,7 @@ def alice(processor: Processor) -> str:
 
 
 def bob(processor: Processor) -> str:
-    """Answer charlie; in the second round with what was found before he said along what."""
+    """Answer charlie; in the second round with the outcomes found before he named the bases."""
     with socket.create_server((processor.nodes["bob"], PORT)) as door:
         door.settimeout(WAIT_S)
         charlie = door.accept()[0].makefile("rw")
@@ -89,7 +89,7 @@ def bob(processor: Processor) -> str:
 
 def charlie(processor: Processor) -> str:
     """Ask bob, take the time, and compare."""
-    said = []
+    rounds = []
     with socket.create_server((processor.nodes["charlie"], PORT)) as door:
         door.settimeout(WAIT_S)
         bob, alice = called(processor, "bob"), door.accept()[0].makefile("rw")
@@ -102,9 +102,11 @@ def charlie(processor: Processor) -> str:
             elapsed_s = time.monotonic() - begun
             wrong = sum(a != b for a, b in zip(expected, found, strict=True))
             km = elapsed_s / 2 * KM_PER_S
-            said.append(f"{place}: {wrong} of {PAIRS} wrong, {1e3 * elapsed_s:.1f} ms, {km:.0f} km")
+            rounds.append(
+                f"{place}: {wrong} of {PAIRS} wrong, {1e3 * elapsed_s:.1f} ms, {km:.0f} km"
+            )
             tell(alice, "over")
-    return "; ".join(said)
+    return "; ".join(rounds)
 
 
 ROLES = {"alice": alice, "bob": bob, "charlie": charlie}

@@ -3,9 +3,9 @@
 qmn run distribute --rate-hz 100000 --device bob.memory.noise=docs/noise-models/ageing.py:Ageing \
     --device bob.memory.noise_parameters='{"time_s": 0.05}'
 
-Coherence falls as exp(-(t / T)^2), as where something drifts, and not as exp(-t / T2). A model is
-told of a `Moment`: of how many qubits, and how long each has waited. Where a wait is looked at on
-the way, it is told of each part of it.
+Coherence falls as exp(-(t / T)^2), as where something drifts, and not as exp(-t / T2). A model
+gets a `Moment`: the number of qubits, and how long each has waited. If a wait is looked at on the
+way, it gets each part of it.
 """
 
 from dataclasses import dataclass

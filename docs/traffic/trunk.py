@@ -14,7 +14,7 @@ class Trunk(QuantumTopo):
     """Each host has a fibre to its switch; sessions from a side to the other share the trunk."""
 
     def build(self, fibers: int = 2, hosts: int = 6, channels: int = 1) -> None:
-        """Add so many hosts on each side, and so many fibres of channels between the switches."""
+        """Add this number of hosts on each side, and of fibres of channels between the switches."""
         for side, switch in (("a", "q1"), ("b", "q2")):
             self.addSwitch(switch, cls=OpticalSwitch)
             for number in range(1, hosts + 1):
