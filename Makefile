@@ -23,6 +23,8 @@ PROCESSES = $(shell n=$$(getconf _NPROCESSORS_ONLN); echo $$(( n < 8 ? n : 8 )))
 AT_A_TIME = $$(( (3 * $(PROCESSES) + 1) / 2 ))
 NETWORKS = $$(( 3 * $(PROCESSES) ))
 IN_PARALLEL = --numprocesses=$(AT_A_TIME) --dist=worksteal
+# Of unit tests and networks; make nightly has the others.
+WHEN := not nightly
 # Half of collecting is to compile tests, unless they leave their byte code for the next time.
 WITH_BYTE_CODE = env PYTHONDONTWRITEBYTECODE=
 # One that fails is repeated alone: tests/late.py.
@@ -31,7 +33,7 @@ APART = --dist=worksteal --tx="$(NETWORKS)*popen//python=topologies/own_namespac
 # Their files are in a folder with a short path, as sockets need; it stays if a test fails.
 in_folder = folder=$$(mktemp -d /tmp/qmn.XXXX) && \
     $1 $(PYTEST) --basetemp="$$folder" $2 && $1 rm -r "$$folder"
-TESTS := tests/emulation -m image  # of test-docker; TESTS=tests/emulation for all
+TESTS := tests/emulation -m 'image and not nightly'  # of test-docker; TESTS=tests/emulation for all
 # What notebooks need and a browser are large, and not in the image; and Docker lets no process take
 # files of others, nor make groups of processes.
 IN_GROUPS := several_together_do_not_take_more who_takes_more_does_not_go_on_by_swapping \
@@ -98,16 +100,17 @@ types: setup ## Check types
 	$(PYTHON) -m mypy
 
 unit: setup browser notebooks ## Run the unit and contract tests (no root)
-	@$(call in_folder,$(WITH_BYTE_CODE),-m 'not nightly' $(IN_PARALLEL) tests/unit tests/contract)
+	@$(call in_folder,$(WITH_BYTE_CODE),-m '$(WHEN)' $(IN_PARALLEL) tests/unit tests/contract)
 	@echo 'unit: handlers of the controller on os-ken, too: a process loads one framework'
 	@QMN_CONTROLLER_FRAMEWORK=os-ken $(WITH_BYTE_CODE) $(PYTEST) tests/unit/controller_apps/handlers
 
 emulation: setup strongswan q0-programs browser notebooks ## Run the emulation tests (root, Open vSwitch)
-	@$(call in_folder,$(AS_ROOT),$(APART) tests/emulation)
+	@$(call in_folder,$(AS_ROOT),-m '$(WHEN)' $(APART) tests/emulation)
 
 # Beside all tests of the day. Both images whole, one after the other, as by day.
 nightly: setup browser notebooks ## Run what is left out by day, some hours: before a release
 	@$(call in_folder,$(WITH_BYTE_CODE),-m nightly $(IN_PARALLEL) tests/unit)
+	@$(MAKE) --no-print-directory emulation WHEN=nightly
 	@$(MAKE) --no-print-directory chaos MINUTES=120 STRIKES=1000
 	@$(MAKE) --no-print-directory commands
 	@for debian in 12 13; do \

@@ -69,6 +69,7 @@ def test_networks_run_beside_each_other(two_points: Path) -> None:
     assert max(begin(run) for run in runs) < min(end(run) for run in runs)
 
 
+@pytest.mark.nightly
 def test_a_cluster_measures_the_same_as_this_machine(two_points: Path, tmp_path: Path) -> None:
     """Its workers are threads of this process; each starts networks apart from it, too."""
     with LocalCluster(
@@ -97,6 +98,7 @@ def test_nothing_is_left_of_networks_whose_sweep_is_killed(tmp_path: Path) -> No
     # That no program of theirs is left, nor starts another, is what each test here is held to.
 
 
+@pytest.mark.nightly
 def test_fidelity_falls_with_the_measured_latency_of_the_two_bits_as_theory_says(
     tmp_path: Path,
 ) -> None:
@@ -126,6 +128,7 @@ def test_fidelity_falls_with_the_measured_latency_of_the_two_bits_as_theory_says
     assert (tmp_path / "teleport-emulated-teleported.png").stat().st_size > 10_000
 
 
+@pytest.mark.nightly
 def test_a_long_way_to_the_controller_takes_set_up_time(tmp_path: Path) -> None:
     """The controller asks the quantum switch for paths, and waits for its answer."""
     words = ("--control-km", "0,1000", "--time-scale", "20")
@@ -139,6 +142,7 @@ def test_a_long_way_to_the_controller_takes_set_up_time(tmp_path: Path) -> None:
     assert (tmp_path / "sdc-emulated-path_setup_s.png").stat().st_size > 10_000
 
 
+@pytest.mark.nightly
 def test_a_network_of_one_s_own_is_swept_between_hosts_of_any_names(tmp_path: Path) -> None:
     """The trunk of the example loses .2 dB, and one half of each pair passes it twice.
 

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import pytest
 from conftest import qmn, wait_until
 from fabric_scene import running
 from limits import SOON_S
@@ -49,6 +50,7 @@ def send(network: Network, data: bytes) -> dict[str, Any]:
         return sender.statistics
 
 
+@pytest.mark.nightly
 def test_a_noisy_network_delivers_by_an_interleaved_code(tmp_path: Path) -> None:
     message = "A noisy channel can be met by a code. " * 20
     coding = ["--fec", "golay", "--interleave", "--frame-bytes", "16"]

@@ -74,6 +74,7 @@ class SpeltOut(Topo):
 """
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize(
     ("job", "name", "switch"),
     [("sdc", "MyNet", "s1"), ("sdc", "SpeltOut", "hub"), ("teleport", "MyNet", "s1")],
@@ -123,6 +124,7 @@ def test_a_socket_says_hello(tmp_path: Path) -> None:
     assert log.read_text() == "listening\n10.0.0.1: how are you?\n"
 
 
+@pytest.mark.nightly
 def test_the_example_waits_for_a_listener_that_begins_later(tmp_path: Path) -> None:
     log, program = tmp_path / "log", EXAMPLES / "hello.py"
     bob = f"bob sh -c 'sleep 2; python {program}' > {log} &\n"
@@ -191,6 +193,7 @@ def test_who_measures_before_the_bases_are_told_is_not_where_he_should_be(protoc
         assert abs(float(elapsed_ms) / 2e3 * 204_000 - float(km)) < 12  # as far as it is rounded
 
 
+@pytest.mark.nightly
 def test_where_nobody_listens_the_example_says_so_in_a_line(tmp_path: Path) -> None:
     commands = f"alice python {EXAMPLES}/hello.py bob hello || echo status $?\n"
     printed = said(commands, tmp_path)
@@ -198,6 +201,7 @@ def test_where_nobody_listens_the_example_says_so_in_a_line(tmp_path: Path) -> N
     assert "Traceback" not in printed
 
 
+@pytest.mark.nightly
 def test_coins_fall_alike_as_often_as_the_fidelity_says() -> None:
     printed = run("script", str(EXAMPLES / "coins.py"))
     (alike,) = re.findall(r"^alike: (\d+) of 1000$", printed, re.MULTILINE)
@@ -207,6 +211,7 @@ def test_coins_fall_alike_as_often_as_the_fidelity_says() -> None:
     assert int(alike) < 1000
 
 
+@pytest.mark.nightly
 def test_a_message_survives_the_cut_of_a_fibre() -> None:
     printed = run("script", str(EXAMPLES / "fiber_cut.py"))
     assert "1,000,000 bytes arrived, exactly: True" in printed
@@ -215,6 +220,7 @@ def test_a_message_survives_the_cut_of_a_fibre() -> None:
     assert not any({"q1 q2", "q2 q1"} & {way[i : i + 5] for i in range(len(way))} for way in ways)
 
 
+@pytest.mark.nightly
 def test_openssl_talks_tls_by_a_key_of_photons(tmp_path: Path) -> None:
     program = DOCS / "keys" / "tls_psk.py"
     alice = f"alice python {program} bob 'hello there'\n"
@@ -233,6 +239,7 @@ def test_openssl_talks_tls_by_a_key_of_photons(tmp_path: Path) -> None:
     assert b"hello" not in spoken
 
 
+@pytest.mark.nightly
 def test_an_alarm_closes_the_fibre_that_somebody_taps() -> None:
     printed = run("script", str(DOCS / "services" / "watched.py"))
     moments = re.findall(r"^ *[0-9.]+ s  (.*)$", printed, re.MULTILINE)
@@ -252,6 +259,7 @@ def test_an_alarm_closes_the_fibre_that_somebody_taps() -> None:
         assert {"q2", "q3"} not in map(set, pairwise(way))
 
 
+@pytest.mark.nightly
 def test_the_sweep_measures_every_code(tmp_path: Path) -> None:
     run("sweep", str(EXAMPLES / "codes.toml"), "--out", str(tmp_path))
     with (tmp_path / "sdc.csv").open(newline="") as table:

@@ -45,6 +45,7 @@ class UnevenRingTopo(TurningRingTopo):
     ROTATIONS: ClassVar = {"q1": 1, "q2": 2, "q3": 2, "q4": 3}
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize("framework", ["ryu", "os-ken"])
 @pytest.mark.parametrize(
     ("topo", "links", "way"),

@@ -23,6 +23,7 @@ def known_cuts(network: Network) -> set[int]:
     return {port for port in up if not up[port]}
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize("host", ["alice", "bob", "charlie"])
 def test_what_a_cut_has_cost_is_sent_again(shared_network: Network, host: str) -> None:
     network, data = shared_network, bytes(range(256)) * 4096

@@ -103,6 +103,7 @@ def facts_of(out: Path, name: str) -> dict[str, Any]:
     return facts
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_labs_that_were_interrupted_go_on(tmp_path: Path, number: int) -> None:
     names, out = labs_of_scripts(tmp_path, {"one": ["a", "slow", "b"]}), tmp_path / "out"
@@ -126,6 +127,7 @@ def lab(name: str, out: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.nightly
 def test_the_source_papers_figures_are_seen(tmp_path: Path) -> None:
     done = lab("paper", tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -151,6 +153,7 @@ def test_a_lab_that_does_not_agree_ends_with_status_1(tmp_path: Path) -> None:
     assert (finding["ours"], finding["published"], finding["agrees"]) == (4, 5, False)
 
 
+@pytest.mark.nightly
 def test_classical_light_in_the_photons_band_spoils_what_is_teleported(tmp_path: Path) -> None:
     """10 mW at 1550 nm: F = .58986 by the supplement's equations, and .96513 without them."""
     settings = catalogue.lab("coexistence").findings.__globals__["settings"]

@@ -11,6 +11,7 @@ from limits import PROGRAM_S
 FOLDER = ROOT / "examples" / "notebooks"
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", sorted(file.stem for file in FOLDER.glob("*.ipynb")))
 def test_a_notebook_runs_to_its_end(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

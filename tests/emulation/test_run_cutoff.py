@@ -18,6 +18,7 @@ def kept(longest_s: float) -> float:
     return (1 - exp(-rate * longest_s)) / (rate * longest_s)
 
 
+@pytest.mark.nightly
 @pytest.mark.waits
 def test_a_cutoff_of_the_controllers_keeps_the_fidelity_up(tmp_path: Path) -> None:
     """Pairs come one by one for a third of a second; all of them would have F = .58."""

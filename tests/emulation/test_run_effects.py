@@ -79,6 +79,7 @@ EFFECTS: dict[str, tuple[list[str], float]] = {
 }
 
 
+@pytest.mark.by_day(every=5)
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_keys_have_the_errors_of_each_effect(tmp_path: Path, effect: str) -> None:
     words, qber = EFFECTS[effect]
@@ -90,6 +91,7 @@ def test_keys_have_the_errors_of_each_effect(tmp_path: Path, effect: str) -> Non
     assert abs(told["qber"] - qber) < 5 * sqrt(qber * (1 - qber) / told["disclosed_bits"])
 
 
+@pytest.mark.nightly
 def test_light_is_counted_in_the_gate_that_it_comes_in(tmp_path: Path) -> None:
     """Jitter of 300 and 400 ps is one of 500, and the gate ends as far from its middle."""
     jitter = devices(alice__source__jitter_ps=300, bob__detectors__jitter_ps=400)
@@ -101,6 +103,7 @@ def test_light_is_counted_in_the_gate_that_it_comes_in(tmp_path: Path) -> None:
     assert told["qber"] == 0
 
 
+@pytest.mark.nightly
 def test_the_h_of_a_bell_measurement_by_gates_errs_behind_the_cx(tmp_path: Path) -> None:
     """Half of p1 = .2 takes Phi+ for Phi-: F = .90, where noise before the CX gave .8526."""
     words = ["swap", "--count", "400", "--sample", "0.8"]
@@ -108,6 +111,7 @@ def test_the_h_of_a_bell_measurement_by_gates_errs_behind_the_cx(tmp_path: Path)
     require_estimate(result_of(tmp_path, *words)["job"]["asking"], polarised(0.9), 0.0)
 
 
+@pytest.mark.nightly
 def test_photons_whose_ways_differ_by_less_than_a_nanosecond_interfere_less(
     tmp_path: Path,
 ) -> None:
@@ -122,6 +126,7 @@ def test_photons_whose_ways_differ_by_less_than_a_nanosecond_interfere_less(
     assert abs(wrong / pairs - expected) < 5 * sqrt(expected * (1 - expected) / pairs)
 
 
+@pytest.mark.nightly
 def test_pairs_in_time_bins_swap_by_the_overlap_of_their_polarisations(tmp_path: Path) -> None:
     """Scrambled for each photon anew, it is 1/2 on average: F = (1 + V) / 2."""
     words = ["swap", "--count", "400", "--sample", "0.8", *SCRAMBLED]
@@ -131,6 +136,7 @@ def test_pairs_in_time_bins_swap_by_the_overlap_of_their_polarisations(tmp_path:
     require_estimate(result_of(tmp_path, *words)["job"]["asking"], polarised(0.75), 0.0)
 
 
+@pytest.mark.nightly
 def test_unlike_detectors_do_not_tell_what_linear_optics_cannot(tmp_path: Path) -> None:
     """Phi reaches either detector of the phase, of which one sees 1 - m: I is seen with 1 - m/2."""
     mismatch = 0.6
@@ -146,6 +152,7 @@ def test_unlike_detectors_do_not_tell_what_linear_optics_cannot(tmp_path: Path) 
     assert abs(seen / sent - expected) < 5 * sqrt(expected * (1 - expected) / sent)
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("scrambled", [False, True])
 def test_single_clicks_herald_pairs_as_good_as_qubits_are_dark(
     tmp_path: Path, scrambled: bool

@@ -3,6 +3,7 @@
 from math import exp
 from pathlib import Path
 
+import pytest
 from test_run_nodes import result_of
 
 ERROR, GATE_S, T2_S = 0.05, 0.05, 0.5
@@ -15,6 +16,7 @@ def fidelity(wait_s: float) -> float:
     return (1 + kept * read + kept * read**2 + read) / 4
 
 
+@pytest.mark.nightly
 def test_ends_decohere_while_a_repeater_swaps(tmp_path: Path) -> None:
     words = ["swap", "--count", "300", "--sample", "0.8", "--time-scale", str(SCALE)]
     told = {

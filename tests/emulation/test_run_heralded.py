@@ -49,6 +49,7 @@ def test_links_of_a_chain_are_heralded_by_stations_of_their_own(tmp_path: Path) 
     assert {"m1", "m2"} == {line.split()[1] for line in log.splitlines() if " herald " in line}
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.waits
 @pytest.mark.parametrize(
     ("capacity", "deeds"),

@@ -80,6 +80,7 @@ def test_two_ion_traps_and_a_fibre_are_enough_for_pairs(tmp_path: Path) -> None:
     assert result["parameters"]["rate_hz"] == RATE_HZ
 
 
+@pytest.mark.nightly
 def test_an_ion_trap_makes_no_pairs_at_will(tmp_path: Path) -> None:
     """However far: who asks hears what there has to be in its place."""
     words = ["--node", "ion-trap", "--source", "alice", "--length-km", "1000", "--count", "12"]
@@ -90,6 +91,7 @@ def test_an_ion_trap_makes_no_pairs_at_will(tmp_path: Path) -> None:
     assert "memories that emit share pairs by a station (docs/nodes.md)" in done.stderr
 
 
+@pytest.mark.nightly
 def test_spins_that_emit_take_in_no_light_of_another_source(tmp_path: Path) -> None:
     """Each of ten photons of a source was kept by a spin in diamond, as if it were absorbed."""
     words = ["--node", "nv-centre", "--node", "charlie=photonic", "--count", "10", "--sample", "0"]
@@ -99,6 +101,7 @@ def test_spins_that_emit_take_in_no_light_of_another_source(tmp_path: Path) -> N
     assert "(feature absorb): let a station herald pairs" in done.stderr
 
 
+@pytest.mark.nightly
 @pytest.mark.waits
 def test_heralds_for_ion_traps_come_the_slower_the_longer_the_fibres(tmp_path: Path) -> None:
     """Two clicks: an attempt is heralded with eta^2 / 2, and takes a round trip to the station."""
@@ -115,6 +118,7 @@ def test_heralds_for_ion_traps_come_the_slower_the_longer_the_fibres(tmp_path: P
     assert alice["elapsed_s"] >= alice["attempts"] * round_trip_s / ION_TRAP.emitter.modes * 0.99
 
 
+@pytest.mark.nightly
 def test_ion_traps_teleport(tmp_path: Path) -> None:
     words = ["--node", "ion-trap", *with_source("alice"), "--source", "alice", "--count", "1000"]
     alice = result_of(tmp_path, "teleport", *words)["job"]["asking"]
@@ -124,6 +128,7 @@ def test_ion_traps_teleport(tmp_path: Path) -> None:
     assert abs(alice["fidelity"] - expected) < 5 * sqrt(expected * (1 - expected) / 1000)
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("mixed", [False, True])
 def test_an_ion_trap_is_the_repeater_of_its_like_and_of_photonic_hosts(
     tmp_path: Path, mixed: bool
@@ -161,6 +166,7 @@ def test_a_repeater_without_a_memory_is_refused_to_who_asks_by_name_and_remedy(
     assert "swap: r1 has no memory, or one that is too small (feature store)" in done.stderr
 
 
+@pytest.mark.nightly
 def test_a_memory_that_heralds_badly_is_given_less_and_delivers_empty_places(
     tmp_path: Path,
 ) -> None:

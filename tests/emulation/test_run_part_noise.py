@@ -4,12 +4,14 @@ import re
 from math import exp
 from pathlib import Path
 
+import pytest
 from test_run_nodes import log_of, polarised, require_estimate, result_of
 
 T_S, RATE_HZ = 0.1, 10_000
 WAITED = re.compile(r"after ([\d.]+)(?: to ([\d.]+))? s$")
 
 
+@pytest.mark.nightly
 def test_a_memory_ages_as_the_example_says(tmp_path: Path) -> None:
     """Coherence falls by exp(-(t / T)^2) for each part of a wait.
 

@@ -20,6 +20,7 @@ HOP_S = 200e3 / 2.04e8
 ALONE_S, SAMPLE_S = 35 * HOP_S, 10 * HOP_S
 
 
+@pytest.mark.nightly
 @pytest.mark.waits
 @pytest.mark.parametrize(
     ("capacity", "scale", "least_per_s", "most_per_s"),

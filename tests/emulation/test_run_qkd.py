@@ -40,6 +40,7 @@ def kept(keys: Path, host: str, other: str, hand_out: str) -> dict[str, bytes]:
     return {file.name: file.read_bytes() for file in folder.iterdir()}
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("protocol", list(FIBERS))
 def test_keys_are_the_same_in_the_stores_of_both_hosts(tmp_path: Path, protocol: str) -> None:
     share, keys = 0.01, tmp_path / "keys"
@@ -106,6 +107,7 @@ def test_above_the_threshold_the_run_fails_and_no_key_is_kept(tmp_path: Path) ->
     assert [path for path in keys.rglob("*") if path.is_file()] == []
 
 
+@pytest.mark.by_day(every=4)
 @pytest.mark.parametrize("protocol", list(FIBERS))
 def test_eve_on_the_fibre_causes_a_quarter_of_her_fraction_in_errors(
     tmp_path: Path, protocol: str
@@ -148,6 +150,7 @@ def test_a_relay_that_lies_is_seen_as_noise_and_brings_no_key(tmp_path: Path) ->
     assert told["key_bits"] == 0
 
 
+@pytest.mark.nightly
 def test_decoys_of_both_ends_make_a_key_by_a_relay(tmp_path: Path) -> None:
     """In Z no pulses alike are told of; of the others the closed form of both formulas' papers."""
     laser = ("statistics=poisson", "mean_pairs=0.4", "decoys=[0.1, 0.0]")
@@ -170,6 +173,7 @@ def test_decoys_of_both_ends_make_a_key_by_a_relay(tmp_path: Path) -> None:
     assert told["intensities"] == [0.4, 0.1, 0.0]
 
 
+@pytest.mark.nightly
 def test_heralded_photons_come_as_their_pairs_and_unlike_detectors_tell_fewer_ones(
     tmp_path: Path,
 ) -> None:
@@ -209,6 +213,7 @@ def test_if_eve_measures_everything_the_key_is_refused(tmp_path: Path) -> None:
 LASER = ("--device", "alice.source.statistics=poisson", "--device", "alice.source.mean_pairs=0.5")
 
 
+@pytest.mark.nightly
 def test_who_splits_photon_numbers_is_not_seen_and_leaves_no_key(tmp_path: Path) -> None:
     """Behind 8 dB 1 - exp(-.5 t) of the pulses are seen, fewer than have several photons."""
     hides_db = 8.0

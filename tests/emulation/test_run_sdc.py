@@ -166,6 +166,7 @@ def test_a_message_tells_how_long_it_took_in_the_network(tmp_path: Path) -> None
     assert result["job"]["asking"]["pairs_per_s"] == pytest.approx(rate)
 
 
+@pytest.mark.nightly
 def test_the_experiment_of_2017_has_its_symbol_errors(tmp_path: Path) -> None:
     result = run(tmp_path, "--preset", "fiber-2017", "--frame-bytes", "8")
     sent = result["job"]["asking"]
@@ -175,6 +176,7 @@ def test_the_experiment_of_2017_has_its_symbol_errors(tmp_path: Path) -> None:
     assert sent["lost_pairs"] == 0
 
 
+@pytest.mark.nightly
 def test_detectors_lose_pairs_and_a_source_of_many_pairs_is_not_exact(tmp_path: Path) -> None:
     options = ["--message", "device " * 100, "--device", "bob.detectors.efficiency=0.8"]
     result = run(tmp_path, *options)
@@ -313,6 +315,7 @@ def lossy_result(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     return run(tmp_path_factory.mktemp("runs"), *LOSSY)
 
 
+@pytest.mark.nightly
 def test_every_backend_gives_the_same_losses_and_errors(
     tmp_path: Path, lossy_result: dict[str, Any]
 ) -> None:

@@ -26,6 +26,7 @@ def run(runs: Path, *options: str) -> dict[str, Any]:
     return result
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("repeaters", [1, 6])
 def test_pairs_come_by_way_of_repeaters(tmp_path: Path, repeaters: int) -> None:
     result = run(tmp_path, "--repeaters", str(repeaters), "--count", "1000")

@@ -38,6 +38,7 @@ def shown(capture: Path, script: Path, wanted: str, *fields: str) -> list[str]:
     return done.stdout.splitlines()
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("controller", ["ryu", "os-ken"])
 def test_states_are_teleported(tmp_path: Path, controller: str) -> None:
     noise = ("--depolarizing", "0.01", "--controller", controller)
@@ -72,6 +73,7 @@ def test_any_state_is_teleported_on_dense(tmp_path: Path) -> None:
     assert (result["backend"], result["exact"]) == ("dense", True)
 
 
+@pytest.mark.nightly
 def test_states_are_teleported_over_two_switches(tmp_path: Path) -> None:
     result = run_service(tmp_path, "teleport", "--topology", "chain", "--switches", "2")
     assert result["job"]["asking"]["fidelity"] == 1

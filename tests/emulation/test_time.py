@@ -128,6 +128,7 @@ def test_light_lost_at_a_far_switch_is_known_when_news_is_back(tmp_path: Path) -
     assert back_s <= min(waited_s) < 2 * back_s
 
 
+@pytest.mark.nightly
 @pytest.mark.waits
 @pytest.mark.timeout(2 * SLOW_S)
 def test_tcp_lives_through_the_slowest_network_that_auto_chooses(
@@ -151,6 +152,7 @@ def test_tcp_lives_through_the_slowest_network_that_auto_chooses(
     assert 30 <= took_s < 100
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.timeout(2 * SLOW_S)
 @pytest.mark.parametrize("mbit_s", ["", "0.2"])
 def test_what_auto_means_is_held_against_what_the_run_was(tmp_path: Path, mbit_s: str) -> None:
