@@ -2,6 +2,7 @@
 
 import shutil
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -11,8 +12,13 @@ from topologies.networks.disk import DiskKeeper, nearly_full
 from topologies.system.processes.programs import NetworkError, Program
 
 FLOOD = """
+import pathlib, sys, time
+folder = pathlib.Path(sys.argv[1])
 for number in range(20_000):
     print("a bad message", number, flush=True)
+(folder / "flooded").touch()
+while not (folder / "go").exists():
+    time.sleep(0.01)
 print("the end", flush=True)
 """
 
@@ -20,16 +26,24 @@ print("the end", flush=True)
 def test_a_log_that_is_flooded_keeps_its_newest_lines(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """A line that is written while a log is cut may be lost: the last one is written later."""
     monkeypatch.setattr(disk, "LOG_BYTES", 50_000)
-    flooded = Program("alice", tmp_path / "alice.log")
-    keeper = DiskKeeper([tmp_path], lambda: [flooded])
-    flooded.start([sys.executable, "-c", FLOOD])
-    while flooded.running:
+    logs, signs = tmp_path / "logs", tmp_path / "signs"
+    logs.mkdir()
+    signs.mkdir()
+    flooded = Program("alice", logs / "alice.log")
+    keeper = DiskKeeper([logs], lambda: [flooded])
+    flooded.start([sys.executable, "-c", FLOOD, str(signs)])
+    while flooded.running and not (signs / "flooded").exists():
         keeper.look()
-    keeper.look()  # it may have ended before the first
-    kept = (tmp_path / "alice.log.1").read_text() + flooded.said()
+    keeper.look()  # it may have written all before the first
+    (signs / "go").touch()
+    while flooded.running:
+        time.sleep(0.01)
+    keeper.look()
+    kept = (logs / "alice.log.1").read_text() + flooded.said()
     assert kept.rstrip().endswith("the end")
-    sizes = {path.name: path.stat().st_size for path in tmp_path.iterdir()}
+    sizes = {path.name: path.stat().st_size for path in logs.iterdir()}
     assert sizes.keys() == {"alice.log", "alice.log.1"}
     assert sizes["alice.log"] <= 50_000
     assert sum(sizes.values()) < 20_000 * len("a bad message 10000")
