@@ -20,19 +20,20 @@ from qmn.machine_limits import limit_met
 from qmn.needs import provide
 from qmn.parser import Parser
 from qmn.printable_text import guard_standard_streams
+from qmn.registered import VERBS as REGISTERED
+from qmn.registered import registered
 from qmn.version import ShowVersion
 from topologies.system.processes.outputs import forget_no_width, with_outputs
 from topologies.system.processes.programs import NetworkError, find_tools
 from topologies.system.processes.signals import Signals
 
-# Verbs and what they do, by the purpose of their user.
-HEADINGS: Mapping[str, Mapping[str, str]] = MappingProxyType(
+# Verbs of the core and what they do, by the purpose of their user; modules of qmn.verbs.
+OWN: Mapping[str, Mapping[str, str]] = MappingProxyType(
     {
         "start a network": {
             "run": "start a network and do its job",
             "cli": "a network with a command line",
             "script": "run a Python script, which may start networks",
-            "netqasm": "run a NetQASM application on hosts",
             "worker": "offer this machine to networks over several",
         },
         "look at a network, or at a run": {
@@ -41,9 +42,7 @@ HEADINGS: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "paths": "show light paths and fibres",
             "keys": "show key links and relays",
             "spy": "show what happens to the qubits",
-            "live": "see it in the browser",
             "wireshark": "look at a run in Wireshark",
-            "report": "rebuild the report of a run",
             "runs": "list, compare, prune and give away runs",
             "share": "copy a run without what is secret in it",
         },
@@ -57,14 +56,6 @@ HEADINGS: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "classical": "power of classical light in fibres",
             "calibrate": "compensate the drift of fibres",
         },
-        "make experiments": {
-            "sweep": "measure a grid of parameters",
-            "curves": "check the physics against theory",
-            "lab": "published results as runs of the network",
-            "demo": "show effects of a whole network",
-            "attack": "try an attack on an emulated network",
-            "bench": "measure this machine",
-        },
         "use the simulator alone": {
             "sabot": "run quantum circuits on the simulator alone",
             "replay": "do again what a run's dispatcher did, and compare",
@@ -74,24 +65,30 @@ HEADINGS: Mapping[str, Mapping[str, str]] = MappingProxyType(
         },
     }
 )
+
+
+def with_registered() -> tuple[dict[str, dict[str, str]], dict[str, str]]:
+    """Return the verbs by heading with those of packages, and the module of each."""
+    headings = {title: dict(verbs) for title, verbs in OWN.items()}
+    places = {verb: f"qmn.verbs.{verb}" for verbs in OWN.values() for verb in verbs}
+    for entry in registered(REGISTERED).values():
+        for title, verbs in entry.load().items():
+            for verb, (module, text) in verbs.items():
+                if verb in places:
+                    raise ImportError(f"{module}: {places[verb]} is the verb {verb}; rename one")
+                headings.setdefault(title, {})[verb] = text
+                places[verb] = module
+    return headings, places
+
+
+HEADINGS, MODULES = with_registered()
 VERBS = {verb: text for verbs in HEADINGS.values() for verb, text in verbs.items()}
-# Modules of verbs that are outside qmn.verbs.
-ELSEWHERE = {
-    "netqasm": "applications.netqasm.verb",
-    **{verb: f"evidence.verbs.{verb}" for verb in HEADINGS["make experiments"]},
-    **{verb: f"views.verbs.{verb}" for verb in ("live", "report")},
-}
 # Verbs that print strings of runs and of hosts, and do not move the cursor.
 PRINTING = (
     *HEADINGS["look at a network, or at a run"],
     *HEADINGS["change a running network"],
     "replay",
 )
-
-
-def module_of(verb: str) -> str:
-    """Return the name of the module that has a verb's parser."""
-    return ELSEWHERE.get(verb, f"qmn.verbs.{verb}")
 
 
 class Verbs(argparse._SubParsersAction):  # type: ignore[type-arg]
@@ -113,7 +110,7 @@ def described(words: Sequence[str] = (), whole: bool = False) -> Parser:
     verbs = parser.add_subparsers(title="verbs", metavar="VERB", required=True, action=Verbs)
     asked = VERBS if whole else [name for name in VERBS if name in words[:1]]
     for name in asked:
-        import_module(module_of(name)).add_parser(verbs)
+        import_module(MODULES[name]).add_parser(verbs)
     for name in () if asked else VERBS:
         verbs.add_parser(name)
     return parser

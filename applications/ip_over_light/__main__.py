@@ -6,11 +6,11 @@ import queue
 import signal
 import sys
 
+from applications.ip_over_light.format import INTERFACE, IpOverLightConfig
 from applications.ip_over_light.interface import Interface
 from applications.ip_over_light.tun import Tun, TunError
 from programs.config_argument import config_path
 from wire.config import BadConfig
-from wire.ip_over_light import INTERFACE, IpOverLightConfig
 
 
 def run(config: IpOverLightConfig) -> int:

@@ -10,11 +10,11 @@ from collections.abc import Callable, Set
 from contextlib import suppress
 from ipaddress import IPv4Address, IPv4Network, IPv6Address, ip_address
 
+from applications.ip_over_light.format import IpOverLightConfig
 from applications.ip_over_light.outgoing import PORTS, Outgoing, WantedLight
 from applications.ip_over_light.tun import Tun
 from hosts.quantum_socket import QuantumSocket
 from hosts.stack_socket import QuantumSocketError, StackEnded
-from wire.ip_over_light import IpOverLightConfig
 from wire.ip_packet import PacketStream, decode, unreachable
 from wire.lost_packet import Packet, Unreachable
 from wire.malformed import MalformedPacket

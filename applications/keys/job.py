@@ -8,25 +8,26 @@ from operator import or_
 
 from rich.console import Console
 
-from qmn.jobs import eavesdropping, moments
-from qmn.jobs.moments import Moments
-from qmn.jobs.passing_eavesdropper import PassingEavesdropper, check_passing
-from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
-from qmn.network.checks import check_network
-from qmn.network.description import NetworkDescription, describe_network
-from qmn.network.idle_settings import check_settings, emitters_of
-from qmn.network.key_options import key_service
-from qmn.network.light_checks import check_light
-from qmn.options import check_ranges
-from qmn.requests.keys import KeysRequest
-from qmn.results import result
-from qmn.results.run_folder import begin_folder
-from topologies.daemons.key_managers import (
+from applications.keys import moments
+from applications.keys.key_managers import (
     KeyManagers,
     KeyService,
     application_name,
     start_key_managers,
 )
+from applications.keys.moments import Moments
+from applications.keys.options import key_service
+from applications.keys.request import KeysRequest
+from applications.keys.scheduled_eavesdropper import PassingEavesdropper, check_passing
+from qmn.jobs import eavesdropping
+from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
+from qmn.network.checks import check_network
+from qmn.network.description import NetworkDescription, describe_network
+from qmn.network.idle_settings import check_settings, emitters_of
+from qmn.network.light_checks import check_light
+from qmn.options import check_ranges
+from qmn.results import result
+from qmn.results.run_folder import begin_folder
 from topologies.networks.network import Interrupted, Network, Signals, require_free
 from topologies.system.processes.programs import Program
 from topologies.timeouts import POLL_S

@@ -16,15 +16,15 @@ from typing import Any
 import yaml
 from rich.console import Console
 
+from applications.netqasm.carried import CarriedApplication
 from applications.netqasm.folder import check_inputs, left_out, read_yaml
-from qmn.jobs.carried import CarriedApplication
+from applications.netqasm.request import NetqasmRequest
 from qmn.jobs.in_the_way import lost_light
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.jobs.transfer import TransferError, follow_all
 from qmn.network.checks import check_network
 from qmn.network.description import describe_network
 from qmn.options import BadInput, check_ranges
-from qmn.requests.netqasm import NetqasmRequest
 from qmn.results import result
 from qmn.results.run_folder import begin_folder
 from qmn.timeouts import NETQASM_STALL_TIMEOUT_S

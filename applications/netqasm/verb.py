@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from applications.netqasm import job as netqasm
+from applications.netqasm.request import NetqasmRequest
 from qmn.jobs.run_context import guarded
 from qmn.needs import Needs
 from qmn.network.options import KEYS, NetworkOptions
 from qmn.network.topologies import add_topology
 from qmn.options import add_options, read
-from qmn.requests.netqasm import NetqasmRequest
 from qmn.requests.run_options import RunOptions
 from wire.parameters.option import WRITTEN
 

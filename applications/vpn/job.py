@@ -11,7 +11,13 @@ from shutil import which
 
 from rich.console import Console
 
+from applications.keys import moments
 from applications.keys.job import moments_of
+from applications.keys.key_managers import KeyService, start_key_managers
+from applications.keys.moments import Moments
+from applications.keys.scheduled_eavesdropper import PassingEavesdropper, check_passing
+from applications.vpn.format import STRONGSWAN, TLS, WIREGUARD
+from applications.vpn.request import DEFAULT_S, VpnRequest
 from applications.vpn.tunnel import (
     MovedFile,
     carried_by,
@@ -21,9 +27,7 @@ from applications.vpn.tunnel import (
     serve_and_download,
     start_tunnel,
 )
-from qmn.jobs import eavesdropping, moments
-from qmn.jobs.moments import Moments
-from qmn.jobs.passing_eavesdropper import PassingEavesdropper, check_passing
+from qmn.jobs import eavesdropping
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.network.checks import FROM_TO, check_network, check_two_hosts
 from qmn.network.description import NetworkDescription, describe_network
@@ -31,10 +35,8 @@ from qmn.network.idle_settings import check_settings, emitters_of
 from qmn.network.light_checks import check_light
 from qmn.network.time_scale import REAL
 from qmn.options import BadInput, check_ranges
-from qmn.requests.vpn import DEFAULT_S, VpnRequest
 from qmn.results import result
 from qmn.results.run_folder import begin_folder
-from topologies.daemons.key_managers import KeyService, start_key_managers
 from topologies.networks.network import Network, Signals, require_free
 from topologies.system.machines.machine import Machine
 from topologies.system.processes.programs import NetworkError, Program
@@ -43,7 +45,6 @@ from wire.key_manager import KeyLink
 from wire.results.figures import TunnelFigures
 from wire.results.moments import ClosedMoment, HandshakeMoment, Moment
 from wire.results.run_result import KeysJob
-from wire.vpn import STRONGSWAN, TLS, WIREGUARD
 
 NAME = "vpn"
 NEEDED = {  # programs, and the Debian packages that have them

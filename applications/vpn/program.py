@@ -29,6 +29,7 @@ from uuid import UUID
 
 from applications.ip_over_light.tun import TunError
 from applications.keys.key_client import KeyClient, NoKey
+from applications.vpn.format import AGREEMENT_PORT, STRONGSWAN, TLS, VpnConfig
 from applications.vpn.strongswan import StrongSwan
 from applications.vpn.tls import Tls
 from applications.vpn.tunnel_commands import Tunnel, TunnelError
@@ -38,7 +39,6 @@ from wire.config import BadConfig
 from wire.key_delivery import KeyRequest, decode_key_ids, encode_key_ids
 from wire.malformed import MalformedPacket
 from wire.network_time import NetworkTime
-from wire.vpn import AGREEMENT_PORT, STRONGSWAN, TLS, VpnConfig
 
 MAX_LINE = 256
 Answer = TypeVar("Answer")
@@ -219,7 +219,7 @@ def tunnel_of(config: VpnConfig) -> Tunnel:
 def main() -> int:
     """Read the configuration, keep the tunnel, and turn faults into one line and a status."""
     parser = argparse.ArgumentParser(prog="python -m applications.vpn.program", description=__doc__)
-    parser.add_argument("--config", type=Path, required=True, help="JSON file (wire.vpn)")
+    parser.add_argument("--config", type=Path, required=True, help="JSON (applications.vpn.format)")
     arguments = parser.parse_args()
     try:
         config = VpnConfig.read(arguments.config)

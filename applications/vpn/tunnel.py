@@ -12,12 +12,12 @@ from typing import Any
 
 from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
 
+from applications.keys.key_managers import application_name, in_folder
+from applications.vpn.format import STRONGSWAN, TLS, WIREGUARD, VpnConfig
 from qmn.timeouts import START_TIMEOUT_S
-from topologies.daemons.key_managers import application_name, in_folder
 from topologies.networks.network import Network
 from topologies.system.certificates.authority import AUTHORITY
 from topologies.system.processes.programs import NetworkError, Program, python
-from wire.vpn import STRONGSWAN, TLS, WIREGUARD, VpnConfig
 
 INSIDE = ("192.168.77.1", "192.168.77.2")
 SOCKETS = Path("/var/run/wireguard")  # where wireguard-go and wg meet, by the interface's name

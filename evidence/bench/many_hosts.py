@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from evidence.bench.path_setups import path_setups
-from qmn.jobs.load import CONTROLLER, controller_s
+from evidence.traffic.job import CONTROLLER, controller_s
 from qmn.timeouts import IDLE_S
 from topologies.networks.network import Network, Signals
 from topologies.system.runs.runtime import Runtime

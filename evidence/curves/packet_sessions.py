@@ -17,9 +17,8 @@ from evidence.curves.packets import Application, Pairs
 from evidence.curves.scheduling import address, away, network_of
 from evidence.traffic.counted import Asked, CountedTime, Told
 from evidence.traffic.plan import Planned
-from evidence.traffic.session import ACCEPTED
 from topologies.catalogue.maps import Map
-from wire.results.run_result import LoadSession
+from wire.results.run_result import ACCEPTED, LoadSession
 
 
 def as_sessions(

@@ -21,11 +21,12 @@ from evidence.networks.of_time import SOFTWARE, TIME_SCALE, of_software
 from evidence.networks.using import network_for
 from evidence.traffic.driver import Driver
 from evidence.traffic.plan import Planned
-from evidence.traffic.session import ACCEPTED, Wanted
+from evidence.traffic.session import Wanted
 from topologies.fabric import FabricTopo
 from topologies.networks.network import Signals
 from wire.controller_lines import read_record
 from wire.metadata.vocabulary import Service
+from wire.results.run_result import ACCEPTED
 
 LONG = Parameter("long_s", 1.0, 0.01, 5.0, "s")
 SHORT = Parameter("short_s", 0.2, 0.01, 5.0, "s")

@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from random import Random
 
 from evidence.traffic.plan import Planned
-from evidence.traffic.session import BLOCKED, NO_IDLE_HOST, Outcome, SessionRun, Wanted
+from evidence.traffic.session import NO_IDLE_HOST, Outcome, SessionRun, Wanted
 from qmn.timeouts import LOAD_CHECK_S
+from wire.results.run_result import BLOCKED
 
 FIRST_PORT = 10_000
 PORTS = 50_000

@@ -10,10 +10,10 @@ from evidence.traffic.plan import Planned
 from evidence.traffic.stack_calls import Refused, StackCalls, calls
 from qmn.timeouts import LOAD_LIMIT_S
 from wire.metadata.vocabulary import Reason, Service
+from wire.results.run_result import ACCEPTED, BLOCKED, BROKEN, LATE
 from wire.services import LINES
 from wire.socket_calls import Call
 
-ACCEPTED, BLOCKED, LATE, BROKEN = "accepted", "blocked", "late", "broken"
 NO_IDLE_HOST, NO_END = (
     "NO_IDLE_HOST",
     "NO_END",

@@ -7,8 +7,18 @@ from math import sqrt
 from types import MappingProxyType
 from typing import Any
 
-from evidence.traffic.session import ACCEPTED, BLOCKED, BROKEN, LATE, Outcome
-from wire.results.run_result import AgedFidelity, Load, LoadSession, LoadWait, Shares
+from evidence.traffic.session import Outcome
+from wire.results.run_result import (
+    ACCEPTED,
+    BLOCKED,
+    BROKEN,
+    LATE,
+    AgedFidelity,
+    Load,
+    LoadSession,
+    LoadWait,
+    Shares,
+)
 
 AGES = 5  # portions by age
 SHARES = {"p50": 0.5, "p90": 0.9, "p99": 0.99}

@@ -6,15 +6,12 @@ from types import MappingProxyType
 from typing import Any
 
 from hosts.middleware.services import NAMES
+from qmn.registered import REQUESTS, registered
 from qmn.requests.keeping import kept_fields, read_kept
-from qmn.requests.keys import KeysRequest
-from qmn.requests.load import LoadRequest
-from qmn.requests.netqasm import NetqasmRequest
 from qmn.requests.request import Request
 from qmn.requests.service import ServiceRequest
 from qmn.requests.service_verbs import APPLICATION_PORT, SERVICE_PORT, VERBS
 from qmn.requests.superdense import SERVICE, SuperdenseRequest
-from qmn.requests.vpn import VpnRequest
 
 LOAD = "load"  # a job, whatever its sessions are of
 
@@ -44,10 +41,6 @@ class Kept:
 KEPT: Mapping[str, Kept] = MappingProxyType(
     {
         SERVICE: Kept(SuperdenseRequest, {"port": APPLICATION_PORT}),
-        "keys": Kept(KeysRequest),
-        "vpn": Kept(VpnRequest),
-        LOAD: Kept(LoadRequest),
-        "netqasm": Kept(NetqasmRequest),
         **{
             service: Kept(
                 ServiceRequest,
@@ -57,6 +50,7 @@ KEPT: Mapping[str, Kept] = MappingProxyType(
             for name, verb in VERBS.items()
             for service in verb.protocols or (name,)
         },
+        **{name: Kept(entry.load()) for name, entry in registered(REQUESTS).items()},
     }
 )
 

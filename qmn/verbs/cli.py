@@ -6,6 +6,7 @@ Commands come from the keyboard, or from a file: qmn cli sdc < commands
 import argparse
 import io
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,19 +16,17 @@ from qmn.needs import Needs
 from qmn.network.checks import check_network
 from qmn.network.custom_topology import BadTopology, short_name
 from qmn.network.description import describe_network
-from qmn.network.key_options import KeyServiceOptions, key_service
 from qmn.network.options import NetworkOptions
-from qmn.network.q0_options import Q0Options, ip_over_light, with_both_ways
+from qmn.network.programs import NetworkProgram, Start
 from qmn.network.topologies import TOPOLOGIES, topology_name
 from qmn.options import BadInput, add_options, read
 from qmn.parser import listed
+from qmn.registered import PROGRAMS, registered
 from qmn.requests.run_options import LiveOptions
 from qmn.results import schema, software_share
 from qmn.results.run_folder import begin_folder, give_to_invoker
 from qmn.running.metrics_targets import urls
 from qmn.scripting.network import QuantumNetwork, running
-from topologies.daemons.ip_over_light import IpOverLight, start_ip_over_light
-from topologies.daemons.key_managers import KeyService, start_key_managers
 from topologies.networks.network import Interrupted, require_free
 from topologies.system.processes.programs import NetworkError
 from topologies.system.processes.signals import interrupted_words
@@ -50,19 +49,24 @@ def add_parser(verbs: Any) -> None:
     words = {"nargs": "?", "metavar": "TOPOLOGY"}  # a map is one, too
     parser.add_argument("topology", type=topology_name, help=text, **words)
     add_options(parser, NetworkOptions)  # keys, too: a program on a host may distribute some
-    add_options(parser, KeyServiceOptions)
-    add_options(parser, Q0Options)
+    for program in programs():
+        add_options(parser, program.options)
     add_options(parser, MachineOptions)
     add_options(parser, CliOptions, group=WRITTEN)
     parser.set_defaults(call=call, needs=Needs.NETWORK)
 
 
+def programs() -> list[NetworkProgram]:
+    """Return the programs of packages that can be started beside the network."""
+    return [entry.load() for entry in registered(PROGRAMS).values()]
+
+
 def call(arguments: argparse.Namespace) -> int:
     """Start, obey, clean up; turn every fault into one line and an exit status."""
     try:
-        options, keys = read(NetworkOptions, arguments), read(KeyServiceOptions, arguments)
-        q0, where = read(Q0Options, arguments), read(MachineOptions, arguments)
-        return start_and_obey(options, keys, q0, where, read(CliOptions, arguments))
+        beside = [(program, read(program.options, arguments)) for program in programs()]
+        options, where = read(NetworkOptions, arguments), read(MachineOptions, arguments)
+        return start_and_obey(options, beside, where, read(CliOptions, arguments))
     except (BadInput, BadTopology, NetworkError) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
@@ -84,20 +88,18 @@ class CliOptions(LiveOptions):
 
 def start_and_obey(
     options: NetworkOptions,
-    keys: KeyServiceOptions,
-    q0: Q0Options,
+    beside: Sequence[tuple[NetworkProgram, Any]],
     where: MachineOptions,
     extras: CliOptions,
 ) -> int:
     """Return the exit status: of a script 1 if a command has failed."""
     if not options.topology:
         raise BadInput(f"over which network? Name one of {', '.join(TOPOLOGIES)}, or FILE.py:CLASS")
-    interface = ip_over_light(q0)
-    if interface is not None:
-        options = with_both_ways(options)
+    for program, own in beside:
+        options = program.network(own, options)
     check_network(options)
     description = describe_network(options)
-    service = key_service(keys, description.hosts)
+    starts = [program.prepare(own, description.hosts) for program, own in beside]
     require_free(description.topo)
     folder = begin_folder(extras.runs, short_name(options.topology))
     try:
@@ -108,7 +110,7 @@ def start_and_obey(
         with running(description, folder, where) as network:
             if extras.capture:
                 network.capture(*network.copper_switches, openflow=True)
-            start_beside(network, service, interface)
+            start_beside(network, [start for start in starts if start is not None])
             with live_view(extras.live, folder):
                 status = obey(network)
         for name, text in software_share.rows(schema.read_left(folder)).items():
@@ -118,20 +120,15 @@ def start_and_obey(
         give_to_invoker(folder)
 
 
-def start_beside(
-    network: QuantumNetwork, service: KeyService | None, interface: IpOverLight | None
-) -> None:
-    """Start what is wanted beside the network, and say where it is."""
+def start_beside(network: QuantumNetwork, starts: Sequence[Start]) -> None:
+    """Start the programs beside the network, and print their addresses."""
     for switch, address in network.runtime.gnmi_addresses.items():
         print(f"gNMI of {switch}: {address}")
     for program, url in urls(network.runtime.metrics_addresses).items():
         print(f"metrics of {program}: {url}", flush=True)
-    if service is not None:
-        for host, url in start_key_managers(network, service).urls.items():
-            print(f"keys of {host}: {url}", flush=True)
-    if interface is not None:
-        for host, address in start_ip_over_light(network, interface).items():
-            print(f"q0 of {host}: {address}", flush=True)
+    for start in starts:
+        for name, address in start(network).items():
+            print(f"{name}: {address}", flush=True)
 
 
 def obey(network: QuantumNetwork) -> int:

@@ -2,28 +2,25 @@
 
 import argparse
 from functools import partial
-from importlib import import_module
+from importlib.metadata import EntryPoint
 from typing import Any
 
 from hosts.middleware.services import NAMES
 from hosts.middleware.services.superdense.options import SuperdenseOptions
 from hosts.timeouts import MAX_BLOCK_S
+from qmn.jobs.start import run_job
 from qmn.needs import Needs
-from qmn.network.key_options import KeyServiceOptions
 from qmn.network.options import KEYS, NETWORK, NetworkOptions
 from qmn.network.topologies import TOPOLOGIES, add_topology, topology_name
 from qmn.options import add_options, read, titled
 from qmn.parser import Parser
-from qmn.requests.keys import KeysRequest, PassingEve
-from qmn.requests.load import LoadRequest
+from qmn.registered import JOB, JOBS, registered
 from qmn.requests.run_options import RunOptions
 from qmn.requests.service import ServiceRequest, ends_of_line
 from qmn.requests.service_verbs import APPLICATION_PORT, SERVICE_PORT, VERBS, Verb
 from qmn.requests.superdense import SuperdenseRequest
-from qmn.requests.vpn import VpnRequest
 from wire.parameters.option import WRITTEN
 
-JOB = "the job"  # the group of its own options
 HOST = {"flag": "--to", "default": "bob", "metavar": "HOST", "help": "that is asked (bob)"}
 # Of a service's session: its request has them, such that every source can make them.
 OF_LIGHT = ("block_pairs", "rate_hz")
@@ -38,40 +35,8 @@ def add_parser(verbs: Any) -> None:
         _add_superdense(jobs, name, what)
     for name, verb in VERBS.items():
         _add_service(jobs, name, verb)
-    _add_load(jobs)
-    _add_keys(jobs)
-    _add_vpn(jobs)
-
-
-def _guarded(job: str, request: Any) -> int:
-    """Run a job; its module is loaded now, because help has no use for it."""
-    from qmn.jobs.run_context import guarded
-
-    return guarded(partial(import_module(job).run, request))
-
-
-def _add_load(jobs: Any) -> None:
-    """Describe heavy traffic."""
-    text = "heavy traffic: many sessions of many hosts"
-    parser = jobs.add_parser("load", help=text, description=text)
-    parser.put_off(partial(_describe_load, parser))
-
-
-def _describe_load(parser: Parser) -> None:
-    add_options(parser, LoadRequest, group=JOB)
-    add_topology(parser, "ring")
-    add_options(parser, NetworkOptions, leave_out=KEYS)
-    add_options(parser, RunOptions, group=WRITTEN)
-    parser.set_defaults(call=_call_load)
-
-
-def _call_load(arguments: argparse.Namespace) -> int:
-    return _guarded("qmn.jobs.load", load_request(arguments))
-
-
-def load_request(arguments: argparse.Namespace) -> LoadRequest:
-    """Return what the command line asks for."""
-    return read(LoadRequest, arguments)
+    for name, entry in registered(JOBS).items():
+        _add_registered(jobs, name, entry)
 
 
 def _add_superdense(jobs: Any, name: str, what: str) -> None:
@@ -104,7 +69,7 @@ def _describe_superdense(parser: Parser, name: str) -> None:
 
 
 def _call_superdense(arguments: argparse.Namespace) -> int:
-    return _guarded("qmn.jobs.superdense", superdense_request(arguments))
+    return run_job("qmn.jobs.superdense", superdense_request(arguments))
 
 
 def superdense_request(arguments: argparse.Namespace) -> SuperdenseRequest:
@@ -152,7 +117,7 @@ def _describe_service(parser: Parser, name: str, verb: Verb) -> None:
 
 
 def _call_service(arguments: argparse.Namespace) -> int:
-    return _guarded("qmn.jobs.counted_service", service_request(arguments))
+    return run_job("qmn.jobs.counted_service", service_request(arguments))
 
 
 def service_request(arguments: argparse.Namespace) -> ServiceRequest:
@@ -162,51 +127,8 @@ def service_request(arguments: argparse.Namespace) -> ServiceRequest:
     return read(ServiceRequest, arguments, kinds, port=SERVICE_PORT, **ends)
 
 
-def _add_keys(jobs: Any) -> None:
-    """Describe the keeping of keys."""
-    text = "keep keys of hosts, and deliver them to programs (ETSI GS QKD 014)"
-    parser = jobs.add_parser("keys", help=text, description=text)
-    parser.put_off(partial(_describe_keys, parser))
-
-
-def _describe_keys(parser: Parser) -> None:
-    parser.set_defaults(call=_call_keys)
-    for kind in (KeysRequest, KeyServiceOptions, PassingEve):
-        add_options(parser, kind, group=JOB)
-    add_topology(parser)
-    add_options(parser, NetworkOptions)
-    add_options(parser, RunOptions, group=WRITTEN)
-
-
-def _call_keys(arguments: argparse.Namespace) -> int:
-    return _guarded("applications.keys.job", keys_request(arguments))
-
-
-def keys_request(arguments: argparse.Namespace) -> KeysRequest:
-    """Return what the command line asks for."""
-    return read(KeysRequest, arguments)
-
-
-def _add_vpn(jobs: Any) -> None:
-    """Describe the VPN."""
-    text = "a VPN whose keys are of light, with a file moving through it"
-    parser = jobs.add_parser("vpn", help=text, description=text)
-    parser.put_off(partial(_describe_vpn, parser))
-
-
-def _describe_vpn(parser: Parser) -> None:
-    parser.set_defaults(call=_call_vpn)
-    for kind in (VpnRequest, PassingEve):
-        add_options(parser, kind, group=JOB)
-    add_topology(parser)
-    add_options(parser, NetworkOptions)
-    add_options(parser, RunOptions, group=WRITTEN)
-
-
-def _call_vpn(arguments: argparse.Namespace) -> int:
-    return _guarded("applications.vpn.job", vpn_request(arguments))
-
-
-def vpn_request(arguments: argparse.Namespace) -> VpnRequest:
-    """Return what the command line asks for."""
-    return read(VpnRequest, arguments)
+def _add_registered(jobs: Any, name: str, entry: EntryPoint) -> None:
+    """Describe the job of a package."""
+    job = entry.load()
+    parser = jobs.add_parser(name, help=job.HELP, description=job.HELP)
+    parser.put_off(partial(job.describe, parser))

@@ -17,8 +17,8 @@ from machine_scene import ON_SECOND, SCHEDULER, THERE, SecondMachine, second_mac
 from test_results_fit_schema import require_schema
 from test_run_vpn import lines_of
 
+from applications.keys.key_managers import KeyService, start_key_managers
 from qmn.scripting.network import start
-from topologies.daemons.key_managers import KeyService, start_key_managers
 from topologies.system.confinement.confinement import descendants
 from wire.key_manager import KeyLink
 

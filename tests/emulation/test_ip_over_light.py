@@ -16,7 +16,7 @@ from scapy.layers.inet import IP, TCP
 from scapy.packet import Packet
 from scapy.utils import rdpcap
 
-from topologies.daemons.ip_over_light import IpOverLight, start_ip_over_light
+from applications.ip_over_light.interfaces import IpOverLight, start_ip_over_light
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
 from wire.metadata.header import METADATA_PORT

@@ -8,7 +8,7 @@ from conftest import wait_until
 from fabric_scene import light_paths, running
 from test_ip_over_light import DARK_S, answered, pinged, pings, run
 
-from topologies.daemons.ip_over_light import IpOverLight, start_ip_over_light
+from applications.ip_over_light.interfaces import IpOverLight, start_ip_over_light
 from topologies.ring import RingTopo
 
 DENY_CHARLIE = "[[rule]]\naction = 'deny'\nto = 'charlie'\n"

@@ -6,7 +6,7 @@ from conftest import wait_until
 from fabric_scene import running
 from test_key_managers import LINK, LOW, Scene
 
-from topologies.daemons.key_managers import MODULE, KeyService, start_key_managers
+from applications.keys.key_managers import MODULE, KeyService, start_key_managers
 from topologies.sdc import SdcTopo
 from topologies.system.processes.programs import python
 

@@ -17,8 +17,8 @@ from fabric_scene import running
 from limits import SOON_S
 from scapy.utils import rdpcap
 
+from applications.keys.key_managers import KeyManagers, KeyService, start_key_managers
 from qmn.results.timeline import merge
-from topologies.daemons.key_managers import KeyManagers, KeyService, start_key_managers
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
 from topologies.system.certificates.authority import CertificateFiles

@@ -13,7 +13,7 @@ from conftest import nothing_left, verb, wait_until
 from fabric_scene import facts, running
 from scapy.utils import rdpcap
 
-from topologies.daemons.key_managers import KeyService, start_key_managers
+from applications.keys.key_managers import KeyService, start_key_managers
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
 from topologies.system.runs.runtime import free_port

@@ -13,10 +13,10 @@ from fabric_scene import running
 from loaded import run_qmn
 from test_results_fit_schema import require_schema
 
+from applications.keys.key_managers import KeyService, start_key_managers
 from hosts.middleware.qkd.key_store import KeyStore
 from hosts.middleware.qkd.keyring import CAPACITY
 from qmn.jobs.transfer import Lines
-from topologies.daemons.key_managers import KeyService, start_key_managers
 from topologies.sdc import SdcTopo
 from topologies.system.certificates.authority import CertificateAuthority
 from wire.key_manager import KeyLink

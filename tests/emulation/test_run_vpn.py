@@ -24,10 +24,10 @@ from scapy.layers.inet import TCP, UDP
 from scapy.utils import PcapReader
 from test_results_fit_schema import require_schema
 
+from applications.keys.key_managers import KeyService, start_key_managers
 from applications.vpn.tls import PORT as TLS_PORT
 from applications.vpn.tunnel import INSIDE, SOCKETS, charon_socket, start_charon, start_tunnel
 from applications.vpn.wireguard import PORT
-from topologies.daemons.key_managers import KeyService, start_key_managers
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
 from topologies.system.confinement.confinement import descendants
@@ -48,7 +48,7 @@ import sys
 from pathlib import Path
 from uuid import UUID
 from applications.vpn.program import tunnel_of
-from wire.vpn import VpnConfig
+from applications.vpn.format import VpnConfig
 tunnel = tunnel_of(VpnConfig.read(Path(sys.argv[1])))
 tunnel.use(UUID(sys.argv[2]), bytes(32))
 print("handshake", tunnel.handshake_done())

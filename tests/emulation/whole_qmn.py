@@ -2,8 +2,8 @@
 
 from importlib import import_module
 
-from qmn.__main__ import VERBS, module_of
+from qmn.__main__ import MODULES
 from qmn.__main__ import main as main
 
-for loaded in (*map(module_of, VERBS), "views.report.page"):
+for loaded in (*MODULES.values(), "views.report.page"):
     import_module(loaded)

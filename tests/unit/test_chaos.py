@@ -8,7 +8,7 @@ from outcomes import Made, Outcome, bad, first_told, told, too_few
 from strikes import Strike
 from under_way import Moment
 
-from qmn.jobs.moments import words
+from applications.keys.moments import words
 from wire.application_lines import moment
 
 KEYS = {"peer": "bob", "opened": True, "qber": None, "mine": 0, "theirs": 0, "withheld": True}

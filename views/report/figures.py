@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from html import escape
 
-from evidence.traffic.fiber_use import fiber_use
+from qmn.results.fiber_use import fiber_use
 from qmn.results.timeline import TIMELINE
 from views.report import charts, error_counts
 from views.report.drawing import variable

@@ -7,11 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
-from evidence.traffic.fiber_use import Use
-from evidence.traffic.session import ACCEPTED
+from qmn.results.fiber_use import Use
 from views.report import drawing
 from views.report.drawing import BAD, METADATA, QUANTUM
-from wire.results.run_result import Load, LoadSession
+from wire.results.run_result import ACCEPTED, Load, LoadSession
 
 WIDTH_INCHES, SESSIONS_INCHES, ROW_INCHES, REST_INCHES = 8.6, 2.0, 0.16, 0.7
 MOST_FIBERS = 60

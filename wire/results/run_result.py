@@ -199,6 +199,10 @@ class LoadWait:
     after_acceptor: str
 
 
+# What became of a session of heavy traffic.
+ACCEPTED, BLOCKED, LATE, BROKEN = "accepted", "blocked", "late", "broken"
+
+
 @dataclass(kw_only=True)
 class Load:
     """Heavy traffic: what became of the sessions, how long they waited, and what there was."""

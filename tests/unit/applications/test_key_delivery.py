@@ -7,6 +7,7 @@ from uuid import UUID, uuid4
 
 import pytest
 
+from applications.ip_over_light.format import PACKETS_PORT, RETURNED_PACKETS_PORT
 from applications.keys.delivery import KeyDelivery
 from applications.keys.refusals import NOT_FOUND, Allowance, Refused, unavailable
 from applications.keys.waiting import WaitingKeys
@@ -14,7 +15,6 @@ from hosts import network_loop
 from hosts.middleware.qkd.key_files import KeyStoreError
 from hosts.middleware.qkd.key_store import StoredKey
 from hosts.timeouts import FETCH_TIMEOUT_S
-from wire.ip_over_light import PACKETS_PORT, RETURNED_PACKETS_PORT
 from wire.key_assignment import Assignment
 from wire.key_delivery import DeliveredKey, KeyRequest
 from wire.key_manager import KEY_LINK_PORTS, KeyManagerConfig, manager_name

@@ -3,11 +3,11 @@
 import pytest
 
 from applications.keys.job import checked, service_of
+from applications.keys.key_managers import KeyService
+from applications.keys.verb import keys_request
 from qmn.__main__ import described
 from qmn.jobs.eavesdropping import tapped_way
 from qmn.options import BadInput
-from qmn.verbs.run import keys_request
-from topologies.daemons.key_managers import KeyService
 from wire.key_manager import KEY_LINK_PORTS, KeyLink
 
 

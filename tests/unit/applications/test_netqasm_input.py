@@ -8,11 +8,11 @@ from typing import Any
 import netqasm.examples.apps
 import pytest
 
+from applications.netqasm.carried import new_of
 from applications.netqasm.job import checked, placement, with_machines
+from applications.netqasm.request import NetqasmRequest
 from applications.netqasm.verb import add_parser, request_of
-from qmn.jobs.carried import new_of
 from qmn.options import BadInput
-from qmn.requests.netqasm import NetqasmRequest
 from wire.packed_folder import Entry, Kind
 
 APPS = Path(netqasm.examples.apps.__file__).parent

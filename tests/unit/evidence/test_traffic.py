@@ -11,24 +11,24 @@ import numpy as np
 import pytest
 
 from evidence.traffic.erlang import erlang_b, erlang_c, mean_wait, waits_longer
-from evidence.traffic.fiber_use import fiber_use, shares, span_of
+from evidence.traffic.job import checked
 from evidence.traffic.plan import BadTraffic, Planned, Traffic, plan
-from evidence.traffic.session import ACCEPTED, BLOCKED, Outcome, Wanted
+from evidence.traffic.session import Outcome, Wanted
 from evidence.traffic.summary import fairness, fidelity_by_age, light_times, summary, waits
+from evidence.traffic.verb import load_request
 from hosts.middleware.services import NAMES
 from qmn.__main__ import described
-from qmn.jobs.load import checked
 from qmn.network.custom_topology import BadTopology
 from qmn.network.description import describe_network
 from qmn.options import BadInput
-from qmn.verbs.run import load_request
+from qmn.results.fiber_use import fiber_use, shares, span_of
 from views.report.waits_diagram import waited
 from wire.config import QuantumSwitch
 from wire.dispatcher_pb2 import Event
 from wire.metadata.vocabulary import Service
 from wire.parameters.fiber import Fiber, FiberEnd
 from wire.results.network_facts import NetworkFacts
-from wire.results.run_result import LoadWait, Shares
+from wire.results.run_result import ACCEPTED, BLOCKED, LoadWait, Shares
 from wire.services import LINES
 
 HOSTS = ["h1", "h2", "h3"]

@@ -5,13 +5,13 @@ from typing import Any
 import pytest
 
 from applications.vpn import job as vpn
-from qmn.jobs import load
+from applications.vpn.request import VpnRequest
+from evidence.traffic import job as load
+from evidence.traffic.request import LoadRequest
 from qmn.jobs.counted_service import checked
 from qmn.network.description import describe_network
 from qmn.options import BadInput, from_keywords
-from qmn.requests.load import LoadRequest
 from qmn.requests.service import service_request
-from qmn.requests.vpn import VpnRequest
 
 FIDELITY, WRONG = "source.fidelity=0.9", "source.preparation_error=0.1"
 MADE_WRONG = "gates.initialization_error=0.1"

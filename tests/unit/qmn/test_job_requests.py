@@ -9,19 +9,22 @@ import pytest
 from json_schema import problems
 from recorded_run import asked
 
+from applications.keys.request import KeysRequest
+from applications.keys.verb import keys_request
 from applications.netqasm import verb as netqasm
+from applications.vpn.request import VpnRequest
+from applications.vpn.verb import vpn_request
+from evidence.traffic.request import LoadRequest
+from evidence.traffic.verb import load_request
 from qmn.__main__ import described
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, from_keywords
 from qmn.requests.keeping import kept
-from qmn.requests.keys import KeysRequest
 from qmn.requests.kinds import KEPT
-from qmn.requests.load import LoadRequest
 from qmn.requests.request import Request
 from qmn.requests.run_options import RunOptions
 from qmn.requests.service import service_request
 from qmn.requests.superdense import superdense_request
-from qmn.requests.vpn import VpnRequest
 from qmn.results import schema
 from qmn.results.artifacts import beginning
 from qmn.verbs import run
@@ -30,9 +33,9 @@ from wire.malformed import MalformedPacket
 ROOT = schema.json_schema()
 READERS = {
     **dict.fromkeys(("sdc", "chain"), run.superdense_request),
-    "load": run.load_request,
-    "keys": run.keys_request,
-    "vpn": run.vpn_request,
+    "load": load_request,
+    "keys": keys_request,
+    "vpn": vpn_request,
 }
 
 

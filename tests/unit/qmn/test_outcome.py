@@ -17,9 +17,10 @@ from rich.console import Console
 from applications.keys import job as keys
 from applications.netqasm import job as netqasm
 from applications.vpn import job as vpn
+from evidence.traffic import job as load
 from hosts.middleware.services.superdense.options import SuperdenseOptions
 from qmn.__main__ import described
-from qmn.jobs import counted_service, load, runner, superdense
+from qmn.jobs import counted_service, runner, superdense
 from qmn.jobs.run_context import RunContext
 from qmn.jobs.transfer import TransferError
 from qmn.network.options import NetworkOptions
@@ -204,7 +205,7 @@ def test_the_status_of_the_keeping_of_keys_says_whether_there_were_any(
 
     monkeypatch.setattr(keys, "running_network", running)
     monkeypatch.setattr(keys, "start_key_managers", lambda *_: managers)
-    monkeypatch.setattr("qmn.jobs.moments.summary", lambda *_: told)
+    monkeypatch.setattr("applications.keys.moments.summary", lambda *_: told)
     assert status_of("run keys --seconds 1", tmp_path) == (0 if made else 1)
 
 
@@ -237,5 +238,5 @@ def test_the_status_of_heavy_traffic_says_whether_all_sessions_were_answered(
         given[-1].delivered = answered
 
     monkeypatch.setattr(load, "_drive", leave)
-    monkeypatch.setattr("qmn.jobs.load_result.show", lambda *_: None)
+    monkeypatch.setattr("evidence.traffic.job_result.show", lambda *_: None)
     assert status_of("run load", tmp_path) == (0 if answered else 1)

@@ -10,7 +10,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.x509.verification import PolicyBuilder, Store, VerificationError
 
-from topologies.daemons.key_managers import given
+from applications.keys.key_managers import given
 from topologies.system.certificates.authority import CertificateAuthority, CertificateFiles
 from topologies.system.certificates.given import GivenCertificates
 from topologies.system.processes.programs import NetworkError

@@ -7,7 +7,7 @@ import pytest
 from mininet.node import Host
 from mininet.topo import Topo
 
-from topologies.daemons.key_managers import CERTIFICATES
+from applications.keys.key_managers import CERTIFICATES
 from topologies.description.checked_graph import checked
 from topologies.description.clashes import refuse_clashes
 from topologies.links.fiber import FiberLink

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from importlib.metadata import entry_points
 from threading import Lock, RLock
 from typing import Any
 
@@ -21,8 +22,9 @@ MODULES = (
     "hosts",
     "hosts.applications.intercept",
     "hosts.applications.service",
-    "applications.ip_over_light",
     "qswitch_agent",
+    # Programs of packages that register them, so that all share one import.
+    *sorted(entry.value for entry in entry_points(group="qmn.forked")),
 )
 SERVER = "topologies.system.processes.fork_server"
 PADDING = " " * 400  # where the commands of its children will be for `ps` to see

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from qmn.jobs.moments import Moments
+from applications.keys.moments import Moments
 from topologies.system.processes.programs import Program
 from wire.network_time import NetworkTime
 from wire.results.moments import AnyMoment

@@ -8,12 +8,12 @@ import math
 from collections.abc import Collection
 from pathlib import Path
 
+from applications.keys.moments import Moments
+from applications.keys.request import PassingEve
 from qmn.jobs import eavesdropping
-from qmn.jobs.moments import Moments
 from qmn.jobs.policies import tapping_policy, write_policy
 from qmn.network.description import NetworkDescription
 from qmn.options import BadInput, check_ranges
-from qmn.requests.keys import PassingEve
 from qmn.running.controller_console import ask
 from qmn.timeouts import START_TIMEOUT_S
 from topologies.networks.network import Network

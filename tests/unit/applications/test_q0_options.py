@@ -4,12 +4,12 @@ import argparse
 
 import pytest
 
+from applications.ip_over_light.interfaces import IpOverLight
+from applications.ip_over_light.options import Q0Options, ip_over_light, with_both_ways
 from qmn.network.description import describe_network
 from qmn.network.options import NetworkOptions
-from qmn.network.q0_options import Q0Options, ip_over_light, with_both_ways
 from qmn.network.topologies import SIZES
 from qmn.options import BadInput, add_options, read
-from topologies.daemons.ip_over_light import IpOverLight
 
 
 def parsed(*words: str) -> Q0Options:
@@ -42,9 +42,9 @@ def test_alice_gets_a_second_fibre_where_she_has_one(name: str) -> None:
 
     plain = NetworkOptions(topology=name)
     assert fibers(plain) == 1
-    assert fibers(with_both_ways(plain)) == 2
+    assert fibers(with_both_ways(Q0Options(q0=True), plain)) == 2
 
 
 def test_other_networks_stay_as_they_are() -> None:
     plain = NetworkOptions(topology="repeaters")
-    assert with_both_ways(plain) == plain
+    assert with_both_ways(Q0Options(q0=True), plain) == plain

@@ -8,20 +8,20 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from evidence.traffic import job_result as load_result
 from evidence.traffic.driver import Driver
 from evidence.traffic.plan import BadTraffic, Planned, Traffic, plan
-from evidence.traffic.session import ACCEPTED, PAIR, Wanted
+from evidence.traffic.request import LINE, OWN, LoadRequest
+from evidence.traffic.session import PAIR, Wanted
 from evidence.traffic.summary import summary
 from hosts.middleware.services import NAMES
 from hosts.middleware.session.errors import SessionError
-from qmn.jobs import load_result
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.network.checks import check_network
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.idle_settings import Emitters, check_settings, emitters_of
 from qmn.network.light_checks import check_source
 from qmn.options import BadInput, check_ranges
-from qmn.requests.load import LINE, OWN, LoadRequest
 from qmn.results.result import network_facts
 from qmn.results.run_folder import begin_folder
 from qmn.results.run_result import RunResult
@@ -29,7 +29,7 @@ from topologies.networks.network import Network, Signals, require_free
 from wire.controller_lines import read_record
 from wire.metadata.vocabulary import Service
 from wire.parameters.checks import remedy
-from wire.results.run_result import LoadJob
+from wire.results.run_result import ACCEPTED, LoadJob
 from wire.services import LINES, RETURNS
 
 CONTROLLER = "c0"

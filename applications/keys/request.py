@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from qmn.network.key_options import KeyServiceOptions
+from applications.keys.options import KeyServiceOptions
 from qmn.network.options import NetworkOptions
 from qmn.requests.run_options import RunOptions
 from wire.parameters.option import option

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
+from applications.keys.request import PassingEve
+from applications.vpn.format import PROGRAMS, WIREGUARD
 from hosts.middleware.session.service_options import MAX_COUNT
 from qmn.network.options import NetworkOptions
-from qmn.requests.keys import PassingEve
 from qmn.requests.run_options import RunOptions
 from wire.parameters.option import option
-from wire.vpn import PROGRAMS, WIREGUARD
 
 DEFAULT_S = 20.0  # that the default file takes at the rate that is asked for
 

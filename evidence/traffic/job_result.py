@@ -4,8 +4,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from evidence.traffic.fiber_use import fiber_use, shares, span_of
 from qmn.results import result
+from qmn.results.fiber_use import fiber_use, shares, span_of
 from qmn.results.result import print_rows, rows_of_every_run
 from qmn.results.run_result import RunResult
 from qmn.results.service_result import number_text, rows

@@ -5,6 +5,7 @@ from ipaddress import IPv4Address, IPv4Network, IPv6Address, IPv6Network
 from pathlib import Path
 from typing import Any
 
+from applications.ip_over_light.format import DEFAULT_MTU, INTERFACE, IpOverLightConfig, Neighbor
 from topologies.links.fiber import qnics
 from topologies.networks.network import Network
 from topologies.nodes import QuantumHost
@@ -14,7 +15,6 @@ from topologies.system.runs.launching import launch
 from topologies.timeouts import READY_TIMEOUT_S
 from wire import ipv6
 from wire.features import EMIT
-from wire.ip_over_light import DEFAULT_MTU, INTERFACE, IpOverLightConfig, Neighbor
 
 MODULE = "applications.ip_over_light"
 NETWORK = IPv4Network("10.1.0.0/16")

@@ -1,13 +1,16 @@
 """Options of q0, the interface of hosts whose packets travel by light."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+from applications.ip_over_light.format import DEFAULT_MTU, MIN_MTU
+from applications.ip_over_light.interfaces import IpOverLight, start_ip_over_light
 from qmn.network.options import NetworkOptions
+from qmn.network.programs import NetworkProgram, Start
 from qmn.network.topologies import SIZES
 from qmn.options import check_ranges
-from topologies.daemons.ip_over_light import IpOverLight
-from wire.ip_over_light import DEFAULT_MTU, MIN_MTU
+from topologies.networks.network import Network
 from wire.metadata.vocabulary import FEC_NAMES
 from wire.parameters.option import option
 
@@ -46,7 +49,23 @@ def ip_over_light(options: Q0Options) -> IpOverLight | None:
     return IpOverLight(mtu=options.q0_mtu, sessions=sessions)
 
 
-def with_both_ways(network: NetworkOptions) -> NetworkOptions:
-    """Return the options of a network in which alice can receive, too, if it is one of ours."""
-    fits = "both_ways" in SIZES.get(network.topology, ())
+def with_both_ways(options: Q0Options, network: NetworkOptions) -> NetworkOptions:
+    """Return a network in which alice can receive, too, if q0 is wanted and the network is ours."""
+    fits = options.q0 and "both_ways" in SIZES.get(network.topology, ())
     return replace(network, both_ways=True) if fits else network
+
+
+def prepare(options: Q0Options, _hosts: Sequence[str]) -> Start | None:
+    """Return what starts q0 on the hosts, None if it is not wanted; raise BadInput."""
+    interface = ip_over_light(options)
+    if interface is None:
+        return None
+
+    def start(network: Network) -> dict[str, str]:
+        addresses = start_ip_over_light(network, interface)
+        return {f"q0 of {host}": address for host, address in addresses.items()}
+
+    return start
+
+
+PROGRAM = NetworkProgram(Q0Options, prepare, with_both_ways)

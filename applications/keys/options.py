@@ -5,9 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
+from applications.keys.key_managers import KeyService, start_key_managers
 from hosts.middleware.session.service_options import MAX_COUNT
+from qmn.network.programs import NetworkProgram, Start
 from qmn.options import BadInput, check_range, check_ranges
-from topologies.daemons.key_managers import KeyService
+from topologies.networks.network import Network
 from wire.key_manager import KEY_LINK_PORTS, KeyLink
 from wire.parameters.option import option
 
@@ -92,3 +94,19 @@ def sae_of(text: str, hosts: Sequence[str]) -> tuple[str, str]:
     if not equals or not name or host not in hosts:
         raise BadInput(f"--sae {text}: write ID=HOST, with one of {', '.join(hosts)}")
     return name, host
+
+
+def prepare(options: KeyServiceOptions, hosts: Sequence[str]) -> Start | None:
+    """Return what starts the key managers, None if there are none; raise BadInput."""
+    service = key_service(options, hosts)
+    if service is None:
+        return None
+
+    def start(network: Network) -> dict[str, str]:
+        urls = start_key_managers(network, service).urls
+        return {f"keys of {host}": url for host, url in urls.items()}
+
+    return start
+
+
+PROGRAM = NetworkProgram(KeyServiceOptions, prepare)

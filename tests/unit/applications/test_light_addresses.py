@@ -2,7 +2,7 @@
 
 import pytest
 
-from topologies.daemons.ip_over_light import light_address
+from applications.ip_over_light.interfaces import light_address
 
 
 @pytest.mark.parametrize(

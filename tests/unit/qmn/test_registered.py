@@ -1,0 +1,66 @@
+"""Packages that register verbs, jobs and programs by entry points."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[3]
+PACKAGE = """
+import sys
+VERBS = {"make experiments": {"hello": (__name__, "greet")}}
+HELP = "nothing, over a network"
+
+def add_parser(verbs):
+    verbs.add_parser("hello").set_defaults(call=lambda arguments: print("hello") or 0)
+
+def describe(parser):
+    parser.add_argument("--loud", action="store_true")
+    parser.set_defaults(call=lambda arguments: print(arguments.loud) or 3)
+"""
+METADATA = "Metadata-Version: 2.1\nName: greeting\nVersion: 1\n"
+
+
+def install(folder: Path, entry_points: str) -> None:
+    """Put a package and its metadata where pip would put them."""
+    (folder / "greeting.py").write_text(PACKAGE)
+    (folder / "greeting-1.dist-info").mkdir()
+    (folder / "greeting-1.dist-info" / "METADATA").write_text(METADATA)
+    (folder / "greeting-1.dist-info" / "entry_points.txt").write_text(entry_points)
+
+
+def qmn(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """Run qmn where this folder is one of Python's."""
+    environment = {**os.environ, "PYTHONPATH": f"{ROOT}:{folder}"}
+    command = [sys.executable, "-m", "qmn", *words]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
+
+
+def test_an_installed_package_has_a_verb_of_its_own(tmp_path: Path) -> None:
+    install(tmp_path, "[qmn.verbs]\ngreeting = greeting:VERBS\n")
+    usage = qmn(tmp_path, "--help").stdout
+    assert "  hello       greet\n" in usage.partition("make experiments:")[2]
+    done = qmn(tmp_path, "hello")
+    assert (done.stdout, done.returncode) == ("hello\n", 0)
+
+
+def test_an_installed_package_has_a_job_of_its_own(tmp_path: Path) -> None:
+    install(tmp_path, "[qmn.jobs]\ngreet = greeting\n")
+    assert "nothing, over a network" in qmn(tmp_path, "run", "--help").stdout
+    assert "--loud" in qmn(tmp_path, "run", "greet", "--help").stdout
+
+
+def test_a_name_that_is_taken_is_refused(tmp_path: Path) -> None:
+    install(tmp_path, "[qmn.verbs]\nviews = greeting:VERBS\n")
+    done = qmn(tmp_path, "--help")
+    assert done.returncode == 1
+    assert "two entry points of qmn.verbs have the same name" in done.stderr
+
+
+def test_a_verb_that_is_there_is_refused(tmp_path: Path) -> None:
+    install(tmp_path, "[qmn.verbs]\ngreeting = greeting:VERBS\n")
+    module = tmp_path / "greeting.py"
+    module.write_text(module.read_text().replace('"hello": (', '"run": ('))
+    done = qmn(tmp_path, "--help")
+    assert done.returncode == 1
+    assert "greeting: qmn.verbs.run is the verb run; rename one" in done.stderr

@@ -1,1 +1,0 @@
-"""Programs that a running network can have on its hosts, beside their stacks."""
