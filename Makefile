@@ -5,7 +5,7 @@ SHELL := /bin/bash
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
 .PHONY: help setup packages strongswan notebooks install uninstall run-sdc test test-docker lint types unit \
-    emulation test-swarm commands nightly chaos fuzz bench live-speed curves labs picture lab-pictures site image clean \
+    emulation test-swarm commands nightly mutants chaos fuzz bench live-speed curves labs picture lab-pictures site image clean \
     lock browser q0-programs house
 
 PYTHON := .venv/bin/python
@@ -112,7 +112,7 @@ nightly: setup browser notebooks ## Run what is left out by day, some hours: bef
 	@$(call in_folder,$(WITH_BYTE_CODE),-m nightly $(IN_PARALLEL) tests/unit)
 	@$(MAKE) --no-print-directory emulation WHEN=nightly
 	@$(MAKE) --no-print-directory chaos MINUTES=120 STRIKES=1000
-	@$(MAKE) --no-print-directory commands
+	@$(MAKE) --no-print-directory commands mutants
 	@for debian in 12 13; do \
 	    DEBIAN=$$debian $(MAKE) --no-print-directory image test-docker TESTS=tests/emulation; \
 	done
@@ -120,6 +120,9 @@ nightly: setup browser notebooks ## Run what is left out by day, some hours: bef
 chaos: setup ## Strike runs at random for MINUTES (3), from SEED (1): nothing may hang, lie or stay
 	$(AS_ROOT) $(PYTHON) tests/chaos --minutes $(or $(MINUTES),3) --seed $(or $(SEED),1) \
 	    $(if $(STRIKES),--strikes $(STRIKES)) $(if $(STANDING),--standing)
+
+mutants: setup ## Put bugs in, one at a time (ARGS="--room wire --near"): day's tests notice each
+	PYTHONPATH=. $(PYTHON) tests/mutants $(value ARGS)
 
 fuzz: setup ## Feed decoders and dispatcher INPUTS (10000000) spoiled messages, from SEED (1)
 	$(PYTHON) tests/fuzz/feed.py --inputs $(or $(INPUTS),10000000) --seed $(or $(SEED),1)
