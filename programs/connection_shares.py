@@ -17,7 +17,7 @@ from contextlib import suppress
 from ipaddress import ip_address
 from typing import Any, NamedTuple
 
-from programs.local_users import owner
+from programs.local_users import LocalUsers
 from programs.timeouts import HANDSHAKE_TIMEOUT_S, SHARES_LOOK_S, SILENT_S
 
 MOST = 1024  # connections of a listener
@@ -47,12 +47,12 @@ def shares() -> Shares:
     return Shares(most, max(1, min(MOST_OF_ONE, most // PEERS)))
 
 
-def peer_of(address: Any) -> str:
+def peer_of(address: Any, users: LocalUsers) -> str:
     """Return who is at the other end: its address, or its user if it is on the loopback."""
     if not isinstance(address, tuple):
         return "this machine"  # by a Unix socket
     host, port = address[:2]
-    return f"user {owner(host, port)}" if ip_address(host).is_loopback else str(host)
+    return f"user {users.owner(host, port)}" if ip_address(host).is_loopback else str(host)
 
 
 class PeerShares:
@@ -65,13 +65,15 @@ class PeerShares:
         self._open: dict[int, tuple[int, str]] = {}  # inode and peer, by descriptor
         self._of: Counter[str] = Counter()
         self._refused: set[str] = set()
+        self._users = LocalUsers()
 
     def admits(self, connection: socket.socket, address: Any) -> bool:
         """Return whether there is room for a connection; count it if so."""
-        peer = peer_of(address)
+        peer = peer_of(address, self._users)
         if peer in (f"user {ROOT}", f"user {os.geteuid()}"):
             return True
         if not self._has_place(peer):
+            self._users.rest()
             return False
         descriptor = connection.fileno()
         if descriptor in self._open:
@@ -222,12 +224,12 @@ def _duplicate(descriptor: int) -> socket.socket:
 
 def close_excess(port: int) -> None:
     """Close this process's connections at a port beyond the shares of their peers."""
-    most, of = shares().of_one, Counter[str]()
+    most, of, users = shares().of_one, Counter[str](), LocalUsers()
     for descriptor in map(int, os.listdir("/proc/self/fd")):
         with suppress(OSError), _duplicate(descriptor) as connection:
             address = connection.getpeername()
             if isinstance(address, tuple) and connection.getsockname()[1] == port:
-                peer = peer_of(address)
+                peer = peer_of(address, users)
                 of[peer] += 1
                 if of[peer] > most:
                     connection.shutdown(socket.SHUT_RDWR)

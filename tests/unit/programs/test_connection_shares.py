@@ -23,6 +23,7 @@ from programs.connection_shares import (
     peer_of,
     shares,
 )
+from programs.local_users import LocalUsers
 
 OF_ONE, ALL = 4, 10
 DEADLINE_S = 20
@@ -34,7 +35,7 @@ LOOPS = pytest.mark.parametrize("loop", [asyncio.new_event_loop, uvloop.new_even
 def _small(monkeypatch: pytest.MonkeyPatch) -> None:
     """Give small shares, and take two addresses of the loopback for two hosts."""
     monkeypatch.setattr(connection_shares, "shares", lambda: Shares(ALL, OF_ONE))
-    monkeypatch.setattr(connection_shares, "peer_of", lambda address: address[0])
+    monkeypatch.setattr(connection_shares, "peer_of", lambda address, _users: address[0])
     monkeypatch.setattr(connection_shares, "SHARES_LOOK_S", 0.01)
 
 
@@ -209,6 +210,6 @@ def test_shares_leave_most_files_of_a_process_to_others(monkeypatch: pytest.Monk
 
 
 def test_a_peer_is_a_user_on_the_loopback_and_an_address_elsewhere() -> None:
-    assert peer_of(("10.0.0.2", 40000)) == "10.0.0.2"
+    assert peer_of(("10.0.0.2", 40000), LocalUsers()) == "10.0.0.2"
     with listening() as listener, socket.create_connection(listener.getsockname()) as connection:
-        assert peer_of(connection.getsockname()) == f"user {os.geteuid()}"
+        assert peer_of(connection.getsockname(), LocalUsers()) == f"user {os.geteuid()}"

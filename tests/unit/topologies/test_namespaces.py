@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from programs.local_users import users_of
 from topologies.system import namespaces
 from topologies.system.processes.programs import ROOT
 
@@ -71,6 +72,10 @@ def test_a_run_has_a_network_of_its_own_and_its_status_is_that_of_the_command(
         (found,) = namespaces.running()
         assert (found.keeper, found.command) == (process.pid, "qmn run")
         assert Path(f"/proc/{found.first}/root/run/qmn/machine-network").exists()
+        with socket.create_server(("127.0.0.1", 0)) as ours:
+            port = ours.getsockname()[1]
+            seen = Path(f"/proc/{found.first}/root/run/qmn/machine-connections").read_text()
+            assert f"0100007F:{port:04X}" in users_of(seen)
         process.communicate("", timeout=30)
         assert process.returncode == 7
     assert namespaces.running() == []
