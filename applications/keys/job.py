@@ -23,7 +23,7 @@ from qmn.jobs import eavesdropping
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.network.checks import check_network
 from qmn.network.description import NetworkDescription, describe_network
-from qmn.network.idle_settings import check_settings, emitters_of
+from qmn.network.felt_settings import checked_settings, everything, felt_by
 from qmn.network.light_checks import check_light
 from qmn.options import check_ranges
 from qmn.results import result
@@ -55,10 +55,11 @@ def checked(request: KeysRequest) -> tuple[KeysRequest, NetworkDescription]:
     for pair in service.pairs:
         check_light(service.link.protocol, pair, network.parts)
     protocol = service.link.protocol
-    emitters = reduce(or_, (emitters_of(protocol, pair, network.parts) for pair in service.pairs))
-    check_settings(protocol, emitters, request.network.device)
+    felt = reduce(or_, (felt_by(protocol, pair, network.parts) for pair in service.pairs))
     check_passing(request.eve, service.pairs[0], network)
-    return request, network
+    if request.eve.eve is not None:
+        felt |= everything([eavesdropping.EVE])
+    return request, checked_settings(protocol, felt, network)
 
 
 def service_of(request: KeysRequest, network: NetworkDescription) -> KeyService:

@@ -24,6 +24,7 @@ from qmn.jobs.run_context import RunContext, ending, known_facts, running_networ
 from qmn.jobs.transfer import TransferError, follow_all
 from qmn.network.checks import check_network
 from qmn.network.description import describe_network
+from qmn.network.felt_settings import checked_settings, everything
 from qmn.options import BadInput, check_ranges
 from qmn.results import result
 from qmn.results.run_folder import begin_folder
@@ -55,6 +56,9 @@ def run(request: NetqasmRequest, signals: Signals, console: Console) -> int:
     description = describe_network(replace(request.network, looking=request.looking))
     request = with_machines(request, description.hosts)
     application = checked(request, description.hosts)
+    making_pairs = (description.parts.source_for(host) for host in application.hosts.values())
+    felt = everything({*application.hosts.values(), *filter(None, making_pairs)})
+    description = checked_settings("netqasm", felt, description)
     for note in application.notes:
         console.print(note)
     require_free(description.topo)

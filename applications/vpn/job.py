@@ -31,7 +31,7 @@ from qmn.jobs import eavesdropping
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.network.checks import FROM_TO, check_network, check_two_hosts
 from qmn.network.description import NetworkDescription, describe_network
-from qmn.network.idle_settings import check_settings, emitters_of
+from qmn.network.felt_settings import checked_settings, everything, felt_by
 from qmn.network.light_checks import check_light
 from qmn.network.time_scale import REAL
 from qmn.options import BadInput, check_ranges
@@ -78,8 +78,10 @@ def checked(request: VpnRequest) -> tuple[VpnRequest, NetworkDescription]:
     request = replace(request, sender=ends[0], receiver=ends[1])
     check_two_hosts(*ends, network.hosts, network.dark_hosts, FROM_TO)
     check_light(PROTOCOL, ends, network.parts)
-    emitters = emitters_of(PROTOCOL, ends, network.parts)
-    check_settings(PROTOCOL, emitters, request.network.device)
+    felt = felt_by(PROTOCOL, ends, network.parts)
+    if request.eve.eve is not None:
+        felt |= everything([eavesdropping.EVE])
+    network = checked_settings(PROTOCOL, felt, network)
     check_network(request.network)
     check_ranges(request.run)
     check_ranges(request)

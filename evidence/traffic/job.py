@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 from rich.console import Console
@@ -19,7 +18,7 @@ from hosts.middleware.session.errors import SessionError
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.network.checks import check_network
 from qmn.network.description import NetworkDescription, describe_network
-from qmn.network.idle_settings import Emitters, check_settings, emitters_of
+from qmn.network.felt_settings import Felt, checked_settings, felt_by
 from qmn.network.light_checks import check_source
 from qmn.options import BadInput, check_ranges
 from qmn.results.result import network_facts
@@ -40,7 +39,7 @@ MEASURED = ("distribute", "swap")  # services that leave pairs at both ends
 def run(request: LoadRequest, signals: Signals, console: Console) -> int:
     """Do the whole run and return its exit status: 0 if every session has been answered."""
     network = describe_network(request.network)
-    traffic, planned, wanted = checked(request, network)
+    network, traffic, planned, wanted = checked(request, network)
     require_free(network.topo)
     folder = begin_folder(request.run.runs, "load")
     context = RunContext(network, request.run, folder, signals, console)
@@ -54,32 +53,41 @@ def run(request: LoadRequest, signals: Signals, console: Console) -> int:
 
 def checked(
     request: LoadRequest, network: NetworkDescription
-) -> tuple[Traffic, list[Planned], Wanted]:
-    """Return what will be asked for; raise BadInput before anything is started."""
+) -> tuple[NetworkDescription, Traffic, list[Planned], Wanted]:
+    """Return the network and what will be asked for; raise BadInput before anything is started."""
     check_network(request.network)
     check_ranges(request.run)
     check_ranges(request)
     traffic = traffic_of(request, network)
     if not request.source:
         check_source(request.service, network.parts)
-    check_settings(request.service, emitters(request, traffic, network), request.network.device)
     try:
         planned = plan(request.traffic, traffic, request.network.seed, request.sessions)
     except BadTraffic as error:
         raise BadInput(str(error)) from error
-    return traffic, planned, wanted_of(request, network.hosts)
+    wanted = wanted_of(request, network.hosts)
+    felt = felt_by_any(request, traffic, network)
+    return checked_settings(request.service, felt, network), traffic, planned, wanted
 
 
-def emitters(request: LoadRequest, traffic: Traffic, network: NetworkDescription) -> Emitters:
-    """Return who emits in one session or another; in a line each host may be any but the last."""
-    hosts = {*traffic.openers, *traffic.acceptors}
-    found = Emitters(frozenset(hosts), frozenset(), frozenset())
-    for opener in traffic.openers:
-        others = sorted(hosts - {opener})[: traffic.hosts - 1]
-        source = opener if request.source == OWN else request.source
-        found |= emitters_of(request.service, [opener, *others], network.parts, source)
-    in_lines = hosts if Service[request.service.upper()] in LINES else set()
-    return replace(found, pairs=found.pairs | in_lines)
+def felt_by_any(request: LoadRequest, traffic: Traffic, network: NetworkDescription) -> Felt:
+    """Return the settings that one session or another feels; a line can begin at any host."""
+    hosts = sorted({*traffic.openers, *traffic.acceptors})
+    in_line = Service[request.service.upper()] in LINES
+    openers = set(hosts if in_line else traffic.openers)
+    acceptors = hosts if in_line else sorted(traffic.acceptors)
+    felt = Felt({}, None)
+    for host in hosts:  # as opener, as acceptor
+        pairs = (
+            [(host, next(each for each in acceptors if each != host))] if host in openers else []
+        )
+        if host in acceptors:
+            pairs.append((next(each for each in sorted(openers) if each != host), host))
+        for opener, acceptor in pairs:
+            source = opener if request.source == OWN else request.source
+            ends = opener, acceptor
+            felt |= felt_by(request.service, ends, network.parts, source, anywhere=True)
+    return felt
 
 
 def traffic_of(request: LoadRequest, network: NetworkDescription) -> Traffic:

@@ -22,7 +22,7 @@ from qmn.jobs.policies import scheduling_policy, tapping_policy
 from qmn.jobs.run_context import RunContext
 from qmn.network.checks import FROM_TO, LINE, check_network, check_two_hosts
 from qmn.network.description import NetworkDescription, describe_network
-from qmn.network.idle_settings import check_settings, emitters_of
+from qmn.network.felt_settings import checked_settings, everything, felt_by
 from qmn.network.light_checks import check_light
 from qmn.options import BadInput, check_ranges
 from qmn.requests.service import ServiceRequest
@@ -162,8 +162,7 @@ def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription
     source = request.options.source
     check_light(request.service, taking_part, network.parts, source, named)
     separate = isinstance(request.options, SensingOptions) and request.options.probes == SEPARATE
-    emitters = emitters_of(request.service, taking_part, network.parts, source, separate)
-    check_settings(request.service, emitters, request.network.device)
+    felt = felt_by(request.service, taking_part, network.parts, source, separate)
     check_network(request.network)
     check_ranges(request.run)
     check_ranges(request)
@@ -171,12 +170,14 @@ def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription
     if request.hand_out is not None and request.hand_out.exists():
         raise BadInput(f"--hand-out {request.hand_out} exists: name a new folder")
     if request.eve is not None:
+        felt |= everything([eavesdropping.EVE])
         eavesdropping.check(ends, network)
         attack_of(request, network)  # whether it can be
     planned = request.schedule is not None or request.purify is not None
     if planned and request.network.policy:
         text = "--schedule and --purify make a policy of their own"
         raise BadInput(f"{text}: write [swap] schedule and rounds into --policy")
+    network = checked_settings(request.service, felt, network)
     options = fitting_light(request, network.parts.hosts.values())
     check_options(options, request.network.backend)
     return replace(request, options=options), network

@@ -86,6 +86,7 @@ def known_facts(
         parameters=replace(request, network=options),
         every_fiber=context.network.every_fiber,
         devices=dict(context.network.stated_devices),
+        unused_settings=list(context.network.unused_settings),
         events=run.events,
         backend=options.backend,
         job=job,
@@ -118,6 +119,8 @@ def _running(
     console.print(f"starting the network ({options.controller}, seed {options.seed}) ...")
     if chosen.reason:
         console.print(f"time scale {chosen.scale:g}: {chosen.reason}")
+    if unused := description.unused_settings:
+        console.print(f"not used by {facts.service}: {', '.join(unused)}", soft_wrap=True)
     runtime = settings(
         options,
         context.folder,

@@ -17,7 +17,7 @@ from qmn.jobs.run_context import RunContext
 from qmn.network.checks import FROM_TO, check_network, check_two_hosts
 from qmn.network.custom_topology import short_name
 from qmn.network.description import describe_network
-from qmn.network.idle_settings import check_settings, emitters_of
+from qmn.network.felt_settings import checked_settings, felt_by
 from qmn.network.light_checks import check_light
 from qmn.options import BadInput, check_ranges
 from qmn.requests.superdense import SERVICE, SuperdenseRequest
@@ -56,7 +56,7 @@ def begun(
     size = check_input(request, network.hosts, network.dark_hosts)
     ends = request.sender, request.receiver
     check_light(SERVICE, ends, network.parts)
-    check_settings(SERVICE, emitters_of(SERVICE, ends, network.parts), request.network.device)
+    network = checked_settings(SERVICE, felt_by(SERVICE, ends, network.parts), network)
     require_free(network.topo)
     tell_estimate(request, size, console)
     folder = begin_folder(request.run.runs, short_name(request.network.topology))

@@ -43,6 +43,7 @@ class NetworkDescription:
     scale: Scale
     every_fiber: FiberOptics | None  # what all fibres are like; None: the topology says it itself
     stated_devices: Mapping[str, Device]  # of hosts that are named, and of "every" other one
+    unused_settings: tuple[str, ...] = ()  # HOST.PART.NAME of presets and topology, by a job
 
     @property
     def hosts(self) -> list[str]:

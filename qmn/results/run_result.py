@@ -117,6 +117,9 @@ class RunResult(NetworkResult):
     path_setup_ms: SetUpTimes = field(default_factory=SetUpTimes)
     packet_in_count: int = 0
     every_fiber: FiberOptics | None = None  # None: fibres are as the topology says
+    unused_settings: list[str] = field(
+        default_factory=list
+    )  # HOST.PART.NAME, of preset or topology
     # Of hosts that are named, and of "every" other; the file has what of them is not ideal.
     devices: dict[str, Device] = field(default_factory=dict)
     events: bool = True  # whether what happened to qubits was written

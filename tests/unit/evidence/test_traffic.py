@@ -262,7 +262,7 @@ def asked(*words: str) -> tuple[Traffic, list[Planned], Wanted]:
     """Return what the command line asks for."""
     whole = ["run", "load", *words]
     request = load_request(described(whole).parse_args(whole))
-    return checked(request, describe_network(request.network))
+    return checked(request, describe_network(request.network))[1:]
 
 
 def test_a_map_goes_in_place_of_the_ring_but_not_of_what_is_named() -> None:

@@ -103,7 +103,7 @@ def test_light_is_no_faster_than_the_slowest_source_and_no_block_lasts_too_long(
     assert (options.rate_hz, options.block_pairs) == (250, 1250)
     options = options_of("distribute", "--node", "ion-trap", "--rate-hz", "100")
     assert (options.rate_hz, options.block_pairs) == (100, 500)
-    words = ("--device", "bob.source.statistics=none", "--device", "bob.source.max_rate_hz=7")
+    words = ("--node", "bob=ion-trap", "--device", "bob.source.max_rate_hz=7")  # it has no source
     assert options_of("distribute", *words) == DistributeOptions("bob", 9)
 
 
