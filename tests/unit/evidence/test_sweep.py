@@ -271,3 +271,33 @@ def test_help_of_an_experiment_is_of_its_parameters(
     assert ended.value.code == 0
     assert shown in told
     assert hidden not in told
+
+
+SHEET = """
+[[sheet]]
+name = "links"
+x = "load"
+x_label = "load (erlang)"
+grid = { load = [1.0, 2.0], links = [3] }
+curves = [
+    { file = "all", title = "All", measure = "through", marks = { "reduced loads" = [1.0] } },
+    { title = "One", measure = "one_link", by = ["links"] },
+]
+"""
+
+
+def test_curves_of_a_sheet_share_its_keys(tmp_path: Path) -> None:
+    (file := tmp_path / "sheets.toml").write_text(SHEET)
+    (sheet,) = sheets.read(file)
+    assert (sheet.name, sheet.experiment, sheet.grid.size) == ("links", "links", 2)
+    assert [curve.file for curve in sheet.curves] == ["all", "links"]
+    assert {curve.x_label for curve in sheet.curves} == {"load (erlang)"}
+    assert [mark.x for mark in sheet.curves[0].marks] == [1.0]
+    assert not sheet.curves[1].marks
+
+
+@pytest.mark.parametrize("place", ["x_label", "title"])
+def test_a_key_that_no_sheet_has_is_refused(tmp_path: Path, place: str) -> None:
+    (file := tmp_path / "sheets.toml").write_text(SHEET.replace(f"{place} =", "colour ="))
+    with pytest.raises(BadGrid, match="colour"):
+        sheets.read(file)
