@@ -52,13 +52,11 @@ def completed() -> argparse.ArgumentParser:
 
 
 def lists(parser: Parser) -> Iterator[str]:
-    """Yield the verbs under each heading, as in the help."""
     for title, verbs in parser.verbs_under_headings():
         yield listed(title, {each.dest: str(each.help) for each in verbs})
 
 
 def actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
-    """Yield every option and argument of a parser and of the verbs below it."""
     if isinstance(parser, Parser):
         parser.complete()
     for action in parser._actions:

@@ -33,6 +33,5 @@ def limit_met(error: OSError) -> str:
 
 
 def full_disks() -> list[str]:
-    """Return the folders of temporary and working files that are on a full disk."""
     folders = Path("/run"), Path(tempfile.gettempdir()), Path.cwd()
     return [str(each) for each in folders if shutil.disk_usage(each).free < BLOCK_BYTES]

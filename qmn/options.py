@@ -125,7 +125,6 @@ def _keyword(_kind: Any, option: "Field[Any]", _without: Collection[str]) -> str
 
 
 def option_names(options: "DataclassInstance") -> list[str]:
-    """Return the names of the options of a dataclass, among its fields."""
     return [each.name for each in fields(options) if "help" in each.metadata]
 
 
@@ -149,7 +148,6 @@ def _fields(kind: "type[DataclassInstance]") -> list["Field[Any]"]:
 
 
 def _group(kind: "type[DataclassInstance]", name: str) -> str:
-    """Return the title under which a class shows the options that it declares, this one among."""
     declares = next(each for each in kind.__mro__ if name in vars(each).get("__annotations__", ()))
     return str(vars(declares).get("GROUP", ""))
 
@@ -175,7 +173,6 @@ def _how(option: "Field[Any]", said: Words) -> dict[str, Any]:
 
 
 def _kind(hint: Any) -> Any:
-    """Return what an annotation says of a value that is there."""
     if get_origin(hint) is UnionType:
         hint = next(each for each in get_args(hint) if each is not type(None))
     return get_origin(hint) or hint

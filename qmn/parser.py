@@ -15,7 +15,6 @@ NUMBERS: dict[object, str] = {int: "a whole number", float: "a number"}
 
 
 def listed(title: str, what: Mapping[str, str]) -> str:
-    """Return names and what each is, a line or more for each, as argparse lists options."""
     width = argparse.HelpFormatter("")._width
     lead = " " * (4 + max(map(len, what)))
     lines = (
@@ -46,7 +45,6 @@ class Parser(argparse.ArgumentParser):
         self._put_off = describe
 
     def complete(self) -> None:
-        """Describe what was put off."""
         describe, self._put_off = self._put_off, None
         if describe is not None:
             self.usage = "%(prog)s [options]"  # which are some sixty
@@ -69,7 +67,6 @@ class Parser(argparse.ArgumentParser):
         return formatter.format_help()
 
     def verbs_under_headings(self) -> Iterator[tuple[str, list[argparse.Action]]]:
-        """Yield each heading with those verbs below that it is of."""
         assert self._subparsers is not None
         (below,) = self._subparsers._group_actions
         verbs = {each.dest: each for each in below._get_subactions()}  # type: ignore[attr-defined]
@@ -129,7 +126,6 @@ def whole_number(text: str) -> int | None:
 
 
 def name_of(action: argparse.Action) -> str:
-    """Return what an argument is called where it is said."""
     if action.option_strings:
         return action.option_strings[-1]
     return str(action.metavar or action.dest)

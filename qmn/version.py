@@ -8,7 +8,6 @@ from topologies.system.processes.programs import ROOT
 
 
 def name_and_version() -> str:
-    """Return both, as `qmn --version` prints them."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     return f"{project['name']} {project['version']}"
 
@@ -21,6 +20,5 @@ class ShowVersion(argparse.Action):
         super().__init__(option_strings, argparse.SUPPRESS, nargs=0, **given)
 
     def __call__(self, parser: argparse.ArgumentParser, *_given: Any) -> None:
-        """Print, and end."""
         print(name_and_version())
         parser.exit()

@@ -80,7 +80,6 @@ class Interface:
         threading.Thread(target=watched, daemon=True, name=work.__qualname__).start()
 
     def _read(self) -> None:
-        """Read what the kernel sends."""
         while True:
             data = self._tun.read()
             try:
@@ -100,7 +99,6 @@ class Interface:
         outgoing.offer(packet)
 
     def refuse(self, packet: Packet, why: Unreachable) -> None:
-        """Tell this host's kernel that a packet is lost, if anybody may be told."""
         if packet.may_be_answered and packet.destination != self._network.broadcast_address:
             self._tun.write(unreachable(packet, why, self._routers[packet.source.version]))
 
@@ -141,7 +139,6 @@ class Interface:
             log.warning("dropped: a packet of %s for %s", packet.source, packet.destination)
 
     def close(self) -> None:
-        """Take no more."""
         for listener in self._listeners:
             with suppress(OSError):
                 listener.close()

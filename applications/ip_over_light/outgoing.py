@@ -46,7 +46,6 @@ class WantedLight:
 
     @contextmanager
     def wanted(self, host: str) -> Iterator[None]:
-        """Want light for a host meanwhile."""
         self._hosts.append(host)
         try:
             yield
@@ -54,7 +53,6 @@ class WantedLight:
             self._hosts.remove(host)
 
     def others_want(self, host: str) -> bool:
-        """Return whether light is wanted for another host."""
         return any(other != host for other in self._hosts)
 
 

@@ -68,11 +68,9 @@ class Tun:
         return os.read(self._file, self._most)
 
     def write(self, packet: bytes) -> None:
-        """Let this host receive a packet."""
         os.write(self._file, packet)
 
     def close(self) -> None:
-        """Take the interface away."""
         os.close(self._file)
 
 

@@ -231,7 +231,6 @@ class KeyDelivery:
             self._registered[caller, slave] = task
 
     async def _taken(self, host: str, count: int, each: int) -> list[list[StoredKey]]:
-        """Return stored keys, so many for each key that is delivered."""
         taken = await self._stored.taken(host, count)
         return [taken[start : start + each] for start in range(0, count, each)]
 

@@ -45,7 +45,6 @@ async def fill(config: KeyManagerConfig, delivery: KeyDelivery, states: KeyLinkS
 
 
 def taken_part_in(config: KeyManagerConfig) -> set[str]:
-    """Return the protocols of sessions that others open."""
     return {link.protocol for link in config.links if not link.opens}
 
 
@@ -82,7 +81,6 @@ async def _keep(
 async def _take_part(
     config: KeyManagerConfig, delivery: KeyDelivery, states: KeyLinkStates, protocol: str
 ) -> None:
-    """Take part in the sessions that others open."""
     links = {config.hosts[link.peer]: link for link in config.links if not link.opens}
     async for address, session in offered(config.stack, KEY_LINK_PORTS[protocol]):
         if address in links:

@@ -22,7 +22,6 @@ class Rate:
         self._made: deque[tuple[float, int]] = deque()
 
     def add(self, bits: int) -> None:
-        """Count the key of a session."""
         self._made.append((self._now_s(), bits))
 
     @property
@@ -45,7 +44,6 @@ class KeyLinkStates:
         self._qbers: dict[str, float] = {}
 
     def ended(self, peer: str, outcome: Outcome) -> None:
-        """Take in what a session came to."""
         self._rates[peer].add(outcome.keys * KEY_BITS)
         if outcome.qber is not None:
             self._qbers[peer] = outcome.qber

@@ -44,7 +44,6 @@ class Moments:
         self._lines.append((host, Lines(program)))
 
     def add(self, event: str, **fields: Any) -> None:
-        """Note what the run does now."""
         self._note(moment({"event": event, **fields}, self.now_s))
 
     def gather(self) -> None:
@@ -69,7 +68,6 @@ class Moments:
 
 
 def sessions(moments: Iterable[Moment]) -> list[SessionMoment]:
-    """Return what became of sessions, as those who opened them have said."""
     return [each for each in moments if isinstance(each, SessionMoment) and each.opened]
 
 

@@ -89,7 +89,6 @@ def pair_of(text: str, hosts: Sequence[str]) -> tuple[str, str]:
 
 
 def sae_of(text: str, hosts: Sequence[str]) -> tuple[str, str]:
-    """Return SAE ID and host of ID=HOST."""
     name, equals, host = text.partition("=")
     if not equals or not name or host not in hosts:
         raise BadInput(f"--sae {text}: write ID=HOST, with one of {', '.join(hosts)}")

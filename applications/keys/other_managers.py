@@ -46,7 +46,6 @@ def _own(context: ssl.SSLContext, config: KeyManagerConfig) -> ssl.SSLContext:
 
 
 def named(certificate: dict[str, Any]) -> str | None:
-    """Return the one common name of a peer's certificate, as the ssl module tells it."""
     subject = certificate.get("subject", ())
     names = [str(value) for part in subject for name, value in part if name == "commonName"]
     return names[0] if len(names) == 1 else None
@@ -89,7 +88,6 @@ class OtherManagers:
             raise unavailable(f"{name} does not answer: {error}") from error
 
     def close(self) -> None:
-        """Close connections."""
         self._client.close()
 
 

@@ -125,7 +125,6 @@ class Relaying:
 
 
 def _tag(key: bytes, text: bytes) -> bytes:
-    """Return the tag of the one message that a stored key authenticates."""
     return Authenticator(KeyPool(key[: POINT_BYTES + PAD_BYTES])).tag(text)
 
 

@@ -39,7 +39,6 @@ class Routes(asyncio.DatagramProtocol):
     def __init__(
         self, config: KeyManagerConfig, links: Callable[[], tuple[LinkState, ...]]
     ) -> None:
-        """Tell these links."""
         self._config, self._links = config, links
         self._asked: dict[int, asyncio.Future[KeyRoute]] = {}
         self._heard = self._number = self._request = 0
@@ -124,7 +123,6 @@ class Routes(asyncio.DatagramProtocol):
         self._transport.sendto(data, (self._config.report_to, DEVICE_PORT))
 
     def close(self) -> None:
-        """Close the port."""
         self._transport.close()
 
 

@@ -55,7 +55,6 @@ class StoredKeys:
             await asyncio.sleep(STORING_LOOK_S)
 
     def discard(self, host: str, unwanted: UUID) -> None:
-        """Throw a key away that nobody will get."""
         self.stores[host].discard(unwanted)
 
     def void(self, host: str) -> tuple[UUID, ...]:

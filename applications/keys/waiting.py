@@ -28,14 +28,12 @@ class _Waiting:
     until_s: float
 
     def encode(self) -> str:
-        """Return the text of its file."""
         fields = {"master": self.master, "key": self.key.hex(), "until_s": self.until_s}
         sets = {"slaves": sorted(self.slaves), "missing": sorted(self.missing)}
         return json.dumps(fields | sets)
 
     @classmethod
     def decode(cls, text: str) -> "_Waiting":
-        """Return the key of a file's text."""
         fields = json.loads(text)
         slaves, missing = (frozenset(fields[name]) for name in ("slaves", "missing"))
         key = bytes.fromhex(fields["key"])
@@ -116,7 +114,6 @@ class WaitingKeys:
         return self._folder / str(key_id)
 
     def _keep(self, key_id: UUID, waiting: _Waiting) -> None:
-        """Write the file of a key, the whole of it or nothing."""
         unfinished = self._folder / f"{key_id}{UNFINISHED}"
         unfinished.touch(mode=0o600)
         unfinished.write_text(waiting.encode())

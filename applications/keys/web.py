@@ -52,7 +52,6 @@ class Handler(RequestHandler):
 
     @property
     def query(self) -> dict[str, list[bytes]]:
-        """What stands behind the path."""
         return self.request.query_arguments
 
     def write_error(self, status_code: int, **described: Any) -> None:
@@ -83,7 +82,6 @@ class StatusHandler(Handler):
     """…/{slave_SAE_ID}/status"""
 
     async def get(self, slave: str) -> None:
-        """Say what keys there are."""
         self.finish(bodies.encode_status(await self.delivery.status(self.caller, slave)))
 
 
@@ -91,11 +89,9 @@ class GetKeyHandler(Handler):
     """…/{slave_SAE_ID}/enc_keys"""
 
     async def get(self, slave: str) -> None:
-        """Give new keys, of the number and size of the query."""
         await self._give(slave, bodies.decode_query(self.query))
 
     async def post(self, slave: str) -> None:
-        """Give new keys, as the body asks."""
         await self._give(slave, bodies.decode_request(self.request.body))
 
     async def _give(self, slave: str, request: bodies.KeyRequest) -> None:
@@ -108,11 +104,9 @@ class GetKeyWithIdsHandler(Handler):
     """…/{master_SAE_ID}/dec_keys"""
 
     def get(self, master: str) -> None:
-        """Give the key of one id."""
         self._give(master, bodies.decode_id_query(self.query))
 
     def post(self, master: str) -> None:
-        """Give the keys whose ids the body has."""
         self._give(master, bodies.decode_key_ids(self.request.body))
 
     def _give(self, master: str, ids: Sequence[UUID]) -> None:
@@ -125,7 +119,6 @@ class AssignmentHandler(Handler):
     """Where other key managers say which keys are for applications here."""
 
     async def post(self) -> None:
-        """Take an assignment."""
         await self.delivery.accept(self.caller, Assignment.decode(self.request.body))
 
 
@@ -133,7 +126,6 @@ class RelayHandler(Handler):
     """Where other key managers hand keys on."""
 
     async def post(self) -> None:
-        """Take keys, or hand them on."""
         await self.delivery.accept_relay(self.caller, self.request.body)
 
 

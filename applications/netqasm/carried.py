@@ -27,7 +27,6 @@ class CarriedApplication:
 
     @property
     def folder(self) -> Path:
-        """What of it goes to other machines."""
         return self.path.parent if self.path.is_file() else self.path
 
     def prepare(self, places: Mapping[str, Machine]) -> None:

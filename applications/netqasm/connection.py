@@ -39,7 +39,6 @@ class Connection(BaseNetQASMConnection):
 
     @property
     def shared_memory(self) -> SharedMemory:
-        """What subroutines have returned."""
         return self._memory
 
     def close(self, *arguments: Any, **words: Any) -> None:
@@ -56,7 +55,6 @@ class Connection(BaseNetQASMConnection):
         """Return at once: a subroutine is done when it has been sent."""
 
     def look(self, qubit: int, entangled: bool) -> NDArray[np.complex128]:
-        """Return the density matrix of a qubit, as simulators do."""
         return self._unit.look(qubit, entangled)
 
     def _commit_serialized_message(

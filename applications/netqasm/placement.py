@@ -15,7 +15,6 @@ class Placement:
     stacks: Mapping[str, str | None]  # by role, of those that run in this process; None: QMN_STACK
 
     def host(self, role: str) -> str:
-        """Return the host of a role."""
         return self.hosts[self.known(role)]
 
     def known(self, role: str) -> str:

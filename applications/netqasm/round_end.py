@@ -17,7 +17,6 @@ class RoundEnd:
     """Of one role, round after round."""
 
     def __init__(self, others: Collection[str], join: Callable[[str], Socket]) -> None:
-        """Join the other roles at the end of the first round."""
         self._others, self._join = others, join
         self._sockets: list[Socket] = []
         self._left: list[ProcessingSocket] = []

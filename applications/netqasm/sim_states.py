@@ -17,7 +17,6 @@ def qubit_from(phi: float, theta: float) -> State:
 
 
 def to_dm(q: ArrayLike) -> State:
-    """Return the density matrix of a state."""
     state = np.squeeze(np.asarray(q, complex))  # NetSquid's vectors are columns
     return np.outer(state, state.conj()) if state.ndim == 1 else state
 
@@ -28,7 +27,6 @@ def get_fidelity(q1: ArrayLike, q2: ArrayLike) -> float:
 
 
 def _root(matrix: State) -> State:
-    """Return the positive root of a density matrix."""
     values, vectors = np.linalg.eigh(matrix)
     root: State = (vectors * np.sqrt(values.clip(0))) @ vectors.conj().T
     return root

@@ -127,7 +127,6 @@ class Socket(BaseSocket):
             threading.Thread(target=self._call_back, daemon=True).start()
 
     def send(self, msg: str) -> None:
-        """Send a text."""
         self._socket.sendall(encode_text(msg))
 
     def recv(
@@ -160,7 +159,6 @@ class Socket(BaseSocket):
     def recv_structured(
         self, block: bool = True, timeout: float | None = None, maxsize: int | None = None
     ) -> StructuredMessage:
-        """Return the next header, and what belongs to it."""
         fields = json.loads(self.recv(block, timeout, maxsize))
         return StructuredMessage(fields["header"], fields["payload"])
 
@@ -213,7 +211,6 @@ class BroadcastChannel(BroadcastChannelBySockets):
     """A way for texts to all other programs of an application."""
 
     def __init__(self, app_name: str, remote_app_names: list[str], **options: Any) -> None:
-        """Connect to all others, as Socket does."""
         super().__init__(app_name, remote_app_names, **options)
         self._heard: Counter[str] = Counter()  # texts, by program
 

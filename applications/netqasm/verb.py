@@ -17,7 +17,6 @@ from wire.parameters.option import WRITTEN
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser("netqasm", usage="qmn netqasm APP_DIR [options]", description=__doc__)
     text = "folder of the application, with app_ROLE.py for each of its roles; or a NetQMPI program"
     parser.add_argument("path", type=Path, metavar="APP_DIR", help=text)
@@ -33,5 +32,4 @@ def _call(arguments: argparse.Namespace) -> int:
 
 
 def request_of(arguments: argparse.Namespace) -> NetqasmRequest:
-    """Return what the command line asks for."""
     return read(NetqasmRequest, arguments)

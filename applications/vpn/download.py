@@ -21,7 +21,6 @@ CHUNKS_PER_S = 20
 
 
 def say(event: str, **fields: object) -> None:
-    """Print one line of JSON."""
     print(json.dumps({"event": event, "at": time.time(), **fields}), flush=True)
 
 

@@ -45,7 +45,6 @@ Answer = TypeVar("Answer")
 
 
 def say(event: str, **fields: Any) -> None:
-    """Print one line of JSON."""
     print(json.dumps({"event": event, "at": time.time(), **fields}), flush=True)
 
 
@@ -62,11 +61,9 @@ class KeyInUse:
 
     @property
     def now_s(self) -> float:
-        """The time of the network."""
         return self.time.network_s(time.monotonic())
 
     def change(self, key_id: UUID, key: bytes) -> None:
-        """Use a key from now on."""
         self.tunnel.use(key_id, key)
         self.former_since_s, self.since_s = self.since_s, self.now_s
         say("key", key_ID=str(key_id))

@@ -78,7 +78,6 @@ class StrongSwan:
         self._end(NAMES[1 - self._turn])
 
     def close(self) -> None:
-        """Forget the connection and its key, and end its associations."""
         self._forget()
         for name in NAMES:
             self._end(name)
@@ -115,7 +114,6 @@ class StrongSwan:
                 raise
 
     def _associations(self, name: str) -> list[dict[str, Any]]:
-        """Return what charon says of those of a connection."""
         with self._asking("list-sas"):
             told = list(self._charon.list_sas({"ike": name}))
         return [association for each in told for association in each.values()]
@@ -134,7 +132,6 @@ class StrongSwan:
 
     @cached_property
     def _charon(self) -> Session:
-        """The way to charon, as soon as it is there."""
         return wait_until_it_works(self._connected)
 
     def _connected(self) -> Session:

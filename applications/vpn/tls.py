@@ -78,7 +78,6 @@ class Tls:
             process.wait(COMMAND_TIMEOUT_S)
 
     def handshake_done(self) -> bool:
-        """Return whether the other end has answered through TLS with this key."""
         if not self._begins or self._key_id is None:
             return False
         if self._process is not None and self._process.poll() is not None:  # nobody listened yet

@@ -157,12 +157,10 @@ def strongswan_words(network: Network, hosts: Sequence[str]) -> list[dict[str, A
 
 
 def charon_socket(network: Network, host: str) -> str:
-    """Return the path of the socket by which a host's charon is configured."""
     return network.runtime.socket(f"charon-{host}")
 
 
 def start_charon(network: Network, host: str) -> Program:
-    """Start strongSwan's daemon on a host, with a configuration and a socket of its own."""
     file = network.runtime.folder / f"charon-{host}.conf"
     file.touch(mode=0o600)
     file.write_text(CHARON.format(socket=charon_socket(network, host)))
@@ -187,7 +185,6 @@ def start_wireguard(network: Network, host: str) -> Program:
 
 
 def socket_of(host: str) -> Path:
-    """Return the path of the socket by which a host's end of WireGuard is configured."""
     return SOCKETS / f"{interface_of(host)}.sock"
 
 

@@ -53,10 +53,8 @@ class WireGuard:
         """Do nothing: `use` has ended it."""
 
     def close(self) -> None:
-        """Let no packet pass."""
         command(["wg", "set", self.interface, "peer", self.peer, "remove"])
 
     def handshake_done(self) -> bool:
-        """Return whether there was a handshake with the key that is in use."""
         said = command(["wg", "show", self.interface, "latest-handshakes"]).split()
         return dict(zip(said[::2], said[1::2], strict=True)).get(self.peer, "0") != "0"

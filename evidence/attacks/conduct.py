@@ -49,5 +49,4 @@ def settled(network: Network, count: Callable[[], int]) -> int:
 
 
 def facts_of(network: Network, *events: str) -> list[dict[str, Any]]:
-    """Return what the controller has recorded of some kinds of events."""
     return [fact for fact in read_record(network.runtime.logs) if fact["event"] in events]

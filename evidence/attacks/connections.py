@@ -38,14 +38,12 @@ def blind_rst(network: Network, sessions: int) -> int:
 
 
 def reset(network: Network, port: int) -> None:
-    """Let charlie send RSTs as if they were alice's."""
     attacker, victim, posed = (network.host(name) for name in (ATTACKER, VICTIM, POSED))
     words = [str(attacker.defaultIntf()), str(GUESSES), victim.MAC(), posed.IP(), victim.IP()]
     run_frames(network, "resets", *words, str(port), count=GUESSES)
 
 
 def ended(network: Network) -> set[str]:
-    """Return the sessions that the controller believes to have been reset."""
     facts = facts_of(network, "torn_down")
     return {str(fact["session"]) for fact in facts if fact["detail"] == "RST"}
 
@@ -68,7 +66,6 @@ def session(network: Network) -> Iterator[None]:
 
 
 def opener_port(network: Network) -> int:
-    """Return the port of alice's connection to bob."""
     words = f"ss -Htn state established dst {network.host(VICTIM).IP()} dport = :{METADATA_PORT}"
     said = network.host(POSED).cmd(words)
     found = re.search(r"\d:(\d+)\s", said)
@@ -107,18 +104,15 @@ def recorded(network: Network, port: str) -> str:
 
 
 def fibers_of(network: Network, host: str) -> list[str]:
-    """Return the interfaces of a host's fibres."""
     ends = (end for fiber in network.runtime.fibers for end in (fiber.a, fiber.b))
     return sorted(end.port for end in ends if end.node == host)
 
 
 def fiber_of(network: Network) -> str:
-    """Return the interface of charlie's first fibre."""
     return fibers_of(network, ATTACKER)[0]
 
 
 def lies(network: Network) -> int:
-    """Return how often the controller has taken a port for bob's that is another's."""
     own = places(network)
     facts = [fact for fact in facts_of(network, "fiber") if fact["host"] == VICTIM]
     return sum((fact["dpid"], fact["at"]) not in own for fact in facts)

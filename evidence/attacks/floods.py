@@ -94,5 +94,4 @@ def senders(switch: str) -> set[str]:
 
 
 def decided(network: Network) -> set[str]:
-    """Return the sessions that the controller has decided on."""
     return {str(fact["session"]) for fact in facts_of(network, *DECIDED)}

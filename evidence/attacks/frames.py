@@ -43,14 +43,12 @@ TYPE_AT, ECHO_REQUEST = 34, 8  # of ICMP, where IPv4 has no options (RFC 792)
 
 
 def opened(interface: str) -> socket.socket:
-    """Return a socket for whole frames."""
     channel = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.ntohs(0x0003))
     channel.bind((interface, 0))
     return channel
 
 
 def own_mac(channel: socket.socket) -> bytes:
-    """Return the hardware address of a socket's interface."""
     address: bytes = channel.getsockname()[4]
     return address
 
@@ -60,7 +58,6 @@ class Ended(Exception):
 
 
 def end(_number: int, _frame: FrameType | None) -> None:
-    """Leave the loop."""
     raise Ended
 
 
@@ -175,7 +172,6 @@ def record(interface: str) -> int:
 
 
 def repeated(interface: str, count: int, *frames: str) -> int:
-    """Send frames, in turn."""
     return sent(interface, islice(cycle(map(bytes.fromhex, frames)), count))
 
 

@@ -52,7 +52,6 @@ def intercept_resend(defended: bool, bits: int) -> tuple[int, int]:
 
 
 def fiber_tap(defended: bool, bits: int) -> tuple[int, int]:
-    """Do it with a share of the photons, as `qmn tap` lets somebody do."""
     return resent(defended, bits, TAPPED)
 
 

@@ -23,7 +23,6 @@ FIRST_DPID = 0x666000
 
 
 def message(kind: int, xid: int, body: bytes = b"") -> bytes:
-    """Return a message as it goes over the wire."""
     return HEADER.pack(VERSION, kind, HEADER.size + len(body), xid) + body
 
 

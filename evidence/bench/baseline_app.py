@@ -53,7 +53,6 @@ class Baseline(App):
 
     @on(ofp_event.EventOFPStateChange, MAIN)
     def switch_here(self, event: Any) -> None:
-        """Begin."""
         if self._datapath is None:
             self._datapath = event.datapath
             hub.spawn(self._measure)
@@ -75,7 +74,6 @@ class Baseline(App):
 
     @on(ofp_event.EventOFPBarrierReply, MAIN)
     def barrier_passed(self, event: Any) -> None:
-        """Note that the switch has done it."""
         passed = time.perf_counter()
         if event.msg.xid == self._awaited:
             self._passed.put(passed)
@@ -153,7 +151,6 @@ class Baseline(App):
         self._turn_ms()
 
     def _send(self, *messages: Any) -> None:
-        """Send messages and a barrier, to be waited for."""
         barrier = parser.OFPBarrierRequest(self._datapath)
         self._datapath.set_xid(barrier)
         self._awaited = barrier.xid
@@ -166,5 +163,4 @@ class Baseline(App):
 
 
 def station(address: bytes) -> str:
-    """Return a hardware address as OpenFlow matches want it."""
     return address.hex(":")

@@ -150,7 +150,6 @@ def require(setup: Setup, verdict: Verdict, reason: Reason) -> None:
 async def measured(
     controller: Program, requests: int, askers: list[Coroutine[Any, Any, None]]
 ) -> Load:
-    """Return what they have taken, all at a time."""
     before, began = controller.processor_s, time.monotonic()
     await asyncio.wait_for(asyncio.gather(*askers), MEASURE_TIMEOUT_S)
     return Load(requests, controller.processor_s - before, time.monotonic() - began)

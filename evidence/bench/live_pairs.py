@@ -68,11 +68,9 @@ class _Load:
         return (time.perf_counter() - started) / (ROUNDS * BLOCK_PAIRS)
 
     def bytes_for_a_pair(self) -> float:
-        """Return the memory that holds the state of a live pair."""
         return float(self._stub.Status(StatusRequest(), **self._runner).live_bytes) / self._live
 
     def clear(self) -> None:
-        """Close everything."""
         self._perform(Step(discard=DiscardRequest(session=SESSION)))
 
     def _create(self, pairs: int) -> Step:

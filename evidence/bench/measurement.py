@@ -20,7 +20,6 @@ class Times:
 
     @property
     def p50_ms(self) -> float:
-        """The median."""
         return statistics.median(self.each_ms)
 
     @property

@@ -85,7 +85,6 @@ def order(number: int) -> list[str]:
 
 
 def compared(rounds: list[Round]) -> Iterator[tuple[str, str]]:
-    """Yield each kind's median rate, and median and range of its shares of the bare run's."""
     for kind in KINDS:
         rates = [each[kind].pairs_per_s for each in rounds]
         shares = [each[kind].pairs_per_s / each[NOTHING].pairs_per_s for each in rounds]
@@ -98,7 +97,6 @@ def compared(rounds: list[Round]) -> Iterator[tuple[str, str]]:
 def beside_sampler(
     name: str, rounds: list[Round], sampled: list[float]
 ) -> Iterator[tuple[str, str]]:
-    """Yield a sampler's median rate, and what a network makes of it that writes everything."""
     yield name, f"{statistics.median(sampled):,.0f} Bell pairs/s"
     shares = [
         each[EVERYTHING].pairs_per_s / rate for each, rate in zip(rounds, sampled, strict=True)

@@ -81,7 +81,6 @@ def path_benchmarks(folder: Path, count: int, signals: Signals) -> Iterator[tupl
 
 
 def beside_baselines(network: Network, count: int) -> tuple[Times, Times, Times]:
-    """Return the times of paths, of a learning switch and of bundles, as many each and as often."""
     setups, learning, bundle = Times(), Times(), Times()
     for part in parts(count, ROUNDS):
         paths = path_setups(network, part)
@@ -98,5 +97,4 @@ def parts(count: int, rounds: int) -> list[int]:
 
 
 def ratio(measured: Times, baseline: Times) -> str:
-    """Return how many times longer the median is."""
     return f"{measured.p50_ms / baseline.p50_ms:.2f} times {baseline.p50_ms:.2f} ms"

@@ -104,7 +104,6 @@ CASES = (
 
 
 def physical_layer_benchmarks() -> Iterator[tuple[str, str]]:
-    """Yield name and text for each case."""
     for case in CASES:
         pairs_per_s = asyncio.run(speed(case))
         yield case.name, f"{pairs_per_s / 1e6:.1f} million Bell pairs/s, blocks of {BLOCK_PAIRS:,}"
@@ -132,13 +131,11 @@ class Scene:
     """Superdense coding, block after block."""
 
     def __init__(self, case: Case) -> None:
-        """Build the network."""
         self._laboratory = Laboratory(case.configuration())
         self.dibits = np.random.default_rng(SEED).integers(0, 4, BLOCK_PAIRS, dtype=np.uint8)
         self._number = 0
 
     async def begin(self) -> None:
-        """Open the ways through the switch."""
         await self._laboratory.connect("q1", WAYS)
 
     async def block(self) -> Bytes:

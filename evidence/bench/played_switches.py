@@ -54,7 +54,6 @@ class Host:
 
     @property
     def name(self) -> str:
-        """Return its name."""
         return f"h{self.number}"
 
     @property
@@ -64,17 +63,14 @@ class Host:
 
     @property
     def fiber(self) -> str:
-        """Return the name of its fibre's port."""
         return f"{self.name}-q0"
 
     @property
     def mac(self) -> bytes:
-        """Return the hardware address of its copper."""
         return bytes([2, 0, 0, 0]) + self.number.to_bytes(2, "big")
 
     @property
     def station(self) -> Station:
-        """Return what the controller is told of it."""
         return Station(S1, self.number, self.mac.hex(":"), self.address)
 
     def announcement(self) -> bytes:
@@ -95,7 +91,6 @@ class Switch:
         self._framer = Framer()
 
     async def connect(self, host: str, port: int) -> None:
-        """Connect and greet."""
         self._reader, self._writer = await asyncio.open_connection(host, port)
         self._writer.write(hello())
 
@@ -107,7 +102,6 @@ class Switch:
         raise ConnectionError(f"the controller has closed the connection of switch {self.dpid}")
 
     def packet_in(self, port: int, table: int, frame: bytes) -> bytes:
-        """Return what sends a frame up."""
         fixed = PACKET_IN.pack(ofp.OFP_NO_BUFFER, len(frame), ACTION, table, 0)
         match = MATCH.pack(1, IN_PORT[0], IN_PORT[1], port)
         return encode(ofp.OFPT_PACKET_IN, 0, fixed + match + bytes(2) + frame)
@@ -117,7 +111,6 @@ class Switch:
         self._writer.write(b"".join(messages))
 
     def close(self) -> None:
-        """End the connection."""
         self._writer.close()
 
     def _answer(self, message: bytes) -> None:
@@ -159,12 +152,10 @@ class Asking:
 
     @property
     def session(self) -> int:
-        """Return its number."""
         return session_number(self.opener.address, self.place)
 
     @property
     def source_port(self) -> int:
-        """Return the opener's port of TCP."""
         return 1024 + self.place % 60_000
 
     def asked(self) -> tuple[bytes, bytes]:
@@ -179,7 +170,6 @@ class Asking:
         return answer, segment(opener, acceptor, to_port, (ours, theirs), PSH | ACK, setup.encode())
 
     def ended(self) -> bytes:
-        """Return what resets the connection."""
         at = BEGINNINGS[0] + 1 + SETUP_LENGTH, BEGINNINGS[1] + 1
         ports = self.source_port, METADATA_PORT
         return segment(self.opener, self.acceptor, ports, at, RST | ACK)
@@ -215,7 +205,6 @@ class PlayedNetwork:
         self.q1 = Switch(Q1, fibers, self._heard_by_q1)
 
     def announce(self) -> None:
-        """Let each host name its fibre."""
         frames = [(host.number, LIGHT_TABLE, host.announcement()) for host in self.hosts]
         self.q1.send(*(self.q1.packet_in(*each) for each in frames))
 
@@ -238,7 +227,6 @@ class PlayedNetwork:
         del self._asking[session]
 
     def close(self, session: int) -> None:
-        """End a session that has no light."""
         asking = self._asking.pop(session)
         self.s1.send(self.s1.packet_in(asking.opener.number, METADATA_TABLE, asking.ended()))
 

@@ -29,7 +29,6 @@ class Speed:
     measurements: float = 0.0
 
     def improve(self, gates: float, measurements: float) -> None:
-        """Note another turn."""
         self.gates = max(self.gates, gates)
         self.measurements = max(self.measurements, measurements)
 
@@ -57,7 +56,6 @@ def steps(random: np.random.Generator, qubits: int) -> list[Step]:
 
 
 def stim_turn(circuits: Sequence[Sequence[Step]], qubits: int) -> tuple[float, float]:
-    """Return gates/s and measurements/s of stim's simulator, one Python call each."""
     simulator = stim.TableauSimulator(seed=SEED)
     simulator.set_num_qubits(qubits)
     return turn(simulator, simulator.measure, circuits, qubits)
@@ -101,5 +99,4 @@ def turn(
 
 
 def compared(ours: float, theirs: float) -> str:
-    """Return our rate and its ratio to stim's."""
     return f"{ours:,.0f}/s, {ours / theirs:.2f} times stim's {theirs:,.0f}/s"

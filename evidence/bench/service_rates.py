@@ -54,13 +54,11 @@ def keys_one_after_another(network: Network) -> tuple[str, str]:
 
 
 def final_key(told: KeyFigures) -> str:
-    """Return how fast a session has made how much."""
     rate = f"{told.key_bits_per_s / 1e3:.0f} kbit/s"
     return f"{rate}: {told.key_bits:,} bits in {told.elapsed_s:.1f} s"
 
 
 def processors_s(network: Network) -> float:
-    """Return the processor time that the programs of a network and the switch have used."""
     programs = *network.runtime.programs, *openvswitch.programs()
     return sum(program.processor_s for program in programs)
 

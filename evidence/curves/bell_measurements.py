@@ -83,7 +83,6 @@ async def meet(values: Values, seed: int) -> Outcome:
 
 
 def expected(values: Values) -> float:
-    """Return which part of the earlier light comes through its delay line."""
     return theory.transmission(number(values, LOSS.name) * number(values, DIFFERENCE.name))
 
 

@@ -27,7 +27,6 @@ Counts = NDArray[np.int64]  # wrong and right, of the parity in X and of each ot
 
 
 async def agree(values: Values, seed: int) -> Outcome:
-    """Measure half of the states in X and half in Z at all hosts."""
     hosts, ways = line(int(values[HOSTS.name]), seed, depolarizing=number(values, NOISE.name))
     counts, _seen = await _measured(values, hosts, ways)
     return _told(counts) | {"key": _key(counts)}

@@ -45,7 +45,6 @@ _ETHERNET_IP_TCP = struct.Struct("!12sH BBHHHBBH4s4s HHIIBBHHH")
 
 
 def address(side: int, pair: int) -> str:
-    """Return the address of a host."""
     return f"10.0.{side}.{pair + 1}"
 
 

@@ -53,13 +53,11 @@ async def wait(values: Values, seed: int) -> Outcome:
 
 
 def rate(values: Values) -> float:
-    """Return the theory of how often both are there."""
     chance, rounds = _chance(values), _rounds(values)
     return 1 / (theory.attempts_until_two(chance, rounds) * _attempt_s())
 
 
 def fidelity(values: Values) -> float:
-    """Return the theory of the older of both, which has waited for a gap at either end."""
     step = math.exp(-2 * _attempt_s() / number(values, T2.name))
     return (1 + theory.kept_over_gap(_chance(values), _rounds(values), step)) / 2
 

@@ -65,7 +65,6 @@ async def send(values: Values, seed: int) -> Outcome:
 
 
 def decoys_of(values: Values) -> Decoys:
-    """Return the intensities."""
     return Decoys((number(values, MEAN.name), WEAK, 0.0))
 
 
@@ -78,7 +77,6 @@ def way(values: Values) -> Fiber:
 
 
 def devices(decoys: Decoys) -> dict[str, Device]:
-    """Return laser and detectors."""
     laser = PairSource("poisson", decoys.means[0], decoys=decoys.means[1:])
     return {"alice": Device(laser), "bob": Device(detectors=detectors())}
 
@@ -101,7 +99,6 @@ def key(decoys: Decoys, counts: Counts, pulses: int) -> Estimate:
 
 
 def _seen(values: Values, level: int) -> tuple[float, float]:
-    """Return how likely a pulse of an intensity is seen, and wrong, in theory."""
     arrives = EFFICIENCY * theory.transmission(LOSS_DB_PER_KM * number(values, LENGTH.name))
     mean = decoys_of(values).means[level] * arrives
     return theory.weak_pulse(mean, DARK_COUNT, ERROR)

@@ -46,7 +46,6 @@ async def count(values: Values, seed: int) -> Outcome:
 
 
 def clicks(values: Values) -> float:
-    """Return the theory of clicks."""
     intervals = number(values, DEAD_TIME.name) * number(values, RATE.name)
     blind = max(math.ceil(intervals - SAME_PULSE) - 1, 0)
     pulses = next(blocks(int(values["pairs"])))

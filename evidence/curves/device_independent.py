@@ -48,7 +48,6 @@ def one_basis_rate(s: float, qber: float) -> float:
 
 
 def random_basis_rate(s: float, qber: float) -> float:
-    """Return the same where each is of one of two bases."""
     return random_basis_entropy(s) - binary_entropy(max(qber, 0.0))
 
 
@@ -85,7 +84,6 @@ def _h(p: Floats) -> Floats:
 
 
 def wins(s: float) -> float:
-    """Return how many CHSH games are won with S."""
     return (4 + s) / 8
 
 
@@ -158,13 +156,11 @@ class Rounds:
 
 @cache
 def _games() -> tuple[Floats, Floats]:
-    """Return chances to win the CHSH game, and the entropies that go with them."""
     chances = np.linspace(LOST, WON, 20 * POINTS)
     return chances, np.array([entropy(8 * won - 4) for won in chances])
 
 
 def _slope(won: float) -> float:
-    """Return how fast the entropy grows with the games that are won."""
     step = 1e-6
     return (entropy(8 * (won + step) - 4) - entropy(8 * (won - step) - 4)) / (2 * step)
 

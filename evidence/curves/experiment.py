@@ -26,7 +26,6 @@ class Measure:
     over: Parameter | None = None
 
     def place(self, values: Values, outcome: Outcome) -> Values:
-        """Return what theory is told of a point."""
         if self.over is None:
             return values
         return {**values, self.over.name: outcome[self.over.name].value}
@@ -55,7 +54,6 @@ class Experiment:
 
     @property
     def names(self) -> list[str]:
-        """The names of its parameters."""
         return [parameter.name for parameter in self.parameters]
 
     def parameter(self, name: str) -> Parameter:
@@ -66,11 +64,9 @@ class Experiment:
         raise BadGrid(f"{name} is not a parameter of {self.name}: {remedy(name, self.names)}")
 
     def measure(self, name: str) -> Measure:
-        """Return a measure by its name."""
         return next(measure for measure in self.measures if measure.name == name)
 
     def complete(self, given: Values) -> Values:
-        """Return a value for each parameter."""
         defaults = {parameter.name: parameter.default for parameter in self.parameters}
         return {**defaults, **self.implied(given), **given}
 
@@ -82,11 +78,9 @@ class Experiment:
 
 
 def number(values: Values, name: str) -> float:
-    """Return a parameter that is a number."""
     value: Value = values[name]
     return float(value)
 
 
 def pairs_parameter(default: int = 200_000) -> Parameter:
-    """Return the parameter that says how many pairs are measured at a point."""
     return Parameter("pairs", default, 1_000, 100_000_000)

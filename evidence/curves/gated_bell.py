@@ -31,7 +31,6 @@ async def tell(values: Values, seed: int) -> Outcome:
 
 
 def expected(state: int, values: Values) -> float:
-    """Return how often theory has a Bell state told."""
     return theory.gated_bell_outcomes(number(values, ONE.name), number(values, TWO.name))[state]
 
 

@@ -31,12 +31,10 @@ class Grid:
 
     @property
     def size(self) -> int:
-        """How many points there are."""
         return math.prod(len(axis) for axis in self.axes.values())
 
     @property
     def varied(self) -> list[str]:
-        """The parameters that have more than one value."""
         return [name for name, axis in self.axes.items() if len(axis) > 1]
 
 

@@ -51,7 +51,6 @@ async def dip(values: Values, seed: int) -> Outcome:
 
 
 def coincidences(values: Values) -> float:
-    """Return the theory of coincidences."""
     delay_s = number(values, DELAY.name) / PS_PER_S
     width = number(values, BANDWIDTH.name) or theory.rad_per_s(number(values, SOURCE.name))
     chirp_s2 = number(values, DISPERSION.name) / PS_PER_S / theory.rad_per_s(1.0)

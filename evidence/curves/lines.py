@@ -35,7 +35,6 @@ class Lines:
         return end < len(content)
 
     def add(self, row: Sequence[object]) -> None:
-        """Write a line in one piece."""
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerow(row)
         line = text.getvalue().encode()

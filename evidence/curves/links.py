@@ -97,7 +97,6 @@ def hosts_of(network: Network, classes: Sequence[Class], kind: int, turn: int) -
 
 
 def asked(own: Class, hosts: tuple[str, ...], now: float, holding_s: float) -> Asked:
-    """Return a request of a class."""
     opener, acceptor, source = hosts
     return Asked(now, opener, acceptor, holding_s, source=source, service=own.service)
 
@@ -109,7 +108,6 @@ def blocked(told: Sequence[Told]) -> Outcome:
 
 
 def classes_of_chain(values: Values) -> list[Class]:
-    """Return sessions over all links, and as many over each of them alone."""
     links, load = int(values[LINKS.name]), number(values, LOAD.name) / 2
     alone = [Class(link, link + 1, load) for link in range(1, links + 1)]
     return [Class(1, links + 1, load), *alone]
@@ -134,7 +132,6 @@ async def over_links(values: Values, seed: int) -> Outcome:
 
 
 def of_chain(kind: int) -> Callable[[Values], float | None]:
-    """Return the theory of a class of the chain."""
     return lambda values: blocked_on_links(*routes(values))[kind]
 
 
@@ -152,8 +149,6 @@ def classes_of_trunk(values: Values) -> list[Class]:
 
 
 def of_trunk(kind: int) -> Callable[[Values], float | None]:
-    """Return the theory of a class of the trunk."""
-
     def theory(values: Values) -> float:
         loads = [each.load for each in classes_of_trunk(values)]
         return kaufman_roberts(loads, [1, WIDE], int(values[CHANNELS.name]))[kind]

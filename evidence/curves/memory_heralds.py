@@ -50,7 +50,6 @@ def _heralded(values: Values) -> tuple[float, float]:
 
 
 def right(values: Values) -> float:
-    """Return the share of the heralds that tells of a photon which is there."""
     true, false = _heralded(values)
     return true / (true + false)
 

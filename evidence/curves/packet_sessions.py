@@ -77,7 +77,6 @@ def of_counted(told: Iterable[Told]) -> tuple[Estimate, Estimate]:
 
 
 def of_emulated(sessions: Iterable[LoadSession]) -> tuple[Estimate, Estimate]:
-    """Return the same of the sessions of a result of `qmn run load`."""
     lit = [(each.setup_s if each.outcome == ACCEPTED else None, each) for each in sessions]
     return _outcome([(setup_s, each.holding_s) for setup_s, each in lit])
 

@@ -46,12 +46,10 @@ class Pairs:
     period_s: float = 1.0  # from release to deadline
 
     def chance(self, links: int) -> float:
-        """Return the chance of a pair from end to end in a slot."""
         link: float = 1 - (1 - self.made) ** self.trials
         return link**links * self.swapped ** (links - 1)
 
     def window(self, links: int) -> int:
-        """Return the fewest slots in which the share of the packets is made."""
         from scipy.stats import nbinom  # takes a second, which few need
 
         return self.packet + int(nbinom.ppf(self.share, self.packet, self.chance(links)))
@@ -71,17 +69,14 @@ class Application:
 
 
 def addresses(number: int) -> tuple[str, str]:
-    """Return the addresses of an application's two hosts."""
     return f"10.1.{number >> 8}.{number & 0xFF}", f"10.2.{number >> 8}.{number & 0xFF}"
 
 
 def application_of(asked: Asked) -> int:
-    """Return whose request it is."""
     return int(IPv4Address(asked.opener)) & 0xFFFF
 
 
 def graph_of(read: Map) -> "networkx.Graph[str]":
-    """Return the places and ways of a map."""
     return networkx.Graph([(way.one, way.other) for way in read.ways])
 
 
@@ -138,16 +133,13 @@ class Requests:
 
     @property
     def released(self) -> int:
-        """How many packets have been released."""
         return sum(each.releases for each in self.applications)
 
     @property
     def share(self) -> float:
-        """Which share of the packets was made."""
         return len(self.turnarounds_s) / self.released
 
     def begin(self) -> list[Asked]:
-        """Return the first requests."""
         found = (self._released(number, 0.0) for number in range(len(self.applications)))
         return [asked for asked in found if asked is not None]
 

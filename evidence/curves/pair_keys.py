@@ -93,13 +93,11 @@ def _tested(values: Values) -> float:
 
 
 def _arrives(values: Values) -> float:
-    """Return how likely a photon is seen at its end."""
     arm_db = LOSS_DB_PER_KM * number(values, LENGTH.name) / 2
     return EFFICIENCY * theory.transmission(arm_db)
 
 
 def _clicks(values: Values) -> tuple[float, float]:
-    """Return how likely a photon is seen at its end, and any click, in theory."""
     arrives = _arrives(values)
     return arrives, 1 - (1 - arrives) * (1 - DARK_COUNT) ** 2
 

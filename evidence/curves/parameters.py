@@ -75,7 +75,6 @@ class Parameter:
 
     @property
     def label(self) -> str:
-        """Return the name with the unit, for an axis."""
         return f"{self.words} ({self.unit})" if self.unit else self.words
 
     @property
@@ -85,7 +84,6 @@ class Parameter:
         return self.name.removesuffix(next(endings, "")).replace("_", " ")
 
     def said(self, value: Value) -> str:
-        """Return a value of the parameter with name and unit."""
         number = f"{value:g}" if isinstance(value, float) else f"{value}"
         return f"{self.words} {number} {self.unit}".rstrip()
 
@@ -170,7 +168,6 @@ def of_dataclass(prefix: str, device: Any) -> list[Parameter]:
 
 
 def unit_of(name: str) -> str:
-    """Return the unit that a name ends in."""
     for ending, unit in UNITS:
         if name.endswith(ending):
             return unit

@@ -121,17 +121,14 @@ def gllp(gain: Estimate, mean: float) -> Estimate:
 
 
 def means_of(values: Values) -> tuple[float, ...]:
-    """Return the mean photon numbers of pulses."""
     return number(values, MEAN.name), WEAK, 0.0
 
 
 def shares_of(values: Values) -> tuple[float, ...]:
-    """Return how many of the pulses have each."""
     return SHARES if values[DECOYS.name] == "on" else NO_LEVELS
 
 
 def _seen(values: Values, level: int) -> float:
-    """Return how likely a pulse of a level is seen, in theory."""
     means, t = means_of(values), theory.transmission(number(values, LOSS.name))
     if values[EVE.name] == "off":
         return theory.gain(means[level] * t)

@@ -39,14 +39,12 @@ def _picture(
 
 
 def horizontal(grid: Grid) -> Parameter | None:
-    """Return the parameter with the most values, a number if there is one."""
     varied = [grid.experiment.parameter(name) for name in grid.varied]
     varied.sort(key=lambda each: (bool(each.choices), -len(grid.axes[each.name])))
     return varied[0] if varied else None
 
 
 def series(rows: Rows, by: Sequence[Parameter], measure: str) -> list[tuple[str, list[Point]]]:
-    """Group the rows by the values of these parameters, each group with its label."""
     groups: dict[str, list[tuple[Values, Estimate]]] = {}
     for values, outcome in rows:
         label = ", ".join(each.said(values[each.name]) for each in by)

@@ -31,13 +31,11 @@ BANDWIDTH = Parameter("bandwidth_nm", 0.0, 0.0, 100.0, "nm")
 
 
 async def turn(values: Values, seed: int) -> Outcome:
-    """Send states of all three bases behind a fibre that turns them."""
     wrong, came, _sent = await behind(values, (LENGTH, DRIFT), seed)
     return {basis: proportion(int(wrong[i]), int(came[i])) for i, basis in enumerate(BASES)}
 
 
 async def separate(values: Values, seed: int) -> Outcome:
-    """Send states of all three bases behind a fibre whose polarisations fare differently."""
     wrong, came, sent = await behind(values, (LENGTH, LOSS, DISPERSION), seed)
     errors = proportion(int(wrong.sum()), int(came.sum()))
     return {"error": errors, "arrived": proportion(int(came.sum()), sent)}
@@ -68,7 +66,6 @@ async def behind(
 
 
 def expected(values: Values) -> float:
-    """Return what theory says of each basis."""
     rms_rad = number(values, DRIFT.name) * math.sqrt(number(values, LENGTH.name))
     return theory.birefringence_error(rms_rad)
 

@@ -43,7 +43,6 @@ async def purify(values: Values, seed: int) -> Outcome:
 
 
 def expected(values: Values) -> tuple[float, float]:
-    """Return what theory says of the fidelity, and of how often a round succeeds."""
     return theory.purified(*(number(values, each.name) for each in (FIDELITY, TWO, MISREAD)))
 
 

@@ -86,18 +86,15 @@ async def sifted(
 
 
 def decoys_of(values: Values) -> Decoys:
-    """Return the intensities of either end."""
     return Decoys((number(values, MEAN.name), WEAK, 0.0))
 
 
 def fibers(values: Values) -> list[Any]:
-    """Return the fibres, each half as long as the way between both ends."""
     length_km = number(values, LENGTH.name) / 2
     return [fiber(*way, length_km=length_km, loss_db_per_km=LOSS_DB_PER_KM) for way in WAYS]
 
 
 def devices(decoys: Decoys) -> dict[str, Device]:
-    """Return lasers and relay."""
     laser = PairSource(
         "poisson", decoys.means[0], decoys=decoys.means[1:], preparation_error=PREPARATION_ERROR
     )
@@ -105,7 +102,6 @@ def devices(decoys: Decoys) -> dict[str, Device]:
 
 
 def relay() -> Device:
-    """Return what measures in the middle."""
     return Device(detectors=DETECTORS, analyser=BellAnalyser(BEAM_SPLITTER))
 
 
@@ -128,12 +124,10 @@ def key(decoys: Decoys, counts: Counts, pulses: int) -> Estimate:
 
 
 def arrives(length_km: float) -> float:
-    """Return how likely a photon of either end is seen, in theory."""
     return EFFICIENCY * theory.transmission(LOSS_DB_PER_KM * length_km / 2)
 
 
 def _signal(values: Values, basis: int) -> tuple[float, float]:
-    """Return how likely signals in a basis are told of, and wrong, in theory."""
     formula = (relay_theory.rectilinear, relay_theory.diagonal)[basis]
     seen = number(values, MEAN.name) * arrives(number(values, LENGTH.name))
     return formula(seen, seen, DARK_COUNT, ERROR)

@@ -86,7 +86,6 @@ def source_of(values: Values) -> PairSource:
 
 
 def _photons(laboratory: Laboratory, name: tuple[int, int], size: int) -> NDArray[np.int64]:
-    """Return how many photons each pulse has that has just been prepared."""
     (block,) = laboratory.layer.ownership.parts(BlockName(SESSION, *name))
     own = block.register.present.astype(np.int64)
     return own if block.further is None else own + np.bincount(block.further.pulses, minlength=size)
@@ -135,7 +134,6 @@ def _mixture(values: Values) -> list[tuple[float, float]]:
 
 
 def _told(values: Values, basis: int) -> tuple[float, float]:
-    """Return how likely pulses in a basis are told of, and wrong, in theory."""
     return _of_mixture(tuple(_mixture(values)), _arrives(values), basis)
 
 
@@ -151,7 +149,6 @@ def _of_mixture(
 
 
 def _arrives(values: Values) -> float:
-    """Return how likely a photon of either end is seen, in theory."""
     return arrives(number(values, LENGTH.name))
 
 
@@ -161,7 +158,6 @@ def _qber(values: Values, basis: int) -> float:
 
 
 def _single(values: Values) -> float:
-    """Return how likely a pulse is let out with one photon."""
     mean, seen = number(values, MEAN.name), number(values, HERALDING.name) or 1.0
     one = mean / (1 + mean) ** 2 if values[STATISTICS.name] == "thermal" else mean * np.exp(-mean)
     return float(one * seen)

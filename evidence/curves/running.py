@@ -47,12 +47,10 @@ def on_cluster(
 
 
 def estimates(measured: cluster.Measured) -> Outcome:
-    """Return what a worker, or another program, has told."""
     return {name: Estimate(*numbers) for name, numbers in measured.items()}
 
 
 def client(scheduler: str, workers: int) -> AbstractContextManager[Client]:
-    """Return the client of a cluster, or of so many processes here."""
     return cluster.remote_client(scheduler) if scheduler else cluster.local_client(workers)
 
 

@@ -54,7 +54,6 @@ def network_of(read: Map, way_fibers: int = WAY_FIBERS) -> tuple[Network, dict[s
 
 
 def address(dpid: int) -> str:
-    """Return the address of the host at a switch."""
     return f"10.0.{dpid >> 8}.{dpid & 0xFF}"
 
 
@@ -105,7 +104,6 @@ async def schedule(values: Values, seed: int) -> Outcome:
 
 
 def share_in_time(told: list[Told]) -> Estimate:
-    """Return the share of requests that could use light by their deadline."""
     waited = ((each.waited_s, each.asked.deadline_s) for each in told)
     fit = (had is not None and had <= deadline_s for had, deadline_s in waited)
     return batched(len(told), dict.fromkeys((n for n, fits in enumerate(fit, 1) if fits), 1.0))

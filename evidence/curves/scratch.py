@@ -13,7 +13,6 @@ from topologies.system.processes.owners import gone, namespace, this_process
 
 @contextmanager
 def scratch_folder() -> Iterator[str]:
-    """Make a folder that goes at the end, and whose name says whose it is."""
     remove_left()
     with TemporaryDirectory(prefix=f"{prefix()}{this_process()}-") as folder:
         yield folder
@@ -30,5 +29,4 @@ def remove_left() -> None:
 
 
 def prefix() -> str:
-    """Return how the names begin where processes have the ids that this one sees."""
     return f"qmn-sweep-{namespace()}-"

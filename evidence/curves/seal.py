@@ -74,7 +74,6 @@ async def _block(
 
 
 def question(values: Values) -> Question:
-    """Return what the tests are to tell apart."""
     return Question(*(number(values, each.name) for each in (WHOLE, FRACTION, FALSE_ALARM, MISSED)))
 
 

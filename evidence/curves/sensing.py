@@ -139,7 +139,6 @@ def mean_error(values: Values) -> float:
 
 
 def limits(hosts: int, count: int) -> tuple[float, float]:
-    """Return Heisenberg's limit and the standard quantum limit of the mean, M probes a host."""
     return 1 / (hosts * sqrt(count)), 1 / sqrt(hosts * count)
 
 

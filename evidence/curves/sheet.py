@@ -37,7 +37,6 @@ class Sheet:
 
     @property
     def grid(self) -> Grid:
-        """Return the grid."""
         return build(EXPERIMENTS[self.experiment], self.axes)
 
     def unmeasured(self, rows: Sequence[Row]) -> list[str]:

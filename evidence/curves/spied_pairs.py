@@ -46,7 +46,6 @@ async def compare(values: Values, seed: int) -> Outcome:
 
 
 def _kept(values: Values) -> float:
-    """Return which part of the correlations of Z, X and what is between them is left."""
     return 1 - number(values, FRACTION.name) / 2
 
 

@@ -161,19 +161,16 @@ def source_depolarizing(values: Values) -> float:
 
 
 def bit_error(values: Values) -> float | None:
-    """Return the theory of bit_error."""
     likely = pauli_probabilities(values)
     return None if likely is None else (likely[1] + likely[2]) / 2 + likely[3]
 
 
 def dibit_error(values: Values) -> float | None:
-    """Return the theory of dibit_error."""
     likely = pauli_probabilities(values)
     return None if likely is None else 1 - likely[0]
 
 
 def capacity(values: Values) -> float | None:
-    """Return the theory of capacity."""
     likely = pauli_probabilities(values)
     return None if likely is None else 2 - theory.entropy(likely)
 
@@ -186,7 +183,6 @@ def arrived(values: Values) -> float | None:
 
 
 def loss_db(values: Values) -> float:
-    """Return the attenuation of the fibre."""
     length_km, loss_db_per_km, connectors_db = (number(values, name) for name in LOSSES)
     return length_km * loss_db_per_km + connectors_db
 

@@ -24,7 +24,6 @@ class Table:
         self._read()
 
     def __len__(self) -> int:
-        """Return how many points are known, of whichever grid and seed."""
         return len(self._known)
 
     def get(self, values: Values, seed: int) -> Outcome | None:
@@ -77,7 +76,6 @@ class Table:
 
 
 def header(experiment: Experiment) -> list[str]:
-    """Return the names of the columns."""
     columns = ["seed", *(each.name for each in experiment.parameters)]
     for measure in experiment.measures:
         columns += [measure.name, f"{measure.name}_standard_error", f"{measure.name}_theory"]

@@ -77,7 +77,6 @@ def _equal(mine: Bytes, yours: Bytes) -> Estimate:
 
 
 def _star(first: float, second: float, seed: int) -> Laboratory:
-    """Return charlie with a fibre to alice and one to bob."""
     depolarizing = (theory.of_fidelity(first), theory.of_fidelity(second))
     fibers = [
         fiber("charlie-q0", "alice-q0", depolarizing=depolarizing[0]),
@@ -89,7 +88,6 @@ def _star(first: float, second: float, seed: int) -> Laboratory:
 async def _share(
     giver: LaboratoryHost, taker: LaboratoryHost, pairs: int, block: int, out: str, into: str
 ) -> None:
-    """Let the taker have half of new pairs."""
     await giver.create(pairs, block)
     await giver.send({(block, 1): out})
     await taker.receive((block, 1), into)

@@ -49,7 +49,6 @@ async def count(values: Values, seed: int) -> Outcome:
 
 
 def expected(values: Values) -> float:
-    """Return how likely the sum of both normal errors is within the gate."""
     spread_ps = DISPERSION * number(values, LENGTH.name) * number(values, BANDWIDTH.name)
     rms_ps = math.hypot(spread_ps, number(values, JITTER.name))
     return theory.within_gate(rms_ps * 1e-12, number(values, GATE.name))

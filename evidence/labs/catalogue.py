@@ -12,7 +12,6 @@ LABS = ROOT / "labs"
 
 
 def names(folder: Path = LABS) -> list[str]:
-    """Return the names of all labs."""
     return sorted(path.name for path in folder.iterdir() if _file(folder, path.name).exists())
 
 

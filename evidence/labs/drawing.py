@@ -14,7 +14,6 @@ Series = Sequence[tuple[float, Estimate]]  # places on an axis, and what was mea
 
 
 def draw_charts(charts: Sequence[Chart], findings: Sequence[Finding], folder: Path) -> list[Path]:
-    """Draw each chart into the folder, and return the files."""
     files = []
     for chart in charts:
         files.append(folder / f"{chart.name}.png")
@@ -65,5 +64,4 @@ def picture(chart: Chart, findings: Sequence[Finding]) -> Picture:
 
 
 def _bar(published: Published) -> float:
-    """Return how far a published number may be from what is printed."""
     return published.half_range + published.error

@@ -115,7 +115,6 @@ class PublishedRow:
     inputs: float = 0.0  # as of a Finding
 
     def finding(self, outcomes: Sequence[Outcome]) -> Finding:
-        """Return our figure of what was measured at the points, and the published one."""
         source = f"{self.paper}: {self.published.source}"
         published = replace(self.published, source=source)
         return Finding("", self.what, self.of(*outcomes), published, inputs=self.inputs)

@@ -23,7 +23,6 @@ TOLD = "qmn: "  # before what is told of a fault
 
 
 def words_of(said: str, seed: int, runs: Path) -> list[str]:
-    """Return the whole command line of a run of a lab, behind `qmn`."""
     return [*shlex.split(said), "--seed", str(seed), "--runs", str(runs)]
 
 
@@ -55,13 +54,11 @@ def carry_out(name: str, said: str, seed: int, folder: Path, check: Callable[[],
 
 
 def folders(runs: Path) -> set[Path]:
-    """Return the folders of runs that are there."""
     found = runs.iterdir() if runs.exists() else ()
     return {path for path in found if path.is_dir() and not path.is_symlink()}
 
 
 def left_in(folder: Path) -> Run:
-    """Return the run that has left a folder."""
     return Run(folder, json.loads((folder / RESULT).read_text()))
 
 

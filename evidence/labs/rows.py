@@ -17,7 +17,6 @@ Place = tuple[str, tuple[tuple[str, Value], ...]]  # an experiment, and the valu
 
 
 def rows() -> list[PublishedRow]:
-    """Return all rows that there are."""
     return [*(row for name in names() for row in lab(name).rows), *PUBLISHED]
 
 
@@ -41,7 +40,6 @@ def measured(of: Sequence[PublishedRow], seed: int, measurer: Measurer) -> Itera
 
 
 def _points(row: PublishedRow) -> Iterator[tuple[str, Values]]:
-    """Yield the points of a row, with a value for each parameter."""
     for name, given in row.points:
         yield name, next(build(EXPERIMENTS[name], given).points())
 

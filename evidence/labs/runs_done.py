@@ -66,6 +66,5 @@ def newest(out: Path, name: str, seed: int) -> Path | None:
 
 
 def seeds(table: Path) -> set[str]:
-    """Return the seeds of the runs in a table."""
     with table.open(newline="") as file:
         return {line["seed"] or "" for line in csv.DictReader(file, COLUMNS)} - {"seed"}

@@ -37,7 +37,6 @@ def main() -> None:
 
 
 def hear() -> None:
-    """Print when each datagram was sent and came, for ever."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as hearing:
         hearing.bind(("", PORT))
         print("ready", flush=True)
@@ -61,7 +60,6 @@ def say(address: str, per_s: float, frame_bytes: int, seed: int) -> None:
 
 
 def gaps_s(per_s: float, seed: int) -> Iterator[float]:
-    """Yield the times between datagrams."""
     draws = random.Random(seed)  # noqa: S311
     while True:
         yield draws.expovariate(per_s)

@@ -18,7 +18,6 @@ def are_plain(values: Values) -> bool:
 
 
 def network(values: Values) -> dict[str, Any]:
-    """Return the options of the network that name it."""
     named, known_map = values[TOPOLOGY.name], values[MAP.name] or None
     unnamed = known_map is not None and named == TOPOLOGY.default
     return {"topology": "" if unnamed else named, "map": known_map}

@@ -100,12 +100,10 @@ def dibit_error(values: Values) -> float | None:
 
 
 def arrived(values: Values) -> float | None:
-    """Return the theory of arrived."""
     return theory.transmission(FIBERS_PASSED * loss_db(values)) if is_known(values) else None
 
 
 def fiber_implied(given: Values) -> Values:
-    """Return what preset and kind of fibre say of the fibre."""
     values = implied(given)
     return {each.name: values[each.name] for each in FIBER}
 

@@ -77,7 +77,6 @@ class Told:
 
     @property
     def used(self) -> bool:
-        """Whether it has had light when that was of use."""
         return self.waited_s is not None and self.waited_s <= self.asked.useful_s
 
 

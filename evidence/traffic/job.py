@@ -221,6 +221,5 @@ def _follow(driver: Driver, total: int, network: Network, console: Console) -> N
 
 
 def controller_s(network: Network) -> float:
-    """Return the processor time that the controller of a network has used."""
     (program,) = (each for each in network.runtime.programs if each.name == CONTROLLER)
     return program.processor_s

@@ -24,7 +24,6 @@ class StackCalls:
         self._reader, self._writer = reader, writer
 
     def say(self, call: Call, **fields: Any) -> None:
-        """Send a call."""
         self._writer.write(encode_fields(call, **fields) if fields else encode(call))
 
     def send(self, data: bytes) -> None:

@@ -78,7 +78,6 @@ def load(outcomes: Sequence[Outcome], accepted: Iterable[Outcome], span_s: float
 
 
 def reasons(outcomes: Iterable[Outcome], kind: str) -> dict[str, int]:
-    """Return how many sessions have ended in a way, by their reasons."""
     return dict(Counter(each.reason for each in outcomes if each.outcome == kind).most_common())
 
 

@@ -44,7 +44,6 @@ PACKET_INS_PER_PAIR = 2  # the set-up message, and the end of its connection
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser("bench", description=__doc__)
     parser.add_argument("--pairs", type=int, default=256, help="of the per-pair handshake (256)")
     parser.add_argument("--setups", type=int, default=500, help="light paths to set up (500)")
@@ -120,7 +119,6 @@ def run(folder: Path, pairs: int, signals: Signals) -> None:
 
 
 def show(name: str, text: str) -> None:
-    """Print what a benchmark has found."""
     print(f"{name:<34}{text}", flush=True)
 
 
@@ -192,7 +190,6 @@ def baseline(network: Network, count: int) -> tuple[float, float]:
 
 
 def measure(network: Network, what: str, count: int, address: str) -> float:
-    """Run one text on alice to its end."""
     command = [python(), "-m", "evidence.bench.baseline", what, str(count), address]
     program = network.run_on("alice", what, command)
     return seconds_of(network, program)

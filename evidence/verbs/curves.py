@@ -53,7 +53,6 @@ class CurvesOptions:
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser("curves", description=__doc__)
     add_options(parser, CurvesOptions)
     parser.set_defaults(call=call)

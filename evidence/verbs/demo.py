@@ -35,7 +35,6 @@ class DemoOptions(LiveOptions):
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser(
         "demo",
         description=__doc__,
@@ -51,7 +50,6 @@ def _needed(arguments: argparse.Namespace) -> Needs:
 
 
 def call(arguments: argparse.Namespace) -> int:
-    """List the demos, or run one."""
     if arguments.name is None:
         for name, demo in DEMOS.items():
             print(f"{name:16}{demo.what}")

@@ -65,7 +65,6 @@ def _needed(arguments: argparse.Namespace) -> Needs:
 
 
 def call(arguments: argparse.Namespace) -> int:
-    """List the labs, or do some."""
     options = read(LabOptions, arguments)
     return guarded(lambda signals, console: do(options, signals, console))
 
@@ -148,7 +147,6 @@ def begun(name: str, options: LabOptions) -> Path | None:
 
 
 def runs_missing(lab: Lab, folder: Path | None, seed: int) -> int:
-    """Return how many runs of a lab there are to do."""
     if folder is None:
         return len(lab.runs)
     with runs_done.opened(folder, lab, seed) as known:

@@ -105,7 +105,6 @@ class Help(argparse.Action):
     """Shows the parameters of the experiment that is named before it; of none, which there are."""
 
     def __init__(self, option_strings: Sequence[str], dest: str, **given: Any) -> None:
-        """Take no value."""
         super().__init__(option_strings, dest, nargs=0, default=argparse.SUPPRESS, **given)
 
     def __call__(self, parser: Any, namespace: Any, *_words: object) -> None:
@@ -129,19 +128,16 @@ class Help(argparse.Action):
 
 
 def starts_networks(asked: SweepOptions | argparse.Namespace) -> bool:
-    """Return whether networks are to be started here."""
     return bool(asked.emulate and not asked.scheduler)
 
 
 def options_of(arguments: argparse.Namespace) -> SweepOptions:
-    """Return what the command line asks for."""
     given = {name: getattr(arguments, f"axis_{name}") for name in _axes()}
     axes = {name: text for name, text in given.items() if text is not None}
     return read(SweepOptions, arguments, axes=axes)
 
 
 def call(arguments: argparse.Namespace) -> int:
-    """Do what the command line asks for."""
     return run(options_of(arguments))
 
 
@@ -177,7 +173,6 @@ def grid_of(options: SweepOptions) -> tuple[Grid, int]:
 
 
 def experiment_of(name: str, emulate: bool) -> Experiment:
-    """Return the experiment of this name."""
     known = EMULATED if emulate else EXPERIMENTS
     if name not in known:
         where = " with --emulate" if emulate else ""
@@ -258,12 +253,10 @@ def _follow(console: Console, grid: Grid, seed: int, table: Table, measurer: Mea
 
 
 def progress_columns() -> Sequence[ProgressColumn]:
-    """Return what the progress bar of points shows."""
     return TextColumn("points"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
 
 
 def _axes() -> dict[str, str]:
-    """Return the parameters of all experiments, each with its range and who has it."""
     helps: dict[str, str] = {}
     for experiment in (*EXPERIMENTS.values(), *EMULATED.values()):
         for each in experiment.parameters:

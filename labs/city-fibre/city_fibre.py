@@ -40,7 +40,6 @@ def light(rate: float, brightest: float = LOWER["brightest"].value) -> float:
 
 
 def lower(rate: float) -> float:
-    """Return the lower bound of F at so many pairs/s."""
     return visibility(light(rate))
 
 
@@ -69,7 +68,6 @@ def beside(km: float) -> float:
 
 
 def wrong(run: Run) -> Estimate:
-    """Return how often outcomes in equal bases differ."""
     told = run.job.asking
     return proportion(round(told.qber * told.disclosed_bits), told.disclosed_bits)
 

@@ -24,7 +24,6 @@ BOB = Source(0.013, 0.0022, 0.05, 0.09, 6.71, 10.64)
 
 
 def scattered(dbm: float, raman_per_km_nm: float, nm: float) -> float:
-    """Return how many photons light of this power scatters into a window at the end of an arm."""
     light = 10 ** (dbm / 10), 0.2, raman_per_km_nm, 0.4, nm, WINDOW_S
     return theory.scattered_photons(ARM_KM, ARM_DB_PER_KM, *light)
 
@@ -50,7 +49,6 @@ def visibility(noise: float, of: Source) -> float:
 
 
 def fidelity(band: str, dbm: float) -> float:
-    """Return F of states at the poles."""
     noise = scattered(dbm, *BANDS[band])
     return (1 + visibility(noise, ALICE) * visibility(noise, BOB)) / 2
 

@@ -28,12 +28,10 @@ def said(figure: dict[str, Any]) -> str:
 
 
 def words(figure: dict[str, Any], what: str) -> str:
-    """Return what a number is."""
     return what + ": F {fidelity:g}, gates {gate:g}, readings {readout:g}".format(**figure)
 
 
 def published(figure: dict[str, Any], what: str) -> Published:
-    """Return what SeQUeNCe has."""
     return Published(figure[NAMES[what]], 0.0, FIGURES["program"])
 
 

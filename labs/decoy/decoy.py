@@ -29,13 +29,11 @@ SESSION = (
 
 
 def seen(distance_km: float) -> list[tuple[float, float]]:
-    """Return how likely a pulse of each intensity is seen, and seen wrongly, in theory."""
     arrives = paper.EFFICIENCY * theory.transmission(paper.LOSS_DB_PER_KM * distance_km)
     return [theory.weak_pulse(mean * arrives, paper.DARK_COUNT, paper.ERROR) for mean in MEANS]
 
 
 def gain(distance_km: float) -> float:
-    """Return how likely a pulse of any intensity is seen."""
     return sum(share * each for share, (each, _) in zip(SHARES, seen(distance_km), strict=True))
 
 

@@ -27,7 +27,6 @@ ION_KEY = Published(95_884, 75, "Oxford, table I")  # half a unit of its rate's 
 
 
 def error_rate(fidelity: float) -> float:
-    """Return how often outcomes in equal bases differ, of a Werner pair."""
     return 2 * (1 - fidelity) / 3
 
 
@@ -37,7 +36,6 @@ def key(s: float, qber: float) -> float:
 
 
 def rate(fidelity: float) -> float:
-    """Return those of a Werner pair."""
     return key(theory.chsh(fidelity), error_rate(fidelity))
 
 

@@ -19,17 +19,14 @@ CHART = "fidelity-{}"
 
 
 def latency_s(copper_km: float) -> float:
-    """Return how long a packet takes over two cables, on which it is as fast as light in fibres."""
     return 2e3 * copper_km / SPEED_IN_FIBER_M_PER_S
 
 
 def fidelity(t2_s: float, latency_ms: float) -> float:
-    """Return that of perfect pairs of which both halves have waited."""
     return (1 + math.exp(-TRIPS * latency_ms / 1e3 / t2_s)) / 2
 
 
 def trip_ms(run: Run) -> float:
-    """Return how long a trip took of those that the measured pairs waited for, software in it."""
     return 1e3 * (sum(run.times_s("recall")) - sum(run.times_s("arrive"))) / TRIPS
 
 

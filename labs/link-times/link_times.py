@@ -39,7 +39,6 @@ def said(km: int, program: str) -> str:
 
 
 def measured(pairs: int, attempts: int, took_s: float) -> list[tuple[float, float]]:
-    """Return how often an attempt succeeds, and how long a pair takes, with their errors."""
     often, pair_s = proportion(pairs, attempts), took_s / pairs
     return [(often.value, often.error), (pair_s, pair_s * often.error / often.value)]
 
@@ -60,7 +59,6 @@ def findings(runs: Runs) -> list[Finding]:
 
 
 def drawn(of: str) -> Chart:
-    """Return the figure of a program's links."""
     return Chart(of, of, "km", "s a pair", lambda km: mean_s(km, of)[1], logarithmic=True)
 
 

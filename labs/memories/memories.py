@@ -35,7 +35,6 @@ def fidelity(kind: str, waits: float) -> float:
 
 
 def waited_s(run: Run) -> float:
-    """Return how long both halves together were in memories, by the event log."""
     return sum(run.times_s("recall")) - sum(run.times_s("arrive"))
 
 

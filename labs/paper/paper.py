@@ -72,7 +72,6 @@ def _handshakes(run: RunFacts) -> Iterator[list[Step]]:
 
 
 def _in_order(steps: Sequence[Step]) -> bool:
-    """Return whether set-up, path, answer, encoding and measurement follow each other."""
     first = [next((s.time_ns for s in steps if f" {word}" in f" {s.text}"), 0) for word in ORDER]
     return all(first) and first == sorted(first)
 

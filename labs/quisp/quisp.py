@@ -27,7 +27,6 @@ TASKS = {
 
 
 def task(figure: dict[str, Any]) -> str:
-    """Return what a point is about."""
     return "swapped" if "swapped" in figure else "purified"
 
 

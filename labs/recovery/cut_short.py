@@ -34,7 +34,6 @@ def shared(network: QuantumNetwork, cut: bool = False) -> Counter[str]:
 
 
 def came(network: QuantumNetwork) -> int:
-    """Return how many photons have come to charlie's fibre."""
     return sum(fiber.photons_to_a or 0 for fiber in network.fibers() if fiber.a == "charlie-q0")
 
 

@@ -23,12 +23,10 @@ ORDERS, SIGNALLING = ("edf", "slots"), (0, 1)  # of those in networks: messages,
 
 
 def ours(runs: Runs, what: str, *case: object) -> list[float]:
-    """Return by draw what was measured of a case of counted.py."""
     return [each[what] for each in runs["counted"].result[" ".join(map(str, case))]]
 
 
 def taken(runs: Runs, order: str, times: int) -> tuple[Estimate, Estimate]:
-    """Return the share of the packets that a network made, and how long that took."""
     return of_emulated(runs[f"{order}-{times}"].job.load.sessions)
 
 

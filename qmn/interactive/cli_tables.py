@@ -12,13 +12,11 @@ from qmn.scripting.network import HostState
 
 
 def sent(receiver: str, used: Exchange) -> str:
-    """Return what a receiver got, and what that took."""
     text = used.data.decode(errors="backslashreplace")
     return f"{receiver}: {text}\n{counted(used.size, 'byte')}, {_cost(used)}"
 
 
 def ping_line(number: int, receiver: str, used: Exchange) -> str:
-    """Return the line of one round."""
     return f"{receiver}: round={number} {_cost(used)}"
 
 
@@ -67,7 +65,6 @@ def rate(sender: str, receiver: str, used: Exchange) -> str:
 
 
 def fibers_table(fibers: Sequence[FiberState]) -> Table:
-    """Return the fibres, one a line."""
     columns = ("", "", "length", "loss now", "", "photons ->", "<-", "lost in the switch")
     return table("fibres", columns, [_fiber_row(fiber) for fiber in fibers])
 
@@ -80,7 +77,6 @@ def _fiber_row(fiber: FiberState) -> list[str]:
 
 
 def trace(path: LightPath) -> Table:
-    """Return one light path, a hop a line."""
     ends = f"{path.hops[0].begin} to {path.hops[-1].end}"
     title = f"{ends}: {path.loss_db:.3g} dB, rotation {path.rotation.name}"
     rows = [[str(number), *_hop_row(hop)] for number, hop in enumerate(path.hops, 1)]

@@ -46,7 +46,6 @@ class MininetErrors(logging.StreamHandler[Any]):
         self.count = 0
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Count and show."""
         self.count += 1
         super().emit(record)
 
@@ -224,7 +223,6 @@ class QuantumCLI(CLI):
         return seen
 
     def completenames(self, text: str, *_where: object) -> list[str]:
-        """Return verbs and nodes that begin so."""
         return sorted({*super().completenames(text), *self._beginning(text, self.mn)})
 
     def completedefault(self, text: str, line: str, begin: int, _end: int) -> list[str]:

@@ -39,13 +39,11 @@ class Attack:
 
     @property
     def words(self) -> list[str]:
-        """Return how her application is told."""
         ways = "--expected-db", str(self.expected_db), "--onward-db", str(self.onward_db)
         return ["--attack", self.kind, *(ways if self.kind == SPLIT else ()), str(self.fraction)]
 
 
 def splitting(hides_db: float, receiver: str, parts: Description) -> Attack:
-    """Return the attack on a way that both ends believe to lose so much more than it does."""
     onward_db = loss_to_click(EVE, receiver, parts)
     return Attack(1.0, SPLIT, onward_db + hides_db, onward_db)
 
@@ -69,7 +67,6 @@ def loss_to_click(begin: str, end: str, parts: Description) -> float:
 
 
 def with_eve(network: NetworkOptions) -> NetworkOptions:
-    """Return the network that has eve in place of the default."""
     return replace(network, topology=TOPOLOGY) if network.topology == "sdc" else network
 
 

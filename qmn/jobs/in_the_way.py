@@ -64,13 +64,11 @@ class LostLight:
                 self._console.print("light is back")
 
     def close(self) -> None:
-        """Close the record."""
         self._facts.close()
 
 
 @contextmanager
 def lost_light(network: Network, console: Console) -> Iterator[LostLight]:
-    """Have light that is lost told at each look."""
     told = LostLight(network, console)
     try:
         yield told

@@ -16,11 +16,9 @@ def write_policy(folder: Path, more: str = "") -> Path:
 
 
 def tapping_policy(begin: str, end: str, by: str, folder: Path) -> Path:
-    """Write the policy that puts a host on the fibre from the beginning of light to its end."""
     tap = f"\n[[tap]]\nbetween = {json.dumps((begin, end))}\nby = {json.dumps(by)}\n"
     return write_policy(folder, tap)
 
 
 def scheduling_policy(schedule: str, rounds: int, folder: Path) -> Path:
-    """Write the policy that has the schedule, and so many rounds of purification at each level."""
     return write_policy(folder, f"\n[swap]\nschedule = {json.dumps(schedule)}\nrounds = {rounds}\n")

@@ -50,14 +50,12 @@ class Job:
 
     @property
     def result(self) -> ServiceJob:
-        """Its part of the result, as if nothing came of it."""
         if self.file is None:
             return ServiceJob()
         return ServiceJob(message=Message(str(self.file), self.file.stat().st_size))
 
 
 def run(job: Job, context: RunContext) -> RunResult:
-    """Do the whole run and return its result."""
     folder, console = context.folder, context.console
     hosts, kept = (job.opener, job.acceptor, *job.others), job.result
     facts = known_facts(context, job.service, hosts, kept, job.request)

@@ -62,7 +62,6 @@ def machines_of(
 
 
 def machine_facts(runtime: Runtime) -> dict[str, MachineFacts]:
-    """Return what other machines there are, with their hosts and how far their clocks are ahead."""
     return {
         machine.name: MachineFacts(
             machine.address,

@@ -25,7 +25,6 @@ class BadTopology(Exception):
 
 
 def is_custom(name: str) -> bool:
-    """Return whether a topology is named by its file and class."""
     return ":" in name
 
 
@@ -73,14 +72,12 @@ def _built(topo_class: type[Topo], name: str, given: Mapping[str, Any]) -> Topo:
 
 
 def _command_that_builds(file: str, class_name: str, given: Mapping[str, Any]) -> str:
-    """Return a command that builds a topology and leaves the traceback of Python as it is."""
     keywords = ", ".join(f"{name}={value!r}" for name, value in given.items())
     program = f"import runpy; runpy.run_path({file!r})[{class_name!r}]({keywords})"
     return f"PYTHONPATH={shlex.quote(str(ROOT))} {shlex.join([python(), '-c', program])}"
 
 
 def _takes(topo_class: type[Topo], given: Mapping[str, Any]) -> set[str]:
-    """Return which of the parameters given, or more, its `build` takes."""
     parameters = inspect.signature(topo_class.build).parameters
     if any(each.kind == each.VAR_KEYWORD for each in parameters.values()):
         return {*parameters, *given}

@@ -73,7 +73,6 @@ def devices(
 
 
 def _value(word: str, text: str, default: Any) -> Any:
-    """Return a parameter's value as the kind of its default."""
     try:
         if default is None:
             return tuple(json.loads(text))

@@ -98,6 +98,5 @@ def _refuse_dark(
 
 
 def _beside(host: str, parts: Description) -> str:
-    """Return a node to which a fibre of a host leads."""
     ends = ({fiber.a, fiber.b} - {host} for fiber in parts.fibers if host in (fiber.a, fiber.b))
     return min(next(ends, {host}))

@@ -49,7 +49,6 @@ class PartOptions:
     preset: Device = field(default_factory=Device)  # that kinds of nodes are made of
 
     def is_of_all(self, word: str) -> bool:
-        """Return whether a word is of every fibre, or of all hosts."""
         if word in self.node:
             return "=" not in word
         return word in self.fiber and "." not in word.partition("=")[0]
@@ -64,7 +63,6 @@ class PartOptions:
 
     @property
     def named_hosts(self) -> list[str]:
-        """The hosts that something is said of."""
         kinds = [word.partition("=")[0] for word in self.node if "=" in word]
         return list(dict.fromkeys([*kinds, *(word.partition(".")[0] for word in self.device)]))
 

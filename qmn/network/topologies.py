@@ -46,7 +46,6 @@ SIZES = {
 
 
 def is_known(name: str) -> bool:
-    """Return whether there may be a topology of this name."""
     return name in TOPOLOGIES or custom_topology.is_custom(name)
 
 

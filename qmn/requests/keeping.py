@@ -46,7 +46,6 @@ def read_kept(
 
 
 def read_fields(kept: "Mapping[str, Field[Any]]", given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values of fields, by the names that a result keeps them by."""
     if unknown := given.keys() - kept.keys():
         raise MalformedPacket(f"no parameter of this job: {', '.join(sorted(unknown))}")
     needed = (name for name, each in kept.items() if _is_needed(each))

@@ -34,7 +34,6 @@ class Kept:
 
     @property
     def fields(self) -> dict[str, Any]:
-        """Its kept fields, by name."""
         return kept_fields(self.kind, self.kinds)
 
 

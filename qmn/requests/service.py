@@ -69,12 +69,10 @@ class ServiceRequest:
 
     @property
     def receiver(self) -> str:
-        """The host that is asked."""
         return self.options.host
 
     @property
     def others(self) -> tuple[str, ...]:
-        """Further hosts that take part."""
         names = self.options.names if isinstance(self.options, GhzOptions) else []
         return tuple(names[2:])
 

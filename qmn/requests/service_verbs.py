@@ -80,5 +80,4 @@ VERBS: Mapping[str, Verb] = MappingProxyType(
 
 
 def verb_of(service: str) -> Verb:
-    """Return how the command line has a service."""
     return next(verb for name, verb in VERBS.items() if service in (name, *verb.protocols))

@@ -32,7 +32,6 @@ class SuperdenseRequest:
 
     @property
     def receiver(self) -> str:
-        """The host that is sent to."""
         return self.options.host
 
 

@@ -25,7 +25,6 @@ MOST_IDS = 100  # of sessions
 
 
 def complete(facts: RunResult, folder: Path) -> None:
-    """Add what the run has left in its folder, and write result.json."""
     if isinstance(facts.job, ServiceJob) and facts.job.message is not None:
         facts.job.message = service_result.message(facts.job.message.file, folder)
         facts.delivered = facts.job.message.arrived
@@ -126,7 +125,6 @@ def note_files(facts: NetworkResult, network: Network) -> None:
 
 
 def captures(facts: RunResult, folder: Path) -> str:
-    """Return where packet captures are, and what they miss."""
     if not facts.captures:
         return "none"
     missed = facts.packets_not_captured
@@ -156,7 +154,6 @@ def approximations(facts: RunResult) -> dict[str, str]:
 
 
 def said_size(each: Approximated) -> str:
-    """Return how large an approximation is, in words."""
     return f"a probability is wrong by {each.most:.2g} at most"
 
 
@@ -183,7 +180,6 @@ def rows_of_every_run(facts: RunResult, folder: Path, report: str) -> dict[str, 
 
 
 def show(console: Console, facts: RunResult, folder: Path, report: str) -> None:
-    """Print the table."""
     own, common = service_result.rows(facts.job), rows_of_every_run(facts, folder, report)
     print_rows(console, {**own, **common})
 

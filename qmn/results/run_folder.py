@@ -92,14 +92,12 @@ def lasting(folder: Path, further: tuple[type[Exception], ...] = ()) -> Iterator
 
 
 def give_to_invoker(folder: Path) -> None:
-    """Let the user who called sudo own what the run leaves behind."""
     for path in (folder.with_name("latest"), folder, *folder.rglob("*")):
         with suppress(FileNotFoundError):  # the user has removed it
             give(path)
 
 
 def give_tree(folder: Path) -> None:
-    """Let the user who called sudo own a folder and all that is in it, if it is there."""
     for path in (folder, *folder.rglob("*")) if folder.exists() else ():
         give(path)
 
@@ -115,7 +113,6 @@ def given_at_the_end(folder: str) -> Iterator[None]:
 
 
 def give(path: Path) -> None:
-    """Let the user who called sudo own a file."""
     if os.geteuid() == 0 and "SUDO_UID" in os.environ:
         user, group = int(os.environ["SUDO_UID"]), int(os.environ.get("SUDO_GID", "-1"))
         os.chown(path, user, group, follow_symlinks=False)

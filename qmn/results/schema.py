@@ -28,7 +28,6 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def json_schema() -> Schema:
-    """Return the JSON Schema of result.json."""
     told: Schema = {}
     one_of = []
     for kind, asked in ((RunResult, _requests(told)), (NetworkResult, _network(told))):
@@ -56,7 +55,6 @@ def _requests(told: Schema) -> Schema:
 
 
 def _network(told: Schema) -> Schema:
-    """Return the schema of what networks of scripts keep."""
     kept = {each.name: each for each in fields(NetworkOptions) if each.name not in TOLD}
     return {**_object(kept, NetworkOptions, told, UNSAID), "additionalProperties": False}
 
@@ -116,7 +114,6 @@ def _read_network(given: dict[str, Any]) -> NetworkResult:
 
 
 def text() -> str:
-    """Return the schema as its file has it."""
     return json.dumps(json_schema(), indent=2) + "\n"
 
 

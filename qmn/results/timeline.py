@@ -89,7 +89,6 @@ def timeline_of_run(run: Path) -> str:
 
 
 def captured_bytes(run: Path) -> int:
-    """Return how much there is to merge."""
     return sum(file.stat().st_size for file in _captures(run))
 
 
@@ -155,6 +154,5 @@ def _places(
 
 
 def _captures(run: Path) -> list[Path]:
-    """Return the files to merge, those of packets first."""
     files = [*sorted(run.glob("*.pcap")), run / EVENT_CAPTURE]
     return [file for file in files if file.exists() and file.stat().st_size >= LEAST_PCAP_BYTES]

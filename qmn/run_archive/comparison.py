@@ -18,7 +18,6 @@ FROM_THE_START = ("open", "create", "send", "arrive", "store", "measure", "bell-
 
 
 def parameters(one: Path, two: Path) -> list[Row]:
-    """Return the parameters that differ, and what was sent."""
     first, second = ({**_plain(_result(run), TOLD), **_sent(run)} for run in (one, two))
     return [row for row in _beside(first, second) if row[1] != row[2]]
 

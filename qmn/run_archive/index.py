@@ -122,7 +122,6 @@ def _defaults(head: Head) -> dict[str, Any]:
 
 
 def outcome(head: Head) -> str:
-    """Return what became of a run, in a few words."""
     if head.error:
         return f"not done: {head.error}"
     return {True: "done", False: "not done", None: "ended"}[head.delivered]

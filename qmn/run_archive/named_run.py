@@ -21,12 +21,10 @@ class UnknownRun(Exception):
 
 
 def is_run(path: Path) -> bool:
-    """Return whether a folder is that of a run, by its name."""
     return is_name(path.name) and path.is_dir() and not path.is_symlink()
 
 
 def is_name(name: str) -> bool:
-    """Return whether a run could have this name."""
     if not NAME.fullmatch(name):
         return False
     try:
@@ -66,13 +64,11 @@ def find_run(said: str, runs: Path = RUNS) -> Path:
 
 
 def _newest_first(folder: Path) -> list[str]:
-    """Return the names of the runs in a folder."""
     found = folder.iterdir() if folder.is_dir() else ()
     return sorted((path.name for path in found if is_run(path)), reverse=True)
 
 
 def _some(names: Iterable[str]) -> str:
-    """Return the first few of these names, and how many more there are."""
     first, rest = [*names][:SHOWN], [*names][SHOWN:]
     return ", ".join(first) + (f" ({len(rest)} more: `qmn runs` lists them)" if rest else "")
 

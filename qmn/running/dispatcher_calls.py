@@ -37,7 +37,6 @@ def _asking(network: Network) -> Iterator[tuple[Any, dict[str, Any]]]:
 
 
 def status(network: Network) -> StatusReply:
-    """Return what simulates the quantum states, and how much there is."""
     with _asking(network) as (stub, options):
         reply: StatusReply = stub.Status(StatusRequest(), **options)
     return reply

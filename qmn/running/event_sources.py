@@ -93,5 +93,4 @@ def recorded(file: Path, follow: bool) -> Iterator[Event]:
 
 
 def single(wanted: Collection[T] | None, every: T) -> T:
-    """Return what is wanted if it is one thing alone."""
     return next(iter(wanted)) if wanted and len(wanted) == 1 else every

@@ -22,7 +22,6 @@ class BadOrder(Exception):
 
 
 def add_nodes(parser: argparse.ArgumentParser) -> None:
-    """Describe the two nodes that the fibres join, as a and b."""
     parser.add_argument("a", metavar="NODE", help="one end of the fibres, as alice")
     parser.add_argument("b", metavar="NODE", help="their other end, as q1")
 

@@ -8,7 +8,6 @@ from qmn.running.tables import far_end, path_row, switch_port, table
 
 
 def ask_and_show(as_json: bool) -> None:
-    """Print paths, sessions and fibres as JSON or as tables."""
     known = {**ask("paths"), "sessions": ask("sessions")}
     if as_json:
         print(json.dumps(known, indent=2))

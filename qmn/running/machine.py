@@ -36,7 +36,6 @@ class Finding:
 
 
 def check_machine() -> Iterator[Finding]:
-    """Yield all findings."""
     yield user()
     yield open_files()
     yield from kernel()

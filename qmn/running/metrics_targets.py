@@ -18,5 +18,4 @@ def announce(addresses: dict[str, str], folder: Path) -> dict[str, str]:
 
 
 def urls(addresses: dict[str, str]) -> dict[str, str]:
-    """Return where each program's metrics are."""
     return {program: f"http://{address}{PATH}" for program, address in addresses.items()}

@@ -81,7 +81,6 @@ def left_of_killed(folder: Path) -> dict[str, Any] | None:
 
 
 def announced_folders(root: Path = RUNTIME_ROOT) -> set[Path]:
-    """Return where the networks that run have their files."""
     files = [folder / NETWORK for folder in folders_of_running(root)]
     return {Path(json.loads(file.read_text())["folder"]) for file in files if file.exists()}
 

@@ -24,7 +24,6 @@ class Unread:
         self._told = 0  # of those behind the last one, already said to be dropped
 
     def read(self, event: Event) -> None:
-        """Note an event that was read."""
         if event.photon:
             return  # of a block whose event has come, and not always in the file
         if event.kind == DROPPED:
@@ -75,5 +74,4 @@ class Unread:
 
 
 def dropped(event: Event) -> int:
-    """Return how many events one of the kind DROPPED stands for."""
     return int(event.detail.split()[0])

@@ -8,12 +8,10 @@ from qmn.running.fiber_order import add_nodes, give
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser("calibrate", description=__doc__)
     add_nodes(parser)
     parser.set_defaults(call=call, needs=Needs.RUNNING)
 
 
 def call(arguments: argparse.Namespace) -> int:
-    """Calibrate."""
     return give(arguments.a, arguments.b, "calibrated", calibrate=True)

@@ -8,7 +8,6 @@ from qmn.running.fiber_order import add_nodes, give
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser("classical", description=__doc__)
     add_nodes(parser)
     parser.add_argument("power_mw", type=float, metavar="MW", help="launched into each; 0: none")
@@ -16,7 +15,6 @@ def add_parser(verbs: Any) -> None:
 
 
 def call(arguments: argparse.Namespace) -> int:
-    """Change the power."""
     power_mw = arguments.power_mw
     done = f"classical light of {power_mw:g} mW"
     return give(arguments.a, arguments.b, done, classical_mw=power_mw)

@@ -10,19 +10,16 @@ from qmn.running.tables import hosts_table, switch_table
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser("devices", description=__doc__)
     parser.add_argument("--json", action="store_true", help="print everything, for programs")
     parser.set_defaults(call=call, needs=Needs.RUNNING)
 
 
 def call(arguments: argparse.Namespace) -> int:
-    """Ask and print."""
     return answered(lambda: show(ask("devices"), arguments.json))
 
 
 def show(devices: list[dict[str, Any]], as_json: bool) -> None:
-    """Print devices as JSON or as tables."""
     if as_json:
         print(json.dumps(devices, indent=2))
         return

@@ -15,7 +15,6 @@ STATUS_OF_FAILURE = 1
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser("doctor", description=__doc__)
     parser.add_argument("--json", action="store_true", help="print findings for programs")
     parser.set_defaults(call=call)
@@ -32,7 +31,6 @@ def call(arguments: argparse.Namespace) -> int:
 
 
 def show(findings: Iterable[Finding]) -> None:
-    """Print a line for each finding, and one for what to do."""
     console = Console(highlight=False, markup=False)
     for finding in findings:
         console.print(f"{finding.state:<10}", style=STYLES[finding.state], end="")

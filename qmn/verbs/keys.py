@@ -14,14 +14,12 @@ APPLICATIONS = ("application", "with", "by way of")
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser("keys", description=__doc__)
     parser.add_argument("--json", action="store_true", help="as ETSI GS QKD 015 names it")
     parser.set_defaults(call=call, needs=Needs.RUNNING)
 
 
 def call(arguments: argparse.Namespace) -> int:
-    """Ask and print."""
     return answered(lambda: ask_and_show(arguments.json))
 
 

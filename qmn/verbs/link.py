@@ -25,7 +25,6 @@ INTERFACES = Path("/sys/class/net")
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser("link", description=__doc__)
     parser.add_argument("a", metavar="NODE", help="one end of the links, as alice")
     parser.add_argument("b", metavar="NODE", help="their other end, as q1")

@@ -9,12 +9,10 @@ from qmn.running.light_paths import ask_and_show
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser("paths", description=__doc__)
     parser.add_argument("--json", action="store_true", help="print everything, for programs")
     parser.set_defaults(call=call, needs=Needs.RUNNING)
 
 
 def call(arguments: argparse.Namespace) -> int:
-    """Ask and print."""
     return answered(lambda: ask_and_show(arguments.json))

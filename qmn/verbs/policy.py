@@ -8,7 +8,6 @@ from qmn.running.controller_console import answered, ask
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser("policy", description=__doc__)
     parser.add_argument(
         "what", metavar="reload", choices=["reload"], help="overrides become those of the file"
@@ -17,5 +16,4 @@ def add_parser(verbs: Any) -> None:
 
 
 def call(_arguments: argparse.Namespace) -> int:
-    """Ask, and say what is in force."""
     return answered(lambda: print(f"in force: {ask('reload-policy')['policy']}"))

@@ -28,13 +28,11 @@ class Comparison:
     """A log that is compared, line by line, with one that was written before."""
 
     def __init__(self, recorded: TextIO) -> None:
-        """Compare with this log."""
         self._recorded = recorded
         self.lines = 0
         self.difference = ""
 
     def write(self, text: str) -> int:
-        """Compare what a log is given to write, whole lines."""
         for line in text.splitlines(keepends=True):
             self._compare(self._recorded.readline(), line)
         return len(text)
@@ -43,7 +41,6 @@ class Comparison:
         """Do nothing: nothing is held back."""
 
     def end(self) -> None:
-        """Compare the ends."""
         if rest := self._recorded.readline():
             self._compare(rest, "")
 
@@ -55,7 +52,6 @@ class Comparison:
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser("replay", description=__doc__)
     add_run(parser)
     text = "run the noise models of one's own that the record names, from their files"

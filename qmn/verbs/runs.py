@@ -203,7 +203,6 @@ def goes_on(folder: Path, run: Run) -> bool:
 
 
 def export(arguments: argparse.Namespace) -> None:
-    """Write a run as one file."""
     left_out = exported(find(arguments.runs, arguments.run), arguments.file, arguments.whole)
     for name in left_out:
         print(f"left out: {name}")
@@ -211,6 +210,5 @@ def export(arguments: argparse.Namespace) -> None:
 
 
 def take(arguments: argparse.Namespace) -> None:
-    """Make a run of a file."""
     folder = imported(arguments.file, arguments.runs)
     print(f"{folder}: look at it by `qmn live {folder}` or `qmn report {folder}`")

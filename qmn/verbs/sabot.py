@@ -47,7 +47,6 @@ class CircuitRun:
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser("sabot")
     acts = parser.add_subparsers(metavar="ACT", required=True)
     run = acts.add_parser("run", help="run a circuit", description=__doc__, epilog=LIMITS)
@@ -110,7 +109,6 @@ def show(circuit: Circuit, counts: list[tuple[str, int]], asked: CircuitRun) -> 
 
 
 def table(circuit: Circuit, counts: list[tuple[str, int]], shots: int) -> Table:
-    """Return counts with a column for each register."""
     table = Table(box=None, padding=(0, 2, 0, 0))
     for register in circuit.registers:
         table.add_column(register.name, no_wrap=True)

@@ -18,7 +18,6 @@ MODULE = "qmn.scripting.script"
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser("script", description=__doc__)
     add_options(parser, LiveOptions)
     parser.add_argument("file", type=Path, metavar="FILE", help="the script")

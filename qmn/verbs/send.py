@@ -15,7 +15,6 @@ from wire.parameters.checks import remedy
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser("send", description=__doc__)
     parser.add_argument("sender", metavar="HOST", help="that sends, as alice")
     parser.add_argument("receiver", metavar="HOST", help="that receives, as bob")

@@ -11,7 +11,6 @@ DEFAULT = "default"
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser("set", description=__doc__)
     parser.add_argument("device", metavar="HOST", help="alice, bob, ...")
     names = [name.replace("_", "-") for name in RANGES]
@@ -23,12 +22,10 @@ def add_parser(verbs: Any) -> None:
 
 
 def call(arguments: argparse.Namespace) -> int:
-    """Ask, and say what is in force."""
     return answered(lambda: change(arguments.device, arguments.setting, arguments.value))
 
 
 def change(device: str, setting: str, value: str) -> None:
-    """Override one setting."""
     name = setting.replace("-", "_")
     try:
         number = None if value == DEFAULT else _number(name, value)

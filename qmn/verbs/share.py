@@ -15,7 +15,6 @@ from qmn.run_archive.shared_copy import CannotShare, share
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser("share", description=__doc__)
     add_run(parser)
     parser.add_argument("copy", type=Path, metavar="COPY", help="a folder that does not exist yet")

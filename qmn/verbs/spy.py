@@ -184,5 +184,4 @@ class Spy:
             self._count += 1
 
     def summary(self) -> str:
-        """Return what to say at the end."""
         return f"qmn: {self._count:,} events shown, {self._dropped:,} dropped"

@@ -8,7 +8,6 @@ from qmn.running.fiber_order import add_nodes, give
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser("tap", description=__doc__)
     add_nodes(parser)
     text = "of the photons that she measures in Z or X and sends on; 0: no eavesdropper"
@@ -17,7 +16,6 @@ def add_parser(verbs: Any) -> None:
 
 
 def call(arguments: argparse.Namespace) -> int:
-    """Change the fraction."""
     fraction = arguments.fraction
     done = f"{fraction:g} of the photons are measured and sent on"
     return give(arguments.a, arguments.b, done, tapped=fraction)

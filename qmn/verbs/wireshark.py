@@ -28,7 +28,6 @@ FILTER = "qmeta || qevent"
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser("wireshark", description=__doc__)
     add_run(parser, "latest", default="latest")
     parser.add_argument(
@@ -87,14 +86,12 @@ def what_is_missing() -> str:
 
 
 def wireshark_command(timeline: Path, dissectors: Path) -> list[str]:
-    """Return the command that shows a timeline, with the interface in a column."""
     columns = ",".join(f'"{name}","{form}"' for name, form in COLUMNS.items())
     options = [*_dissecting(dissectors), "-o", f"gui.column.format:{columns}"]
     return ["wireshark", *options, "-r", str(timeline)]
 
 
 def tshark_command(timeline: Path, dissectors: Path) -> list[str]:
-    """Return the command that shows the quantum part of a timeline in a terminal."""
     return ["tshark", *_dissecting(dissectors), "-r", str(timeline), FILTER]
 
 

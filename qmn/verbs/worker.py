@@ -21,7 +21,6 @@ SCHEMES = ("tcp", "tls")
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser("worker", description=__doc__)
     add = parser.add_argument
     add("scheduler", metavar="tcp://…", help="Dask's scheduler, or tls://… with Dask's settings")

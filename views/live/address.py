@@ -40,7 +40,6 @@ class Place:
     number: int = 0  # of the network in its command, if that leads here
 
     def path(self) -> str:
-        """Return what the page's address ends with, between its slashes."""
         secret = self.secret or secrets.token_urlsafe(16)
         return f"{secret}/{self.number}" if self.number else secret
 

@@ -80,5 +80,4 @@ def begin_page_of_command(say: Say = SAY) -> Program:
 
 
 def address_said(server: Program) -> str:
-    """Return the line in which a server has told its address."""
     return next(line for line in server.said().splitlines() if line.startswith(SAID))

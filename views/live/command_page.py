@@ -131,7 +131,6 @@ def answer_to(pages: Pages, number: int, path: str, over: bool) -> bytes:
 
 
 def said(status: int, kind: str = "text/plain", text: str = "", more: str = "") -> bytes:
-    """Return an answer of HTTP."""
     body = text.encode()
     head = f"HTTP/1.1 {status} -\r\nContent-Type: {kind}\r\nContent-Length: {len(body)}\r\n"
     return f"{head}{HEADERS}{more}\r\n".encode() + body

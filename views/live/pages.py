@@ -42,7 +42,6 @@ class Pages:
 
     @property
     def port(self) -> int:
-        """The port of the command's address."""
         return int((self.folder / PORT).read_text())
 
     @contextmanager
@@ -73,7 +72,6 @@ class Pages:
         return dict(sorted(names.items()))
 
     def socket(self, number: int) -> str:
-        """Return where the page of a network is served, as long as it runs."""
         return str(self.folder / str(number) / SOCKET)
 
     def runs(self, number: int) -> bool:

@@ -123,7 +123,6 @@ class File(Guarded, StaticFileHandler):
     """A file of the page."""
 
     def set_extra_headers(self, _path: str) -> None:
-        """Load it anew with each version of qmn."""
         self.set_header("Cache-Control", "no-store")
 
 
@@ -131,12 +130,10 @@ class Index(File):
     """The page."""
 
     def initialize(self, view: View, path: str, default_filename: str) -> None:  # type: ignore[override]
-        """Know the view."""
         super().initialize(path, default_filename)
         self.view = view
 
     def prepare(self) -> None:
-        """Note that it is being opened."""
         super().prepare()
         self.view.opening_s = time.monotonic()
 
@@ -145,7 +142,6 @@ class Answer(Guarded):
     """An answer about one view."""
 
     def initialize(self, view: View) -> None:
-        """Know the view."""
         self.view = view
 
 
@@ -177,7 +173,6 @@ class Handshake(Answer):
     """The drawing of the newest handshake."""
 
     async def get(self) -> None:
-        """Draw it beside whatever else is served."""
         self.set_header("Content-Type", "text/html; charset=utf-8")
         self.write(await asyncio.to_thread(self.view.handshake))
 

@@ -59,7 +59,6 @@ def timeline_of_run(folder: Path) -> Timeline:
 
 
 def read_acts(folder: Path) -> list[dict[str, Any]]:
-    """Return what was done in a live view of a run."""
     acts = map(fields_of, read_lines(folder / ACTS))
     return [act for act in acts if isinstance(act.get("time_ns"), int)]
 

@@ -35,7 +35,6 @@ class Timeline:
         self._waiting: list[Callable[[], object]] = []
 
     def add(self, what: str, time_ns: int, fields: dict[str, Any]) -> None:
-        """Append a message."""
         self.add_all(what, [(time_ns, fields)])
 
     def add_all(self, what: str, happened: Iterable[tuple[int, dict[str, Any]]]) -> None:
@@ -68,7 +67,6 @@ class Timeline:
         return round((time_ns - self.origin_ns) / 1e9, 9)
 
     def end(self) -> None:
-        """Have nothing come any more."""
         with self._lock:
             self.ended = True
             self._tell()

@@ -90,7 +90,6 @@ def svg(made: Figure, label: str) -> str:
 
 
 def variable(colour: str) -> str:
-    """Return what the page calls a colour."""
     return f"var(--{VARIABLES[colour]})"
 
 

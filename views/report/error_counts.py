@@ -27,7 +27,6 @@ class ErrorCounts:
 
     @property
     def last(self) -> str:
-        """The counts of the end, in words."""
         return ", ".join(f"{label} {values[-1]:,}" for label, values in self.counts.items())
 
 

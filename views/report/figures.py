@@ -33,7 +33,6 @@ QUANTUM = '<span class="quantum">quantum events</span>'
 
 
 def network(run: RunFacts, paths: Sequence[LightPath]) -> str:
-    """Return the drawing of the network."""
     text = "Fibres with length and loss, all in the table below"
     text += ". " if run.network.positions else "; dashed: copper. "
     draw = map_diagram if run.network.positions else network_diagram
@@ -129,7 +128,6 @@ def handshake_figure(run: RunFacts) -> str:
 
 
 def key_figure(job: KeysJob) -> str:
-    """Return the time line of keys."""
     moments = job.moments
     if not moments:
         return missing("Keys over time", "nothing has happened to any.")

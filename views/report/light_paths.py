@@ -33,7 +33,6 @@ class LightPath:
 
     @property
     def loss_db(self) -> float:
-        """Loss from end to end, by what the network was declared to be."""
         return sum(hop.loss_db for hop in self.hops)
 
 

@@ -65,17 +65,14 @@ def _places(filled: Sequence[Sequence[str]], height: float) -> dict[str, Place]:
 
 
 def lit(paths: Sequence[LightPath]) -> set[str]:
-    """Return the names of the fibres that light took."""
     return {hop.name for path in paths for hop in path.hops}
 
 
 def used(fibers: Sequence[Fiber], names: Collection[str]) -> bool:
-    """Return whether one of the fibres has one of these names."""
     return any(fiber_name(fiber) in names for fiber in fibers)
 
 
 def described(fibers: Sequence[Fiber]) -> str:
-    """Return length and loss of fibres beside each other, those that are alike in one line."""
     counts = Counter(f"{fiber.length_km:g} km, {fiber.loss_db:.3g} dB" for fiber in fibers)
     return "\n".join(f"{n} × {text}" if n > 1 else text for text, n in counts.items())  # noqa: RUF001
 

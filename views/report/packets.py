@@ -65,7 +65,6 @@ def flights(folder: Path, network: NetworkFacts, limit: int, since_ns: int = 0) 
 
 
 def messages(file: Path) -> Iterator[tuple[int, Flow, int, Message]]:
-    """Yield time, direction, sequence number and message of all whole metadata messages."""
     for time_ns, flow, sequence, data in framed(file, METADATA_PORT, message_length):
         try:
             yield time_ns, flow, sequence, decode(data)

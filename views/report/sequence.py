@@ -45,7 +45,6 @@ class Step:
 
     @property
     def moments(self) -> int:
-        """How many times on the clock it has."""
         return 2 if self.arrival_ns is not None else 1
 
 
@@ -63,7 +62,6 @@ def together(steps: Iterable[Step]) -> list[Step]:
 
 
 def _kind(step: Step) -> str:
-    """Return what the texts of steps that can be one have in common."""
     if step.layer == QUANTUM and not step.to_lane and "→" in step.text:
         return "".join(f"{word} " for word in step.text.split()[:2])  # as q1 open
     return step.text
@@ -108,12 +106,10 @@ def lanes(steps: Iterable[Step], network: NetworkFacts) -> list[str]:
 
 
 def switches_lane(network: NetworkFacts) -> str:
-    """Return the name of the lane of all quantum switches."""
     return _lane_of([switch.name for switch in network.switches])
 
 
 def copper_lane(network: NetworkFacts) -> str:
-    """Return the name of the lane of all switches of copper."""
     return _lane_of(network.copper_switches)
 
 

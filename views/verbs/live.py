@@ -41,7 +41,6 @@ class LiveOptions:
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser("live", description=__doc__)
     add_run(parser, "default: the network that runs")
     add_options(parser, LiveOptions)

@@ -9,7 +9,6 @@ from views.report.report_file import NoReport, made_report
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser("report", description=__doc__)
     add_run(parser)
     parser.set_defaults(call=call)
