@@ -99,21 +99,22 @@ class DetectorPair:
             missed = random.happens("mismatch", self._like.efficiency_mismatch)
             own &= ~(missed & (bits == 1))
         light = [own & (bits == value) for value in (0, 1)]
-        if further is not None:
-            self._add_further(light, further, random)
         if extras is not None:
             self._add(light, extras, random)
+        met = None if further is None else self._meeting(further, random)
+        clicks = _with_further(light, met)
         outside = 0
         if moved:
-            found = [
+            before = _count(clicks)
+            light = [
                 self._in_gates(mask, late_ps, train, random.at(f"timing {which}"))
                 for which, mask in enumerate(light)
             ]
-            before, after = (
-                sum(int(np.count_nonzero(mask)) for mask in masks) for masks in (light, found)
-            )
-            light, outside = found, before - after
-        return replace(self._watch(light, own, train, random), outside=outside)
+            if met is not None:
+                met = self._further_in_gates(met, late_ps, train, bits.size, random)
+            clicks = _with_further(light, met)
+            outside = before - _count(clicks)
+        return replace(self._watch(clicks, own, train, random), outside=outside)
 
     def _in_gates(
         self,
@@ -126,14 +127,38 @@ class DetectorPair:
         half_ps, interval_ps = self._like.gate_s * 5e11, train.interval_ns * 1e3
         stays_ps = min(half_ps, interval_ps / 2) if interval_ps else half_ps
         slots, moved_ps = self._far(clicks, late_ps, stays_ps, random)
-        steps = np.rint(moved_ps / interval_ps) if interval_ps else np.zeros(slots.size)
-        off_ps = np.abs(moved_ps - steps * interval_ps)
-        places = slots + steps.astype(np.int64)
-        kept = (off_ps <= half_ps) & (places >= 0) & (places < clicks.size)
+        places, kept = self._gates_of(slots, moved_ps, train, clicks.size)
         found = clicks.copy()
         found[slots] = False
         found[places[kept]] = True
         return found
+
+    def _further_in_gates(
+        self,
+        met: Told,
+        late_ps: NDArray[np.float64] | None,
+        train: Train,
+        slots: int,
+        random: PhotonRandom,
+    ) -> Told:
+        """Return in which slots further photons are counted: each has a jitter of its own."""
+        normal = random.generator("timing of further").standard_normal(met.pulses.size)
+        moved_ps = normal * self._like.jitter_ps
+        if late_ps is not None:
+            moved_ps += late_ps[met.pulses]
+        places, kept = self._gates_of(met.pulses, moved_ps, train, slots)
+        return Told(places[kept], met.bits[kept])
+
+    def _gates_of(
+        self, slots: NDArray[np.int64], moved_ps: NDArray[np.float64], train: Train, count: int
+    ) -> tuple[NDArray[np.int64], Mask]:
+        """Return the slots next to which clicks come, and which of them come in a gate there."""
+        interval_ps = train.interval_ns * 1e3
+        steps = np.rint(moved_ps / interval_ps) if interval_ps else np.zeros(slots.size)
+        off_ps = np.abs(moved_ps - steps * interval_ps)
+        places = slots + steps.astype(np.int64)
+        in_gate = off_ps <= self._like.gate_s * 5e11
+        return places, in_gate & (places >= 0) & (places < count)
 
     def _far(
         self,
@@ -157,12 +182,11 @@ class DetectorPair:
         slots, moved_ps = slots[there], off[there] * jitter_ps
         return slots, moved_ps if late_ps is None else moved_ps + late_ps[slots]
 
-    def _add_further(self, light: list[Mask], further: Told, random: PhotonRandom) -> None:
-        """Draw the clicks of further photons, each in the detector of its bit."""
+    def _meeting(self, further: Told, random: PhotonRandom) -> Told:
+        """Draw which further photons make the detector of their bit click."""
         drawn = random.generator("efficiency of further").random(further.bits.size)
         met = drawn < self._efficiencies[further.bits]
-        for value in (0, 1):
-            light[value][further.pulses[met & (further.bits == value)]] = True
+        return Told(further.pulses[met], further.bits[met])
 
     def _add(self, light: list[Mask], extras: Bits, random: PhotonRandom) -> None:
         """Draw the clicks of photons that are noise, each in either detector."""
@@ -205,6 +229,20 @@ class DetectorPair:
             dead=sum(clicks.dead for clicks in watched),
             double=both.size,
         )
+
+
+def _with_further(light: list[Mask], met: Told | None) -> list[Mask]:
+    """Return the clicks of further photons beside others, each in the detector of its bit."""
+    if met is None:
+        return light
+    clicks = [mask.copy() for mask in light]
+    for value in (0, 1):
+        clicks[value][met.pulses[met.bits == value]] = True
+    return clicks
+
+
+def _count(clicks: list[Mask]) -> int:
+    return sum(int(np.count_nonzero(mask)) for mask in clicks)
 
 
 def hide(bits: Bits, hidden: Mask) -> Bits:

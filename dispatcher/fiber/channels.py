@@ -44,24 +44,33 @@ class Traffic:
             self.passing.popleft()
         self.passing.append(Passing(schedule, share))
 
-    def photons(self, times_ns: NDArray[np.int64], window_ns: float) -> NDArray[np.float64]:
-        """Return how many of its photons leave within a window about each time, on average."""
+    def photons(
+        self,
+        times_ns: NDArray[np.int64],
+        window_ns: float,
+        rests_ps: NDArray[np.float64] | float = 0.0,
+    ) -> NDArray[np.float64]:
+        """Return how many of its photons leave within a window about each time, on average.
+
+        Times are those of `times_ns`, and `rests_ps` later.
+        """
         mean = np.zeros(times_ns.size)
         for schedule, share in self.passing:
             if schedule.first_ns - window_ns > times_ns[-1]:
                 continue
             if schedule.last_ns + window_ns < times_ns[0]:
                 continue
-            mean += share * _within(schedule, times_ns, window_ns)
+            later_ns = np.asarray(rests_ps - schedule.rest_ps, np.float64) / 1e3
+            since_ns = times_ns - schedule.first_ns + later_ns
+            mean += share * _within(schedule, since_ns, window_ns)
         return mean
 
 
 def _within(
-    schedule: Schedule, times_ns: NDArray[np.int64], window_ns: float
+    schedule: Schedule, since_ns: NDArray[np.float64], window_ns: float
 ) -> NDArray[np.float64]:
     """Return how many pulses of a schedule are less than half a window from each time."""
-    interval_ns = max(schedule.interval_ns, 1.0)
-    since_ns = times_ns - schedule.first_ns
+    interval_ns = max(schedule.interval_ns, 1e-3)
     first = np.ceil((since_ns - window_ns / 2) / interval_ns)
     behind = np.ceil((since_ns + window_ns / 2) / interval_ns)  # the first that is not within
     inside: NDArray[np.float64] = np.clip(behind, 0, schedule.photons)
@@ -96,7 +105,9 @@ class ChannelCrosstalk:
         lit = [self._strand[each] for each in self._neighbours if self._lit(each)]
         if not lit:
             return Effect(lost=lost, transmission=stays)
-        stray = [traffic.photons(passage.times_ns, self._window_ns) for traffic in lit]
+        schedule, window_ns = passage.schedule, self._window_ns
+        rests_ps = schedule.pattern.rests_ps + schedule.rest_ps
+        stray = [traffic.photons(schedule.times_ns, window_ns, rests_ps) for traffic in lit]
         means = np.sum(stray, axis=0) * self._share
         if not (most := float(np.max(means, initial=0.0))):
             return Effect(lost=lost, transmission=stays)

@@ -6,7 +6,7 @@ dispatcher/fiber/fluctuations.py. A model of your own has the form of NoiseModel
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, Protocol
 
@@ -36,6 +36,12 @@ class Pattern:
     def of(self, photons: NDArray[np.int64]) -> NDArray[np.int64]:
         """How long after the first these photons come."""
         return (self.pulses_of(photons) * self.interval_ns).astype(np.int64)
+
+    @property
+    def rests_ps(self) -> NDArray[np.float64]:
+        """How much later each photon comes than `offsets_ns` has it, shape (k,)."""
+        exact_ns = self.pulses_of(np.arange(self.photons)) * self.interval_ns
+        return np.asarray((exact_ns - self.offsets_ns) * 1e3)
 
     def pulses_of(self, photons: NDArray[np.int64]) -> NDArray[np.int64]:
         return photons
@@ -78,6 +84,7 @@ class Schedule:
 
     first_ns: int
     pattern: Pattern
+    rest_ps: float = 0.0  # by which all photons come later than `times_ns` has them
 
     def __len__(self) -> int:
         return self.pattern.photons
@@ -143,12 +150,12 @@ class Passage(PhotonRandom):
         return self.schedule.times_ns
 
     def beside(self, photons: int) -> "Passage":
-        schedule = Schedule(self.schedule.first_ns, Pattern(self.schedule.interval_ns, photons))
+        schedule = replace(self.schedule, pattern=Pattern(self.schedule.interval_ns, photons))
         place, width = f"{self._place} beside", self.width_rad_per_s
         return Passage(self._draws, self._block, place, schedule, self.history, width)
 
     def of_all(self, pattern: PatternOfAll) -> "Passage":
-        schedule, width = Schedule(self.schedule.first_ns, pattern), self.width_rad_per_s
+        schedule, width = replace(self.schedule, pattern=pattern), self.width_rad_per_s
         return Passage(self._draws, self._block, self._place, schedule, self.history, width)
 
 

@@ -51,7 +51,8 @@ class Departure:
 
     def after(self, delay_ps: float) -> Schedule:
         """Return when the photons are where they come to after a delay."""
-        return Schedule(self.start_ns + nanoseconds(delay_ps), self.pattern)
+        whole_ns = nanoseconds(delay_ps)
+        return Schedule(self.start_ns + whole_ns, self.pattern, delay_ps - whole_ns * 1e3)
 
 
 @dataclass

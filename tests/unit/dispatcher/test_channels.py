@@ -177,6 +177,17 @@ def test_light_of_another_colour_does_not_get_in() -> None:
     scene(act)
 
 
+def test_a_window_of_picoseconds_has_the_photons_that_come_within_it() -> None:
+    """Of two channels one is .4 ns late: a window of .6 ns has none of it, one of 1 ns has all."""
+    pattern = Pattern(2.5, 100)  # half a nanosecond between times that are rounded to whole ones
+    traffic = Traffic()
+    traffic.add(Schedule(7, pattern, 400.0), 1.0)
+    own = Schedule(7, pattern)
+    for window_ns, expected in ((0.6, 0), (1.0, 1)):
+        found = traffic.photons(own.times_ns, window_ns, pattern.rests_ps)
+        assert found.tolist() == [expected] * 100
+
+
 def test_photons_in_windows_are_those_that_an_enumeration_finds() -> None:
     random = np.random.default_rng(5)
     for _ in range(200):

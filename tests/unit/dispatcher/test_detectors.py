@@ -1,6 +1,7 @@
 """Detectors against closed forms, within 5 standard errors; the seed is 1."""
 
 from dataclasses import replace
+from math import erf, sqrt
 from typing import Any
 
 import numpy as np
@@ -195,6 +196,18 @@ def test_one_detector_sees_less_than_the_other(mismatch: float) -> None:
     for bit, likely in ((0, efficiency), (1, efficiency * (1 - mismatch))):
         own = bit == BITS
         assert within(int(np.count_nonzero(seen & own)), int(np.count_nonzero(own)), likely)
+
+
+def test_photons_of_a_pulse_have_each_a_jitter_of_its_own() -> None:
+    """Each is in the gate with p = erf(half / (sqrt(2) sigma)): both are not with (1 - p)^2."""
+    jitter_ps, gate_s = 1e3, 1e-9
+    train = Train(START_NS, 1e6, COUNT)  # so far apart that none is on another slot
+    like = Detectors(jitter_ps=jitter_ps, gate_s=gate_s)
+    zeros = np.zeros(COUNT, np.uint8)
+    further = Told(np.arange(COUNT), zeros)
+    found = DetectorPair(like).detect(zeros, None, train, random(), further, timed=True)
+    in_gate = erf(gate_s * 5e11 / (sqrt(2) * jitter_ps))
+    assert within(int((found.bits == 0).sum()), COUNT, 1 - (1 - in_gate) ** 2)
 
 
 def test_so_it_is_with_photons_that_have_no_state_and_with_further_ones() -> None:
