@@ -13,7 +13,8 @@ from hashlib import blake2b
 from typing import Any
 
 from hosts.hardware.ports import read_ports
-from hosts.hardware.qnic import HardwareError, Qnic, release
+from hosts.hardware.qnic import Qnic, release
+from hosts.hardware.replies import HardwareError
 from hosts.middleware.device import Device
 from hosts.middleware.qkd.keyring import Keyring, PairSecrets
 from hosts.middleware.services import KINDS, NAMES
@@ -97,7 +98,7 @@ class Stack:
     def _cut_off(self, cutoff_us: int | None) -> None:
         """Have the memory drop what is older, by its own default if none is set."""
         cutoff_s = self._config.cutoff_s if cutoff_us is None else cutoff_us / 1e6
-        self._qnic.set_cutoff(cutoff_s)
+        self._qnic.cutoff_s = cutoff_s
         lifetimes = self._resources.lifetimes._replace(cutoff_s=cutoff_s)
         self._resources = replace(self._resources, lifetimes=lifetimes)
 

@@ -14,7 +14,7 @@ from evidence.curves.link import configuration, fiber
 from evidence.curves.parameters import Parameter, Values
 from evidence.curves.teleportation import BASES, fidelity_of
 from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import Stored
+from hosts.hardware.replies import Stored
 from hosts.middleware.services.distribution.purification import PHOTONS, Protocol, purify
 from hosts.middleware.session.protocol import Do, Steps
 from wire.dispatcher_pb2 import Gate, MeasureRequest

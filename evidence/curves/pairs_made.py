@@ -23,7 +23,7 @@ from evidence.curves.link import configuration, fiber
 from evidence.curves.nested import Node
 from evidence.curves.parameters import Parameter, Values
 from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import Outcomes, Stored
+from hosts.hardware.replies import Outcomes, Stored
 from hosts.middleware.services.distribution.options import DistributeOptions
 from hosts.middleware.services.distribution.pairs import Pairs
 from hosts.middleware.services.distribution.protocol import Opening, follow

@@ -1,10 +1,8 @@
 """The QNIC that a host's configuration names: the simulated one, or a class of the user's own.
 
-Such a class is made with what SimulatedQnic takes (the dispatcher's address, the host's token, the
-names of its fibres' interfaces) and keywords of its own, and has every method of Qnic, and close.
+Such a class is a subclass of Qnic. It is made with what SimulatedQnic takes (the dispatcher's
+address, the host's token, the names of its fibres' interfaces) and keywords of its own.
 """
-
-from typing import Protocol, cast
 
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.simulated import SimulatedQnic
@@ -12,14 +10,7 @@ from programs.custom_class import load_class
 from wire.config import BadConfig, HostConfig
 
 
-class ClosableQnic(Qnic, Protocol):
-    """A QNIC as the program of a host needs it."""
-
-    async def close(self) -> None:
-        """Close the hardware."""
-
-
-def chosen_qnic(config: HostConfig) -> ClosableQnic:
+def chosen_qnic(config: HostConfig) -> Qnic:
     """Return the hardware of a host; raise BadConfig for a class that cannot be it."""
     made_with = config.dispatcher, config.token, config.qnics
     if not config.qnic:
@@ -27,18 +18,25 @@ def chosen_qnic(config: HostConfig) -> ClosableQnic:
             raise BadConfig("qnic_parameters are given without qnic; name the class, too")
         return with_credentials(SimulatedQnic(*made_with), config)
     kind = load_class("qnic", config.qnic)
-    needed = {each for each in vars(Qnic) if not each.startswith("_")} | {"close"}
-    if missing := sorted(each for each in needed if not hasattr(kind, each)):
-        text = f"qnic {config.qnic}: {kind.__name__} has no {', '.join(missing)}"
-        raise BadConfig(f"{text}; see hosts/hardware/qnic.py")
+    if problem := _problem(kind):
+        raise BadConfig(f"qnic {config.qnic}: {kind.__name__} {problem}")
     try:
-        made = cast(ClosableQnic, kind(*made_with, **config.qnic_parameters))
+        made: Qnic = kind(*made_with, **config.qnic_parameters)
     except (TypeError, ValueError) as error:
         raise BadConfig(f"qnic {config.qnic} with {config.qnic_parameters}: {error}") from error
     return with_credentials(made, config)
 
 
-def with_credentials(qnic: ClosableQnic, config: HostConfig) -> ClosableQnic:
+def _problem(kind: type) -> str:
+    """Return why a class cannot be a QNIC; empty if it can."""
+    if not issubclass(kind, Qnic):
+        return "is not a subclass of Qnic; derive it from hosts.hardware.qnic.Qnic"
+    missing = ", ".join(sorted(kind.__abstractmethods__))
+    return f"has no {missing}; see hosts/hardware/primitives.py" if missing else ""
+
+
+def with_credentials(qnic: Qnic, config: HostConfig) -> Qnic:
+    """Let a QNIC that asks the dispatcher do so by TLS, if hosts do."""
     if isinstance(qnic, SimulatedQnic):
         qnic.credentials = config.credentials
     return qnic

@@ -8,15 +8,11 @@ from typing import NamedTuple
 
 import grpc
 
-from hosts.hardware.qnic import HardwareError, NoLight
+from hosts.hardware.replies import HardwareError, NoLight, NotHere
 from hosts.timeouts import DISPATCHER_TIMEOUT_S
 from wire.dispatcher_pb2 import BlockId, ChallengeRequest, Feedback, Order, Outcome, Step
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.dispatcher_service import proving
-
-
-class NotHere(HardwareError):
-    """A block is not at this host."""
 
 
 class Waiting(NamedTuple):

@@ -1,28 +1,137 @@
-"""Operations on single qubits as steps of the dispatcher's orders."""
+"""Steps of the dispatcher's orders: blocks by name, and arrays in the fewest bytes."""
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
-from hosts.hardware.operations import Kind, Operation
-from hosts.hardware.requests import block_id
+import numpy as np
+from numpy.typing import NDArray
+
+from hosts.hardware.operations import BlockName, Kind, Operation
+from hosts.hardware.replies import Symbols
+from wire import dibits
 from wire.dispatcher_pb2 import (
     ApplyRequest,
+    BellMeasureRequest,
+    BlockId,
     CreateRequest,
     DiscardRequest,
     Gate,
     GatherRequest,
+    Launch,
     MeasureRequest,
     Pick,
+    ReceiveRequest,
     ResendRequest,
+    SendRequest,
     Step,
     StoreRequest,
 )
+from wire.optical import frequency_mhz
 from wire.outcomes import Pauli
 
 GATES = frozenset(kind for kind in Kind if kind.value in Gate.Name.DESCRIPTOR.values_by_name)
 PAULIS = {Kind.X: Pauli.X, Kind.Z: Pauli.Z, Kind.Y: Pauli.XZ}
 MAX_GATES = 256  # in one step
 IN_Z = bytes([MeasureRequest.Z])
+
+
+def block_id(block: BlockName) -> BlockId:
+    """Return a block's name as messages have it."""
+    return BlockId(session=block.session, number=block.number, half=block.half)
+
+
+def halves(session: int, number: int) -> tuple[BlockName, BlockName]:
+    """Return the names of both halves of a block of pairs."""
+    return BlockName(session, number, 0), BlockName(session, number, 1)
+
+
+def prepare(name: BlockName, states: Symbols, levels: Symbols | None) -> Step:
+    """Return the step that makes a photon in each state."""
+    create = CreateRequest(session=name.session, number=name.number, count=states.size)
+    create.state = CreateRequest.PREPARED
+    if states.max(initial=0) > dibits.LARGEST:
+        create.states = states.tobytes()
+    else:
+        create.state_dibits = dibits.pack(states, "little")
+    create.levels = b"" if levels is None else levels.tobytes()
+    return Step(create=create)
+
+
+def emission(
+    session: int,
+    number: int,
+    count: int,
+    ports: tuple[str, str],
+    rate_hz: int,
+    wavelength_pm: int,
+) -> tuple[Step, Step]:
+    """Return the steps that make pairs and send their halves into two ports."""
+    create = CreateRequest(session=session, number=number, count=count)
+    light = dict(zip(halves(session, number), ports, strict=True))
+    return Step(create=create), send(light, rate_hz, wavelength_pm)
+
+
+def send(light: dict[BlockName, str], rate_hz: int, wavelength_pm: int) -> Step:
+    """Return the step that sends blocks, each into a port."""
+    launches = [Launch(block=block_id(block), port=port) for block, port in light.items()]
+    frequency = frequency_mhz(wavelength_pm)
+    return Step(send=SendRequest(launches=launches, rate_hz=rate_hz, frequency_mhz=frequency))
+
+
+def receive(block: BlockName, port: str, timeout_s: float) -> Step:
+    """Return the step that waits for a block at a port."""
+    return Step(receive=ReceiveRequest(block=block_id(block), port=port, timeout_s=timeout_s))
+
+
+def detection(
+    blocks: Sequence[BlockName], ports: tuple[str, str], timeout_s: float
+) -> tuple[Step, ...]:
+    """Return the steps that receive two blocks and make Bell measurements on their pairs."""
+    light = zip(blocks, ports, strict=True)
+    return *(receive(block, port, timeout_s) for block, port in light), bell_measure(*blocks)
+
+
+def bell_measure(first: BlockName, second: BlockName) -> Step:
+    """Return the step that makes Bell measurements; its feedback has four to a byte."""
+    request = BellMeasureRequest(first=block_id(first), second=block_id(second), packed=True)
+    return Step(bell_measure=request)
+
+
+def measure(block: BlockName, bases: Symbols) -> Step:
+    """Return the step that measures in these bases; its feedback has eight to a byte."""
+    request = MeasureRequest(block=block_id(block), packed=True)
+    if bases.max(initial=0) > MeasureRequest.X:
+        request.bases = bases.tobytes()
+    else:
+        request.basis_bits = np.packbits(bases).tobytes()
+    return Step(measure=request)
+
+
+def apply(block: BlockName, paulis: Symbols | None = None, *gates: Gate) -> Step:
+    """Return the step that applies a Pauli operator to each photon, then gates to all."""
+    packed = b"" if paulis is None else dibits.pack(paulis, "little")
+    return Step(apply=ApplyRequest(block=block_id(block), dibits=packed, gates=gates))
+
+
+def gather(into: BlockName, picks: Iterable[Pick], keep_rest: bool) -> Step:
+    """Return the step that makes a block of photons of others."""
+    request = GatherRequest(into=block_id(into), picks=picks, keep_rest=keep_rest)
+    return Step(gather=request)
+
+
+def pick(block: BlockName, photons: NDArray[np.integer]) -> Pick:
+    """Return photons of a block by their positions."""
+    return Pick(block=block_id(block), photons=photons.tolist())
+
+
+def store(block: BlockName, cutoff_s: float | None) -> Step:
+    """Return the step that stores a block; cut-off None: the memory's own, infinity: none."""
+    return Step(store=StoreRequest(block=block_id(block), cutoff_s=cutoff_s))
+
+
+def discard(block: BlockName) -> Step:
+    """Return the step that discards a block."""
+    return Step(discard=DiscardRequest(block=block_id(block)))
 
 
 def steps_of(operations: Iterable[Operation]) -> Iterator[Step]:
@@ -65,13 +174,12 @@ def _step(operation: Operation) -> Step:
             return Step(resend=ResendRequest(block=block, bases=IN_Z))
         case Kind.STORE:
             # What an application has, it keeps, however old.
-            return Step(store=StoreRequest(block=block, cutoff_s=math.inf))
+            return store(name, math.inf)
         case Kind.TAKE:
             assert operation.target is not None
-            pick = Pick(block=block, photons=[operation.position])
-            into = block_id(operation.target)
-            return Step(gather=GatherRequest(into=into, picks=[pick], keep_rest=True))
+            taken = Pick(block=block, photons=[operation.position])
+            return gather(operation.target, [taken], keep_rest=True)
         case Kind.DISCARD:
-            return Step(discard=DiscardRequest(block=block))
+            return discard(name)
         case pauli:
             return Step(apply=ApplyRequest(block=block, paulis=bytes([PAULIS[pauli]])))

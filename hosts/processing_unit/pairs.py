@@ -21,7 +21,8 @@ from math import ceil
 from typing import Any, NamedTuple
 
 from hosts.hardware.operations import BlockName, Kind, Operation
-from hosts.hardware.qnic import HardwareError, Qnic
+from hosts.hardware.qnic import Qnic
+from hosts.hardware.replies import HardwareError
 from hosts.middleware.session.blocks import PAIRS
 from hosts.middleware.session.ends import Answerer
 from hosts.middleware.session.errors import SessionError

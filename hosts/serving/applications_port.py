@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from hosts.hardware.qnic import HardwareError
+from hosts.hardware.replies import HardwareError
 from hosts.middleware.services.interception.interception import Interception
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.session import OpeningSession

@@ -5,7 +5,7 @@ import logging
 from collections.abc import Coroutine
 from typing import Any
 
-from hosts.hardware.qnic import HardwareError
+from hosts.hardware.replies import HardwareError
 from hosts.middleware.session.ends import Answerer, Carrier
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.session import OpeningSession

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from typing import Any
 
-from hosts.hardware.qnic import HardwareError
+from hosts.hardware.replies import HardwareError
 from hosts.middleware.session.ends import Answerer
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.session import OpeningSession

@@ -9,7 +9,7 @@ import asyncio
 from collections.abc import AsyncIterator, Callable, Coroutine
 from typing import Any
 
-from hosts.hardware.qnic import HardwareError
+from hosts.hardware.replies import HardwareError
 from hosts.middleware.services.interception.interception import Interception
 from hosts.middleware.session.errors import SessionError
 from hosts.processing_unit.unit import Connection, ProcessingUnit

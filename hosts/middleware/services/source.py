@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import HardwareError, Qnic
+from hosts.hardware.qnic import Qnic
+from hosts.hardware.replies import HardwareError
 from hosts.middleware.session.errors import SessionError, unexpected
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from hosts.middleware.session.protocol import (
@@ -54,7 +55,7 @@ def make_pairs(
     while (request := (yield HearNext())) is not None:
         try:
             if isinstance(request, Emitted):
-                yield from do(Qnic.pairs_over, setup.session)
+                yield from do(Qnic.finish, setup.session)
                 yield side.agree()
                 continue
             if not isinstance(request, Emit):
@@ -65,7 +66,7 @@ def make_pairs(
                 made(request.pairs)
                 begun += 1
                 if begun % MOST_BEGUN == 0:  # whoever orders more waits
-                    yield from do(Qnic.pairs_over, setup.session)
+                    yield from do(Qnic.finish, setup.session)
                 continue
             if setup.memory == MemoryState.HERALDED:
                 made((yield from _herald(side, request)))

@@ -6,7 +6,7 @@ from collections.abc import Coroutine
 from dataclasses import dataclass, replace
 from typing import Any
 
-from hosts.hardware.qnic import HardwareError, Heralds, Symbols
+from hosts.hardware.replies import HardwareError, Heralds, Symbols
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.offers import at_wavelength

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import Positions, Qnic, Symbols
+from hosts.hardware.qnic import Positions, Qnic
+from hosts.hardware.replies import Symbols
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import Say, Side, Steps, do, hear
 from hosts.timeouts import HERALD_TIMEOUT_S

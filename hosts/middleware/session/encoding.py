@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from hosts.hardware.qnic import Symbols
+from hosts.hardware.replies import Symbols
 from wire.outcomes import NO_COINCIDENCE, Pauli
 
 DISTINGUISHABLE_STATES = {

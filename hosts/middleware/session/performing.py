@@ -11,7 +11,8 @@ from math import inf
 from typing import Any, TypeVar, cast
 
 from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import HardwareError, NoLight, Qnic
+from hosts.hardware.qnic import Qnic
+from hosts.hardware.replies import HardwareError, NoLight
 from hosts.middleware.session import protocol
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import Order, Steps

@@ -40,7 +40,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import Heralds, Qnic, Stored
+from hosts.hardware.qnic import Qnic
+from hosts.hardware.replies import Heralds, Stored
 from hosts.middleware.session.errors import SessionError, unexpected
 from hosts.middleware.session.values import Lifetimes, Numbers, expect, values
 from hosts.timeouts import ANSWER_TIMEOUT_S, GRACE_S, IDLE_TIMEOUT_S, LIGHT_TIMEOUT_S

@@ -5,7 +5,8 @@ from dataclasses import replace
 from math import inf
 from typing import Any, Protocol
 
-from hosts.hardware.qnic import HardwareError, Qnic, release
+from hosts.hardware.qnic import Qnic, release
+from hosts.hardware.replies import HardwareError
 from hosts.middleware.session import node_features
 from hosts.middleware.session.arrangement import Arrangement
 from hosts.middleware.session.channel import MetadataChannel

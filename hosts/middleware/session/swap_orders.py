@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from hosts.hardware.qnic import HardwareError
+from hosts.hardware.replies import HardwareError
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError
 from hosts.timeouts import ORDER_TIMEOUT_S, UNUSED_S

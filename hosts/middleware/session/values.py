@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hosts.hardware.qnic import Heralds, Symbols
+from hosts.hardware.replies import Heralds, Symbols
 from hosts.middleware.session.errors import SAME_VERSION, SessionError
 from wire.metadata.setup import Answer
 from wire.metadata.values import Topic, Values

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from math import inf
 from typing import Any
 
-from hosts.hardware.qnic import HardwareError
+from hosts.hardware.replies import HardwareError
 from hosts.middleware.session import protocol
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.mailbox import Mailbox

@@ -23,7 +23,8 @@ from controller_apps.sessions.actions import SwapsOrdered
 from controller_apps.sessions.chains import orders
 from controller_apps.sessions.sessions import Stop
 from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import Coincidences, Outcomes, Qnic, Stored
+from hosts.hardware.qnic import Qnic
+from hosts.hardware.replies import Coincidences, Outcomes, Stored
 from hosts.middleware.services.distribution.options import DistributeOptions
 from hosts.middleware.services.distribution.pairs import Pairs
 from hosts.middleware.services.distribution.protocol import Opening as Opener

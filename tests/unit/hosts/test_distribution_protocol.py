@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import Outcomes, Stored
+from hosts.hardware.replies import Outcomes, Stored
 from hosts.middleware.services.distribution.options import DistributeOptions
 from hosts.middleware.services.distribution.pairs import Pairs
 from hosts.middleware.services.distribution.protocol import Opening, follow

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hosts.hardware.qnic import Symbols
+from hosts.hardware.replies import Symbols
 from hosts.middleware.services.superdense.alphabet import ALPHABETS, Alphabet
 from hosts.middleware.services.superdense.coding import CODES, Bits, Code
 from hosts.middleware.services.superdense.frame_format import FrameFormat

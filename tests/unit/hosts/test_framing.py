@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from hosts.hardware.qnic import Symbols
+from hosts.hardware.replies import Symbols
 from hosts.middleware.services.superdense.alphabet import ALPHABETS, Alphabet
 from hosts.middleware.services.superdense.coding import CODES, Code
 from hosts.middleware.services.superdense.frame_format import FrameFormat

@@ -17,7 +17,7 @@ from forked_python import Forked
 from stacks_scene import DEADLINE_S, accepted, live_qubits, network, requested
 
 from hosts import network_loop
-from hosts.hardware.qnic import Received
+from hosts.hardware.replies import Received
 from hosts.middleware.qkd.alice import Alice
 from hosts.middleware.qkd.bob import Bob
 from hosts.middleware.qkd.sifting import Record

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import Coincidences, NoLight, Qnic
+from hosts.hardware.qnic import Qnic
+from hosts.hardware.replies import Coincidences, NoLight
 from hosts.middleware.session.performing import Performer
 from hosts.middleware.session.protocol import (
     Await,

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from hosts import network_loop
-from hosts.hardware.choice import ClosableQnic, chosen_qnic
+from hosts.hardware.choice import chosen_qnic
+from hosts.hardware.qnic import Qnic
 from hosts.hardware.simulated import SimulatedQnic
 from wire.config import BadConfig, HostConfig
 
@@ -47,10 +48,10 @@ def own(folder: Path, name: str, text: str = OWN) -> HostConfig:
     return replace(CONFIG, qnic=f"{folder / 'own.py'}:{name}")
 
 
-def made(config: HostConfig) -> ClosableQnic:
+def made(config: HostConfig) -> Qnic:
     """Return the hardware, closed again."""
 
-    async def make() -> ClosableQnic:
+    async def make() -> Qnic:
         qnic = chosen_qnic(config)
         await qnic.close()
         return qnic
@@ -73,10 +74,11 @@ def test_a_class_of_the_users_own_is_made_with_its_keywords(tmp_path: Path) -> N
     [
         ("Bright", OWN, "has no class Bright"),
         ("something", OWN, "has no class something"),
+        ("Empty", OWN, "Empty is not a subclass of Qnic; derive it from"),
         (
-            "Empty",
-            OWN,
-            "Empty has no apply, arrivals, attempt, begin_pairs, bell_measure, close, ",
+            "Dark",
+            "from hosts.hardware.qnic import Qnic\nclass Dark(Qnic): pass",
+            "Dark has no arrivals, begin, close, finish, give_up, look, perform, perform",
         ),
         ("Dimmed", "import nowhere_to_be_found", "cannot be loaded: No module named"),
         ("Dimmed", "class Dimmed(", "cannot be loaded"),

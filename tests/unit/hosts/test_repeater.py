@@ -14,7 +14,8 @@ from controller_apps.sessions.actions import SwapsOrdered
 from controller_apps.sessions.chains import orders
 from controller_apps.sessions.sessions import Stop
 from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import Coincidences, HardwareError, Positions, Stored, Symbols
+from hosts.hardware.qnic import Positions
+from hosts.hardware.replies import Coincidences, HardwareError, Stored, Symbols
 from hosts.middleware.services.swapping.bits import Swapped
 from hosts.middleware.services.swapping.link import IncomingLink, Kept, OutgoingLink, setup_of_link
 from hosts.middleware.services.swapping.repeater import Repeater

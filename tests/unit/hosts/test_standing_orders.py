@@ -12,7 +12,7 @@ from stacks_scene import OWN_ADDRESS, QNICS, arbitrated, live_qubits, network
 
 from hosts import network_loop
 from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import Coincidences, HardwareError
+from hosts.hardware.replies import Coincidences, HardwareError
 from hosts.hardware.simulated import TIMES, SimulatedQnic
 from hosts.middleware.session.channel import MetadataChannel
 from wire.metadata.blocks import Emission, Emitted
@@ -41,7 +41,7 @@ class Hosts:
         half = BlockName(SESSION, number, 0)
         light = RATE_HZ, WAVELENGTH_PM, TIMEOUT_S
         await self.alice.modulate(half, np.roll(PAULIS, number), "alice-q0", *light)
-        await self.charlie.pairs_over(SESSION)
+        await self.charlie.finish(SESSION)
 
     async def detected(self, number: int) -> Coincidences:
         """Return what bob detects of a block, as he does of those behind it."""
@@ -122,12 +122,12 @@ def test_pairs_that_cannot_be_made_are_heard_of_by_who_asks(tmp_path: Path) -> N
             await charlie.begin_pairs(SESSION, 1, 6, PORTS, 0, WAVELENGTH_PM)
             for _ in range(2):
                 with pytest.raises(HardwareError, match="rate_hz is 0"):
-                    await charlie.pairs_over(SESSION)
+                    await charlie.finish(SESSION)
             with pytest.raises(HardwareError, match="rate_hz is 0"):
                 await charlie.begin_pairs(SESSION, 2, 6, PORTS, RATE_HZ, WAVELENGTH_PM)
             await charlie.begin_pairs(SESSION + 1, 1, 6, PORTS, RATE_HZ, WAVELENGTH_PM)
-            await charlie.pairs_over(SESSION + 1)
-            await charlie.pairs_over(SESSION + 2)  # of which nothing was begun
+            await charlie.finish(SESSION + 1)
+            await charlie.finish(SESSION + 2)  # of which nothing was begun
 
     network_loop.run(run())
 

@@ -18,7 +18,7 @@ from test_distribution_protocol import FOREVER, NODE_FEATURES
 from test_superdense_protocol import OUTCOMES
 
 from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import Coincidences, HardwareError, Symbols
+from hosts.hardware.replies import Coincidences, HardwareError, Symbols
 from hosts.middleware.services.superdense.acceptor import Acceptor, accepted
 from hosts.middleware.services.superdense.opener import Opener
 from hosts.middleware.services.superdense.per_pair import HANDSHAKES_AHEAD, LIGHTS_AT_A_TIME

@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 import pytest
 
-from hosts.hardware.qnic import Symbols
+from hosts.hardware.replies import Symbols
 from hosts.middleware.services.superdense.receiver import (
     Collect,
     Discard,

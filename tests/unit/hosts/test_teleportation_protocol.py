@@ -13,7 +13,7 @@ from steps_scene import Flying, Scene
 from test_distribution_protocol import FOREVER, NODE_FEATURES
 
 from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import Outcomes, Stored, Symbols
+from hosts.hardware.replies import Outcomes, Stored, Symbols
 from hosts.middleware.services.teleportation.protocol import STATE_BLOCKS, receive, send
 from hosts.middleware.services.teleportation.qubit_states import NAMES
 from hosts.middleware.session import protocol

@@ -13,7 +13,7 @@ import uvloop
 
 from hosts.hardware import orders
 from hosts.hardware.orders import Orders
-from hosts.hardware.qnic import HardwareError
+from hosts.hardware.replies import HardwareError
 from wire.dispatcher_pb2 import ChallengeReply, ChallengeRequest, Order, Outcome, Step, TellRequest
 from wire.dispatcher_pb2_grpc import (
     DispatcherServicer,

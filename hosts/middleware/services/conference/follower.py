@@ -5,7 +5,8 @@ from uuid import UUID
 
 import numpy as np
 
-from hosts.hardware.qnic import Qnic, Symbols
+from hosts.hardware.qnic import Qnic
+from hosts.hardware.replies import Symbols
 from hosts.middleware.qkd import conference
 from hosts.middleware.qkd.amplification import seed_bits
 from hosts.middleware.qkd.authentication import (

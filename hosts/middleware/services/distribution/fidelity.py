@@ -9,7 +9,7 @@ from math import exp, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from hosts.hardware.qnic import Symbols
+from hosts.hardware.replies import Symbols
 from hosts.middleware.session.values import Lifetimes
 
 DIFFER = 2  # the basis in which the halves of Phi+ give different outcomes

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import Positions, Qnic, Symbols
+from hosts.hardware.qnic import Positions, Qnic
+from hosts.hardware.replies import Symbols
 from hosts.middleware.services.distribution.fidelity import Estimate
 from hosts.middleware.services.distribution.purification import PHOTONS, Protocol, purify
 from hosts.middleware.session.blocks import (

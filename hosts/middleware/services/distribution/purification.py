@@ -13,7 +13,8 @@ from enum import IntEnum
 import numpy as np
 
 from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import LocalGate, Positions, Qnic, Symbols
+from hosts.hardware.qnic import LocalGate, Positions, Qnic
+from hosts.hardware.replies import Symbols
 from hosts.middleware.session.blocks import LOST, TARGETS, THIRDS, reserved, store
 from hosts.middleware.session.protocol import Steps, do
 

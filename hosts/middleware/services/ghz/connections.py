@@ -9,7 +9,8 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import replace
 
-from hosts.hardware.qnic import HardwareError, release
+from hosts.hardware.qnic import release
+from hosts.hardware.replies import HardwareError
 from hosts.middleware.services.ghz.line import (
     Follower,
     Leader,

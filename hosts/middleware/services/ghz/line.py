@@ -24,7 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import Qnic, Symbols
+from hosts.hardware.qnic import Qnic
+from hosts.hardware.replies import Symbols
 from hosts.middleware.services.ghz.options import MOST_HOSTS, GhzOptions
 from hosts.middleware.session.blocks import LOST, Mask, correct_rotation, keep_of_all, store
 from hosts.middleware.session.errors import SessionError

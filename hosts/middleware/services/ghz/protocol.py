@@ -11,7 +11,8 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from hosts.hardware.qnic import Qnic, Symbols
+from hosts.hardware.qnic import Qnic
+from hosts.hardware.replies import Symbols
 from hosts.middleware.services.ghz import line
 from hosts.middleware.services.ghz.line import Table
 from hosts.middleware.services.ghz.witness import Tally, chosen_bases

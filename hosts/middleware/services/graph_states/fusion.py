@@ -15,7 +15,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import Qnic, Symbols
+from hosts.hardware.qnic import Qnic
+from hosts.hardware.replies import Symbols
 from hosts.middleware.services.ghz.line import Right, Table, seen
 from hosts.middleware.services.ghz.witness import X, Y, Z
 from hosts.middleware.services.graph_states.graph import Graph, Half

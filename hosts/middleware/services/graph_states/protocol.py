@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import Symbols
+from hosts.hardware.replies import Symbols
 from hosts.middleware.services.ghz import protocol
 from hosts.middleware.services.ghz.line import Table
 from hosts.middleware.services.graph_states.fusion import Fusion, combined, lit

@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import LEFT_ALONE, Qnic, Symbols
+from hosts.hardware.qnic import LEFT_ALONE, Qnic
+from hosts.hardware.replies import Symbols
 from hosts.middleware.session.protocol import Steps, do
 from wire.outcomes import NO_COINCIDENCE
 

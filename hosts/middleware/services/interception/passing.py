@@ -4,7 +4,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import NoLight, Qnic, Received
+from hosts.hardware.qnic import Qnic
+from hosts.hardware.replies import NoLight, Received
 from hosts.middleware.services.interception.attacks import (
     Attack,
     InterceptResend,

@@ -10,7 +10,7 @@ from functools import partial
 from typing import NamedTuple, Protocol
 from uuid import UUID
 
-from hosts.hardware.qnic import Symbols
+from hosts.hardware.replies import Symbols
 from hosts.middleware.qkd.alice import Alice
 from hosts.middleware.qkd.bob import Bob
 from hosts.middleware.qkd.end import State

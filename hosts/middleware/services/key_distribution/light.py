@@ -5,7 +5,8 @@ from math import ceil
 import numpy as np
 
 from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import Qnic, Symbols
+from hosts.hardware.qnic import Qnic
+from hosts.hardware.replies import Symbols
 from hosts.middleware.qkd.bell_test import BellOutcomes
 from hosts.middleware.qkd.decoy import LEVELS, SHARES
 from hosts.middleware.qkd.sifting import Record

@@ -22,7 +22,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import Qnic, Symbols
+from hosts.hardware.qnic import Qnic
+from hosts.hardware.replies import Symbols
 from hosts.middleware.qkd.decoy import LEVELS, SHARES
 from hosts.middleware.qkd.sifting import Record
 from hosts.middleware.services.key_distribution.acceptor import (

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hosts.hardware.qnic import Qnic, Symbols
+from hosts.hardware.qnic import Qnic
+from hosts.hardware.replies import Symbols
 from hosts.middleware.services.key_distribution.light import (
     measured,
     measuring,

@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 
 from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import Qnic, Symbols
+from hosts.hardware.qnic import Qnic
+from hosts.hardware.replies import Symbols
 from hosts.middleware.services.ghz import line
 from hosts.middleware.services.ghz.line import Table
 from hosts.middleware.services.sensing.fringe import Fringe, in_rad

@@ -6,7 +6,8 @@ What symbols and reports are made of outcomes is decided in receiver.py. No sock
 
 import numpy as np
 
-from hosts.hardware.qnic import Coincidences, HardwareError, Qnic, Symbols
+from hosts.hardware.qnic import Qnic
+from hosts.hardware.replies import Coincidences, HardwareError, Symbols
 from hosts.middleware.services.superdense.options import arrival_ports
 from hosts.middleware.services.superdense.receiver import (
     Collect,

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from hosts.hardware.qnic import Symbols
+from hosts.hardware.replies import Symbols
 from hosts.middleware.services.superdense.coding import Bits, Mask
 from wire.outcomes import NO_COINCIDENCE
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hosts.hardware.qnic import Symbols
+from hosts.hardware.replies import Symbols
 from hosts.middleware.services.superdense.alphabet import ALPHABETS, Alphabet
 from hosts.middleware.services.superdense.coding import CODES, NAMES, Code, deinterleave, interleave
 from hosts.middleware.session.errors import SessionError

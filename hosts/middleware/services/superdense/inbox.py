@@ -6,7 +6,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from hosts.hardware.qnic import Symbols
+from hosts.hardware.replies import Symbols
 from hosts.middleware.services.superdense.frame_format import FrameFormat
 from hosts.middleware.services.superdense.framing import (
     BLOCKS_UNDER_WAY,

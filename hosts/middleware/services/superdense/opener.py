@@ -22,7 +22,8 @@ from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
 
-from hosts.hardware.qnic import Qnic, Symbols
+from hosts.hardware.qnic import Qnic
+from hosts.hardware.replies import Symbols
 from hosts.middleware.services.superdense.framing import BLOCKS_UNDER_WAY
 from hosts.middleware.services.superdense.options import sent_half
 from hosts.middleware.services.superdense.per_pair import PerPair

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from operator import contains
 
-from hosts.hardware.qnic import Symbols
+from hosts.hardware.replies import Symbols
 from hosts.middleware.services.superdense.sender import Sender, Singles
 from hosts.middleware.session.encoding import to_paulis
 from hosts.middleware.session.protocol import Beside, Join, Leave, Steps, Until

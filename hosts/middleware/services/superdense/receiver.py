@@ -16,7 +16,7 @@ from hashlib import sha256
 
 import numpy as np
 
-from hosts.hardware.qnic import Symbols
+from hosts.hardware.replies import Symbols
 from hosts.middleware.services.superdense.alphabet import ALPHABETS
 from hosts.middleware.services.superdense.frame_format import FrameFormat, agreed_format
 from hosts.middleware.services.superdense.framing import FramingError

@@ -18,7 +18,7 @@ from collections import deque
 from dataclasses import dataclass, replace
 from hashlib import sha256
 
-from hosts.hardware.qnic import Symbols
+from hosts.hardware.replies import Symbols
 from hosts.middleware.services.superdense.frame_format import agreed_format
 from hosts.middleware.services.superdense.framing import BLOCKS_UNDER_WAY, FramingError
 from hosts.middleware.services.superdense.outbox import Outbox, OutgoingBlock

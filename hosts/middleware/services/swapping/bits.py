@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hosts.hardware.qnic import Symbols
+from hosts.hardware.replies import Symbols
 
 MAX_OPERATOR = 3  # a Pauli operator is two bits: X, Z
 

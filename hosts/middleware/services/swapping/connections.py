@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from hosts.hardware.qnic import HardwareError, Qnic, release
+from hosts.hardware.qnic import Qnic, release
+from hosts.hardware.replies import HardwareError
 from hosts.middleware.services.swapping.link import (
     IncomingLink,
     OutgoingLink,

@@ -11,7 +11,8 @@ it on. So nothing needs an address: who tells whom follows from the order of swa
 import numpy as np
 
 from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import Qnic, Symbols
+from hosts.hardware.qnic import Qnic
+from hosts.hardware.replies import Symbols
 from hosts.middleware.services.distribution.purification import PHOTONS, Protocol, purify
 from hosts.middleware.services.swapping.bits import Bits
 from hosts.middleware.session.blocks import LOST, Mask, keep, keep_of_all, store, take

@@ -15,7 +15,7 @@ is decided in protocol.py.
 import asyncio
 from functools import partial
 
-from hosts.hardware.qnic import HardwareError
+from hosts.hardware.replies import HardwareError
 from hosts.middleware.services.distribution.distribute import make_pairs, share_pairs
 from hosts.middleware.services.distribution.options import DistributeOptions
 from hosts.middleware.services.swapping.connections import OpenedLink

@@ -15,7 +15,8 @@ from math import sqrt
 import numpy as np
 
 from hosts.hardware.operations import BlockName
-from hosts.hardware.qnic import Outcomes, Qnic, Symbols
+from hosts.hardware.qnic import Qnic
+from hosts.hardware.replies import Outcomes, Symbols
 from hosts.middleware.services.teleportation import qubit_states
 from hosts.middleware.services.teleportation.qubit_states import Cardinal, Heard, States
 from hosts.middleware.session.errors import SessionError

@@ -13,7 +13,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hosts.hardware.qnic import Directions, Symbols
+from hosts.hardware.qnic import Directions
+from hosts.hardware.replies import Symbols
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.values import Numbers, expect, values
 from wire.metadata.values import Topic, Values
