@@ -8,11 +8,12 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
-from fabric_scene import light_paths
+from fabric_scene import STANDING, light_paths, started
 from fabric_scene import running as running_here
 from limits import SOON_S
 from loaded import forks, run_qmn, serving
@@ -32,6 +33,7 @@ TSHARK = [
     *("--inh-caps=+dac_override", "--ambient-caps=+dac_override"),
     *("env", "HOME=/nonexistent", "tshark"),
 ]
+SHARED = "shared_network"  # the fixture
 # What all programs that these tests start inherit, and no other program on this machine has.
 MARK = ("QMN_TESTS", secrets.token_hex(8))
 os.environ.update([MARK])
@@ -40,9 +42,12 @@ os.environ.update([MARK])
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Let every third worker begin with tests that mostly wait, and the others with the rest.
 
+    Those that share a network are next to each other.
+
     Together they use the processors as well as they can; those that have nothing left to do take
     over what others have, from its end. The first of n workers gets the first nth of all tests.
     """
+    items.sort(key=lambda item: SHARED not in item.fixturenames)  # type: ignore[attr-defined]
     workers = getattr(config, "workerinput", {}).get("workercount", 1)
     waiting = [item for item in items if item.get_closest_marker("waits")]
     busy = [item for item in items if item not in waiting]
@@ -55,6 +60,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         items += [*begin, *busy[:rest]]
         del busy[:rest]
     items += busy
+
+
+@pytest.hookimpl(tryfirst=True)  # before fixtures
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """End the network that stands before a test that does not share it."""
+    if SHARED not in item.fixturenames:  # type: ignore[attr-defined]
+        STANDING.end()
 
 
 def wait_until(condition: Callable[[], object], what: str, timeout_s: float = SOON_S) -> None:
@@ -171,9 +183,25 @@ def things() -> dict[str, set[str]]:
     }
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _standing(_programs_loaded: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """End the network that stands at the last; its folder is this."""
+    yield tmp_path_factory.mktemp("standing")
+    STANDING.end()
+
+
+@contextmanager
+def standing(folder: Path) -> Iterator[Network]:
+    """Start the network that stands."""
+    with nothing_left(), TemporaryDirectory(dir=folder) as own, started(SdcTopo, Path(own)) as sdc:
+        yield sdc
+
+
 @pytest.fixture(autouse=True)
-def _nothing_is_left() -> Iterator[None]:
+def _nothing_is_left(request: pytest.FixtureRequest, _standing: Path) -> Iterator[None]:
     """Hold each test to account for what it leaves."""
+    if SHARED in request.fixturenames:
+        STANDING.take(partial(standing, _standing))
     with nothing_left():
         yield
 
@@ -185,18 +213,17 @@ def network(tmp_path: Path) -> Iterator[Network]:
         yield network
 
 
-@pytest.fixture(scope="module")
-def _network_of_module(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Network]:
-    with nothing_left(), running_here(SdcTopo, tmp_path_factory.mktemp("run")) as network:
-        yield network
-
-
 @pytest.fixture
-def shared_network(_network_of_module: Network) -> Iterator[Network]:
-    """Give the network of the module, dark as a new one; a test mends what it has broken."""
-    yield _network_of_module
-    _network_of_module.check()
-    wait_until(lambda: not light_paths("q1"), "the light is free for the next test")
+def shared_network(_nothing_is_left: None, _standing: Path) -> Iterator[Network]:
+    """Give the network that stands, dark as a new one; a test mends what it has broken."""
+    network = STANDING.take(partial(standing, _standing))
+    try:
+        yield network
+        network.check()
+        wait_until(lambda: not light_paths("q1"), "the light is free for the next test")
+    except BaseException:
+        STANDING.end()
+        raise
 
 
 def typed(page: str, number: int, run: Path) -> str:

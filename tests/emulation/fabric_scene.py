@@ -4,7 +4,7 @@ import re
 import subprocess
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +20,39 @@ from wire.parameters.network import NetworkSettings
 TIMEOUT_S = 40.0
 
 
+class Standing:
+    """A network that stands for all tests that share it: in a process there is one at a time."""
+
+    def __init__(self) -> None:
+        self._stack = ExitStack()
+        self._network: Network | None = None
+
+    def take(self, starting: Callable[[], AbstractContextManager[Network]]) -> Network:
+        """Return it; start it if it does not stand."""
+        if self._network is None:
+            self._network = self._stack.enter_context(starting())
+        return self._network
+
+    def end(self) -> None:
+        """End it, if it stands."""
+        self._network = None
+        self._stack.close()
+
+
+STANDING = Standing()
+
+
 @contextmanager
 def running(topo: Callable[[], Topo], folder: Path, **settings: Any) -> Iterator[Network]:
-    """Run a network in this process."""
+    """Run a network in this process; one that stands ends."""
+    STANDING.end()
+    with started(topo, folder, **settings) as network:
+        yield network
+
+
+@contextmanager
+def started(topo: Callable[[], Topo], folder: Path, **settings: Any) -> Iterator[Network]:
+    """Run a network in this process where no other is."""
     asked, logs = NetworkSettings(**settings), folder / "run"
     runtime = Runtime(asked, log_folder=logs, fork_server=forks())
     with Signals() as signals, Network(topo, runtime, signals) as network:

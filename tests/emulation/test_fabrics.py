@@ -179,16 +179,3 @@ def tune(network: Network, switch: str, interface: str, frequency_mhz: int) -> N
 def tuned(network: Network) -> list[object]:
     """Return the frequencies that the controller has learned, in order."""
     return [fact["mhz"] for fact in facts(network, "tuned")]
-
-
-def test_a_second_session_is_refused_what_the_first_has(tmp_path: Path) -> None:
-    with (
-        running(SdcTopo, tmp_path) as network,
-        session(network, "alice", "bob") as first,
-    ):
-        second = Session(network, "alice", "bob", port=8)
-        with pytest.raises(QuantumSocketError, match="another session uses") as caught:
-            second.open()
-        second.close()
-        assert caught.value.reason == Reason.BUSY
-        assert first.carry(DATA) == DATA

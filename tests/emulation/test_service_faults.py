@@ -8,19 +8,20 @@ from dataclasses import replace
 
 import pytest
 from conftest import wait_until
+from fabric_scene import facts
 from test_paths import flows, light_paths
 
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from qmn.running.dispatcher_calls import held_blocks, status
 from topologies.networks.network import Network
-from wire.controller_lines import read_record
 from wire.metadata.decoding import decode
 from wire.metadata.header import HEADER, METADATA_PORT, Message, session_number
 from wire.metadata.setup import Answer, Setup
 from wire.metadata.vocabulary import Reason, Service, Verdict
 
 ALICE, BOB, CHARLIE = "10.0.0.1", "10.0.0.2", "10.0.0.3"
+UNUSED = 9_999  # of a session of alice
 DEADLINE_S = 30.0
 HOSTS = ("alice", "bob", "charlie")
 SERVICES = ("teleport", "distribute", "bb84", "bbm92")
@@ -66,7 +67,8 @@ def asked(network: Network, service: str, count: int) -> tuple[ServiceSocket, It
     return alice, iter(alice.request(service, ("bob", 9), count=count, block_pairs=2000))
 
 
-def test_when_either_application_goes_in_mid_session_nothing_stays(network: Network) -> None:
+def test_when_either_application_goes_in_mid_session_nothing_stays(shared_network: Network) -> None:
+    network = shared_network
     for service in SERVICES:
         for gone in ("alice", "bob"):
             with listening(network, service) as listener:
@@ -100,13 +102,11 @@ def spoken(network: Network, data: bytes, to: str = BOB, wait_s: float = 2.0) ->
     return decode(bytes.fromhex(found[1])) if found and found[1] else None
 
 
-def facts(network: Network, event: str) -> list[dict[str, object]]:
-    """Return what the controller has recorded of a kind."""
-    return [fact for fact in read_record(network.runtime.logs) if fact["event"] == event]
-
-
-def test_set_ups_that_are_forged_or_unknown_open_nothing(network: Network) -> None:
-    setup = Setup(session_number(ALICE, 9), Service.TELEPORT, 1, CHARLIE, 100, 1, 1_000_000, port=9)
+def test_set_ups_that_are_forged_or_unknown_open_nothing(shared_network: Network) -> None:
+    network, before = shared_network, facts(shared_network, "granted")
+    setup = Setup(
+        session_number(ALICE, UNUSED), Service.TELEPORT, 1, CHARLIE, 100, 1, 1_000_000, port=9
+    )
     with listening(network, "teleport"):
         granted = replace(setup, verdict=Verdict.GRANTED)
         assert spoken(network, granted.encode()) is None  # the controller drops it
@@ -123,12 +123,13 @@ def test_set_ups_that_are_forged_or_unknown_open_nothing(network: Network) -> No
         assert answer.reason == Reason.UNSUPPORTED
         assert "unknown service 99: choose one of 1 (SDC)" in answer.text
         require_nothing_left(network)
-        assert not facts(network, "granted")
+        assert facts(network, "granted") == before
 
 
 def test_a_set_up_that_is_sent_again_is_refused_and_its_paths_are_closed(
-    network: Network,
+    shared_network: Network,
 ) -> None:
+    network, before = shared_network, len(facts(shared_network, "granted"))
     with listening(network, "teleport") as listener:
         alice, results = asked(network, "teleport", 1000)
         with alice, listener.accept()[0] as bob:
@@ -136,7 +137,7 @@ def test_a_set_up_that_is_sent_again_is_refused_and_its_paths_are_closed(
             alice.shutdown()
             list(bob.results())
     require_nothing_left(network)
-    (granted, *_rest) = facts(network, "granted")
+    granted = facts(network, "granted")[before]
     session = int(str(granted["session"]), 16)
     again = Setup(session, Service.TELEPORT, 1, CHARLIE, 2000, 1, 50_000_000, port=9)
     with listening(network, "teleport"):
