@@ -121,7 +121,7 @@ chaos: setup ## Strike runs at random for MINUTES (3), from SEED (1): nothing ma
 	$(AS_ROOT) $(PYTHON) tests/chaos --minutes $(or $(MINUTES),3) --seed $(or $(SEED),1) \
 	    $(if $(STRIKES),--strikes $(STRIKES)) $(if $(STANDING),--standing)
 
-mutants: setup ## Put bugs in, one at a time (ARGS="--room wire --near"): day's tests notice each
+mutants: setup notebooks ## Put bugs in, one at a time (ARGS="--room wire --near"): day's tests notice each
 	PYTHONPATH=. $(PYTHON) tests/mutants $(value ARGS)
 
 fuzz: setup ## Feed decoders and dispatcher INPUTS (10000000) spoiled messages, from SEED (1)
