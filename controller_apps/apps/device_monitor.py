@@ -20,9 +20,9 @@ from typing import Any
 from controller_apps.apps.host_orders import (
     EventAlarm,
     EventEstimate,
+    EventMonitorOver,
     EventNodeAnswered,
     EventOrder,
-    EventSealOver,
     EventSessionReported,
     EventSwapsOrdered,
     HostOrders,
@@ -38,6 +38,7 @@ from controller_apps.openflow.framework import (
     DEAD,
     MAIN,
     App,
+    Datapath,
     Event,
     hub,
     ofp_event,
@@ -99,7 +100,7 @@ class DeviceMonitor(App):
         self.address, self.time = config.address, config.time
         self.policy_path = config.policy
         self.record = record
-        self.datapaths: dict[int, Any] = {}
+        self.datapaths: dict[int, Datapath] = {}
         self.switches: dict[int, SwitchState] = {}
         self.hosts = Hosts(config.device_keys)
         self._take_policy(read_policy(config.policy))
@@ -153,7 +154,7 @@ class DeviceMonitor(App):
         """Return the time of the network, by which orders go; reports and polls go by the wall."""
         return self.time.network_s(time.monotonic())
 
-    def _poll_switch(self, datapath: Any) -> None:
+    def _poll_switch(self, datapath: Datapath) -> None:
         anything = ofproto.OFPP_ANY, ofproto.OFPG_ANY, 0, 0, parser.OFPMatch()
         for request in (
             parser.OFPPortDescStatsRequest(datapath, 0),
@@ -264,7 +265,7 @@ class DeviceMonitor(App):
         if told.alarm:
             self.send_event(METADATA, EventAlarm(told.alarm, host, state.place))
         if told.sealed:
-            self.send_event(METADATA, EventSealOver(host, state.place.address, state.report))
+            self.send_event(METADATA, EventMonitorOver(host, state.place.address, state.report))
         if told.answer is not None:
             self._order_answered(state.place.address, told.answer)
         if state.report.settings == self.hosts.wanted.get(host, DeviceSettings()):

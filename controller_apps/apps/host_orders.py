@@ -1,4 +1,4 @@
-"""Orders on their way to hosts, for chains of repeaters and for seals: sent until answered."""
+"""Orders to hosts, for chains of repeaters and link monitors: sent until answered."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -39,19 +39,19 @@ class EventNodeAnswered(Event):
 
 
 class EventSessionReported(EventNodeAnswered):
-    """A host has said whether it takes part in a session."""
+    """A host has reported whether it takes part in a session."""
 
 
 class EventAlarm(Event):
-    """A host's seal has found somebody on its way."""
+    """A link monitor of a host has found an eavesdropper."""
 
     def __init__(self, session: int, host: str, place: Place) -> None:
         super().__init__()
         self.session, self.host, self.place = session, host, place
 
 
-class EventSealOver(Event):
-    """A seal that a host has opened is over."""
+class EventMonitorOver(Event):
+    """A link monitor that a host has opened is over."""
 
     def __init__(self, host: str, address: str, report: DeviceReport) -> None:
         super().__init__()
@@ -59,11 +59,11 @@ class EventSealOver(Event):
 
 
 class EventEstimate(Event):
-    """A host has told what a session has found out about its light."""
+    """A host has reported a session's estimate of its light."""
 
-    def __init__(self, host: str, address: str, told: SessionEstimate) -> None:
+    def __init__(self, host: str, address: str, estimate: SessionEstimate) -> None:
         super().__init__()
-        self.host, self.address, self.told = host, address, told
+        self.host, self.address, self.estimate = host, address, estimate
 
 
 @dataclass

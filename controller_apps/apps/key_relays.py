@@ -15,7 +15,7 @@ from controller_apps.keys.key_network import KeyNetwork, NoRoute, Stores, stores
 from controller_apps.keys.view import PPM, keys_view
 from controller_apps.light.optics import SwitchPort
 from controller_apps.openflow import flow_entries
-from controller_apps.openflow.framework import DEAD, MAIN, App, ofp_event, ofproto, on
+from controller_apps.openflow.framework import DEAD, MAIN, App, Datapath, ofp_event, ofproto, on
 from controller_apps.packets.datagrams import CONTROLLER_MAC, Frame
 from controller_apps.policy.reading import BadPolicy, read_policy
 from controller_apps.port_lines import PortLines
@@ -59,7 +59,7 @@ class KeyRelays(App):
         self.address, self.policy_path = config.address, config.policy
         self.keys, self.addresses = config.device_keys, config.addresses
         self.record = record
-        self.datapaths: dict[int, Any] = {}
+        self.datapaths: dict[int, Datapath] = {}
         names = {address: host for host, address in config.addresses.items()}
         self.network = KeyNetwork(names, read_policy(config.policy))
         self._numbers: dict[str, int] = {}  # of the last datagram that was taken, by host

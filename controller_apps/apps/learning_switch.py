@@ -7,7 +7,16 @@ from typing import Any
 
 from controller_apps.openflow import flow_entries
 from controller_apps.openflow.flow_entries import LEARNING_TABLE
-from controller_apps.openflow.framework import DEAD, MAIN, App, ofp_event, ofproto, on, parser
+from controller_apps.openflow.framework import (
+    DEAD,
+    MAIN,
+    App,
+    Datapath,
+    ofp_event,
+    ofproto,
+    on,
+    parser,
+)
 from controller_apps.openflow.mac_table import MacTable
 from controller_apps.timeouts import STATION_TIMEOUT_S
 
@@ -59,7 +68,7 @@ class LearningSwitch(App):
         datapath.send_msg(flow_entries.packet_out(datapath, in_port, port, frame))
 
     def _remember(
-        self, datapath: Any, in_port: int, source: bytes, destination: bytes, port: int
+        self, datapath: Datapath, in_port: int, source: bytes, destination: bytes, port: int
     ) -> None:
         # The source too, so that a second station behind the same port is learned as well.
         match = {"in_port": in_port, "eth_src": text(source), "eth_dst": text(destination)}

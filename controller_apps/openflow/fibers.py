@@ -13,7 +13,7 @@ from controller_apps.light.links import Links
 from controller_apps.light.optics import SwitchOptics, SwitchPort
 from controller_apps.light.paths import Network
 from controller_apps.openflow import discovery, flow_entries, optical_messages
-from controller_apps.openflow.framework import ofproto
+from controller_apps.openflow.framework import Datapath, ofproto
 from controller_apps.openflow.identities import Identities
 from controller_apps.record import Record
 from wire.malformed import MalformedPacket
@@ -32,11 +32,11 @@ class Fibers:
         self._links = Links(network)
         self._record, self._logger = record, logger
         self._key = secrets.token_bytes(32)  # of the seals on our LLDP
-        self._datapaths: dict[int, Any] = {}
+        self._datapaths: dict[int, Datapath] = {}
         self._asked: dict[int, int] = {}  # by datapath id, the last question for optics
         self._told: defaultdict[int, list[PathOptics]] = defaultdict(list)  # parts of an answer
 
-    def switch_here(self, datapath: Any, now: float) -> None:
+    def switch_here(self, datapath: Datapath, now: float) -> None:
         """Take in the ports of a switch, and ask for its optics; see `told` and `silent`."""
         self._datapaths[datapath.id] = datapath
         for port in list(datapath.ports.values()):
@@ -50,7 +50,7 @@ class Fibers:
         self._links.switch_left(dpid)
         self.network.optics.forget_switch(dpid)
 
-    def _port_is(self, datapath: Any, port: Any, whole: bool, now: float) -> bool:
+    def _port_is(self, datapath: Datapath, port: Any, whole: bool, now: float) -> bool:
         at = SwitchPort(datapath.id, port.port_no)
         if port.port_no > ofproto.OFPP_MAX:
             return False
@@ -75,12 +75,12 @@ class Fibers:
         self._ask(datapath)
         return news
 
-    def _is_fiber(self, datapath: Any, port: Any) -> bool:
+    def _is_fiber(self, datapath: Datapath, port: Any) -> bool:
         """Tell whether a port is optical; where no port says so, any may be."""
         is_fiber = optical_messages.is_fiber
         return is_fiber(port) or not any(map(is_fiber, list(datapath.ports.values())))
 
-    def _ask(self, datapath: Any) -> None:
+    def _ask(self, datapath: Datapath) -> None:
         question = optical_messages.ask_paths(datapath)
         datapath.send_msg(question)
         self._asked[datapath.id] = question.xid

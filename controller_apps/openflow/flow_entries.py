@@ -9,7 +9,7 @@ from collections.abc import Set
 from typing import Any
 
 from controller_apps.light.paths import Hop
-from controller_apps.openflow.framework import ofproto, parser
+from controller_apps.openflow.framework import Datapath, ofproto, parser
 from controller_apps.openflow.optical_messages import is_fiber
 from controller_apps.packets.datagrams import IP_UDP, is_udp
 from controller_apps.packets.segments import ACK, FIN, IP_TCP, RST, SYN, FiveTuple
@@ -48,7 +48,12 @@ def to_learning() -> Any:
 
 
 def add(
-    datapath: Any, table: int, priority: int, match: dict[str, Any], *instructions: Any, **more: Any
+    datapath: Datapath,
+    table: int,
+    priority: int,
+    match: dict[str, Any],
+    *instructions: Any,
+    **more: Any,
 ) -> Any:
     return parser.OFPFlowMod(
         datapath,
@@ -60,7 +65,7 @@ def add(
     )
 
 
-def delete(datapath: Any, table: int, strict: bool = False, **more: Any) -> Any:
+def delete(datapath: Datapath, table: int, strict: bool = False, **more: Any) -> Any:
     """Return the message that deletes all entries of a table that fit."""
     command = ofproto.OFPFC_DELETE_STRICT if strict else ofproto.OFPFC_DELETE
     return parser.OFPFlowMod(
@@ -73,7 +78,7 @@ def delete(datapath: Any, table: int, strict: bool = False, **more: Any) -> Any:
     )
 
 
-def metadata_entries(datapath: Any) -> list[Any]:
+def metadata_entries(datapath: Datapath) -> list[Any]:
     """Return what makes a table of a classical switch pick quantum metadata out.
 
     Bypasses, which carry the cookie of their session, stay: see ask_entries.
@@ -116,12 +121,12 @@ def unseen() -> list[dict[str, Any]]:
     return [*tagged_again, piece_of_tcp]
 
 
-def discovery_entry(datapath: Any) -> Any:
+def discovery_entry(datapath: Datapath) -> Any:
     """Return what the fibres of a quantum switch need: LLDP goes up, all else is dark."""
     return add(datapath, 0, LLDP_PRIORITY, {"eth_type": ETH_TYPE_LLDP}, to_controller())
 
 
-def classical_entries(datapath: Any) -> list[Any]:
+def classical_entries(datapath: Datapath) -> list[Any]:
     """Return what lets the classical ports of a quantum switch forward as any switch does."""
     ports = list(datapath.ports.values())
     classical = [port.port_no for port in ports if not is_fiber(port)]
@@ -132,13 +137,13 @@ def classical_entries(datapath: Any) -> list[Any]:
     ]
 
 
-def ask_entries(datapath: Any, table: int) -> Any:
+def ask_entries(datapath: Datapath, table: int) -> Any:
     return parser.OFPFlowStatsRequest(
         datapath, 0, table, ofproto.OFPP_ANY, ofproto.OFPG_ANY, 0, 0, parser.OFPMatch()
     )
 
 
-def delete_paths(datapath: Any, session: int) -> Any:
+def delete_paths(datapath: Datapath, session: int) -> Any:
     return delete(datapath, 0, cookie=session, cookie_mask=ALL_BITS)
 
 
@@ -173,7 +178,7 @@ def _connection(five_tuple: FiveTuple) -> dict[str, Any]:
 BYPASS_FIELDS = set(_connection(FiveTuple("", 0, "", 0)))
 
 
-def bypass(datapath: Any, five_tuple: FiveTuple, session: int, idle_timeout_s: int) -> Any:
+def bypass(datapath: Datapath, five_tuple: FiveTuple, session: int, idle_timeout_s: int) -> Any:
     """Return the entry that lets a connection pass without the controller."""
     return add(
         datapath,
@@ -187,7 +192,7 @@ def bypass(datapath: Any, five_tuple: FiveTuple, session: int, idle_timeout_s: i
     )
 
 
-def delete_bypass(datapath: Any, five_tuple: FiveTuple, session: int) -> Any:
+def delete_bypass(datapath: Datapath, five_tuple: FiveTuple, session: int) -> Any:
     """Return the message that deletes what bypass added."""
     return delete(
         datapath,
@@ -200,7 +205,7 @@ def delete_bypass(datapath: Any, five_tuple: FiveTuple, session: int) -> Any:
     )
 
 
-def count_bypass(datapath: Any, five_tuple: FiveTuple, session: int) -> Any:
+def count_bypass(datapath: Datapath, five_tuple: FiveTuple, session: int) -> Any:
     """Return the request for how much has passed by what bypass added."""
     match = parser.OFPMatch(**_connection(five_tuple))
     anywhere = ofproto.OFPP_ANY, ofproto.OFPG_ANY
@@ -221,7 +226,7 @@ def bypassed(entry: Any) -> FiveTuple | None:
     return five_tuple_of(fields)
 
 
-def delete_entry(datapath: Any, table: int, entry: Any) -> Any:
+def delete_entry(datapath: Datapath, table: int, entry: Any) -> Any:
     """Return the message that deletes one entry, as flow statistics describe it."""
     return delete(
         datapath,
@@ -234,7 +239,7 @@ def delete_entry(datapath: Any, table: int, entry: Any) -> Any:
     )
 
 
-def packet_out(datapath: Any, in_port: int, port: int | None, frame: bytes) -> Any:
+def packet_out(datapath: Datapath, in_port: int, port: int | None, frame: bytes) -> Any:
     """Return the message that sends a frame out of a port, or of all others if it is None."""
     action = parser.OFPActionOutput(ofproto.OFPP_FLOOD if port is None else port)
     return parser.OFPPacketOut(
@@ -242,12 +247,12 @@ def packet_out(datapath: Any, in_port: int, port: int | None, frame: bytes) -> A
     )
 
 
-def barrier(datapath: Any) -> Any:
+def barrier(datapath: Datapath) -> Any:
     """Return the request that a switch answers when it has done all that it was sent before."""
     return parser.OFPBarrierRequest(datapath)
 
 
-def with_barriers(datapath: Any, entries: list[Any]) -> list[Any]:
+def with_barriers(datapath: Datapath, entries: list[Any]) -> list[Any]:
     """Return entries with a barrier after each hundred, by whose replies a switch shows life.
 
     Open vSwitch takes thousands of entries for some time, and what is sent behind them, as echoes,
@@ -261,7 +266,7 @@ def with_barriers(datapath: Any, entries: list[Any]) -> list[Any]:
     return messages
 
 
-def send(datapath: Any, messages: list[Any]) -> None:
+def send(datapath: Datapath, messages: list[Any]) -> None:
     """Send messages, of the framework or as bytes, in one write, so that a bundle is one packet."""
     data = bytearray()
     for message in messages:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from functools import cache, partial, wraps
 from importlib import import_module
 from types import ModuleType
-from typing import Any, TypeVar, cast
+from typing import Any, Protocol, TypeVar, cast
 
 from controller_apps.openflow.connection import Connection, SharedAccept
 from controller_apps.openflow.speakers import Speakers, owner
@@ -60,6 +60,20 @@ ProtocolDesc: Any = _protocol.ProtocolDesc
 CONFIG: str = _handler.CONFIG_DISPATCHER
 MAIN: str = _handler.MAIN_DISPATCHER
 DEAD: str = _handler.DEAD_DISPATCHER
+
+
+class Datapath(Protocol):
+    """The connection of a switch, as both frameworks have it; messages are the framework's."""
+
+    id: int
+    ports: dict[int, Any]
+    unreplied_echo_requests: list[int]
+
+    def send_msg(self, message: Any) -> bool: ...
+
+    def send(self, data: bytes | bytearray, close_socket: bool = False) -> bool: ...
+
+    def set_xid(self, message: Any) -> int: ...
 
 
 class SwitchServer(hub.StreamServer):
@@ -214,7 +228,7 @@ def serve_on(
         cfg.CONF.set_override(option, value)
 
 
-def shows_life(datapath: Any) -> None:
+def shows_life(datapath: Datapath) -> None:
     """Note that a switch works on what it was sent, behind which echoes wait for their turn."""
     datapath.unreplied_echo_requests.clear()
 

@@ -19,7 +19,7 @@ from controller_apps.openflow.flow_entries import (
     add,
     delete,
 )
-from controller_apps.openflow.framework import parser
+from controller_apps.openflow.framework import Datapath, parser
 from wire.config import Station
 
 ETHER_TYPE, OPERATION, TARGET = slice(12, 14), slice(20, 22), slice(38, 42)
@@ -71,7 +71,7 @@ class MacTable:
         self.ports.pop(dpid, None)
 
 
-def filter_entries(datapath: Any, stations: Iterable[Station]) -> list[Any]:
+def filter_entries(datapath: Datapath, stations: Iterable[Station]) -> list[Any]:
     """Return what makes the first table of a switch let these stations speak for themselves alone.
 
     Of stations at other switches nothing is said. It takes the place of what was there before.
@@ -83,7 +83,7 @@ def filter_entries(datapath: Any, stations: Iterable[Station]) -> list[Any]:
     return entries
 
 
-def _entries(datapath: Any, station: Station) -> list[Any]:
+def _entries(datapath: Datapath, station: Station) -> list[Any]:
     port = {"in_port": station.port}
     own = {**port, "eth_src": station.mac}
     arp = {"eth_type": ETH_TYPE_ARP, "arp_sha": station.mac, "arp_spa": station.address}

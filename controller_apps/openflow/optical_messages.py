@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from controller_apps.openflow.framework import ofproto, parser
+from controller_apps.openflow.framework import Datapath, ofproto, parser
 from wire.optical import (
     EXPERIMENTER,
     PATH_OPTICS,
@@ -14,15 +14,15 @@ from wire.optical import (
 )
 
 
-def ask_paths(datapath: Any) -> Any:
+def ask_paths(datapath: Datapath) -> Any:
     return parser.OFPExperimenterStatsRequest(datapath, 0, EXPERIMENTER, PATH_OPTICS, b"")
 
 
-def ask_ports(datapath: Any) -> Any:
+def ask_ports(datapath: Datapath) -> Any:
     return parser.OFPPortStatsRequest(datapath, 0, ofproto.OFPP_ANY)
 
 
-def tune(datapath: Any, port: int, frequency_mhz: int) -> Any:
+def tune(datapath: Datapath, port: int, frequency_mhz: int) -> Any:
     """Return the message that tunes a port, in both directions."""
     optical = parser.OFPPortModPropOptical(
         type_=ofproto.OFPPMPT_OPTICAL,

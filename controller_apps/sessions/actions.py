@@ -125,23 +125,12 @@ class Note:
 
 @dataclass(frozen=True)
 class Drop:
-    """A segment that goes no further."""
+    """A frame that goes no further."""
 
-    cause: str  # what it is counted under
+    cause: str  # under which it is counted
     detail: str
+    at: SwitchPort  # where it arrived
 
 
-Action = (
-    Forward
-    | OpenPaths
-    | ClosePaths
-    | AddBypass
-    | RemoveBypass
-    | CountBypass
-    | Keep
-    | Forget
-    | SwapsOrdered
-    | Order
-    | Note
-    | Drop
-)
+SwitchAction = Forward | OpenPaths | ClosePaths | AddBypass | RemoveBypass | CountBypass
+Action = SwitchAction | Keep | Forget | SwapsOrdered | Order | Note | Drop

@@ -46,6 +46,7 @@ Each event ends with a look at the queue, because any of them may have freed lig
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
+from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop, Network
 from controller_apps.packets.segments import FiveTuple, parse
 from controller_apps.policy.orders import IN_TURN, Queue
@@ -132,7 +133,7 @@ class Arbiter:
             arrival = Arrival(dpid, in_port, parse(frame))
             return self._then_serve(self._segment(arrival, now), now)
         except MalformedPacket as error:
-            return [Drop("malformed", str(error))]
+            return [Drop("malformed", str(error), SwitchPort(dpid, in_port))]
 
     def _segment(self, arrival: Arrival, now: float) -> list[Action]:
         segment = arrival.segment

@@ -31,9 +31,10 @@ class Connections:
         """Answer a copy of a set-up message that was answered before."""
         message = arrival.segment.payload[:SETUP_LENGTH]
         if message not in (request.message, request.answer):
-            return [Drop("forged", "another set-up message under the same sequence number")]
+            detail = "another set-up message under the same sequence number"
+            return [Drop("forged", detail, arrival.port)]
         if request.held is not None:
-            return [Drop("repeated", "the set-up message is held already")]
+            return [Drop("repeated", "the set-up message is held already", arrival.port)]
         # The answer itself arrives here if a second switch is on the path.
         return [released(request, arrival)]
 
@@ -41,7 +42,7 @@ class Connections:
         """Pass data behind the set-up message; more of it passes by a bypass."""
         offset = request.offset(arrival.segment.sequence)
         if request.held is not None or offset < SETUP_LENGTH:
-            return [Drop("early", "data before the set-up message was answered")]
+            return [Drop("early", "data before the set-up message was answered", arrival.port)]
         if offset <= request.progress + WINDOW:
             request.heard(arrival.segment)
         forward = Forward(arrival.dpid, arrival.in_port, arrival.segment.frame)

@@ -24,7 +24,7 @@ from wire.metadata.header import session_of
 from wire.metadata.setup import SETUP_LENGTH, Setup, refused
 from wire.metadata.vocabulary import Handshake, Reason, Service, UnknownService, Verdict
 
-UNOPENED = Drop("unopened", "a set-up message on a connection that its other end has not opened")
+UNOPENED = "a set-up message on a connection that its other end has not opened"
 
 
 @dataclass
@@ -44,7 +44,7 @@ class Setups:
     def arrived(self, arrival: Arrival, now: float) -> list[Action]:
         """Decide on the first data of a connection; raise MalformedPacket if it is no set-up."""
         if not self._is_opened(arrival, now):
-            return [UNOPENED]
+            return [Drop("unopened", UNOPENED, arrival.port)]
         try:
             setup = read_setup(arrival.segment.payload)
         except UnknownService:
@@ -54,7 +54,7 @@ class Setups:
     def reopened(self, setup: Setup, arrival: Arrival, before: Request, now: float) -> list[Action]:
         """Decide on a set-up of a new connection between the ports of an earlier one."""
         if not self._is_opened(arrival, now):
-            return [UNOPENED]
+            return [Drop("unopened", UNOPENED, arrival.port)]
         return [
             *self.verdicts.over(before, "port reused", now),
             *self.decide(setup, arrival, now),
@@ -81,7 +81,8 @@ class Setups:
     def decide(self, setup: Setup, arrival: Arrival, now: float) -> list[Action]:
         """Decide on a set-up of an opened connection."""
         if setup.verdict != Verdict.PENDING:
-            return [Drop("forged", f"set-up of {setup.session:016x} comes with a verdict")]
+            detail = f"set-up of {setup.session:016x} comes with a verdict"
+            return [Drop("forged", detail, arrival.port)]
         acceptor_next = arrival.segment.acknowledged if self._needs_handshake(now) else None
         request = new_request(setup, arrival, now, acceptor_next)
         if self.sessions.full(request.five_tuple.source):
@@ -90,7 +91,8 @@ class Setups:
         if self._takes_slot(setup, admission):
             return self.grants.reserve(request, now)
         if self.recovery.is_premature(admission.reason, now):
-            return [Drop("premature", f"{admission.reason.name} may change soon; TCP repeats it")]
+            detail = f"{admission.reason.name} may change soon; TCP repeats it"
+            return [Drop("premature", detail, arrival.port)]
         waits = admission.waits_for_light and self.queue.may_wait(setup, request.five_tuple)
         if admission.reason != Reason.OK and not waits:
             return self.verdicts.refuse(request, admission.refusal, now)

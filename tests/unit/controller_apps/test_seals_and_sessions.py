@@ -19,7 +19,7 @@ from controller_apps.sessions.actions import (
     Order,
 )
 from controller_apps.sessions.arbiter import Arbiter
-from controller_apps.sessions.seals import Seals
+from controller_apps.sessions.link_monitors import LinkMonitors
 from controller_apps.timeouts import PREEMPTION_S
 from wire.metadata.decoding import decode
 from wire.metadata.setup import Setup
@@ -175,7 +175,7 @@ def test_sessions_that_stand_are_moved_from_it() -> None:
 
 def test_an_alarm_closes_the_way_of_its_seal_and_no_other() -> None:
     state = Arbiter(triangle(), 5.0, 30.0)
-    seals = Seals(state.network)
+    seals = LinkMonitors(state.network)
     seal = replace(SEAL, session=11)
     for setup, sport in ((seal, 40000), (replace(KEYS, source=ALICE, session=12), 40001)):
         grant(state, ask(state, setup, sport))

@@ -178,7 +178,7 @@ class Scene:
         """Answer the last question about optics, as the framework decodes it."""
         body = struct.pack("!II", EXPERIMENTER, PATH_OPTICS) + encode_path_optics(paths)
         reply = self.reply(datapath, asked_optics(datapath), ofproto.OFPMP_EXPERIMENTER, body, more)
-        self.quantum.optics_told(SimpleNamespace(msg=reply))
+        self.quantum.optics_reported(SimpleNamespace(msg=reply))
 
     def measure(self, datapath: Datapath, port: int, light: PortLight) -> None:
         """Tell the statistics of a port."""

@@ -176,7 +176,7 @@ def test_link_local_frames_and_stumps_are_not_forwarded(ready: Scene) -> None:
 def test_each_app_leaves_the_other_ones_packets_alone(ready: Scene) -> None:
     ready.packet_in(ready.s1, 1, frame(b"no magic"), table=1)
     assert ready.s1.take() == []
-    assert ready.quantum.dropped == {"malformed": 1}
+    assert ready.quantum.journal.dropped == {"malformed": 1}
     ready.packet_in(ready.s1, 1, frame(FRAMED.encode()), table=2)
     assert [sent.kind for sent in ready.s1.take()] == [ofproto.OFPT_PACKET_OUT]
     assert ready.q1.take() == []

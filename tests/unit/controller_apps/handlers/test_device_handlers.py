@@ -18,8 +18,8 @@ from controller_apps.apps.device_monitor import DeviceMonitor
 from controller_apps.apps.host_orders import (
     EventAlarm,
     EventEstimate,
+    EventMonitorOver,
     EventOrder,
-    EventSealOver,
     EventSessionReported,
     EventSwapsOrdered,
 )
@@ -252,7 +252,7 @@ def test_what_a_seal_has_found_is_told_once(scene: Scene, monkeypatch: pytest.Mo
         scene.says(report)
     (_app, alarm), (app, over) = told
     assert isinstance(alarm, EventAlarm)
-    assert isinstance(over, EventSealOver)
+    assert isinstance(over, EventMonitorOver)
     assert (app, over.host, over.address, over.report) == (
         "QuantumMetadata",
         "alice",
@@ -517,7 +517,7 @@ def test_what_a_host_has_found_out_of_a_session_is_passed_on(
     scene.says(estimate)
     ((app, event),) = sent
     assert isinstance(event, EventEstimate)
-    assert (app, event.host, event.address, event.told) == (
+    assert (app, event.host, event.address, event.estimate) == (
         "QuantumMetadata",
         "alice",
         ALICE,

@@ -135,7 +135,7 @@ def spoken(messages: list[Any]) -> dict[int, bytes]:
 
 def second_switch(scene: Scene, *ports: int) -> Datapath:
     """Connect a further quantum switch with fibres at the given ports."""
-    scene.quantum.quantum_switches |= {Q1 + 1}
+    scene.quantum.switches.quantum |= {Q1 + 1}
     q2 = Datapath(Q1 + 1)
     q2.ports = {number: fiber_port(number) for number in ports}
     scene.connect(q2)
@@ -212,11 +212,11 @@ def test_a_host_cannot_claim_a_fibre_between_switches(scene: Scene) -> None:
         # What a changed bit leaves whole is still no more than what (Q1, 6) has said.
         assert {each.speaker for each in heard.values()} <= {SwitchPort(Q1, 6)}
     assert scene.quantum.network.links == {}
-    assert scene.quantum.dropped["lldp"] > 1000
+    assert scene.quantum.journal.dropped["lldp"] > 1000
     stock = genuine[: genuine.index(OUI) - 2] + b"\0\0"
-    before = scene.quantum.dropped["lldp"]
+    before = scene.quantum.journal.dropped["lldp"]
     scene.packet_in(q2, 7, stock)  # another controller's: neither believed nor complained of
-    assert scene.quantum.dropped["lldp"] == before
+    assert scene.quantum.journal.dropped["lldp"] == before
 
 
 def test_malformed_lldp_is_counted_and_changes_nothing(scene: Scene) -> None:
@@ -238,7 +238,7 @@ def test_malformed_lldp_is_counted_and_changes_nothing(scene: Scene) -> None:
         with pytest.raises(MalformedPacket):
             discovery.parse(data)
         scene.packet_in(scene.q1, 1, data)
-    assert scene.quantum.dropped["lldp"] == len(rubbish)
+    assert scene.quantum.journal.dropped["lldp"] == len(rubbish)
     assert not scene.quantum.network.hosts
 
 
@@ -257,7 +257,7 @@ def test_who_floods_a_port_leaves_room_in_the_log_for_others(
         "switch 0x2 port 2",
         "switch 0x1 port 1",
     ]
-    assert scene.quantum.dropped == {"lldp": 1001, "malformed": 1}
+    assert scene.quantum.journal.dropped == {"lldp": 1001, "malformed": 1}
     shift_clock(monkeypatch, 1)
     scene.quantum.time_passed(None)
     assert caplog.messages[-1] == "switch 0x2 port 1: 995 more lines, which are left out"
@@ -275,7 +275,7 @@ def test_hosts_say_what_they_can_do_or_what_they_say_is_not_heard(scene: Scene) 
         with pytest.raises(MalformedPacket):
             discovery.parse(wrong)
         scene.packet_in(scene.q1, 1, wrong)
-        assert scene.quantum.dropped["lldp"] == number
+        assert scene.quantum.journal.dropped["lldp"] == number
     with pytest.raises(MalformedPacket, match="tells 2 times"):
         discovery.parse(announcement(FIBERS[1], told=(told, told)))
     assert not scene.quantum.network.hosts

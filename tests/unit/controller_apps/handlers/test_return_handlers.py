@@ -33,7 +33,7 @@ scene, ready = handlers_scene.scene, handlers_scene.ready  # fixtures
 
 def stats(scene: Scene, *entries: tuple[int, int, int]) -> None:
     """Answer the question for entries: cookie, in_port and out_port of each."""
-    (xid,) = (xid for dpid, xid in scene.quantum._listed if dpid == scene.q1.id)
+    (xid,) = (xid for dpid, xid in scene.quantum.switches._listed if dpid == scene.q1.id)
     for more, part in ((1, entries[:2]), (0, entries[2:])):
         body = [
             SimpleNamespace(
@@ -100,7 +100,7 @@ def test_a_switch_that_is_soon_back_keeps_its_sessions_and_gets_what_it_lost(rea
     again = Datapath(Q1)
     ready.connect(again)
     ready.connect(ready.q1, framework.DEAD)  # noticed only now
-    assert ready.quantum.datapaths[Q1] is again
+    assert ready.quantum.switches.datapaths[Q1] is again
     ready.q1 = again
     ready.tell_optics(again)
     again.take()
@@ -132,7 +132,7 @@ def test_a_second_controller_begins_with_what_the_first_has_kept(tmp_path: Path)
 
 def list_bypasses(scene: Scene, *entries: Any) -> None:
     """Answer the question for the entries of the classical switch."""
-    (xid,) = (xid for dpid, xid in scene.quantum._listed if dpid == S1)
+    (xid,) = (xid for dpid, xid in scene.quantum.switches._listed if dpid == S1)
     reply = SimpleNamespace(datapath=scene.s1, body=list(entries), xid=xid, flags=0)
     scene.quantum.flows_listed(SimpleNamespace(msg=reply))
 

@@ -11,7 +11,7 @@ import pytest
 from handlers_scene import UNFILTERED, Scene
 from metadata_scene import ALICE, BOB, FRAMED, S1, frame, payload_of
 
-from controller_apps.apps.host_orders import EventAlarm, EventNodeAnswered, EventSealOver
+from controller_apps.apps.host_orders import EventAlarm, EventMonitorOver, EventNodeAnswered
 from controller_apps.console.questions import EventQuestion
 from controller_apps.devices.hosts_state import Place
 from controller_apps.openflow.framework import ofproto
@@ -77,9 +77,9 @@ def test_a_seal_is_begun_by_the_policy_and_what_it_finds_recorded(
     assert not ready.quantum.idle.ordered(seal, connection)
 
     report = DeviceReport(0, seal=number, seal_compared=2010, seal_errors=3, seal_tests=9)
-    ready.quantum.seal_over(EventSealOver("bob", BOB, report))  # who has not opened it
+    ready.quantum.monitor_over(EventMonitorOver("bob", BOB, report))  # who has not opened it
     assert "watched" not in [fact["event"] for fact in ready.recorded()]
-    ready.quantum.seal_over(EventSealOver("alice", ALICE, report))
+    ready.quantum.monitor_over(EventMonitorOver("alice", ALICE, report))
     fact = last(ready, "watched")
     assert (fact["host"], fact["compared"], fact["errors"]) == ("alice", 2010, 3)
     assert (fact["tests_whole"], fact["alarm"], fact["end"]) == (9, False, "OK")
@@ -114,21 +114,21 @@ def test_an_alarm_of_a_seal_whose_light_was_taken_says_nothing(
     seal = replace(FRAMED, service=Service.SEAL, source=ALICE)
     ready.packet_in(ready.s1, 1, frame(seal.encode()))
     ready.barrier(ready.q1.take()[-1].xid)
-    assert ready.quantum.seals.is_of(seal.session, ALICE)
+    assert ready.quantum.monitors.is_of(seal.session, ALICE)
     wanted = replace(FRAMED, service=Service.BB84, session=8)
     ready.packet_in(ready.s1, 1, frame(wanted.encode(), sport=40001))
     now[0] += 1.0
     ready.quantum.time_passed(None)
     assert last(ready, "torn_down")["detail"] == "a session wants its light"
-    assert not ready.quantum.seals.is_of(seal.session, ALICE)
+    assert not ready.quantum.monitors.is_of(seal.session, ALICE)
     place = Place(S1, 1, b"", ALICE)
-    ready.quantum.seal_alarmed(EventAlarm(seal.session, "alice", place))
+    ready.quantum.monitor_alarmed(EventAlarm(seal.session, "alice", place))
     assert last(ready, "alarm")["closed"] is False
     alarm = f"alice: alarm of its seal {seal.session:016x} on []"
     caplog.clear()
     caplog.set_level(logging.INFO, logger=ready.quantum.logger.name)
     for _ in range(20):  # its host may repeat itself, and each time it is recorded
-        ready.quantum.seal_alarmed(EventAlarm(seal.session, "alice", place))
+        ready.quantum.monitor_alarmed(EventAlarm(seal.session, "alice", place))
     assert caplog.messages == [alarm] * 4
     now[0] += 1.0
     ready.quantum.time_passed(None)

@@ -80,7 +80,7 @@ def test_the_packet_leaves_by_the_learned_port_after_the_barrier(ready: Scene) -
     assert (sent.kind, sent.in_port, sent.port) == (ofproto.OFPT_PACKET_OUT, 1, 6)
     expected = replace(FRAMED, verdict=Verdict.GRANTED, rotation=2)
     assert decode(payload_of(sent.frame)) == expected
-    assert not ready.quantum._transactions
+    assert not ready.quantum.switches._transactions
     events = [(line["event"], line.get("session")) for line in ready.recorded()]
     assert events[-2:] == [("path_ready", f"{7:016x}"), ("granted", f"{7:016x}")]
     ready_line, granted = ready.recorded()[-2:]
@@ -206,7 +206,7 @@ def test_an_error_for_any_message_of_the_bundle_refuses(ready: Scene, which: int
     assert (answer.verdict, answer.reason) == (Verdict.REFUSED, Reason.SWITCH_FAILED)
     ready.barrier(messages[-1].xid)  # comes all the same
     assert ready.s1.take() == []
-    assert not ready.quantum._transactions
+    assert not ready.quantum.switches._transactions
 
 
 def test_an_error_of_something_else_refuses_nothing(ready: Scene) -> None:

@@ -4,6 +4,7 @@ import errno
 import socket
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from typing import Any
 
 import pytest
@@ -27,10 +28,17 @@ def served() -> list[Any]:
 def server(monkeypatch: pytest.MonkeyPatch, served: list[Any]) -> Iterator[Any]:
     """Serve with small shares; addresses of the loopback stand for hosts."""
     monkeypatch.setattr(connection_shares, "shares", lambda: Shares(ALL, OF_ONE))
-    monkeypatch.setattr(connection_shares, "peer_of", lambda address: address[0])
+    monkeypatch.setattr(connection_shares, "peer_of", lambda address, _users: address[0])
     server = SwitchServer(("127.0.0.1", 0), lambda connection, _: served.append(connection))
-    hub.spawn(server.serve_forever)
+
+    def serve() -> None:
+        with suppress(OSError):  # when it is shut down
+            server.serve_forever()
+
+    serving = hub.spawn(serve)
     yield server
+    server.server.shutdown(socket.SHUT_RDWR)  # closing alone does not end a native accept
+    hub.joinall([serving])
     for connection in served:
         connection.close()
     server.server.close()
@@ -79,7 +87,7 @@ def test_a_peer_does_not_take_the_places_of_others(connect: Connect) -> None:
 def test_root_has_as_many_switches_as_it_likes(
     connect: Connect, served: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(connection_shares, "peer_of", lambda _address: "user 0")
+    monkeypatch.setattr(connection_shares, "peer_of", lambda _address, _users: "user 0")
     switches = [connect(2) for _ in range(ALL + 3)]
     wait_for(lambda: len(served) == len(switches))
     assert all(map(is_open, switches))

@@ -1,0 +1,159 @@
+"""The connected switches: messages to them, and which of their answers belongs to which request."""
+
+from collections.abc import Collection
+from itertools import count
+from typing import Any
+
+from controller_apps.openflow import flow_entries, optical_messages
+from controller_apps.openflow.framework import Datapath, ofproto
+from controller_apps.openflow.mac_table import MacTable, filter_entries
+from controller_apps.openflow.path_bundles import path_bundle, xid_of
+from controller_apps.packets.segments import FiveTuple
+from controller_apps.sessions.actions import (
+    AddBypass,
+    ClosePaths,
+    CountBypass,
+    Forward,
+    OpenPaths,
+    RemoveBypass,
+    SwitchAction,
+)
+from wire.config import Station
+
+Request = tuple[int, int]  # datapath id and xid
+
+
+class Switches:
+    """Sends the arbiter's actions, and keeps the requests that switches have yet to answer."""
+
+    def __init__(self, quantum: frozenset[int], mac_table: MacTable, bypass_timeout_s: int) -> None:
+        """`quantum` are datapath ids; all other switches are classical."""
+        self.quantum = quantum
+        self.datapaths: dict[int, Datapath] = {}
+        self._mac_table, self._bypass_timeout_s = mac_table, bypass_timeout_s
+        self._stations: Collection[Station] = ()  # whose addresses are checked
+        self._xids = count(1)
+        self._transactions: dict[Request, int] = {}  # of the arbiter
+        self._listed: dict[Request, list[Any]] = {}  # entries of unfinished replies
+        self._counting: dict[Request, FiveTuple] = {}
+        self._preparing: dict[Request, str] = {}  # kinds of switches that are being prepared
+
+    def connect(self, datapath: Datapath) -> None:
+        """Give a switch its standing entries, and ask for those that sessions left there."""
+        self.datapaths[datapath.id] = datapath
+        if datapath.id in self.quantum:
+            datapath.send_msg(flow_entries.discovery_entry(datapath))
+            for message in flow_entries.classical_entries(datapath):
+                datapath.send_msg(message)
+            self._ask_entries(datapath, flow_entries.LIGHT_TABLE)
+            return
+        self._filter(datapath)
+        for message in flow_entries.metadata_entries(datapath):
+            datapath.send_msg(message)
+        self._ask_entries(datapath, flow_entries.METADATA_TABLE)
+        barrier = flow_entries.barrier(datapath)
+        datapath.send_msg(barrier)
+        self._preparing[datapath.id, barrier.xid] = "classical"
+
+    def disconnect(self, dpid: int) -> None:
+        """Forget a switch and its requests."""
+        del self.datapaths[dpid]
+        requests: tuple[dict[Request, Any], ...] = (
+            self._transactions,
+            self._listed,
+            self._counting,
+            self._preparing,
+        )
+        for table in requests:
+            for key in [key for key in table if key[0] == dpid]:
+                del table[key]
+
+    def check_addresses(self, stations: Collection[Station]) -> None:
+        """Let classical switches drop frames that do not bear their station's addresses."""
+        self._stations = stations
+        for dpid, datapath in self.datapaths.items():
+            if dpid not in self.quantum:
+                self._filter(datapath)
+
+    def _filter(self, datapath: Datapath) -> None:
+        entries = filter_entries(datapath, self._stations)
+        flow_entries.send(datapath, flow_entries.with_barriers(datapath, entries))
+
+    def _ask_entries(self, datapath: Datapath, table: int) -> None:
+        question = flow_entries.ask_entries(datapath, table)
+        datapath.send_msg(question)
+        self._listed[datapath.id, question.xid] = []
+
+    def listed(self, reply: Any) -> list[Any] | None:
+        """Return all entries of a table once the last part has come; None before, or unasked."""
+        request = reply.datapath.id, reply.xid
+        if request not in self._listed:
+            return None
+        self._listed[request] += reply.body
+        if reply.flags & ofproto.OFPMPF_REPLY_MORE:
+            return None
+        return self._listed.pop(request)
+
+    def counted(self, reply: Any) -> tuple[FiveTuple, int] | None:
+        """Return a connection and its bytes if this is the answer to a CountBypass."""
+        five_tuple = self._counting.pop((reply.datapath.id, reply.xid), None)
+        if five_tuple is None:
+            return None
+        return five_tuple, sum(entry.byte_count for entry in reply.body)
+
+    def prepared(self, dpid: int, xid: int) -> str | None:
+        """Return the kind of a switch if a barrier's reply shows that it has its entries."""
+        return self._preparing.pop((dpid, xid), None)
+
+    def transaction_of(self, dpid: int, xid: int) -> int | None:
+        """Return the arbiter's transaction of a message."""
+        return self._transactions.get((dpid, xid))
+
+    def end_transaction(self, dpid: int, xid: int) -> int | None:
+        """Return the arbiter's transaction of a barrier, whose bundle is done."""
+        transaction = self._transactions.get((dpid, xid))
+        if transaction is None:
+            return None
+        while self._transactions.get((dpid, xid)) == transaction:
+            del self._transactions[dpid, xid]
+            xid -= 1
+        return transaction
+
+    def delete_entry(self, datapath: Datapath, entry: Any) -> None:
+        """Delete an entry of another controller from the table of bypasses."""
+        table = flow_entries.METADATA_TABLE
+        datapath.send_msg(flow_entries.delete_entry(datapath, table, entry))
+
+    def send(self, action: SwitchAction) -> None:
+        """Do what the arbiter decided; a switch that is gone needs nothing."""
+        datapath = self.datapaths.get(action.dpid)
+        if datapath is not None:
+            flow_entries.send(datapath, self._messages(datapath, action))
+
+    def _messages(self, datapath: Datapath, action: SwitchAction) -> list[Any]:
+        match action:
+            case Forward(dpid, in_port, frame):
+                port = self._mac_table.port_of(dpid, frame[:6])
+                return [flow_entries.packet_out(datapath, in_port, port, frame)]
+            case OpenPaths():
+                return self._path_messages(datapath, action)
+            case ClosePaths(_, session):
+                return [flow_entries.delete_paths(datapath, session)]
+            case AddBypass(_, five_tuple, session):
+                timeout_s = self._bypass_timeout_s
+                return [flow_entries.bypass(datapath, five_tuple, session, timeout_s)]
+            case RemoveBypass(_, five_tuple, session):
+                return [flow_entries.delete_bypass(datapath, five_tuple, session)]
+            case CountBypass(dpid, five_tuple, session):
+                question = flow_entries.count_bypass(datapath, five_tuple, session)
+                datapath.set_xid(question)
+                self._counting[dpid, question.xid] = five_tuple
+                return [question]
+
+    def _path_messages(self, datapath: Datapath, action: OpenPaths) -> list[bytes]:
+        ports = [port for port in action.tuned if port in datapath.ports]
+        tuning = [optical_messages.tune(datapath, port, action.frequency_mhz) for port in ports]
+        messages = path_bundle(action, tuning, self._xids)
+        for message in messages:
+            self._transactions[action.dpid, xid_of(message)] = action.transaction
+        return messages
