@@ -95,11 +95,10 @@ def photon_splitting(defended: bool, bits: int) -> tuple[int, int]:
         splitting.DECOYS.name: "on" if defended else "off",
         "pairs": PULSES_PER_BIT * 2 * bits,
     }
-    sent, _seen, counts, known = asyncio.run(splitting.exchange(values, SEED))
-    of_key = counts[X]
+    found, known = asyncio.run(splitting.exchange(values, SEED))
+    of_key, pulses = found.counts[X], int(found.sent.sum())
     spied = Spied(int(of_key.sum()), int(known[X]), int(of_key[1].sum()))
     length = float(spied.bits)
     if defended:
-        rate = key(Decoys(splitting.means_of(values)), counts, int(sent.sum())).value
-        length = rate * int(sent.sum())
+        length = key(Decoys(splitting.means_of(values)), found.counts, pulses).value * pulses
     return spied.left(length), spied.bits

@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 
 from dispatcher.laboratory import Laboratory
 from evidence.curves import theory
-from evidence.curves.estimates import Estimate, of_counts, proportion
+from evidence.curves.estimates import Estimate, of_counts
 from evidence.curves.experiment import Experiment, Measure, Outcome, number, pairs_parameter
 from evidence.curves.link import TESTED, configuration, fiber
 from evidence.curves.parameters import Parameter, Values
-from evidence.curves.superdense import blocks
+from evidence.curves.prepared_states import Counts, exchange
 from hosts.middleware.qkd.decoy import SHARES, Decoys, Sifted, bounds
 from hosts.middleware.qkd.key_length import binary_entropy
-from wire.outcomes import NO_CLICK
 from wire.parameters.fiber import Fiber
 from wire.parameters.physics import Detectors, Device, PairSource
 
@@ -30,37 +29,17 @@ LOSS_DB_PER_KM, EFFICIENCY, DARK_COUNT, ERROR, CORRECTION = 0.2, 0.1, 6e-7, 5e-3
 GATE_S = 1e-9
 X = 1
 
-Counts = NDArray[np.int64]  # by basis, right and wrong, and level
-
 
 async def send(values: Values, seed: int) -> Outcome:
-    """Send pulses of three intensities, in states of Z and X; measure each in a basis at random."""
     decoys = decoys_of(values)
     laboratory = Laboratory(configuration(seed, [way(values)], devices(decoys)))
-    alice, bob = laboratory.host("alice"), laboratory.host("bob")
     random = np.random.default_rng(seed)
-    sent, seen = np.zeros(3, np.int64), np.zeros(3, np.int64)
-    counts = np.zeros((2, 2, 3), np.int64)  # basis, wrong, level
-    for block, size in enumerate(blocks(int(values["pairs"]))):
-        states, bases = random.integers(0, (4, 2), (size, 2), dtype=np.uint8).T.copy()
-        levels = random.choice(3, size, p=SHARES).astype(np.uint8)
-        await alice.prepare(states, block, levels)
-        await alice.send({(block, 0): TESTED[0]})
-        sent += np.bincount(levels, minlength=3)
-        if await bob.receive((block, 0), TESTED[1]) is None:
-            continue
-        bits = await bob.measure((block, 0), bases=bases)
-        clicked = bits != NO_CLICK
-        seen += np.bincount(levels[clicked], minlength=3)
-        same = clicked & (bases == states >> 1)
-        wrong = (bits ^ states)[same] & np.uint8(1)
-        np.add.at(counts, (bases[same], wrong, levels[same]), 1)
-    signal = counts[:, :, 0].sum(axis=0)
+    found = await exchange(laboratory, int(values["pairs"]), random, SHARES)
     return {
-        "gain": proportion(int(seen[0]), int(sent[0])),
-        "weak": proportion(int(seen[1]), int(sent[1])),
-        "qber": proportion(int(signal[1]), int(signal.sum())),
-        "key": key(decoys, counts, int(sent.sum())),
+        "gain": found.gain(),
+        "weak": found.gain(1),
+        "qber": found.qber,
+        "key": key(decoys, found.counts, int(found.sent.sum())),
     }
 
 

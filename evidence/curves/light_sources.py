@@ -18,11 +18,10 @@ from evidence.curves.decoy_states import (
 )
 from evidence.curves.estimates import Estimate, proportion
 from evidence.curves.experiment import Experiment, Measure, Outcome, number, pairs_parameter
-from evidence.curves.link import TESTED, configuration
+from evidence.curves.link import configuration
 from evidence.curves.parameters import Parameter, Values
-from evidence.curves.superdense import blocks
+from evidence.curves.prepared_states import exchange
 from hosts.middleware.qkd.key_length import asymptotic_fraction
-from wire.outcomes import NO_CLICK
 from wire.parameters.physics import Device, PairSource
 
 SOURCES = {  # typed with commas between them; a laser by its mean of photons a pulse
@@ -37,31 +36,15 @@ MISMATCH = Parameter("efficiency_mismatch", 0.0, 0.0, 1.0)
 
 
 async def send(values: Values, seed: int) -> Outcome:
-    """Send states of Z and X; measure each in a basis at random."""
     source, mismatch = source_of(values), number(values, MISMATCH.name)
     devices = {"alice": Device(source), "bob": Device(detectors=detectors(mismatch))}
     laboratory = Laboratory(configuration(seed, [way(values)], devices))
-    alice, bob = laboratory.host("alice"), laboratory.host("bob")
-    random = np.random.default_rng(seed)
-    pulses, seen, ones, counts = 0, 0, 0, np.zeros(2, np.int64)  # right and wrong
-    for block, size in enumerate(blocks(int(values["pairs"]))):
-        states, bases = random.integers(0, (4, 2), (size, 2), dtype=np.uint8).T.copy()
-        await alice.prepare(states, block)
-        await alice.send({(block, 0): TESTED[0]})
-        pulses += size
-        if await bob.receive((block, 0), TESTED[1]) is None:
-            continue
-        bits = await bob.measure((block, 0), bases=bases)
-        clicked = bits != NO_CLICK
-        seen, ones = seen + int(clicked.sum()), ones + int((bits == 1).sum())
-        same = clicked & (bases == states >> 1)
-        counts += np.bincount((bits ^ states)[same] & np.uint8(1), minlength=2)
-    gain, qber = proportion(seen, pulses), proportion(int(counts[1]), int(counts.sum()))
+    found = await exchange(laboratory, int(values["pairs"]), np.random.default_rng(seed))
     return {
-        "gain": gain,
-        "qber": qber,
-        "ones": proportion(ones, seen),
-        "key": key(gain, qber, source.multi_photon),
+        "gain": found.gain(),
+        "qber": found.qber,
+        "ones": proportion(found.ones, int(found.seen.sum())),
+        "key": key(found.gain(), found.qber, source.multi_photon),
     }
 
 

@@ -3,7 +3,7 @@
 Theory is of Bell-diagonal pairs: probabilities of Phi+, Psi+, Phi- and Psi-, which add up to 1.
 """
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -14,9 +14,10 @@ from evidence.curves.link import configuration, fiber
 from evidence.curves.parameters import Parameter, Values
 from evidence.curves.teleportation import BASES, fidelity_of
 from hosts.hardware.operations import BlockName
+from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Stored
 from hosts.middleware.services.distribution.purification import PHOTONS, Protocol, purify
-from hosts.middleware.session.protocol import Do, Steps
+from hosts.middleware.session.performing import Performer
 from wire.dispatcher_pb2 import Gate, MeasureRequest
 from wire.parameters.physics import Device, Gates, PairSource
 
@@ -29,48 +30,31 @@ Key = tuple[int, int]  # a block by number and half, as the laboratory has it
 Bell = tuple[float, float, float, float]
 
 
-class Node:
-    """A host of the laboratory that does what the protocol of purification orders."""
+class Node(Performer):
+    """A host of the laboratory as a QNIC, and the performer of its protocols."""
 
     def __init__(self, host: LaboratoryHost) -> None:
-        """Act in the name of this host."""
+        super().__init__(cast(Qnic, self))
         self.host = host
 
-    async def perform(self, steps: Steps[Any]) -> Any:
-        """Do what is ordered; return what comes of it in the end."""
-        found: Any = None
-        while True:
-            try:
-                order = steps.send(found)
-            except StopIteration as end:
-                return end.value
-            assert isinstance(order, Do)
-            found = await getattr(self, order.operation)(*order.arguments, **order.named)
-
     async def rotate(self, name: BlockName, gates: Any) -> None:
-        """Apply gates to a block."""
         await self.host.apply(_key(name), gates=[Gate(name=gate) for gate in gates])
 
     async def controlled_x(self, control: BlockName, target: BlockName) -> None:
-        """Apply CX to pairs of qubits."""
         gates = [Gate(name=Gate.CX, target=block_id(_key(target)))]
         await self.host.apply(_key(control), gates=gates)
 
     async def apply(self, name: BlockName, symbols: Any) -> None:
-        """Apply Pauli operators to a block."""
         await self.host.apply(_key(name), symbols)
 
     async def gather(self, into: BlockName, picks: Any, keep_rest: bool = False) -> None:
-        """Make a block of others' qubits."""
         chosen = {_key(name): positions for name, positions in picks.items()}
         await self.host.gather(_key(into), chosen, keep_rest)
 
     async def measure(self, name: BlockName, bases: Any) -> Any:
-        """Measure a block."""
         return await self.host.measure(_key(name), bases=bases)
 
     async def store(self, name: BlockName) -> Stored:
-        """Put a block into memory."""
         return Stored(np.frombuffer((await self.host.store(_key(name))).arrived, bool), 0)
 
 

@@ -25,11 +25,10 @@ from evidence.curves.parameters import Parameter, Values
 from hosts.hardware.operations import BlockName
 from hosts.hardware.replies import Outcomes, Stored
 from hosts.middleware.services.distribution.options import DistributeOptions
-from hosts.middleware.services.distribution.pairs import Pairs
 from hosts.middleware.services.distribution.protocol import Opening, follow
 from hosts.middleware.services.distribution.sharing import make, share
 from hosts.middleware.session import protocol
-from hosts.middleware.session.protocol import HostSide, Light, OpenerSide, Order, Steps
+from hosts.middleware.session.protocol import HostSide, Light, OpenerSide, Order
 from hosts.middleware.session.values import Lifetimes
 from wire.features import EVERYTHING, NodeFeatures
 from wire.metadata.header import Message
@@ -51,27 +50,15 @@ UNLIKELY = 1e-8  # what is not enumerated
 
 
 class End(Node):
-    """A host of the laboratory that does what the protocol of its end orders."""
+    """A host of the laboratory that hears its peer, with pairs of charlie."""
 
     def __init__(self, host: LaboratoryHost, charlie: LaboratoryHost) -> None:
-        """Act in the name of this host, with pairs of charlie."""
         super().__init__(host)
         self._charlie = charlie
         self.inbox: asyncio.Queue[Message] = asyncio.Queue()
         self.peer: End
 
-    async def carry_out(self, steps: Steps[Pairs]) -> Pairs:
-        """Do what is ordered; return the pairs in the end."""
-        found: Any = None
-        while True:
-            try:
-                order = steps.send(found)
-            except StopIteration as end:
-                pairs: Pairs = end.value
-                return pairs
-            found = await self._do(order)
-
-    async def _do(self, order: Order) -> Any:
+    async def carry_out(self, order: Order) -> Any:
         match order:
             case protocol.Say(messages):
                 for message in messages:
@@ -85,14 +72,15 @@ class End(Node):
             case protocol.Emit(block, pairs):
                 await self._charlie.create(pairs, block)
                 await self._charlie.send({(block, half): WAYS[half][0] for half in (0, 1)})
-            case protocol.Do(operation, arguments, named):
-                return await getattr(self, operation)(*arguments, **named)
+            case protocol.Tell():
+                return None  # nobody listens
             case protocol.Now():
                 return 1.0  # nothing that is measured depends on it
+            case _:
+                return await super().carry_out(order)
         return None
 
     async def _stored(self, light: Any) -> Stored | None:
-        """Take light from its port; None if there is none."""
         name: BlockName = light
         key = name.number, name.half
         if await self.host.receive(key, PORTS[self.host.name]) is None:
@@ -100,11 +88,9 @@ class End(Node):
         return await self.store(name)
 
     async def outcomes(self, name: BlockName, bases: NDArray[np.uint8]) -> Outcomes:
-        """Measure a block."""
         return Outcomes(await self.measure(name, bases), 0)
 
     async def discard_block(self, _session: int, number_: int) -> None:
-        """Let go of a block, if any of it has come."""
         with suppress(Refusal):
             await self.host.discard((number_, int(self.host.name == "bob")))
 
@@ -137,8 +123,8 @@ async def _made(values: Values, seeds: np.random.SeedSequence) -> int:
     opening = Opening(opener, options, partial(make, opener), 0.0)
     following = follow(acceptor, partial(share, acceptor), 0.0)
     async with asyncio.TaskGroup() as both:
-        pairs = both.create_task(alice.carry_out(opening.run()))
-        both.create_task(bob.carry_out(following))
+        pairs = both.create_task(alice.perform(opening.run()))
+        both.create_task(bob.perform(following))
     return pairs.result().emitted
 
 

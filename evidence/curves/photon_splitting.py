@@ -6,24 +6,20 @@ She keeps a photon of each pulse of several, sends on only as many pulses as are
 measures hers when the bases are told (Brassard, Luetkenhaus, Mor, Sanders 2000).
 """
 
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 
 from dispatcher.laboratory import Laboratory, LaboratoryHost
 from dispatcher.sabot.backend import Bytes
-from evidence.curves import theory
+from evidence.curves import prepared_states, theory
 from evidence.curves.decoy_states import key
 from evidence.curves.estimates import Estimate, proportion
 from evidence.curves.experiment import Experiment, Measure, Outcome, number, pairs_parameter
 from evidence.curves.link import configuration, fiber
 from evidence.curves.multi_pair import LOSS
 from evidence.curves.parameters import Parameter, Values
-from evidence.curves.superdense import blocks
+from evidence.curves.prepared_states import Block, Counts, Exchange
 from hosts.middleware.qkd.decoy import LEVELS, SHARES, Decoys
 from hosts.middleware.services.interception.attacks import SEVERAL, Way
-from wire.outcomes import NO_CLICK
 from wire.parameters.physics import Device, PairSource
 
 MEAN = Parameter("mean_photons", 0.5, 0.2, 1.0)
@@ -35,62 +31,46 @@ KEPT, TRASH = 1 << 31, 3 << 30  # numbers of eve's blocks, beside that of the li
 NO_LEVELS = (1.0, 0.0, 0.0)
 
 
-class Exchange(NamedTuple):
-    """What became of pulses; arrays end with the level of their intensity."""
-
-    sent: NDArray[np.int64]
-    seen: NDArray[np.int64]
-    counts: NDArray[np.int64]  # sifted, by basis and by whether they are wrong
-    known: NDArray[np.int64]  # of these, to eve; by basis
-
-
 async def send(values: Values, seed: int) -> Outcome:
     """Send pulses past eve, and compare what bob and she have found with what was sent."""
     means = means_of(values)
-    sent, seen, counts, known = await exchange(values, seed)
-    signal = counts[:, :, 0].sum(axis=0)
-    gain = proportion(int(seen[0]), int(sent[0]))
-    decoys = values[DECOYS.name] == "on"
+    found, known = await exchange(values, seed)
+    gain, decoys = found.gain(), values[DECOYS.name] == "on"
+    pulses = int(found.sent.sum())
     return {
         "gain": gain,
-        "weak": proportion(int(seen[1]), int(sent[1])),
-        "qber": proportion(int(signal[1]), int(signal.sum())),
-        "known": proportion(int(known.sum()), int(counts.sum())),
-        "key": key(Decoys(means), counts, int(sent.sum())) if decoys else gllp(gain, means[0]),
+        "weak": found.gain(1),
+        "qber": found.qber,
+        "known": proportion(int(known.sum()), int(found.counts.sum())),
+        "key": key(Decoys(means), found.counts, pulses) if decoys else gllp(gain, means[0]),
     }
 
 
-async def exchange(values: Values, seed: int) -> Exchange:
-    """Send pulses past eve, and count what bob and she have found of what was sent."""
-    shares = shares_of(values)
-    laboratory = scene(values, seed)
-    alice, eve, bob = (laboratory.host(name) for name in ("alice", "eve", "bob"))
+async def exchange(values: Values, seed: int) -> tuple[Exchange, Counts]:
+    """Send pulses past eve; return the counts, and of the sifted those that eve knows, by basis."""
+    laboratory, random = scene(values, seed), np.random.default_rng(seed)
+    eve, known = laboratory.host("eve"), np.zeros(2, np.int64)
     way = Way(number(values, LOSS.name)) if values[EVE.name] == "on" else None
-    random = np.random.default_rng(seed)
-    sent, seen = np.zeros(LEVELS, np.int64), np.zeros(LEVELS, np.int64)
-    counts, known = np.zeros((2, 2, LEVELS), np.int64), np.zeros(2, np.int64)
-    for block, size in enumerate(blocks(int(values["pairs"]))):
-        states, bases = random.integers(0, (4, 2), (size, 2), dtype=np.uint8).T.copy()
-        levels = random.choice(LEVELS, size, p=shares).astype(np.uint8)
-        await alice.prepare(states, block, levels)
-        await alice.send({(block, 0): TO_EVE[0]})
-        await eve.receive((block, 0), TO_EVE[1])
+
+    async def forward(number: int) -> None:
+        await eve.receive((number, 0), TO_EVE[1])
         if way is not None:
-            await attack(eve, block, way, random)
-        await eve.send({(block, 0): TO_BOB[0]})
-        none = np.full(size, NO_CLICK, np.uint8)
-        came = await bob.receive((block, 0), TO_BOB[1])
-        bits = none if came is None else await bob.measure((block, 0), bases=bases)
-        told = states >> 1  # the bases, when all is measured
-        hers = none if way is None else await eve.measure((block | KEPT, 0), bases=told)
-        clicked = bits != NO_CLICK
-        sent += np.bincount(levels, minlength=LEVELS)
-        seen += np.bincount(levels[clicked], minlength=LEVELS)
-        same = clicked & (bases == told)
-        right = states[same] & np.uint8(1)
-        np.add.at(counts, (bases[same], bits[same] ^ right, levels[same]), 1)
-        known += np.bincount(bases[same][hers[same] == right], minlength=2)
-    return Exchange(sent, seen, counts, known)
+            await attack(eve, number, way, random)
+        await eve.send({(number, 0): TO_BOB[0]})
+
+    async def listen(number: int, block: Block) -> None:
+        if way is not None:  # the bases are public when all is measured
+            same, states = block.sifted, block.states
+            hers = await eve.measure((number | KEPT, 0), bases=states >> 1)
+            agree = hers[same] == states[same] & np.uint8(1)
+            known[:] += np.bincount(block.bases[same][agree], minlength=2)
+
+    pulses, path = int(values["pairs"]), (TO_EVE[0], TO_BOB[1])
+    shares = shares_of(values)
+    found = await prepared_states.exchange(
+        laboratory, pulses, random, shares, path, forward, listen
+    )
+    return found, known
 
 
 async def attack(eve: LaboratoryHost, block: int, way: Way, random: np.random.Generator) -> None:

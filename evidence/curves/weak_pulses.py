@@ -4,40 +4,25 @@ import numpy as np
 
 from dispatcher.laboratory import Laboratory
 from evidence.curves import theory
-from evidence.curves.estimates import Estimate, proportion
+from evidence.curves.estimates import Estimate
 from evidence.curves.experiment import Experiment, Measure, Outcome, number, pairs_parameter
 from evidence.curves.link import TESTED, configuration, fiber
 from evidence.curves.multi_pair import LOSS
 from evidence.curves.parameters import Parameter, Values
-from evidence.curves.superdense import blocks
+from evidence.curves.prepared_states import exchange
 from hosts.middleware.qkd.key_length import asymptotic_fraction
-from wire.outcomes import NO_CLICK
 from wire.parameters.physics import Device, PairSource
 
 MEAN = Parameter("mean_photons", 0.1, 0.0, 10.0)
 
 
 async def send(values: Values, seed: int) -> Outcome:
-    """Send states of Z and X; measure each in a basis at random."""
     source = PairSource(statistics="poisson", mean_pairs=number(values, MEAN.name))
     way = fiber(*TESTED, connectors_db=number(values, LOSS.name))
     laboratory = Laboratory(configuration(seed, [way], {"alice": Device(source=source)}))
-    alice, bob = laboratory.host("alice"), laboratory.host("bob")
-    random = np.random.default_rng(seed)
-    pulses = seen = sifted = wrong = 0
-    for block, size in enumerate(blocks(int(values["pairs"]))):
-        states, bases = random.integers(0, (4, 2), (size, 2), dtype=np.uint8).T.copy()
-        await alice.prepare(states, block)
-        await alice.send({(block, 0): TESTED[0]})
-        pulses += size
-        if await bob.receive((block, 0), TESTED[1]) is None:
-            continue
-        bits = await bob.measure((block, 0), bases=bases)
-        clicked = bits != NO_CLICK
-        same = clicked & (bases == states >> 1)
-        seen, sifted = seen + int(clicked.sum()), sifted + int(same.sum())
-        wrong += int((bits != states & 1)[same].sum())
-    gain, qber = proportion(seen, pulses), wrong / sifted if sifted else 0.0
+    found = await exchange(laboratory, int(values["pairs"]), np.random.default_rng(seed))
+    gain, (sifted, wrong) = found.gain(), (found.counts.sum(), found.counts[:, 1].sum())
+    qber = float(wrong / sifted) if sifted else 0.0
     single = 1 - source.multi_photon / gain.value if gain.value else 0.0
     key = gain.value / 2 * asymptotic_fraction(qber, single)
     return {"gain": gain, "key": Estimate(key, gain.error)}
