@@ -33,6 +33,7 @@ def close(found: Any, expected: float, perfect: float, sigmas: float = SIGMAS) -
     assert abs(found.mean() - expected) < bound
 
 
+@pytest.mark.nightly
 def test_a_teleported_state_is_as_good_as_the_pair(
     tmp_path: Path, left: dict[str, list[Any]]
 ) -> None:

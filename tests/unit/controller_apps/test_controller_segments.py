@@ -82,6 +82,7 @@ def test_what_is_not_tcp_over_ipv4_is_malformed() -> None:
             pytest.fail(f"{name}: {parse(bytes(packet))}")
 
 
+@pytest.mark.nightly
 def test_random_bytes_are_malformed_or_what_scapy_reads() -> None:
     draw, read = random.Random(1), 0
     whole = bytearray(frame(b"payload"))

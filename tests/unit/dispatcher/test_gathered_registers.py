@@ -181,6 +181,7 @@ class Experiment:
         assert (self.sabot.live_qubits, self.sabot.live_bytes) == (0, 0)
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize("backend", ["chp", "stim", "dense"])
 @pytest.mark.parametrize("seed", range(20))
 def test_whatever_is_found_of_gathered_qubits_is_possible(backend: str, seed: int) -> None:

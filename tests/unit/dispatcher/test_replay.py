@@ -459,6 +459,7 @@ def told_before(content: bytes) -> dict[int, str]:
     return events
 
 
+@pytest.mark.nightly
 def test_spoiled_bytes_are_refused_or_change_nothing_that_was_before(tmp_path: Path) -> None:
     content, log = recorded(tmp_path, JumpingClock(), superdense)
     before = told_before(content)

@@ -92,6 +92,7 @@ def test_bounds_by_vacuum_and_weak_are_the_papers(length_km: float, weak: float)
     assert vacuum_and_weak.with_decoys(length_km, weak) == pytest.approx((one, wrong), rel=1e-6)
 
 
+@pytest.mark.nightly
 def test_at_100_km_a_hundred_times_longer_blocks_bring_1_75_times_the_key() -> None:
     """Section IV: "the secret key rate obtained with n_X = 10^9 is about 1.75 times" 10^7's."""
     ratio = finite_keys.best_rate(1e9, 100.0) / finite_keys.best_rate(1e7, 100.0)
@@ -104,6 +105,7 @@ def test_blocks_of_ten_thousand_bits_reach_beyond_120_km() -> None:
     assert finite_keys.best_rate(1e4, 150.0) == 0.0
 
 
+@pytest.mark.nightly
 def test_what_is_known_to_differ_is_told_with_its_reason_and_no_fault() -> None:
     """arXiv:1311.7129 states 135 km; the reach of its printed formulas was searched, by 0.5 km."""
     (finding,) = (

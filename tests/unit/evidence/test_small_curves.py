@@ -59,6 +59,7 @@ def test_pairs_are_made_for_those_that_are_wanted_and_the_sample() -> None:
     assert told["made"] == (46 / 12, 0)
 
 
+@pytest.mark.nightly
 def test_what_is_enumerated_of_pairs_made_is_a_series_where_one_is_wanted() -> None:
     """3 + 12/2^3 + 48/2^15 + 192/2^63 + ...: four times as much each time that nothing comes."""
     given: Values = {"wanted": 1, "sample": 0.0, "loss_db": 10 * log10(2), "requests": 300}
@@ -190,6 +191,7 @@ def test_pairs_are_seen_as_often_and_err_as_often_as_an_enumeration_has_it(proto
     assert single == pytest.approx((qber, gain), rel=1e-9)
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize(
     ("experiment", "given"),
     [

@@ -179,6 +179,7 @@ def dibit_channel(bits: Bits, p: float, seed: int) -> Bits:
     return bits ^ np.stack([error >> 1, error & 1], axis=1).reshape(-1)[: bits.size]
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize(
     ("code", "p", "interleaved", "theory"),
     [

@@ -56,6 +56,7 @@ def intercepted(folder: Path, protocol: str, fraction: float, **options: Any) ->
     return network_loop.run(run())
 
 
+@pytest.mark.by_day(every=2)
 @protocols
 @pytest.mark.parametrize("fraction", [0.0, 0.1, 0.2])
 def test_the_error_rate_is_a_quarter_of_the_fraction(

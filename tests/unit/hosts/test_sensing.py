@@ -98,6 +98,7 @@ def estimates(phase: float, visibility: float, count: int, runs: int) -> Iterato
         yield fringe
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("phase", [0.0, pi / 4, -2.5, pi])
 @pytest.mark.parametrize("visibility", [1.0, 0.6])
 def test_the_spread_of_estimates_is_the_bound_of_cramer_and_rao(

@@ -105,6 +105,7 @@ NOISY = {"length_km": 1.0, "loss_db_per_km": 0.025, "depolarizing": 0.003}
 LESS_NOISY = {"length_km": 1.0, "loss_db_per_km": 0.005, "depolarizing": 0.001}
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("fec", FECS)
 @pytest.mark.parametrize("interleave", [False, True])
 def test_every_code_delivers_exactly_over_fibres_that_lose_and_depolarise(

@@ -102,6 +102,7 @@ def test_the_pairs_of_a_chain_are_purified_until_they_are_as_good_as_is_asked(
     assert abs(alice["fidelity"] - 0.8985) < 5 * sqrt(0.8985 * 0.1015 / (3 * COUNT))
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("repeaters", [1, 3])
 def test_losses_make_pairs_fewer_and_not_worse(tmp_path: Path, repeaters: int) -> None:
     """Each link loses 3 of 4; there are as many pairs as the poorest link has."""
@@ -206,6 +207,7 @@ def test_nested_repeaters_wait_for_notices_from_the_right_that_others_pass_on(
             assert talk.first("heard", heard, way) < talk.first("said", waiting)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("schedule", ["left-to-right", "nested"])
 def test_sixteen_repeaters_can_take_turns(tmp_path: Path, schedule: str) -> None:
     physics = {"order": partial(order_swaps, schedule=schedule)}

@@ -106,6 +106,7 @@ def test_every_fibre_of_a_usual_network_has_a_label(
     assert sum(int(count or 1) for count in labels) == len(joined)
 
 
+@pytest.mark.nightly
 def test_a_crowded_network_names_the_fibres_that_light_took() -> None:
     leaves, spines = [f"q{n}" for n in range(1, 13)], [f"q{n}" for n in range(13, 21)]
     stages = [(leaf, spine) for leaf in leaves for spine in spines]

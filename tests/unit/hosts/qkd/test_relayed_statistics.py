@@ -128,6 +128,7 @@ def test_a_mean_is_missed_as_rarely_as_is_said() -> None:
         assert missed.max() > eps / 20
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("errs", [0.0, 0.02, 0.2])
 def test_bounds_fail_no_more_often_than_eps_says(errs: float) -> None:
     """Without a margin for chance they fail often. Which bits are tested, and err, is by chance."""
