@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hosts.middleware.qkd.bits import Bits, Mask
+from hosts.middleware.qkd.estimation import share_variance
 
 LOCAL = 2.0
 SIGMAS = 5  # of S, that it has to be above
@@ -51,11 +52,11 @@ class Correlations:
 
     @property
     def error(self) -> float:
-        """The standard error of S."""
+        """The standard error of S (`share_variance` of each correlation); NaN likewise."""
         counts = self._counts.sum(axis=2)
         if not counts.all():
             return nan
-        return sqrt(float(((1 - self._expected**2) / counts).sum()))
+        return sqrt(float(4 * share_variance(self._counts[:, :, 0], counts).sum()))
 
     def least(self, margin: float) -> float:
         """Return what S has to be above: 2 and the margin, at least five standard errors."""

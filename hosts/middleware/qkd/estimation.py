@@ -5,6 +5,7 @@ from math import sqrt
 from statistics import NormalDist
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hosts.middleware.qkd.bits import Bits, Mask
 from hosts.middleware.qkd.public_randomness import subset
@@ -37,6 +38,18 @@ class Estimate:
         low = (centre - half) / scale if self.errors else 0.0
         high = (centre + half) / scale if self.errors < self.sample else 1.0
         return low, high
+
+
+Counts = NDArray[np.int64] | int
+
+
+def share_variance(right: Counts, seen: Counts) -> NDArray[np.float64]:
+    """Return the squared standard error of the share right / seen, by Wilson's score interval.
+
+    It is the half-width for one standard deviation: above 0 also if all outcomes are alike.
+    """
+    share = np.divide(right, seen)
+    return np.asarray((seen * share * (1 - share) + 0.25) / np.square(np.add(seen, 1)))
 
 
 def sample_size(sifted: int, fraction: float) -> int:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hosts.middleware.qkd.estimation import share_variance
 from wire.outcomes import BASES
 
 Z, X, Y = (BASES.index(name) for name in "ZXY")
@@ -60,7 +61,7 @@ class Tally:
         if not self.in_z or not self.in_x:
             return dict.fromkeys(("fidelity", "fidelity_error", "equal_in_z", "coherence"))
         equal, right = self.equal / self.in_z, self.right / self.in_x
-        spread = equal * (1 - equal) / self.in_z / 4 + right * (1 - right) / self.in_x
+        spread = share_variance(self.equal, self.in_z) / 4 + share_variance(self.right, self.in_x)
         return {
             "fidelity": (equal + 2 * right - 1) / 2,
             "fidelity_error": sqrt(spread),

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hosts.middleware.qkd.estimation import share_variance
 from hosts.middleware.services.ghz.line import Table
 from hosts.middleware.services.ghz.witness import X, Y, Z
 from hosts.middleware.services.graph_states.graph import Graph
@@ -62,7 +63,7 @@ class Stabilisers:
         mean, empty = 2 * self.right / self.states - 1, 0.5**self.graph.hosts
         return {
             "fidelity": empty + (1 - empty) * mean,
-            "fidelity_error": (1 - empty) * sqrt((1 - mean**2) / self.states),
+            "fidelity_error": (1 - empty) * 2 * sqrt(share_variance(self.right, self.states)),
         }
 
 
@@ -102,6 +103,6 @@ class Colours:
         passed = self.passed / self.seen
         return {
             "fidelity_at_least": float(passed.sum()) - (passed.size - 1),
-            "fidelity_error": sqrt(float((passed * (1 - passed) / self.seen).sum())),
+            "fidelity_error": sqrt(share_variance(self.passed, self.seen).sum()),
             "passed": passed.tolist(),
         }

@@ -17,6 +17,7 @@ import numpy as np
 from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import Outcomes, Symbols
+from hosts.middleware.qkd.estimation import share_variance
 from hosts.middleware.services.teleportation import qubit_states
 from hosts.middleware.services.teleportation.qubit_states import Cardinal, Heard, States
 from hosts.middleware.session.errors import SessionError
@@ -66,7 +67,7 @@ class Tally:
             states=self.states,
             arrived=arrived,
             fidelity=fidelity,
-            fidelity_error=fidelity and sqrt(fidelity * (1 - fidelity) / arrived),
+            fidelity_error=sqrt(share_variance(self.agreed, arrived)) if arrived else None,
             waited_ms=1000 * self.waited_s / arrived if arrived else None,
             elapsed_s=elapsed_s,
             states_per_s=self.states / elapsed_s,

@@ -106,7 +106,9 @@ def test_too_few_tests_decide_nothing_and_so_against_a_key() -> None:
     for _ in range(3):
         bell.add(*(np.array(each, np.uint8) for each in ([0, 1, 0, 1], [0, 0, 1, 1], [0, 0, 0, 1])))
     assert bell.s == 4
-    assert bell.error == 0  # all alike: the margin decides
+    # The half-width of Wilson's score interval for n outcomes alike: 1 / (n + 1) of E.
+    assert bell.error == pytest.approx(sqrt(3 / 5**2 + 1 / 4**2))
+    assert not bell.s > bell.least(0.0)
     bell.add(*(np.array([each], np.uint8) for each in (0, 0, 1)))
     assert bell.least(0.0) == pytest.approx(2 + 5 * bell.error)
 
