@@ -122,7 +122,7 @@ chaos: setup ## Strike runs at random for MINUTES (3), from SEED (1): nothing ma
 	    $(if $(STRIKES),--strikes $(STRIKES)) $(if $(STANDING),--standing)
 
 mutants: setup notebooks ## Put bugs in, one at a time (ARGS="--room wire --near"): day's tests notice each
-	PYTHONPATH=. $(PYTHON) tests/mutants $(value ARGS)
+	PYTHONPATH=. $(PYTHON) tests/mutants/try_each.py $(value ARGS)
 
 fuzz: setup ## Feed decoders and dispatcher INPUTS (10000000) spoiled messages, from SEED (1)
 	$(PYTHON) tests/fuzz/feed.py --inputs $(or $(INPUTS),10000000) --seed $(or $(SEED),1)

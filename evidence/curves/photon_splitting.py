@@ -61,7 +61,7 @@ async def exchange(values: Values, seed: int) -> tuple[Exchange, Counts]:
     async def listen(number: int, block: Block) -> None:
         if way is not None:  # the bases are public when all is measured
             same, states = block.sifted, block.states
-            hers = await eve.measure((number | KEPT, 0), bases=states >> 1)
+            hers = await eve.measure((number | KEPT, 0), bases=states >> np.uint8(1))
             agree = hers[same] == states[same] & np.uint8(1)
             known[:] += np.bincount(block.bases[same][agree], minlength=2)
 

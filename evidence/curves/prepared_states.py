@@ -30,7 +30,8 @@ class Block:
     @property
     def sifted(self) -> NDArray[np.bool_]:
         """The pulses that were seen, in the basis in which they were prepared."""
-        return (self.bits != NO_CLICK) & (self.bases == self.states >> 1)
+        same: NDArray[np.bool_] = (self.bits != NO_CLICK) & (self.bases == self.states >> 1)
+        return same
 
 
 class Exchange:
