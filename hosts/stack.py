@@ -39,7 +39,7 @@ from hosts.processing_unit.unit import ProcessingUnit
 from hosts.serving.active_sessions import ActiveSessions
 from hosts.serving.applications_port import ApplicationsPort
 from hosts.serving.incoming import Incoming
-from hosts.serving.ordered_seals import OrderedSeals, Unattended
+from hosts.serving.ordered_seals import NoApplication, OrderedSeals
 from hosts.timeouts import ANSWER_TIMEOUT_S
 from wire.config import STANDING, HostConfig
 from wire.features import HERALD
@@ -52,7 +52,7 @@ from wire.services import HERALDED_LIGHT, Role
 
 log = logging.getLogger("stack")
 
-Attending = Incoming | Arriving | Unattended  # who takes part, at the end that was asked
+Attending = Incoming | Arriving | NoApplication  # who takes part, at the end that was asked
 
 
 class Stack:

@@ -65,8 +65,9 @@ class FabricTopo(QuantumTopo):
         Fibres are as the preset says (catalogue/presets.py), but for what is given by keyword
         (wire.parameters.fiber.FiberOptics); raise BadParameter for what cannot be. Hosts have the
         preset's device, that of a kind of `node` (catalogue/node_kinds.py), or their own of
-        `devices`. `light` says who grants it to them (wire.config.LIGHT). There are `addresses`
-        for so many hosts. `both_ways` gives alice a second fibre, so that she can receive, too.
+        `devices`. `light` says who grants it to them (wire.config.LIGHT). `addresses` is the number
+        of hosts with an address. `both_ways` gives alice a second fibre, so that she can receive,
+        too.
         """
         check_names(type(self).__name__, fiber, [*self._keywords(), *sorted(OPTICS)], BadParameter)
         self._alice_fibers = 2 if both_ways else 1

@@ -24,7 +24,7 @@ from wire.parameters.physics import BellAnalyser, Device
 __all__ = ["MapTopo", "Mininet", "controllers", "findController", "topos"]
 
 HOST_FIBERS = 2
-MOST_DELAY_KM = 20_000.0  # of the ideal delay line of hosts of which nothing else is said
+MOST_DELAY_KM = 20_000.0  # of the ideal delay line of hosts without a setting
 SOURCE = "src"
 
 

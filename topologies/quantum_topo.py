@@ -1,4 +1,4 @@
-"""Mininet's Topo for networks with light, in which what each of them has need not be said.
+"""Mininet's Topo for networks with light, with defaults for all that these have.
 
     class Lab(QuantumTopo):
         def build(self):
@@ -49,7 +49,7 @@ class QuantumTopo(Topo):
     def addFibers(  # noqa: N802 (as Mininet's addLink)
         self, node1: str, node2: str, count: int = 1, **params: Any
     ) -> None:
-        """Add so many links of FiberLink, with its keywords; BadParameter for fewer than one."""
+        """Add `count` links of FiberLink, with its keywords; BadParameter for fewer than one."""
         if not isinstance(count, int) or count < 1:
             raise BadParameter(f"{count!r} fibres between {node1} and {node2}: choose 1 or more")
         for _ in range(count):

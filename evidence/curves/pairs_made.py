@@ -28,7 +28,7 @@ from hosts.middleware.services.distribution.options import DistributeOptions
 from hosts.middleware.services.distribution.protocol import Opening, follow
 from hosts.middleware.services.distribution.sharing import make, share
 from hosts.middleware.session import protocol
-from hosts.middleware.session.protocol import HostSide, Light, OpenerSide, Order
+from hosts.middleware.session.protocol import Effect, HostSide, Light, OpenerSide
 from hosts.middleware.session.values import Lifetimes
 from wire.features import EVERYTHING, NodeFeatures
 from wire.metadata.header import Message
@@ -58,7 +58,7 @@ class End(Node):
         self.inbox: asyncio.Queue[Message] = asyncio.Queue()
         self.peer: End
 
-    async def carry_out(self, order: Order) -> Any:
+    async def carry_out(self, order: Effect) -> Any:
         match order:
             case protocol.Say(messages):
                 for message in messages:

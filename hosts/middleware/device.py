@@ -30,19 +30,19 @@ class Counted(Protocol):
 
     @property
     def setup(self) -> Setup:
-        """What was agreed on."""
+        """The agreed terms."""
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """What it has used so far, as DeviceReport names it."""
+        """Its use so far, in the names of DeviceReport."""
 
     @property
     def summary(self) -> Mapping[str, Any]:
-        """What its application is told, as far as that is known."""
+        """The application's summary so far."""
 
     @property
     def watched(self) -> Watched | None:
-        """What it has found if it watches a way, and does no more."""
+        """Its findings if it watches a path, and does no more."""
 
 
 class Opened(Counted, Protocol):
@@ -139,9 +139,9 @@ class Device:
             self.changed()
 
     def _sealed(self, session: int, watched: Watched) -> None:
-        told = watched.compared, watched.errors, watched.tests, watched.ended
+        figures = watched.compared, watched.errors, watched.tests, watched.ended
         names = "seal_compared", "seal_errors", "seal_tests", "seal_end"
-        self._seal |= {"seal": session, **dict(zip(names, told, strict=True))}
+        self._seal |= {"seal": session, **dict(zip(names, figures, strict=True))}
         if watched.alarm:
             self._seal["alarm"] = session
             self.alarmed()

@@ -20,7 +20,7 @@ class Verdicts:
     """Checks verdicts of the controller, each of which counts once."""
 
     key: str  # the device key, hexadecimal; empty: no controller can grant this host anything
-    standing: bool = False  # light is there without a grant
+    standing: bool = False  # light stands without a grant
     _taken: dict[bytes, None] = field(default_factory=dict)  # seals, the oldest first
 
     def checked(self, setup: Setup, connection: Connection) -> Setup:

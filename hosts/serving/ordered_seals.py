@@ -27,7 +27,7 @@ log = logging.getLogger("ordered-seals")
 MAX_ORDERS = 256  # that are remembered
 
 
-class Unattended:
+class NoApplication:
     """In the place of an application: nobody here waits for what a seal finds."""
 
     async def tell(self, **_fields: Any) -> None:
@@ -67,7 +67,7 @@ class OrderedSeals:
         self._open: set[asyncio.Task[None]] = set()
 
     def take(self, order: SealOrder) -> Answer:
-        """Do what is ordered, once; return what the controller is told."""
+        """Carry out an order, once; return the reply to the controller."""
         if order.seal not in self._answered:
             self._answered[order.seal] = self._obey(order)
             if len(self._answered) > MAX_ORDERS:
@@ -75,16 +75,16 @@ class OrderedSeals:
         return Answer(order.session, *self._answered[order.seal])
 
     def give_back(self, order: GiveBack) -> Answer:
-        """Let a seal end, because a session wants its light; return what the controller is told."""
+        """End a seal, because a session wants its light; return the reply to the controller."""
         there = self._end(order.seal)
         return Answer(order.session, Reason.OK if there else Reason.UNKNOWN_SESSION)
 
-    def expected(self, setup: Setup, opener: str) -> Unattended | None:
-        """Return what takes part in a session that this host has been told to expect, once."""
+    def expected(self, setup: Setup, opener: str) -> NoApplication | None:
+        """Return the application of a session that the controller announced, once."""
         if setup.service != Service.SEAL or self._expected.get(setup.session) != opener:
             return None
         del self._expected[setup.session]
-        return Unattended()
+        return NoApplication()
 
     def _obey(self, order: SealOrder) -> tuple[Reason, str]:
         if order.acceptor == self._address:
@@ -107,7 +107,7 @@ class OrderedSeals:
         try:
             with self._opening(session):
                 try:
-                    await session.run(Unattended().tell)
+                    await session.run(NoApplication().tell)
                     await session.finish()
                 except (SessionError, HardwareError) as error:
                     await session.give_up(error)

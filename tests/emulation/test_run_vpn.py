@@ -346,7 +346,7 @@ def test_without_the_same_psk_tls_gives_up(tmp_path: Path) -> None:
                 wait_until(partial(more_listening, network, "bob", before), "bob's server")
             ends[1].wait_for("answered", 30.0, network.check)
             # Before and after that OpenSSL says what became of other attempts.
-            assert ends[1].said().split("answered: ")[1].split()[0] == answer
+            assert ends[1].output().split("answered: ")[1].split()[0] == answer
             assert f"{lost} packet loss" in network.host("alice").cmd(ping)
             for end in ends:
                 end.stop()
@@ -367,7 +367,7 @@ def test_without_the_same_ppk_ike_gives_up(tmp_path: Path) -> None:
         command = [sys.executable, str(script), str(config), key["key_ID"]]
         tried = network.run_on("alice", "wrong-key", command)
         tried.wait_for("handshake", 30.0, network.check)
-        assert tried.said().strip() == "handshake False"
+        assert tried.output().strip() == "handshake False"
         log = runtime.logs / "charon-alice.log"
         wait_until(lambda: "N(AUTH_FAILED)" in log.read_text(), "bob refuses the key")
         assert "100% packet loss" in alice.cmd(ping)
@@ -407,9 +407,9 @@ def test_strongswan_uses_the_key_before_no_longer_than_its_lifetime(tmp_path: Pa
         pings = network.run_on("alice", "pings", ["ping", "-D", "-i", "0.05", INSIDE[1]])
         ends["alice"].wait_for("times", SOON_S, network.check)
         time.sleep(2 * SLACK_S)
-        answered = [float(at) for at in re.findall(r"\[([\d.]+)\] 64 bytes from", pings.said())]
+        answered = [float(at) for at in re.findall(r"\[([\d.]+)\] 64 bytes from", pings.output())]
         ends["alice"].wait_for("closed", SOON_S, network.check)
-    said = ends["alice"].said().split("times ")[1].split()
+    said = ends["alice"].output().split("times ")[1].split()
     first, second, ended = map(float, said[:3])
     assert said[-2:] == ["closed", "False"]
     assert first + lifetime_s <= ended < first + lifetime_s + SLACK_S

@@ -1,6 +1,6 @@
-"""Kinds of nodes by what they are made of: what the device of a host of each kind is like.
+"""Kinds of nodes by their hardware: the device of a host of each kind.
 
-What no paper states of them is named in docs/nodes.md ("Estimates").
+Values that no paper states are in docs/nodes.md ("Estimates").
 
 qmn run distribute --node ion-trap --node charlie=station --count 20
 sudo PYTHONPATH=. mn --custom topologies/repeaters.py --topo repeaters,node=ion-trap,stations=True
@@ -97,7 +97,7 @@ ATOMIC_ENSEMBLE = Device(
 )
 
 # A station that heralds: nothing but an analyser of linear optics, with detectors as good as those
-# of superconducting nanowires. What emitters above say of clicks has its imperfections in it.
+# of superconducting nanowires. Its imperfections are in the click figures of the emitters above.
 STATION = Device(
     source=PairSource("none"),
     memory=Memory(capacity=0),
@@ -109,7 +109,7 @@ STATION = Device(
 
 @dataclass(frozen=True)
 class NodeKind:
-    """What hosts of a kind are like, made of what a preset says of every host."""
+    """A kind of host, made of the device that a preset gives every host."""
 
     help: str
     of: Callable[[Device], Device]

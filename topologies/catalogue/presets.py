@@ -19,7 +19,7 @@ NANOWIRES = Detectors(
 
 @dataclass(frozen=True)
 class Preset:
-    """What differs from the ideal, and where the numbers come from."""
+    """Differences from the ideal, and the source of their numbers."""
 
     source: str
     fiber: dict[str, Any] = field(
@@ -38,7 +38,7 @@ PRESETS = {
         device=Device(source=PairSource(fidelity=1 - 0.75 * 0.0598)),
     ),
     # Entangled pairs over a city's fibres with the polarisation held: fidelities from 85 % (82 km)
-    # to 99 % (10 m). What the control of the polarisation leaves is our estimate.
+    # to 99 % (10 m). The residual drift of polarisation is our estimate.
     "metro": Preset(
         "fibre: catalogues of ITU-T G.652.D, connectors .25 dB each; pairs with stabilised "
         "polarisation: arXiv:2504.08927; detectors: arXiv:1611.02726",

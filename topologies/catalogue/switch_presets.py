@@ -16,7 +16,7 @@ from wire.parameters.switch import OPTICS, QuantumSwitch
 
 @dataclass(frozen=True)
 class SwitchPreset:
-    """What differs from an ideal switch, and where the numbers come from."""
+    """Differences from an ideal switch, and the source of their numbers."""
 
     source: str
     optics: Mapping[str, float]
@@ -73,7 +73,7 @@ SWITCH_PRESETS = {
 def optics_of(name: str, given: Mapping[str, Any]) -> QuantumSwitch:
     """Return the optics of a switch: what is given, else what its preset says.
 
-    Raise BadParameter for what no switch can have.
+    Raise BadParameter if a value is out of range.
     """
     preset = given.get("preset") or "ideal"
     check_choice(f"{name}: preset", preset, SWITCH_PRESETS, BadParameter)

@@ -112,8 +112,8 @@ def mac_of(name: str, text: object) -> str:
 
 
 def _dpid(name: str, info: Mapping[str, Any]) -> int:
-    said = info.get("dpid") or info["cls"].dpid_of(name)
-    return int(str(said).replace(":", ""), 16)
+    dpid = info.get("dpid") or info["cls"].dpid_of(name)
+    return int(str(dpid).replace(":", ""), 16)
 
 
 def _interfaces(topo: Topo) -> Iterator[tuple[str, str]]:

@@ -65,7 +65,7 @@ def describe(topo: Topo) -> Description:
 
 
 def switch_of(name: str, info: Mapping[str, Any]) -> QuantumSwitch:
-    """Return the optics of a quantum switch; raise BadParameter for what no switch can have."""
+    """Return the optics of a quantum switch; raise BadParameter if a value is out of range."""
     return optics_of(name, info)
 
 

@@ -29,7 +29,7 @@ NAMED = 5  # hosts in an error, at most
 
 
 class FirstLink(NamedTuple):
-    """What is at the first port of a host, where Mininet puts its address."""
+    """The link at the first port of a host, where Mininet puts its address."""
 
     port: int
     end: str
@@ -68,8 +68,8 @@ def _dispatcher(infos: Infos) -> str:
 
 def _refuse_other_networks(infos: Infos) -> None:
     """Raise BadParameter for hosts of ours in several IP networks: they broadcast in one."""
-    told = {name: info["ip"] for name, info in infos.items() if info.get("ip")}
-    networks = {name: interface_of(name, ip).network for name, ip in told.items()}
+    addresses = {name: info["ip"] for name, info in infos.items() if info.get("ip")}
+    networks = {name: interface_of(name, ip).network for name, ip in addresses.items()}
     for (first, network), (name, other) in pairwise(networks.items()):
         if other != network:
             raise BadParameter(

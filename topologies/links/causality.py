@@ -22,8 +22,8 @@ class Early(NamedTuple):
 def worst(network: Runtime) -> Early | None:
     """Return what outruns light most, in a network that has been built; None if nothing can.
 
-    News goes along the copper, also to the controller and from there to the switches. What light
-    leads by less than any packet takes here is not news that is early.
+    News goes along the copper, also to the controller and from there to the switches. A lead of
+    light that is less than any packet takes here is not news that is early.
     """
     light, news = ways_of_light(network), ways_of_news(network)
     least_s = network.time.network_s(LEAST_DELAY_S)

@@ -40,7 +40,7 @@ def delay_s(length_km: float) -> float:
 
 
 def length_km(delay: float) -> float:
-    """Return how long copper is on which a packet takes so many seconds."""
+    """Return how long copper is on which a packet takes `delay` seconds."""
     return delay * SPEED_IN_FIBER_M_PER_S / 1e3
 
 

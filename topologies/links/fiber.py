@@ -48,9 +48,9 @@ class FiberLink(Channel):
 
     The bridge gets a real port and Mininet's verbs (net, links, link … down) work on it.
     The host's end is its QNIC and is called <host>-q0, <host>-q1, …
-    Optics go by keyword, as the fields of wire.parameters.fiber.FiberOptics; raise BadParameter for
-    what no fibre is like. A noise model of the user's own is in a file that is relative to
-    where the program runs.
+    Optics go by keyword, as the fields of wire.parameters.fiber.FiberOptics; raise BadParameter if
+    a value is out of range. A noise model of the user's own is in a file that is relative to where
+    the program runs.
     """
 
     def __init__(self, node1: Node, node2: Node, **params: object) -> None:

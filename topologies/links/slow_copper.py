@@ -4,8 +4,8 @@
     host ---+--> metadata: token bucket, bits a second --+--> s1
             '--> all else, as to the dispatcher ---------'
 
-Rates work where `netem`, with its fixed delays, is missing. What the simulation itself says over
-the same copper is not slowed down: it is not what is measured.
+Rates work where `netem`, with its fixed delays, is missing. The simulation's own messages over the
+same copper are not slowed down: it is not what is measured.
 """
 
 import subprocess
@@ -49,7 +49,7 @@ def slow_metadata(host: Host, rate_mbps: float) -> None:
 def _run(host: Host, command: list[str]) -> None:
     with host.popen(command) as program:
         try:
-            _output, told = program.communicate(timeout=COMMAND_TIMEOUT_S)
+            _output, words = program.communicate(timeout=COMMAND_TIMEOUT_S)
         except subprocess.TimeoutExpired as error:
             program.kill()
             raise NetworkError(
@@ -57,6 +57,6 @@ def _run(host: Host, command: list[str]) -> None:
             ) from error
     if program.returncode:
         raise NetworkError(
-            f"{host.name}: {' '.join(command)}: {told.decode().strip()}; a slow classical channel "
+            f"{host.name}: {' '.join(command)}: {words.decode().strip()}; a slow classical channel "
             "needs a kernel with sch_htb, sch_tbf and cls_u32: load them, or leave it out"
         )

@@ -31,7 +31,7 @@ DROPPED = re.compile(r"^(\d+) packets? dropped by kernel", re.MULTILINE)
 
 
 class Captures:
-    """What is captured of one network, and how much of it was missed."""
+    """Captures of one network, and the packets that they missed."""
 
     def __init__(self, network: Runtime) -> None:
         self._network = network
@@ -148,7 +148,7 @@ def capture_command(interface: str, file: Path, packet_bytes: int = MAX_PACKET_B
     buffer_kib = ETHERNET_BUFFER_KIB if packet_bytes <= ETHERNET_PACKET_BYTES else BUFFER_KIB
     options = ["-n", "-U", "-s", str(packet_bytes), "-B", str(buffer_kib)]
     options += ["--immediate-mode", "--time-stamp-precision=nano"]
-    # Another user's process would not be told that the runner has died.
+    # Another user's process would not learn that the runner has died.
     options += ["-Z", "root"]
     batch = ["chrt", "--batch", "0"]
     return [*batch, "tcpdump", *options, "-i", interface, "-w", str(file)]

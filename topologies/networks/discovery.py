@@ -21,7 +21,7 @@ INTERFACES = Path("/sys/class/net")
 
 
 class Discovery:
-    """What a controller is to find, and what it has found."""
+    """Fibres that a controller is to find, and those it has found."""
 
     def __init__(self, net: Mininet, network: Runtime) -> None:
         self._net, self._runtime = net, network

@@ -108,5 +108,5 @@ def until_heard(
     wait(f"the {state} fibre at", lambda whole: [e for e in ends if whole.get(e) != up])
 
 
-def _whole(told: Any) -> dict[SwitchEnd, bool]:
-    return {SwitchEnd(each["dpid"], each["port"]): each["up"] for each in told["fibers"]}
+def _whole(state: Any) -> dict[SwitchEnd, bool]:
+    return {SwitchEnd(each["dpid"], each["port"]): each["up"] for each in state["fibers"]}

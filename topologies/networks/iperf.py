@@ -52,7 +52,7 @@ class IperfMininet(Mininet):
                 raise NetworkError(f"iperf from {client} to {server} did not end") from error
             finally:
                 receiver.kill()
-        rates = [self._parseIperf(said) for said in (received, sent)]
+        rates = [self._parseIperf(text) for text in (received, sent)]
         result = [udpBw, *rates] if kind else rates
         output(f"*** Results: {result}\n")
         return result

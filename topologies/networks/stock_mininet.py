@@ -1,6 +1,6 @@
 """Mininet as its own program `mn` is to have it: for topologies of ours, and no longer than it may.
 
-What topologies.networks.network.Network does for `qmn` around a network, this does here.
+It does here what topologies.networks.network.Network does for `qmn` around a network.
 """
 
 from mininet.log import error
@@ -34,7 +34,7 @@ class StockMininet(HeardOrders, IperfMininet):
         self.hears = True
 
     def configLinkStatus(self, src: str, dst: str, status: str) -> None:  # noqa: N802 (Mininet's)
-        """Cut or mend the links between two nodes; what goes wrong is told, as `mn` does."""
+        """Cut or mend the links between two nodes; report errors as `mn` does."""
         try:
             super().configLinkStatus(src, dst, status)
         except NetworkError as fault:

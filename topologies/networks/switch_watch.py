@@ -1,6 +1,6 @@
 """Watches the switches of a network: their bridges, links and flow entries on this machine.
 
-Whoever deletes one of these is the cause; programs that end, or wait in vain, because of it are
+A deletion of one of these is the cause; programs that end, or wait in vain, because of it are
 not. Interfaces also go with a daemon or a shell that ends, a moment before that is seen.
 """
 

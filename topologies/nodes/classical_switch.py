@@ -24,7 +24,7 @@ SHARES = {"controller_rate_limit": 2000, "controller_burst_limit": 1000}
 
 
 class ClassicalSwitch(QuantumNode, OVSSwitch):
-    """An Open vSwitch bridge that speaks OpenFlow 1.4 and forwards only what it is told.
+    """An Open vSwitch bridge that speaks OpenFlow 1.4 and forwards only by its flow entries.
 
     Its datapath ID is the first number in its name, as in Mininet, unless `dpid` is given.
     """

@@ -31,7 +31,7 @@ class OpticalSwitch(ClassicalSwitch):
 
     Optics go by keyword, as the fields of wire.parameters.switch.QuantumSwitch, or by the name of
     a preset (topologies.catalogue.switch_presets), from which what is given differs. Paths that
-    differ from the others are PathOptics. Raise BadParameter for what no switch can have.
+    differ from the others are PathOptics. Raise BadParameter if a value is out of range.
     `hardware` is "" for the simulated switch, or names an instrument, as scpi://192.0.2.7:5025;
     `hardware_ports` are the instrument's [ingress, egress] of each port that is a fibre's.
     `controller_port` names another controller than c0, at this TCP port of 127.0.0.1, that

@@ -57,12 +57,11 @@ def device_of(name: str, params: Mapping[str, Any]) -> Device:
 class QuantumHost(ClassicalHost):
     """A host with a QNIC: runs the three-layer stack.
 
-    `source=True` makes pairs, for all hosts that do not name another by `pairs_from`. What its
-    hardware is like goes by parts, as detectors=Detectors(efficiency=0.8), or as one `device`;
-    `source` may be a PairSource. `light` says who grants it (wire.config.LIGHT). Raise
-    BadParameter for what no hardware is like.
-    `qnic` is "" for simulated hardware, or "path/to/file.py:ClassName" of a class of one's own
-    (hosts/hardware/choice.py), which is made with `qnic_parameters`.
+    `source=True` makes pairs, for all hosts that do not name another by `pairs_from`. Its hardware
+    is given by parts, as detectors=Detectors(efficiency=0.8), or as one `device`; `source` may be a
+    PairSource. `light` says who grants it (wire.config.LIGHT). Raise BadParameter if a value is out
+    of range. `qnic` is "" for simulated hardware, or "path/to/file.py:ClassName" of a class of
+    one's own (hosts/hardware/choice.py), which is made with `qnic_parameters`.
     """
 
     def __init__(
@@ -88,7 +87,7 @@ class QuantumHost(ClassicalHost):
         self.qnic = python_file(f"{name}: qnic", qnic)
         self.qnic_parameters = dict(qnic_parameters or {})
         refuse_unknown(name, params, type(self))  # before a network begins
-        runtime.current().devices[name] = described  # the shell is told the socket by it
+        runtime.current().devices[name] = described  # the shell knows the socket by it
         super().__init__(name, confined, memory_mib, **params)
         self.network.token(name)
         self.pairs_from = pairs_from

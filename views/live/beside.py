@@ -80,4 +80,4 @@ def begin_page_of_command(say: Say = SAY) -> Program:
 
 
 def address_said(server: Program) -> str:
-    return next(line for line in server.said().splitlines() if line.startswith(SAID))
+    return next(line for line in server.output().splitlines() if line.startswith(SAID))

@@ -7,7 +7,7 @@
                -> Verify, Amplify ->
     CONFIRMING -> Confirm
 
-In BB84 she prepared the light. What travels from bob is on the left of each line.
+In BB84 she prepared the light. Bob's messages are on the left of each line.
 """
 
 import hmac
@@ -181,7 +181,7 @@ class Alice(End):
             raise SessionFailed(
                 AbortReason.PROTOCOL, f"{message.count} intensities, not {self.sifted_bits}"
             )
-        self._bobs_decoys = Decoys.told(message)
+        self._bobs_decoys = Decoys.of(message)
         self._bobs_levels = unpack_levels(message.levels, message.count)
         return []
 

@@ -42,7 +42,7 @@ def toeplitz(key: Bits, seed: Bits, length: int) -> Bits:
     others = key.size - length
     if others == 0:
         return key.copy()
-    # The first half of the key and, times what no sum reaches, the second: in one transform.
+    # The first half of the key and, beyond the reach of any sum, the second: in one transform.
     half, shift = -(-length // 2), others.bit_length()
     size = fast_size(half + others - 1)  # what wraps around falls on bits not used
     both = np.zeros(size)

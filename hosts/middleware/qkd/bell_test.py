@@ -22,7 +22,7 @@ SIGNS = np.array([[1, 1], [1, -1]])  # by alice's basis and bob's setting
 
 @dataclass(frozen=True)
 class BellOutcomes:
-    """What bob has measured for the test, of a block: which photons, how, and what he found."""
+    """Bob's part of the test of a block: photons, settings and outcomes."""
 
     tested: Mask  # of all photons: those that were detected
     settings: Bits  # of these: 0 Z+X, 1 Z-X

@@ -7,7 +7,7 @@
                Verify ->
     CONFIRMING -> Amplify, Confirm ->
 
-What travels to alice is on the left of an arrow, what comes from her on the right.
+Messages to alice are on the left of an arrow, those of hers on the right.
 """
 
 from collections import deque
@@ -51,7 +51,7 @@ class Bob(End):
         self._bobs_decoys = decoys
         self._records: deque[Record] = deque()
         self._blocks = 0  # announced
-        self._answered = -1  # block, of whose tests alice has told
+        self._answered = -1  # block, of whose tests alice has reported
         self._asked_halves = False
         self.state = State.OPENING
 
@@ -152,7 +152,7 @@ class Bob(End):
             raise SessionFailed(
                 AbortReason.PARAMETERS, "alice's source has decoys, and bob's has none"
             )
-        self._decoys = Decoys.told(message)
+        self._decoys = Decoys.of(message)
         self._levels = unpack_levels(message.levels, message.count)
         return []
 
@@ -171,12 +171,12 @@ class Bob(End):
             )
         mask = self._sample_of(message.seed)
         self._raw = whole[~mask]
-        told: list[QkdMessage] = [Disclosed(size, pack(whole[mask]))]
+        disclosures: list[QkdMessage] = [Disclosed(size, pack(whole[mask]))]
         if self._bobs_decoys is not None:
             levels = pack_levels(self._bobs_levels)
-            told.insert(0, self._bobs_decoys.message(whole.size, levels))
-        self._judge(self._estimate_of(unpack(message.bits, size), whole[mask]), *told)
-        return [*told, *self._begin(message.seed)]
+            disclosures.insert(0, self._bobs_decoys.message(whole.size, levels))
+        self._judge(self._estimate_of(unpack(message.bits, size), whole[mask]), *disclosures)
+        return [*disclosures, *self._begin(message.seed)]
 
     def _begin(self, seed: bytes) -> list[QkdMessage]:
         assert self._estimate

@@ -17,8 +17,8 @@ is even; or a test in Z, which tells how much a host's bits differ from the lead
 
 A receipt is tagged, and the leader says nothing of a block before it has those of all: who held
 photons back until the kinds are known could measure those of the key in Z, and nobody would notice.
-All else counts only when the tags at the end are right: then neither end has been told anything
-else than the other has said, and no key is kept otherwise (as the one tag for a round of Kiktenko
+All else counts only when the tags at the end are right: then both ends have exactly the messages
+of the other, and no key is kept otherwise (as the one tag for a round of Kiktenko
 et al., IEEE Trans. Inf. Theory 66, 6354 (2020)). One syndrome goes to all, so that no more leaks
 than the worst host needs. Pure thinking: no socket, clock or thread.
 """
@@ -57,14 +57,14 @@ Pools = tuple[KeyPool, KeyPool]  # of what this end says, and of what the other 
 
 
 class Contradiction(Exception):
-    """What one end says cannot be, by what it has said or by what the other one knows."""
+    """A message contradicts earlier ones, or the other end's own knowledge."""
 
 
 def key_length(terms: ConferenceProposal, key_bits: int, in_x: Estimate, leaked_bits: int) -> int:
     """Return how many bits are secret; leaked_bits are those of the syndrome.
 
     What the leader would have found in X the parity of all others predicts but for the error rate
-    of the tests, which is so many for the key: the uncertainty relation then bounds what anybody
+    of the tests, which is the number for the key: the uncertainty relation then bounds what anybody
     knows of Z as for two ends (key_length.py). That a host's key differs counts for each host.
     """
     leaked, others = leaked_bits + TAG_BITS, len(terms.names) - 1
@@ -96,10 +96,10 @@ def proved(key: Bits, hash_key: bytes) -> bytes:
 
 
 class Transcript:
-    """All that two ends have said, as both know it."""
+    """All messages of two ends, as both know them."""
 
     def __init__(self, terms: ConferenceProposal, host: str, pools: Pools) -> None:
-        self._said = [terms.encode(), host.encode()]
+        self._messages = [terms.encode(), host.encode()]
         self._pools = pools
         self._signer, self._checker = (Authenticator(pool) for pool in pools)
 
@@ -107,19 +107,19 @@ class Transcript:
     def consumed_bits(self) -> int:
         return sum(pool.consumed_bits for pool in self._pools)
 
-    def add(self, *said: bytes) -> None:
-        self._said += said
+    def add(self, *messages: bytes) -> None:
+        self._messages += messages
 
     def receipt(self, number: int, states: int) -> bytes:
         """Return what proves to the leader that a block is in this host's memory."""
         return self._signer.tag(self._receipt(number, states))
 
     def check_receipt(self, number: int, states: int, receipt: bytes) -> None:
-        """Raise ForgedMessage unless the host has so many states of a block."""
+        """Raise ForgedMessage unless the host has this number of states of a block."""
         self._checker.check(self._receipt(number, states), receipt)
 
     def _receipt(self, number: int, states: int) -> bytes:
-        terms, host = self._said[:2]
+        terms, host = self._messages[:2]
         return b"receipt" + terms + host + number.to_bytes(8, "big") + states.to_bytes(8, "big")
 
     def tag(self) -> bytes:
@@ -130,12 +130,12 @@ class Transcript:
         self._checker.check(self._whole(), tag)
 
     def _whole(self) -> bytes:
-        lengths = b"".join(len(each).to_bytes(8, "big") for each in self._said)
-        return lengths + b"".join(self._said)
+        lengths = b"".join(len(each).to_bytes(8, "big") for each in self._messages)
+        return lengths + b"".join(self._messages)
 
 
-def _of_block(kinds: Bits, told: Bits, kept: NDArray[np.bool_]) -> list[bytes]:
-    return [kinds.size.to_bytes(8, "big"), pack_levels(kinds), pack_levels(told), pack(kept)]
+def _of_block(kinds: Bits, reported: Bits, kept: NDArray[np.bool_]) -> list[bytes]:
+    return [kinds.size.to_bytes(8, "big"), pack_levels(kinds), pack_levels(reported), pack(kept)]
 
 
 def _of_end(parities: Bits, proof: bytes, length: int, seed: Bits) -> list[bytes]:
@@ -158,7 +158,7 @@ class Leader:
 
     @property
     def consumed_bits(self) -> int:
-        """How many bits of keys shared with all others were used to prove what was said."""
+        """How many bits of keys shared with all others were used to authenticate messages."""
         return sum(transcript.consumed_bits for transcript in self._transcripts)
 
     def check_receipts(self, number: int, states: int, receipts: list[bytes]) -> None:
@@ -166,18 +166,18 @@ class Leader:
         for transcript, receipt in zip(self._transcripts, receipts, strict=True):
             transcript.check_receipt(number, states, receipt)
 
-    def add_block(self, kinds: Bits, own: Bits, told: Table) -> NDArray[np.bool_]:
+    def add_block(self, kinds: Bits, own: Bits, reported: Table) -> NDArray[np.bool_]:
         """Take in the outcomes of a block; return which states all have seen, shape (k,)."""
-        kept: NDArray[np.bool_] = (own != MISSED) & (told != MISSED).all(axis=0)
-        if told[:, kinds == KEY][told[:, kinds == KEY] != MISSED].any():
+        kept: NDArray[np.bool_] = (own != MISSED) & (reported != MISSED).all(axis=0)
+        if reported[:, kinds == KEY][reported[:, kinds == KEY] != MISSED].any():
             raise Contradiction("a host has disclosed bits of the key")
-        for transcript, row in zip(self._transcripts, told, strict=True):
+        for transcript, row in zip(self._transcripts, reported, strict=True):
             transcript.add(*_of_block(kinds, row, kept))
         tested = kept & (kinds == TEST_X)
-        odd = (own[tested] + told[:, tested].sum(axis=0)) & 1
+        odd = (own[tested] + reported[:, tested].sum(axis=0)) & 1
         self.in_x = self.in_x.beside(Estimate(int(odd.sum()), odd.size))
         tested = kept & (kinds == TEST_Z)
-        for host, row in enumerate(told):
+        for host, row in enumerate(reported):
             wrong = int(np.count_nonzero(row[tested] != own[tested]))
             found = Estimate(wrong, int(np.count_nonzero(tested)))
             self.in_z[host] = self.in_z[host].beside(found)
@@ -210,7 +210,7 @@ class Leader:
         return syndrome(self.raw, code, self.leaked_bits)
 
     def amplified(self, parities: Bits, proof: bytes, length: int, seed: Bits) -> Bits:
-        """Return the key; what was told of it is proved by the tags."""
+        """Return the key; the tags authenticate its messages."""
         for transcript in self._transcripts:
             transcript.add(*_of_end(parities, proof, length, seed))
         return toeplitz(self.raw, seed, length)
@@ -236,7 +236,7 @@ class Member:
         self.raw: Bits = NO_BITS
 
     def receipt(self, number: int, states: int) -> bytes:
-        """Return what proves that so many states of a block are in this host's memory."""
+        """Return what proves that this number of states of a block is in this host's memory."""
         return self._transcript.receipt(number, states)
 
     def add_block(self, kinds: Bits, own: Bits, kept: NDArray[np.bool_]) -> None:

@@ -1,10 +1,10 @@
-"""Decoy states: what pulses of three intensities tell about those of one photon.
+"""Decoy states: bounds of single photons from pulses of three intensities.
 
 Lim, Curty, Walenta, Xu, Zbinden, "Concise security bounds for practical decoy-state quantum key
-distribution", Phys. Rev. A 89, 022307 (2014), arXiv:1311.7129. Key comes of the basis X, what
-an eavesdropper knows of it is bounded by the errors of the basis Z. Who divides photon numbers
-cannot know of a pulse which intensity it was made with, and so changes how often those of each are
-seen (Hwang 2003; Lo, Ma, Chen 2005).
+distribution", Phys. Rev. A 89, 022307 (2014), arXiv:1311.7129. The key is of the basis X; errors of
+the basis Z bound an eavesdropper's knowledge of it. An attacker who
+divides photon numbers cannot know the intensity of a pulse, and so changes how often those of each
+are seen (Hwang 2003; Lo, Ma, Chen 2005).
 
 But for their equation 5, of the phase error: its term for random sampling is that of a normal
 distribution, which few errors are far from, and is the chance of one number of errors, not of all
@@ -42,17 +42,17 @@ class Decoys:
     shares: tuple[float, ...] = SHARES
 
     @classmethod
-    def told(cls, message: Intensities) -> "Decoys":
+    def of(cls, message: Intensities) -> "Decoys":
         return cls(message.means, message.shares)
 
     def message(self, count: int, levels: bytes) -> Intensities:
-        """Return the message that tells them, and the packed levels of so many bits."""
+        """Return the message that has them, and the packed levels of `count` bits."""
         signal, weak, vacuum = self.means
         shares = self.shares
         return Intensities(signal, weak, vacuum, shares[0], shares[1], shares[2], count, levels)
 
     def photons(self, count: int) -> float:
-        """Return how likely a pulse has so many photons (tau_n)."""
+        """Return how likely a pulse has this number of photons (tau_n)."""
         pairs = zip(self.shares, self.means, strict=True)
         return sum(share * exp(-mean) * mean**count for share, mean in pairs) / factorial(count)
 
@@ -128,7 +128,7 @@ def _numbers(decoys: Decoys, counts: Counts, eps_sec: float | None) -> tuple[flo
 
 
 def phase_error(single: float, tested: float, wrong: float, eps: float) -> float:
-    """Return the share of phase errors in so many bits of a key, given errors of a test, at most.
+    """Return the largest share of phase errors in bits of a key, given errors of a test.
 
     It is more with probability eps^2, as smooth entropies need (arXiv:1103.4130).
     """

@@ -14,7 +14,7 @@ from hosts.middleware.qkd.estimation import sample_mask, sample_size
 
 
 class Rule(Enum):
-    """What is disclosed."""
+    """Disclosed bits."""
 
     SAMPLE = auto()  # of all bits
     BASIS = auto()  # all bits of the basis Z

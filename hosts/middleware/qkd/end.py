@@ -47,7 +47,7 @@ class State(Enum):
     SIFTING = auto()
     ESTIMATING = auto()  # alice has disclosed her sample
     RECONCILING = auto()
-    CONFIRMING = auto()  # one end has said what it needs to; the other has the last word
+    CONFIRMING = auto()  # one end is done; the other has the last word
     DONE = auto()
     ABORTED = auto()
 
@@ -96,7 +96,7 @@ class Report:
 
 @dataclass(frozen=True)
 class Terms:
-    """What an end is given: who speaks of what, and the shared key of each direction."""
+    """Names, parameters and the shared key of each direction of an end."""
 
     session: int
     parameters: Parameters
@@ -176,7 +176,7 @@ class End(ABC):
 
     @property
     def estimate(self) -> Estimate | None:
-        """What the disclosed sample says of the error rate; None before there is one."""
+        """The error rate of the disclosed sample; None before there is one."""
         return self._estimate
 
     @property
@@ -257,14 +257,14 @@ class End(ABC):
 
     @property
     def _both_decoys(self) -> tuple[Decoys, Decoys]:
-        """Alice's and bob's, once both are told."""
+        """Alice's and bob's, once both are known."""
         assert self._decoys is not None
         assert self._bobs_decoys is not None
         return self._decoys, self._bobs_decoys
 
     @property
     def _rule(self) -> Rule:
-        """What is disclosed."""
+        """The rule of disclosure."""
         if self._decoys is None:
             return Rule.SAMPLE
         return Rule.BASIS_AND_SAMPLE if self._relayed else Rule.BASIS
@@ -297,7 +297,7 @@ class End(ABC):
         return compare(alices[chosen], bobs[chosen])
 
     def _judge(self, estimate: Estimate, *first: QkdMessage) -> None:
-        """Note the error rate; raise SessionFailed if no key can come of it."""
+        """Note the error rate; raise SessionFailed if no key is possible."""
         self._estimate = estimate
         if estimate.qber > self._parameters.max_qber:
             raise SessionFailed(

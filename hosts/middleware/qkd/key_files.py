@@ -36,7 +36,7 @@ def clean(folder: Path) -> None:
 
 
 def age(path: Path) -> int:
-    """Return since when (ns) a key is there; 0 if it is gone."""
+    """Return when (ns) a key was written; 0 if it is gone."""
     try:
         return path.stat().st_mtime_ns
     except FileNotFoundError:

@@ -100,7 +100,7 @@ def finite_key_length(
     """Return the length of a key that is eps_sec-secret and eps_cor-correct; 0 if there is none.
 
     key_bits are the raw bits that are left (n), sample_bits those disclosed (k), qber the error
-    rate of the sample, leaked_bits all that error correction has told; tagged_bits are of pulses
+    rate of the sample, leaked_bits the leak of error correction; tagged_bits are of pulses
     with several photons, at most, and are all taken to be in the key.
     """
     if key_bits < 1 or sample_bits < 1:

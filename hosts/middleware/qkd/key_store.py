@@ -6,7 +6,7 @@
 
 Both ends put the same keys, first at one end where second at the other, so that no key goes
 to two pairs of applications. Files have mode 0600 and hold the key, nothing else. A key is
-handed out by whoever removes its file, which only one process can; the removal is on disk
+handed out by the one process that removes its file; the removal is on disk
 before the key is returned. A crash can lose a key, never hand it out twice.
 
 Words of ETSI GS QKD 014: `take_next` serves enc_keys, `take` dec_keys, `stored` is
@@ -156,7 +156,7 @@ class KeyStore:
         return key
 
     def take_oldest(self, count: int) -> list[StoredKey]:
-        """Hand out the oldest keys that are this end's to hand out first, so many.
+        """Hand out `count` of the oldest keys that are this end's to hand out first.
 
         MissingKey if there are fewer, and then none goes.
         """

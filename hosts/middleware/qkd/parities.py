@@ -1,6 +1,6 @@
 """Parities of a key in the shuffled orders of Cascade, and the end that answers with them.
 
-Pass p of Cascade orders the bits anew and cuts them into blocks. Both ends derive the orders
+Pass p of Cascade reorders the bits and cuts them into blocks. Both ends derive the orders
 from one public seed, so that a block is named by numbers: the pass, where it starts, where
 it stops.
 """
@@ -26,7 +26,7 @@ class ReconciliationError(Exception):
 class Blocks:
     """All blocks of a size in each pass from first on; of later passes all but the last one.
 
-    The last block of a later pass is not asked for: pass 0 has told the parity of the whole.
+    The last block of a later pass is not asked for: pass 0 has the parity of the whole.
     """
 
     first: int
@@ -45,7 +45,7 @@ class Intervals:
 
 @dataclass(frozen=True)
 class Syndrome:
-    """The parities of the whole key under the LDPC code with so many checks (ldpc_code.py)."""
+    """The parities of the whole key under the LDPC code with `checks` checks (ldpc_code.py)."""
 
     checks: int
 

@@ -58,11 +58,11 @@ def _sum(one: _Digits, other: _Digits, base: int) -> _Digits:
 
 
 def subset(seed: bytes, purpose: str, size: int, count: int) -> Mask:
-    """Return `count` of range(size): all subsets of so many are as likely, for a uniform seed."""
+    """Return `count` of range(size): for a uniform seed all subsets are equally likely."""
     if 2 * count > size:
         return ~subset(seed, purpose, size, size - count)
     stream, chosen, missing = _Stream(seed, purpose), np.zeros(size, dtype=np.bool_), count
-    while missing:  # so many more are drawn, of which some may have been drawn before
+    while missing:  # draw more, some of which may be repetitions
         words = np.frombuffer(stream.bytes(4 * missing), dtype="<u4")
         chosen[words[words < 2**32 // size * size] % size] = True
         missing = count - int(np.count_nonzero(chosen))

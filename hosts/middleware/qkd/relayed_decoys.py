@@ -6,7 +6,7 @@ differences S_mm + S_ww - S_mw - S_wm have no part without a photon of both ends
 signal and of weak pulses against vacuum, bound from below what single photons have brought; those
 of errors bound theirs from above (Xu, Curty, Qi, Lo, "Practical aspects of measurement-device-
 independent quantum key distribution", New J. Phys. 15, 113007 (2013), section 4, here for ends that
-need not be alike). Key comes of the basis Z, where weak pulses err least, and what an eavesdropper
+need not be alike). The key is of the basis Z, where weak pulses err least, and what an eavesdropper
 knows of it is bounded by the errors of the basis X (Lo, Curty, Qi, Phys. Rev. Lett. 108, 130503).
 """
 
@@ -75,7 +75,7 @@ def key_length(
     """Return the length of a key, as hosts.middleware.qkd.decoy has it of one end's decoys.
 
     A relay that does what it should makes of both pulses what a pair would be, of which each end
-    has measured a half, and whoever has the relay has made the pair: so the argument is the same
+    has measured a half, and the owner of the relay has made the pair: so the argument is the same
     (Curty and others, Nat. Commun. 5, 3732 (2014), for the argument; docs/mdi.md compares both).
     """
     secret = bounds(ends, sifted, eps_sec).secret

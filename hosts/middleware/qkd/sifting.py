@@ -2,7 +2,7 @@
 
 One end announces which photons it detected and in which bases, never the outcomes; the other
 answers which of those it keeps. In BB84 the end that prepared the light answers, so that its
-bases are told only after the measurement; in BBM92 either may.
+bases are disclosed only after the measurement; in BBM92 either may.
 """
 
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ from wire.outcomes import NO_CLICK
 
 @dataclass(frozen=True)
 class Record:
-    """What one end knows of a block of photons: bases (0 or 1) and outcomes, both uint8.
+    """One end's knowledge of a block of photons: bases (0 or 1) and outcomes, both uint8.
 
     An outcome is 0, 1 or NO_CLICK; an end that prepared the light gives the bits it sent.
     """

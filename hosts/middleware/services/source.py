@@ -65,7 +65,7 @@ def make_pairs(
                 yield from _emit(side, request, Qnic.begin_pairs)
                 made(request.pairs)
                 begun += 1
-                if begun % MOST_BEGUN == 0:  # whoever orders more waits
+                if begun % MOST_BEGUN == 0:  # further orders wait
                     yield from do(Qnic.finish, setup.session)
                 continue
             if setup.memory == MemoryState.HERALDED:
@@ -110,8 +110,8 @@ def _announce(side: Side, request: Emit, known: frozenset[int]) -> Steps[None]:
     outcomes = np.full(pulses, NO_COINCIDENCE, dtype=np.uint8)
     if found is not None:
         require_size(found.outcomes.size, pulses)
-        told = np.isin(found.outcomes, list(known))
-        outcomes[told] = found.outcomes[told]
+        distinguished = np.isin(found.outcomes, list(known))
+        outcomes[distinguished] = found.outcomes[distinguished]
     yield Say((Answer(session, Reason.OK), *announcement(session, number, outcomes)))
 
 

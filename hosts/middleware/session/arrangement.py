@@ -142,8 +142,8 @@ class Arrangement:
             emit = Emit(session, block, pairs, self._setup.rate_hz)
             await self._pairs.request(emit, HERALD_TIMEOUT_S)
             counts = await self._pairs.receive(Values, ANSWER_TIMEOUT_S)
-            told = await self._pairs.receive(Values, ANSWER_TIMEOUT_S)
-            return heralds_of(counts, told, block, pairs)
+            reply = await self._pairs.receive(Values, ANSWER_TIMEOUT_S)
+            return heralds_of(counts, reply, block, pairs)
 
     async def announce(self, block: int, pulses: int) -> Symbols:
         """Have the relay tell the Bell state of each pair of pulses; NO_COINCIDENCE for none."""
@@ -153,8 +153,8 @@ class Arrangement:
             emit = Emit(self._setup.session, block, pulses, rate_hz)
             await self._pairs.request(emit, ANSWER_TIMEOUT_S + pulses / rate_hz)
             arrived = await self._pairs.receive(Values, ANSWER_TIMEOUT_S)
-            told = await self._pairs.receive(Values, ANSWER_TIMEOUT_S)
-            return announced(arrived, told, block, pulses)
+            reply = await self._pairs.receive(Values, ANSWER_TIMEOUT_S)
+            return announced(arrived, reply, block, pulses)
 
     async def join(self, setup: Setup) -> tuple[MetadataChannel, Answer]:
         """Open a further connection to the peer; return it, and what is answered to its set-up.

@@ -99,7 +99,7 @@ def correct_heralded(
     """Do what the end does that does not ask the station, for a block that was announced.
 
     It attempts, says that it is ready, hears what was heralded, and makes Phi+ of that behind the
-    paths. Return which of the heralded pairs are kept, as the other end is told, and the mean time
+    paths. Return which of the heralded pairs are kept, as the other end learns, and the mean time
     (ns) from which they wait.
     """
     number = name.number

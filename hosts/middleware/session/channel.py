@@ -36,7 +36,7 @@ class MetadataChannel:
         # As its opener sees it, if that is the other end.
         self.connection: Connection = (*peer[:2], *own[:2])
         self._given_up = False
-        self._session: int | None = None  # as its set-up message says, whoever has sent that
+        self._session: int | None = None  # as its set-up message says, from any sender
         self._mailbox: Mailbox | None = None  # where several hear at a time
         self._reading: asyncio.Event | None = None  # by one of these, for all: set when it has
         # The answer to a short message carries its acknowledgement.
@@ -69,7 +69,7 @@ class MetadataChannel:
             if isinstance(message, Setup):
                 self._session = message.session
             if self._mailbox is not None:
-                self._mailbox.said(message)
+                self._mailbox.receive(message)
         self._writer.write(b"".join(message.encode() for message in messages))
 
     async def request(self, message: Message, timeout_s: float = ANSWER_TIMEOUT_S) -> Answer:
@@ -215,7 +215,7 @@ async def _connection(address: str) -> tuple[asyncio.StreamReader, asyncio.Strea
     """Connect; the set-up message acknowledges the handshake.
 
     An acknowledgement of its own would go by way of the controller, as the set-up message does.
-    Who has an address is told late where a switch has much to forward: the kernel asks three
+    The reply to ARP is late if a switch has much to forward: the kernel asks three
     times, a second apart, then says that there is no way there, and is asked again.
     """
     for _again in range(CONNECT_TRIES - 1):

@@ -4,7 +4,7 @@
       | Setup(service) ------ held until the paths are up ----------> |
       | <------------------------------------------------ Answer(OK) |
       |   kind.open(end)          messages and light    kind.accept(end)
-      |   applications use what is there, if it leaves anything
+      |   applications use the rest, if there is any
       | Finish ----------------------------------------------------> |
       | <------------------------------------------------ Answer(OK) |
 
@@ -25,7 +25,7 @@ from hosts.middleware.session.arrangement import Arrangement
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.host_resources import HostResources
 from hosts.middleware.session.performing import Performer, expected
-from hosts.middleware.session.protocol import HostSide, Joined, OpenerSide, Order, Side
+from hosts.middleware.session.protocol import Effect, HostSide, Joined, OpenerSide, Side
 from hosts.middleware.session.values import Lifetimes
 from wire.features import NodeFeatures
 from wire.metadata.setup import Answer, Setup
@@ -48,7 +48,7 @@ class Carrier:
 
 
 class Watched(NamedTuple):
-    """What a seal has found, as the controller is told."""
+    """Findings of a seal, as reported to the controller."""
 
     compared: int  # pairs
     errors: int  # of these, pairs that differed
@@ -72,9 +72,9 @@ class ConnectionEnd(Performer):
     def side(self) -> Side:
         return Side(self.setup, tuple(self.qnic.ports), self.channel.peer)
 
-    async def carry_out(self, order: Order) -> Any:
-        """Do what is ordered; return what has come of it."""
-        match order:
+    async def carry_out(self, effect: Effect) -> Any:
+        """Carry out an effect; return its result."""
+        match effect:
             case protocol.Say(messages):
                 return self.channel.send(*messages)
             case protocol.Hear(kind, timeout_s, block):
@@ -94,10 +94,10 @@ class ConnectionEnd(Performer):
             case protocol.Announce(block, pulses) if self.arrangement is not None:
                 return await self.arrangement.announce(block, pulses)
             case _:
-                return await super().carry_out(order)
+                return await super().carry_out(effect)
 
     def say(self, topic: int, block: int, numbers: ArrayLike, width: int) -> None:
-        """Tell the other end numbers of so many bits."""
+        """Tell the other end numbers of `width` bits."""
         self.channel.send(self.side.words(topic, block, numbers, width))
 
     def agree(self) -> None:
@@ -134,13 +134,13 @@ class End(ConnectionEnd):
             resources.distinguishable_states,
         )
 
-    async def carry_out(self, order: Order) -> Any:
-        """Do what is ordered; return what has come of it."""
-        if not isinstance(order, protocol.Tell):
-            return await super().carry_out(order)
-        if order.at_the_end:
-            self.summary = order.summary
-        return await self.tell(**vars(order.summary))
+    async def carry_out(self, effect: Effect) -> Any:
+        """Carry out an effect; return its result."""
+        if not isinstance(effect, protocol.Tell):
+            return await super().carry_out(effect)
+        if effect.at_the_end:
+            self.summary = effect.summary
+        return await self.tell(**vars(effect.summary))
 
 
 @dataclass
@@ -153,8 +153,8 @@ class OpenerEnd(End):
     lifetimes: Lifetimes = field(kw_only=True)  # of its memory, likewise
     is_source: bool = field(kw_only=True)  # this host makes the pairs, and keeps half of each
     sent: tuple[int, bytes] = NO_BYTES  # how many bytes, and their SHA-256: what Finish says
-    wanted_back: bool = False  # the controller has said that a session wants this light
-    watched: "Watched | None" = None  # the controller is told
+    wanted_back: bool = False  # a session wants this light, says the controller
+    watched: "Watched | None" = None  # for the controller
 
     @property
     def side(self) -> OpenerSide:
@@ -175,11 +175,11 @@ class AcceptorEnd(End):
     deliver: Callable[[bytes], Awaitable[None]] = field(kw_only=True)  # bytes to the application
     join: Join | None = None  # serves a further connection of the session
 
-    async def carry_out(self, order: Order) -> Any:
-        """Do what is ordered; return what has come of it."""
-        if isinstance(order, protocol.Deliver):
-            return await self.deliver(order.data)
-        return await super().carry_out(order)
+    async def carry_out(self, effect: Effect) -> Any:
+        """Carry out an effect; return its result."""
+        if isinstance(effect, protocol.Deliver):
+            return await self.deliver(effect.data)
+        return await super().carry_out(effect)
 
 
 @dataclass(frozen=True)
@@ -192,11 +192,11 @@ class ServiceKind:
     # until the opener's application ends the session; its accept returns before Finish, then.
     open: Callable[[OpenerEnd, Any], Awaitable[Answerer | Carrier | None]]
     accept: Callable[[AcceptorEnd], Awaitable[Answerer | None]]
-    # What the acceptor says to a set-up; raises SessionError for one that cannot be served.
+    # The acceptor's reply to a set-up; SessionError if it cannot be served.
     accepts: Callable[[HostResources, Setup], Answer] = lambda _resources, setup: plain_answer(
         setup
     )
-    # What the opener refuses before anything is sent, by SessionError.
+    # The opener's own check before anything is sent; SessionError.
     check: Callable[[Setup], None] = lambda _setup: None
     handshakes: tuple[Handshake, ...] = (Handshake.FRAMED,)  # ONE_PAIR: those join a session
 

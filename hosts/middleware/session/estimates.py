@@ -1,7 +1,7 @@
-"""Estimates that sessions make of their light, as the controller is told (wire.session_estimates).
+"""Estimates that sessions make of their light, for the controller (wire.session_estimates).
 
-An estimate is told again when it has left the interval told before, or when the interval is half as
-wide: so the longer a session lasts, the less it says. What it has found in the end is told in any
+An estimate is reported again when it has left the last reported interval, or when the interval is
+half as wide: so reports become rare as a session lasts. The final estimate is reported in any
 case.
 """
 
@@ -13,15 +13,15 @@ from typing import Any
 from hosts.middleware.qkd.estimation import Estimate
 from wire.session_estimates import Interval, Quantity, SessionEstimate
 
-NORMAL_95 = NormalDist().inv_cdf(0.975)  # 95 % are within so many standard errors
+NORMAL_95 = NormalDist().inv_cdf(0.975)  # 95 % are within this number of standard errors
 MOST_UNTOLD = 1000  # estimates; the oldest go
 
 Found = dict[Quantity, Interval]
 
 
 def estimates_of(summary: Mapping[str, Any], counts: Mapping[str, int]) -> Found:
-    """Return what a session knows, from what its application and the device are told."""
-    told = {
+    """Return a session's estimates, from its results and the device's report."""
+    estimates = {
         Quantity.FIDELITY: _estimate(summary, "fidelity"),
         Quantity.QBER: _estimate(summary, "qber")
         or _share(summary.get("qber_x"), summary.get("tests_in_x", 0)),
@@ -29,7 +29,7 @@ def estimates_of(summary: Mapping[str, Any], counts: Mapping[str, int]) -> Found
         Quantity.ERROR_RATE: _share(summary.get("error_rate"), summary.get("compared", 0))
         or _symbol_errors(counts),
     }
-    return {quantity: interval for quantity, interval in told.items() if interval is not None}
+    return {quantity: interval for quantity, interval in estimates.items() if interval is not None}
 
 
 def _estimate(summary: Mapping[str, Any], name: str) -> Interval | None:
@@ -45,7 +45,7 @@ def _estimate(summary: Mapping[str, Any], name: str) -> Interval | None:
 
 
 def _share(value: float | None, number: int) -> Interval | None:
-    """Return the part of so many that was wrong, with its interval."""
+    """Return the wrong share of a total, with its interval."""
     if value is None or not number:
         return None
     low, high = Estimate(round(value * number), number).interval()
@@ -58,7 +58,7 @@ def _symbol_errors(counts: Mapping[str, int]) -> Interval | None:
 
 
 class Estimates:
-    """What there is to be told of the sessions of a host."""
+    """Reports of estimates of a host's sessions."""
 
     def __init__(self) -> None:
         self._told: dict[tuple[int, Quantity], Interval] = {}  # of sessions that go on
@@ -77,7 +77,7 @@ class Estimates:
                 self._told.pop((session, quantity), None)
 
     def take(self) -> list[SessionEstimate]:
-        """Return what has not been told yet."""
+        """Return the estimates that are due."""
         untold, self._untold = self._untold, {}
         return [
             SessionEstimate(0, session, quantity, *interval)

@@ -17,7 +17,7 @@ from wire.outcomes import Pauli
 
 @dataclass(frozen=True)
 class HostResources:
-    """What one host has, for all its sessions."""
+    """The resources of one host, shared by its sessions."""
 
     name: str
     seed: int

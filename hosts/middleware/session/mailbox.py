@@ -3,8 +3,8 @@
     put     A1 B1 A2 C1 B2 …    as they come
     take    of A: A1, A2; of B: B1, B2; …
 
-Those about one block keep their order. Whoever hears takes what is for it and leaves the rest, so
-that what is said of one block never passes for news of another.
+Those about one block keep their order. A reader takes its own messages and leaves the rest, so
+that a message about one block never passes for news of another.
 """
 
 from collections import deque
@@ -29,7 +29,7 @@ class Mailbox:
         self._announced: set[int] = set()  # blocks, by either end
         self._last: list[Message | None] = []  # behind which nothing comes
 
-    def said(self, message: Message) -> None:
+    def receive(self, message: Message) -> None:
         """Note what this end says: the other end may speak of a block that it announces."""
         if isinstance(message, Values) and message.topic == Topic.COMING:
             self._announced.add(message.block)
@@ -46,7 +46,7 @@ class Mailbox:
         if not isinstance(message, HEARD):
             text = f"{type(message).__name__} between blocks, where it has no place; {SAME_VERSION}"
             raise SessionError(Reason.PROTOCOL, text)
-        self.said(message)
+        self.receive(message)
         if isinstance(message, Values) and message.block not in self._announced | {0}:
             text = f"values of topic {message.topic} and block {message.block}, which nobody has "
             raise SessionError(Reason.PROTOCOL, f"{text}announced; {SAME_VERSION}")

@@ -71,7 +71,7 @@ def capacity(side: OpenerSide) -> int:
 
 
 def require_capacity(side: OpenerSide, pairs: int, spare: int) -> None:
-    """Raise SessionError unless so many pairs fit into both memories, with spare ones."""
+    """Raise SessionError unless `pairs` pairs fit into both memories, with spare ones."""
     if pairs + spare <= capacity(side):
         return
     least, who = min((has.memory_qubits, who) for has, who in _ends(side))

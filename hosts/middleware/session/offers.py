@@ -35,7 +35,7 @@ def offer_nothing_but_0(wanted: dict[str, int]) -> None:
 def unanswered(asked: Setup, **changes: Any) -> Setup:
     """Return what is asked of another host, as it was asked here but for changes: nobody's answer.
 
-    The controller judges and seals it anew.
+    The controller judges and seals it again.
     """
     return replace(
         asked,

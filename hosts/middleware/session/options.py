@@ -24,7 +24,7 @@ def unsupported(text: str) -> SessionError:
 
 @dataclass(frozen=True)
 class Options:
-    """What is checked for every session; each kind of session has options of its own."""
+    """Checks of every session; each kind of session has further options."""
 
     @classmethod
     def from_fields(cls, given: dict[str, Any]) -> Self:
@@ -51,7 +51,7 @@ def check_where(host: Any, port: Any) -> None:
 
 
 def check_block_time(pairs: int, block_pairs: int, rate_hz: int) -> None:
-    """Raise SessionError if so many pairs, in a block of those asked for, take too long."""
+    """Raise SessionError if a block of the requested pairs takes too long."""
     if pairs / rate_hz > MAX_BLOCK_S:
         raise SessionError(
             Reason.UNSUPPORTED,
@@ -65,8 +65,8 @@ def overridden(setup: Setup, settings: DeviceSettings) -> Setup:
 
     Blocks are made smaller where a lower rate would make them last too long.
     """
-    told = {name: getattr(settings, name) for name in OF_LIGHT}
-    given = {name: value for name, value in told.items() if value is not None}
+    chosen = {name: getattr(settings, name) for name in OF_LIGHT}
+    given = {name: value for name, value in chosen.items() if value is not None}
     setup = replace(setup, **given)
     longest = max(MIN_BLOCK_PAIRS, int(MAX_BLOCK_S * setup.rate_hz))
     return replace(setup, pairs=min(setup.pairs, longest))

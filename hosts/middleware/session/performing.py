@@ -1,6 +1,6 @@
-"""The carrying out of what protocols order: everything that waits for hardware, clocks and threads.
+"""Performers of protocols: everything that waits for hardware, clocks and threads.
 
-Who has a connection, too, carries out what is said and heard on it (ends.py).
+An end with a connection also sends and receives on it (ends.py).
 """
 
 import asyncio
@@ -15,7 +15,7 @@ from hosts.hardware.qnic import Qnic
 from hosts.hardware.replies import HardwareError, NoLight
 from hosts.middleware.session import protocol
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.protocol import Order, Steps
+from hosts.middleware.session.protocol import Effect, Steps
 from hosts.network_loop import now_s
 
 T = TypeVar("T")
@@ -29,25 +29,25 @@ class Expected:
     blocks: tuple[BlockName, ...]
 
     def cancel(self) -> None:
-        """Expect it no longer; nobody hears what has come of it."""
+        """Expect it no longer; nobody reads its result."""
         if not self.coming.cancel() and not self.coming.cancelled():
             self.coming.exception()
 
 
 @dataclass
 class Performer:
-    """A host's hardware, at the orders of protocols."""
+    """Carries out effects of protocols on a host's hardware."""
 
     qnic: Qnic
     _beside: asyncio.TaskGroup | None = field(default=None, init=False, repr=False)
     _going: list[asyncio.Task[None]] = field(default_factory=list, init=False, repr=False)
-    # What steps wait for that others bring about, and who waits.
+    # Conditions that steps wait for, with their waiters.
     _waiting: list[tuple[Callable[[], Any], asyncio.Future[None]]] = field(
         default_factory=list, init=False, repr=False
     )
 
     async def perform_together(self, steps: Steps[T]) -> T:
-        """Carry out steps, and those that they order beside them; the first failure ends all."""
+        """Carry out steps and those that they start; the first failure ends all."""
         try:
             async with asyncio.TaskGroup() as self._beside:
                 outcome = await self.perform(steps)
@@ -60,9 +60,9 @@ class Performer:
             self._beside = None
 
     async def perform(self, steps: Steps[T]) -> T:
-        """Carry out what a protocol orders, one order after the other; return what it does.
+        """Carry out a protocol, one effect after the other; return its result.
 
-        Light that it has begun to expect and has not collected is not expected any more then.
+        Light that it has begun and not collected is given up at the end.
         """
         lights: list[Expected] = []
         outcome: Any = None
@@ -70,14 +70,14 @@ class Performer:
         try:
             while True:
                 try:
-                    order = steps.send(outcome) if failure is None else steps.throw(failure)
+                    effect = steps.send(outcome) if failure is None else steps.throw(failure)
                 except StopIteration as end:
                     return cast(T, end.value)
                 finally:
                     self._look()
                 outcome = failure = None
                 try:
-                    outcome = await self.carry_out(order)
+                    outcome = await self.carry_out(effect)
                 except (SessionError, HardwareError) as error:
                     failure = error
                 if isinstance(outcome, Expected):
@@ -90,9 +90,9 @@ class Performer:
             for light in lights:
                 light.cancel()
 
-    async def carry_out(self, order: Order) -> Any:
-        """Do what is ordered; return what has come of it."""
-        match order:
+    async def carry_out(self, effect: Effect) -> Any:
+        """Carry out an effect; return its result."""
+        match effect:
             case protocol.Begin(operation, arguments, named):
                 light = getattr(self.qnic, operation)(*arguments, **named)
                 return expected(light, *_blocks_of(arguments))
@@ -110,20 +110,20 @@ class Performer:
                 return await asyncio.wait([cast(Expected, light).coming])
             case protocol.Now():
                 return now_s()
-            case protocol.Through(connection, steps):
+            case protocol.OnConnection(connection, steps):
                 return await connection.perform(steps)
             case protocol.Wait(for_what):
                 return await for_what()
             case protocol.Work(function, arguments):
                 return await _to_the_end(asyncio.to_thread(function, *arguments))
-            case protocol.Beside(steps) if self._beside is not None:
+            case protocol.Concurrently(steps) if self._beside is not None:
                 going = [task for task in self._going if not task.done()]
                 self._going = [*going, self._beside.create_task(self.perform(steps))]
                 return None
-            case protocol.Until(done, timeout_s):
+            case protocol.WaitUntil(done, timeout_s):
                 return await self._until(done, timeout_s)
             case _:
-                raise ValueError(f"{order} at {type(self).__name__}, which cannot do it")
+                raise ValueError(f"{effect} at {type(self).__name__}, which cannot do it")
 
     async def _until(self, done: Callable[[], Any], timeout_s: float) -> bool:
         with suppress(TimeoutError):
@@ -138,14 +138,14 @@ class Performer:
         return bool(done())
 
     def _look(self) -> None:
-        """Let those go on for whom it is so now; who goes on first may undo it for the others."""
+        """Wake waiters whose condition holds; waking one may falsify another's."""
         for done, waiting in self._waiting:
             if not waiting.done() and done():
                 waiting.set_result(None)
 
 
 async def _to_the_end(work: Coroutine[Any, Any, Any]) -> Any:
-    """Return what a thread returns; nobody goes on while it works, also not who is cancelled."""
+    """Return what a thread returns; a cancelled caller also waits for its end."""
     going = asyncio.create_task(work)
     try:
         return await asyncio.shield(going)
@@ -159,7 +159,7 @@ def _finite(timeout_s: float) -> float | None:
 
 
 def _blocks_of(arguments: tuple[Any, ...]) -> tuple[BlockName, ...]:
-    """Return what an operation of Qnic waits for: a block, several, or a number's two halves."""
+    """Return the blocks of an operation of Qnic: one, several, or a number's two halves."""
     first = arguments[0]
     if isinstance(first, int):
         return tuple(BlockName(first, arguments[1], half) for half in (0, 1))
@@ -172,9 +172,9 @@ def expected(light: Coroutine[Any, Any, Any], *blocks: BlockName) -> Expected:
 
 
 async def collected(qnic: Qnic, light: Expected, timeout_s: float) -> Any:
-    """Return what has come of light that is over; None if no photon has in this time.
+    """Return the arrivals of light that is over; None if no photon arrived in this time.
 
-    Whether one has is for the hardware to say: this host may have been too busy to hear of it.
+    The hardware decides that: this host may have been too busy to notice.
     """
     try:
         await asyncio.wait([light.coming], timeout=_finite(timeout_s))

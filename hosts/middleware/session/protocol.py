@@ -1,25 +1,62 @@
-"""Protocols of services: generators of orders, resumed with what has come of each.
+"""Protocols of services: generators of effects, resumed with the result of each.
 
-    Say(messages)               to the other end; nothing comes of it
+How a protocol's steps work
+---------------------------
+A protocol is the work of one end of a session. It decides: which block is next, which pairs are
+sampled, when the session has failed. It never waits, sends, measures or looks at a clock. It
+*yields* an effect instead, a frozen dataclass of this module, and is resumed with the result:
+
+    def catch(side: HostSide) -> Steps[int]:
+        yield side.agree()                                      # an effect: Say
+        bases = yield from hear(Topic.SAMPLE, 1, 8, most=1)     # steps within steps: Hear
+        bits = yield from do(Qnic.measure, side.block(1), bases)  # an effect for hardware: Do
+        return int((bits == 1).sum())                           # the result of these steps
+
+Two rules follow from that of generators. Steps are composed by `yield from`, and a function that
+yields nothing itself does not need to be a generator: `side.say(...)` is an effect, `hear(...)` is
+steps. And a failure is raised where the effect was yielded (SessionError of the other end,
+HardwareError of this host), so that `try`, `finally` and `with` mean what they mean elsewhere.
+
+A performer (performing.py; ends.py with a connection) runs the loop: send the last result in, take
+the next effect out, carry it out, until the generator returns. One effect is under way at a time,
+with three exceptions:
+
+- Light. It arrives when it arrives, so an operation that waits for it begins (Begin), gives a
+  Light at once, and goes on while other effects are carried out. Collect waits for its result,
+  Await for the first of several. Light that nobody collects is given up when the steps end.
+- Concurrently starts other steps beside these, in the same task group: several blocks under way, a
+  key distilled while light for the next one is sent. They share the session's objects and need no
+  lock, because a switch from one to another happens at a `yield` alone. The first failure of any
+  ends all; when the steps that perform_together began with return, the others are cancelled.
+- WaitUntil is how such steps wait for each other: for a condition over shared objects, which is
+  looked at after each effect of any of them.
+
+Several concurrent steps may read from one connection. Each Hear has its kind and its block, and the
+mailbox (mailbox.py) keeps each message for its reader; HearNext takes those that begin a block.
+
+Since a protocol is only values in and values out, a test plays it without a network: it feeds
+results, compares effects, and needs no mock (tests/unit/hosts/steps_scene.py runs two ends back to
+back). tests/unit/test_structure.py holds that no protocol imports a socket, a clock or a thread.
+
+The effects, and what the generator is resumed with
+---------------------------------------------------
+    Say(messages)               to the other end; None
     Hear(kind, timeout_s)       the other end's next message, of this kind; where several hear at a
                                 time (MetadataChannel.sort), the next about its block
     HearNext()                  the opener's next message; None at the end of the session
-    Do(operation, ...)          what an operation of this host's QNIC returns
-    Begin(operation, ...)       a Light, under way; Collect tells what has come of it
-    Await(lights), Cancel       which of them are over, as soon as one is; nothing
-    Emit, Herald, Announce      by the session's source: nothing, Heralds, and Symbols
+    Do(operation, ...)          the result of an operation of this host's QNIC
+    Begin(operation, ...)       a Light, under way; Collect gives its result
+    Await(lights), Cancel       which of them are over, as soon as one is; None
+    Emit, Herald, Announce      by the session's source: None, Heralds, and Symbols
     BeginEmit(block, ...)       the same as Emit, under way: a Light
-    Tell(summary), Now()        the application; seconds of the network's clock
-    Deliver(data)               bytes, to the application
-    Join(setup), Leave          a further connection to the other end: Joined; nothing
-    Through(connection, steps)  what comes of steps by way of another connection
-    Wait(for_what)              what comes by another way, which who began the protocol knows
-    Work(function, ...)         what a function returns that takes long
-    Beside(steps)               further steps, carried out at the same time
-    Until(done)                 whether it is so, in time; steps beside these make it so
-
-No socket, no clock: what decides stands here and in the services, and whoever carries the orders
-out (performing.py, ends.py) waits. What goes wrong there is raised where the order was given.
+    Tell(summary), Now()        None, to the application; seconds of the network's clock
+    Deliver(data)               None; bytes, to the application
+    Join(setup), Leave          a further connection to the other end: Joined; None
+    OnConnection(connection, steps)  the result of steps on another connection
+    Wait(for_what)              the result of an awaitable of the protocol's creator
+    Work(function, ...)         the result of a function that takes long
+    Concurrently(steps)         None; further steps, carried out at the same time
+    WaitUntil(done)             whether the condition holds, in time
 """
 
 from collections.abc import Awaitable, Callable, Coroutine, Generator, Mapping
@@ -53,7 +90,7 @@ from wire.metadata.values import Topic, Values
 from wire.metadata.vocabulary import Reason
 from wire.results.figures import Figures
 
-Light = NewType("Light", object)  # under way; only who carries orders out knows what it is
+Light = NewType("Light", object)  # under way; opaque but for the performer
 
 P = ParamSpec("P")
 A = TypeVar("A")
@@ -79,9 +116,9 @@ class Hear:
 
 @dataclass(frozen=True)
 class HearNext:
-    """Wait for what the opener does next, which may be nothing for long; None: it has gone."""
+    """Wait for the opener's next message, also for long; None: it has gone."""
 
-    begins: bool = False  # a block, or is about none; others hear what else there is
+    begins: bool = False  # of a block, or about none; other steps hear the rest
     timeout_s: float = IDLE_TIMEOUT_S
 
 
@@ -96,12 +133,12 @@ class Do:
 
 @dataclass(frozen=True)
 class Begin(Do):
-    """Have this host's QNIC begin with what takes as long as light needs to come."""
+    """Have this host's QNIC begin an operation that waits for light."""
 
 
 @dataclass(frozen=True)
 class Collect:
-    """Wait for light that has left, and a grace at most; None if no photon has come."""
+    """Wait for light that has left, and a grace at most; None if no photon arrived."""
 
     light: Light
     timeout_s: float = inf
@@ -111,7 +148,7 @@ class Collect:
 class Await:
     """Wait until one of several is over, but go on in time; which are? A tuple of bool.
 
-    What has come of them is for Collect to tell: those that are not over go on.
+    Collect gives their results; those that are not over go on.
     """
 
     lights: tuple[Light, ...]
@@ -120,7 +157,7 @@ class Await:
 
 @dataclass(frozen=True)
 class Cancel:
-    """Expect light no longer, whatever comes of it."""
+    """Expect light no longer, arrived or not."""
 
     light: Light
 
@@ -137,7 +174,7 @@ class Emit:
 class BeginEmit:
     """Have the source of the session begin with a block: a Light, over when that has left.
 
-    The source tells so. Where several blocks may be under way it is asked, if the light is late.
+    The source reports that. If several blocks may be under way it is asked when the light is late.
     """
 
     block: int
@@ -155,7 +192,7 @@ class Herald:
 
 @dataclass(frozen=True)
 class Announce:
-    """Have the relay of the session tell what it has measured of the light of a block."""
+    """Have the relay of the session report its measurements of the light of a block."""
 
     block: int
     pulses: int
@@ -163,10 +200,10 @@ class Announce:
 
 @dataclass(frozen=True)
 class Tell:
-    """Tell the application what there is."""
+    """Report results to the application."""
 
     summary: Figures
-    at_the_end: bool = True  # it is its summary, too, if nothing comes behind it
+    at_the_end: bool = True  # it is the summary, too, if no other follows
 
 
 @dataclass(frozen=True)
@@ -178,7 +215,7 @@ class Deliver:
 
 @dataclass(frozen=True)
 class Join:
-    """Open a further connection to the other end, with this set-up; what it answers is Joined."""
+    """Open a further connection to the other end, with this set-up; the result is Joined."""
 
     setup: Setup
 
@@ -197,8 +234,8 @@ class Now:
 
 
 @dataclass(frozen=True)
-class Through:
-    """Have steps carried out by way of another connection."""
+class OnConnection:
+    """Carry steps out on another connection."""
 
     connection: "Connection"
     steps: "Steps[Any]"
@@ -206,41 +243,41 @@ class Through:
 
 @dataclass(frozen=True)
 class Wait:
-    """Wait for what comes by another way than this connection."""
+    """Wait for a result that arrives by another way than this connection."""
 
     for_what: Callable[[], Awaitable[Any]]
 
 
 @dataclass(frozen=True)
 class Work:
-    """Have worked out what takes long, while others go on."""
+    """Compute something long, while others go on."""
 
     function: Callable[..., Any]
     arguments: tuple[Any, ...]
 
 
 @dataclass(frozen=True)
-class Beside:
-    """Have other steps carried out at the same time; the first failure of all ends all.
+class Concurrently:
+    """Carry out other steps at the same time; the first failure of all ends all.
 
-    They end with those that they are beside (Performer.perform_together).
+    They end with those that started them (Performer.perform_together).
     """
 
     steps: "Steps[None]"
 
 
 @dataclass(frozen=True)
-class Until:
-    """Wait until something is so, which steps that are carried out at the same time bring about.
+class WaitUntil:
+    """Wait for a condition that concurrent steps bring about.
 
-    Is it? Not if it takes longer than this.
+    Does it hold? Not if it takes longer than `timeout_s`.
     """
 
     done: Callable[[], Any]
     timeout_s: float = inf
 
 
-Order: TypeAlias = (  # Begin is a Do
+Effect: TypeAlias = (  # Begin is a Do
     Say
     | Hear
     | HearNext
@@ -257,27 +294,27 @@ Order: TypeAlias = (  # Begin is a Do
     | Join
     | Leave
     | Now
-    | Through
+    | OnConnection
     | Wait
     | Work
-    | Beside
-    | Until
+    | Concurrently
+    | WaitUntil
 )
-Steps: TypeAlias = Generator[Order, Any, T]
+Steps: TypeAlias = Generator[Effect, Any, T]
 
 
 class Joined(NamedTuple):
-    """A further connection of a session, and what the other end has said to its set-up."""
+    """A further connection of a session, and the other end's answer to its set-up."""
 
     connection: object
     answer: Answer
 
 
 class Connection(Protocol):
-    """Whoever carries steps out."""
+    """A performer of steps, and its connection."""
 
     def perform(self, steps: "Steps[T]") -> Awaitable[T]:
-        """Carry out what steps order; return what they do."""
+        """Carry out steps; return their result."""
 
 
 @dataclass(frozen=True)
@@ -292,32 +329,32 @@ class Side:
         return BlockName(self.setup.session, number, half)
 
     def words(self, topic: int, block: int, numbers: ArrayLike, width: int) -> Values:
-        """Return the message of this session that carries numbers of so many bits."""
+        """Return the message of this session that carries numbers of `width` bits."""
         return values(self.setup.session, topic, block, numbers, width)
 
     def say(self, topic: int, block: int, numbers: ArrayLike, width: int) -> Say:
-        """Tell the other end numbers of so many bits."""
+        """Tell the other end numbers of `width` bits."""
         return Say((self.words(topic, block, numbers, width),))
 
     def agree(self) -> Say:
         return Say((Answer(self.setup.session, Reason.OK),))
 
     def announce(self, number: int, size: int) -> Steps[None]:
-        """Say that a block comes; the other end is ready for it then."""
+        """Announce a block; the other end is then ready for it."""
         return request(self.words(Topic.COMING, number, [size], 32))
 
     def ready(self, number: int, size: int) -> Say:
-        """Answer that the other end may begin with a block, whatever else is under way."""
+        """Answer that the other end may begin with a block, beside others under way."""
         return self.say(Topic.COMING, number, [size], 32)
 
     def call(self, number: int, size: int) -> Steps[None]:
-        """Say that a block comes, beside others; the other end is ready for it then."""
+        """Announce a block beside others; the other end is then ready for it."""
         yield self.ready(number, size)
-        (told,) = (yield from hear(Topic.COMING, number, 1, size)).tolist()
-        require_size(told, size)
+        (photons,) = (yield from hear(Topic.COMING, number, 1, size)).tolist()
+        require_size(photons, size)
 
     def next_values(self, begins: bool = False) -> Steps[Values | None]:
-        """Return what the opener tells next; None at the end of the session."""
+        """Return the opener's next numbers; None at the end of the session."""
         message = yield HearNext(begins)
         if isinstance(message, Finish):
             return None
@@ -326,7 +363,7 @@ class Side:
         return message
 
     def announced(self, most: int) -> Steps[tuple[int, int] | None]:
-        """Return number and size of the block that comes next; None at the end of the session."""
+        """Return number and size of the next block; None at the end of the session."""
         message = yield from self.next_values(begins=True)
         return None if message is None else coming(message, most)
 
@@ -335,7 +372,7 @@ class Side:
         return begin(Qnic.receive_into_memory, name, port or self.ports[0], LIGHT_TIMEOUT_S)
 
     def stored(self, light: Light, photons: int) -> Steps[Stored]:
-        """Return what has come of light that is over; nothing if no photon has."""
+        """Return the arrivals of light that is over; none if no photon arrived."""
         found = yield Collect(light, GRACE_S + photons / self.setup.rate_hz)
         if found is None:
             return Stored(np.zeros(photons, dtype=bool), 0)
@@ -359,14 +396,14 @@ class OpenerSide(HostSide):
     """The side that asked for the session: also what the other has."""
 
     other_host: str  # its name
-    theirs: NodeFeatures  # nothing where the other end does not tell
+    theirs: NodeFeatures  # nothing if the other end does not report them
     their_lifetimes: Lifetimes  # of its memory, likewise
     is_source: bool  # this host makes the pairs, and keeps half of each
 
     def pairs(self, number: int, count: int) -> Steps[Stored]:
-        """Have a block of pairs made for both ends; return what has come of half 0.
+        """Have a block of pairs made for both ends; return the arrivals of half 0.
 
-        The other end has said that it is ready before any light is made.
+        No light is made before the other end is ready.
         """
         yield from self.announce(number, count)
         if self.is_source:
@@ -376,7 +413,7 @@ class OpenerSide(HostSide):
         return (yield from self.stored(light, count))
 
     def heralded(self, number: int, count: int) -> Steps[Heralds]:
-        """Have pairs heralded with qubits of this host that emit, as many as come; return them.
+        """Have pairs heralded with emitting qubits of this host; return them, at most `count`.
 
         The other end's attempt when it has agreed.
         """
@@ -385,14 +422,14 @@ class OpenerSide(HostSide):
 
 
 def own_pairs(side: Side, number: int, count: int, port: str) -> Steps[Stored]:
-    """Make a block of pairs at this host and send half 1 into a port; return what is kept."""
+    """Make a block of pairs at this host and send half 1 into a port; return the kept halves."""
     setup = side.setup
     light = setup.rate_hz, setup.wavelength_pm
     return (yield from do(Qnic.share_pairs, setup.session, number, count, port, *light))
 
 
 def heralded(side: Side, number: int, count: int, port: str) -> Steps[Heralds]:
-    """Let qubits emit into a port, to whom the other end's do; return what the station tells."""
+    """Let qubits emit into a port, as the other end's do; return the station's heralds."""
     yield from do(Qnic.attempt, side.block(number), port, side.setup.wavelength_pm)
     return (yield Herald(number, count))  # type: ignore[no-any-return]
 
@@ -417,26 +454,26 @@ def begin(
 def hear(
     topic: int, block: int, count: int | None, most: int, timeout_s: float = ANSWER_TIMEOUT_S
 ) -> Steps[Numbers]:
-    """Return the numbers that the other end tells next; SessionError if it tells others."""
+    """Return the other end's next numbers; SessionError if they are of another kind."""
     return expect((yield Hear(Values, timeout_s, block)), topic, block, count, most)
 
 
 def request(message: Message, timeout_s: float = ANSWER_TIMEOUT_S) -> Steps[None]:
-    """Say something that the other end must accept."""
+    """Send a message that the other end must accept."""
     yield Say((message,))
     yield Hear(Answer, timeout_s)
 
 
-def saying(said: Say) -> Steps[None]:
-    yield said
+def saying(message: Say) -> Steps[None]:
+    yield message
 
 
 def together(one: "Steps[A]", other: "Steps[B]") -> "Steps[tuple[A, B]]":
-    """Return what comes of both, which are carried out at the same time."""
+    """Return the results of both, which are carried out at the same time."""
     found: list[B] = []
-    yield Beside(_into(found, other))
+    yield Concurrently(_into(found, other))
     first = yield from one
-    yield Until(lambda: found)
+    yield WaitUntil(lambda: found)
     return first, found[0]
 
 

@@ -37,7 +37,7 @@ CERTAIN_PPM = 1_000_000
 
 
 class Application(Protocol):
-    """What an accepting session needs of the application at this end."""
+    """An accepting session's view of its application."""
 
     async def tell(self, **fields: Any) -> None:
         """Pass it a result."""
@@ -78,7 +78,7 @@ class OpeningSession:
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """What the session has used of this host's device (wire.device.DeviceReport)."""
+        """The session's use of this host's device (wire.device.DeviceReport)."""
         return self._end.counts() if self._end else {}
 
     @property
@@ -105,7 +105,7 @@ class OpeningSession:
         await self._arrangement.give_up(error)
 
     async def _arranged(self, answer: Answer, channel: MetadataChannel, tell: Tell) -> OpenerEnd:
-        """Return this end, once it is known what the other can, and the source is there."""
+        """Return this end, once the other's features are known and the source is connected."""
         self._setup = at_wavelength(self._setup, answer)
         self._resources = self._resources.at(self._setup.wavelength_pm)
         theirs, lifetimes = NodeFeatures(NOTHING, 0), Lifetimes(inf, inf, inf, inf)
@@ -132,7 +132,7 @@ class OpeningSession:
         )
 
     async def lost(self) -> None:
-        """Wait while the other end is there, but not for ever; raise SessionError then."""
+        """Wait for the other end, with a deadline; raise SessionError then."""
         channel = self._arrangement.channel
         try:
             message = await channel.next(IDLE_TIMEOUT_S)
@@ -142,7 +142,7 @@ class OpeningSession:
         raise unexpected(message, channel.peer)
 
     async def finish(self) -> None:
-        """End the session; return when the other end has told its application that all is well."""
+        """End the session; return when the other end has confirmed success to its application."""
         assert self._end is not None
         finish = Finish(self._setup.session, *self._end.sent)
         await self._arrangement.channel.request(finish, REPORT_TIMEOUT_S)
@@ -182,7 +182,7 @@ class AcceptingSession:
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """What the session has used of this host's device (wire.device.DeviceReport)."""
+        """The session's use of this host's device (wire.device.DeviceReport)."""
         return self._end.counts() if self._end else {}
 
     @property

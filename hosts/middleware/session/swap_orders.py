@@ -22,7 +22,7 @@ class Arrived(NamedTuple):
 
     channel: MetadataChannel
     setup: Setup
-    order: SwapOrder  # what this host is told to do with it
+    order: SwapOrder  # this host's part in it
     over: asyncio.Future[None]  # done by whom it is for, or failed with
 
 

@@ -33,7 +33,7 @@ NUMBERS = 4  # that lifetimes travel as
 
 
 def values(session: int, topic: int, block: int, numbers: ArrayLike, width: int) -> Values:
-    """Return the message that carries numbers of so many bits (1, 2, 8 or 32), without gaps."""
+    """Return the message that carries numbers of `width` bits (1, 2, 8 or 32), without gaps."""
     array = np.asarray(numbers)
     if width == 32:
         data = array.astype(">u4").tobytes()
@@ -62,7 +62,7 @@ def numbers_of(message: Values) -> Numbers:
 
 
 def expect(message: Values, topic: int, block: int, count: int | None, most: int) -> Numbers:
-    """Return the numbers of a message that must be about this, of so many, none above `most`.
+    """Return the numbers of a message of this topic and size, none above `most`.
 
     Raise SessionError if it is not; count None: any number of them.
     """
@@ -99,10 +99,10 @@ def words_of(session: int, block: int, heralds: Heralds) -> tuple[Answer, Values
     )
 
 
-def heralds_of(counts: Values, told: Values, block: int, most: int) -> Heralds:
+def heralds_of(counts: Values, reply: Values, block: int, most: int) -> Heralds:
     """Return what a station tells behind its answer; SessionError for more pairs than that."""
     high, low = expect(counts, Topic.COUNTS, block, 2, MAX_WORD).tolist()
-    states = expect(told, Topic.HERALDED, block, None, MAX_STATE).astype("u1")
+    states = expect(reply, Topic.HERALDED, block, None, MAX_STATE).astype("u1")
     if states.size > most:
         text = f"{states.size} pairs of block {block} heralded, {most} were asked for"
         raise SessionError(Reason.PROTOCOL, text)
@@ -118,11 +118,11 @@ def announcement(session: int, block: int, outcomes: Symbols) -> tuple[Values, V
     )
 
 
-def announced(arrived: Values, told: Values, block: int, pulses: int) -> Symbols:
+def announced(arrived: Values, reply: Values, block: int, pulses: int) -> Symbols:
     """Return what a relay has found; SessionError for what it cannot have."""
     seen = expect(arrived, Topic.ARRIVED, block, pulses, 1).astype(bool)
     outcomes = np.full(pulses, NO_COINCIDENCE, dtype=np.uint8)
-    states = expect(told, Topic.OUTCOMES, block, int(np.count_nonzero(seen)), MAX_STATE)
+    states = expect(reply, Topic.OUTCOMES, block, int(np.count_nonzero(seen)), MAX_STATE)
     outcomes[seen] = states
     return outcomes
 
@@ -141,9 +141,9 @@ class Lifetimes(NamedTuple):
 
     @classmethod
     def of(cls, numbers: list[int], peer: str) -> "Lifetimes":
-        """Return what another end has told; SessionError for what no memory has."""
+        """Return the lifetimes that another end reports; SessionError for impossible ones."""
         times = cls(*np.array(numbers, np.uint32).view(np.float32).tolist())
         if not all(time_s > 0 for time_s in times):  # also what is not a number
-            told = ", ".join(f"{name} {value}" for name, value in times._asdict().items())
-            raise SessionError(Reason.PROTOCOL, f"{peer} has a memory with {told}")
+            text = ", ".join(f"{name} {value}" for name, value in times._asdict().items())
+            raise SessionError(Reason.PROTOCOL, f"{peer} has a memory with {text}")
         return times

@@ -65,7 +65,7 @@ class Wire:
         self.said += messages
         if self.mailbox is not None:
             for message in messages:
-                self.mailbox.said(message)
+                self.mailbox.receive(message)
         self.sent += b"".join(message.encode() for message in messages)
 
     def next(self, block: int | None = None, begins: bool = False) -> Any:
@@ -229,12 +229,12 @@ class Scene:
                 return wire.hardware.deliver(data)
             case protocol.Now():
                 return self.now_s
-            case protocol.Beside(steps):
+            case protocol.Concurrently(steps):
                 self.begin(wire, steps)
                 return None
-            case protocol.Until(done):
+            case protocol.WaitUntil(done):
                 return bool(done()) if done() or late else WAITING
-            case protocol.Through(connection, steps):
+            case protocol.OnConnection(connection, steps):
                 return self._inner(going, connection, steps)
             case protocol.Join(setup):
                 return self._inner(going, *self._joined(wire, setup))
@@ -265,7 +265,7 @@ class Scene:
 
 def closing(wire: Wire, serving: Going) -> Steps[None]:
     """Close this end of a connection when it has been served."""
-    yield protocol.Until(lambda: serving.over)
+    yield protocol.WaitUntil(lambda: serving.over)
     yield protocol.Leave(wire)
 
 

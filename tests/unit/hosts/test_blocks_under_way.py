@@ -36,7 +36,7 @@ from hosts.middleware.session import protocol
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.ends import ConnectionEnd
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.protocol import HostSide, OpenerSide, Order
+from hosts.middleware.session.protocol import Effect, HostSide, OpenerSide
 from hosts.middleware.session.values import Lifetimes
 from wire.device import SwapOrder
 from wire.metadata.setup import Setup
@@ -254,7 +254,7 @@ class Memory:
 class Node(ConnectionEnd):
     """One end of a connection, whose application hears nothing."""
 
-    async def carry_out(self, order: Order) -> Any:
+    async def carry_out(self, order: Effect) -> Any:
         """Do what is ordered."""
         return None if isinstance(order, protocol.Tell) else await super().carry_out(order)
 

@@ -21,7 +21,7 @@ from hosts.middleware.services.distribution.protocol import Opening, follow
 from hosts.middleware.services.distribution.sharing import make, share
 from hosts.middleware.session import protocol
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.protocol import HostSide, Light, OpenerSide, Order, Steps
+from hosts.middleware.session.protocol import Effect, HostSide, Light, OpenerSide, Steps
 from hosts.middleware.session.values import Lifetimes, values
 from wire.features import EVERYTHING, NodeFeatures
 from wire.metadata.decoding import decode
@@ -58,7 +58,7 @@ class Host:
     memory: dict[BlockName, list[int | None]] = field(default_factory=dict)
     told: list[dict[str, Any]] = field(default_factory=list)
 
-    def carry_out(self, order: Order, other: "Host") -> Any:
+    def carry_out(self, order: Effect, other: "Host") -> Any:
         """Return what comes of an order; WAITING if that is not known yet."""
         match order:
             case protocol.Say(messages):
@@ -147,7 +147,7 @@ def ends(world: World, **options: Any) -> tuple[Host, Host]:
 def delivered(alice: Host, bob: Host) -> tuple[Pairs, Pairs]:
     """Return what both ends have in the end."""
     done: dict[int, Pairs] = {}
-    orders: list[Order | None] = [None, None]
+    orders: list[Effect | None] = [None, None]
     for turn in count():
         assert turn < 10_000, "neither end goes on"
         one, other = (alice, bob) if turn % 2 == 0 else (bob, alice)

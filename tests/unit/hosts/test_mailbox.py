@@ -71,7 +71,7 @@ def test_who_follows_takes_what_comes_whatever_it_is_about() -> None:
 
 def test_values_of_a_block_that_nobody_has_announced_are_refused() -> None:
     box = Mailbox()
-    box.said(said(Topic.COMING, 1, 8))  # this end has
+    box.receive(said(Topic.COMING, 1, 8))  # this end has
     box.put(said(Topic.ARRIVED, 1))
     with pytest.raises(SessionError, match="block 2, which nobody has announced"):
         box.put(said(Topic.ARRIVED, 2))

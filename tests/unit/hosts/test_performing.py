@@ -15,11 +15,11 @@ from hosts.hardware.replies import Coincidences, NoLight
 from hosts.middleware.session.performing import Performer
 from hosts.middleware.session.protocol import (
     Await,
-    Beside,
     Cancel,
     Collect,
+    Concurrently,
     Steps,
-    Until,
+    WaitUntil,
     begin,
     together,
 )
@@ -116,15 +116,15 @@ def test_a_wait_for_what_others_bring_about_ends_in_time() -> None:
     done: list[int] = []
 
     def other() -> Steps[None]:
-        yield Until(lambda: False, 0.05)
+        yield WaitUntil(lambda: False, 0.05)
         done.append(1)
 
     def steps(_analyser: Analyser) -> Steps[Any]:
-        yield Beside(other())
+        yield Concurrently(other())
         began_s = time.monotonic()
-        early = yield Until(lambda: done, 0.01)
+        early = yield WaitUntil(lambda: done, 0.01)
         waited_s = time.monotonic() - began_s
-        return early, waited_s, (yield Until(lambda: done))
+        return early, waited_s, (yield WaitUntil(lambda: done))
 
     (early, waited_s, late), _analyser = performed(steps)
     assert (early, late) == (False, True)
@@ -136,7 +136,7 @@ def test_steps_together_both_go_on_and_the_first_failure_ends_both() -> None:
         return (yield Collect((yield from begin(Qnic.detect_pairs, 7, number, PORTS, 1.0))))
 
     def lets(analyser: Analyser) -> Steps[Any]:
-        yield Until(lambda: False, 0.01)
+        yield WaitUntil(lambda: False, 0.01)
         for number in (2, 1):
             analyser.light[number].set_result(FOUND)
         return number
@@ -147,7 +147,7 @@ def test_steps_together_both_go_on_and_the_first_failure_ends_both() -> None:
     assert performed(steps)[0] == ((FOUND, FOUND), 1)
 
     def breaks(_analyser: Analyser) -> Steps[Any]:
-        yield Until(lambda: False, 0.01)
+        yield WaitUntil(lambda: False, 0.01)
         raise NoLight("broken")
 
     with pytest.raises(NoLight, match="broken"):

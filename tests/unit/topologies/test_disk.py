@@ -41,7 +41,7 @@ def test_a_log_that_is_flooded_keeps_its_newest_lines(
     while flooded.running:
         time.sleep(0.01)
     keeper.look()
-    kept = (logs / "alice.log.1").read_text() + flooded.said()
+    kept = (logs / "alice.log.1").read_text() + flooded.output()
     assert kept.rstrip().endswith("the end")
     sizes = {path.name: path.stat().st_size for path in logs.iterdir()}
     assert sizes.keys() == {"alice.log", "alice.log.1"}

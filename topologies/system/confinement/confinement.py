@@ -32,7 +32,7 @@ from topologies.system.processes.shells import ShellWatcher
 from topologies.timeouts import END_TIMEOUT_S, POLL_S
 
 SHELL = Path(__file__).with_name("confined_shell")
-# Without a user namespace. What could take covers off: mounting, opening files by their numbers,
+# Without a user namespace. Ways to take covers off: mounting, opening files by their numbers,
 # the kernel's memory. And what could take limits off.
 GIVEN_UP = "-sys_admin,-dac_read_search,-sys_module,-sys_rawio,-sys_boot,-perfmon,-sys_resource"
 APART = [
@@ -87,7 +87,7 @@ class ConfinedNode(ShellWatcher):
     ) -> None:
         """Let the shell, in which nothing runs, see no folder that is covered but those shown.
 
-        The file of its mounts is written. What people start has so much memory. Raise
+        The file of its mounts is written. Programs that people start have `memory_mib`. Raise
         NetworkError, with the kernel's words, where it cannot be.
         """
         self._memory_bytes = memory_mib * MIB
@@ -180,11 +180,11 @@ def ruled_here() -> list[Path]:
 def fstab(shown: Mapping[Path, str], covered: Sequence[Path], ruled: Sequence[Path]) -> str:
     """Return what is to be mounted so that folders are covered but those shown, as fstab(5) has it.
 
-    What is shown has access "ro" or "rw". What our programs of a host use, which nothing is hidden
-    from, is to be read only, as they would follow links. What is ruled is so, too. All by one
+    Shown folders have access "ro" or "rw". Folders of our own programs, which see everything, are
+    read-only, because they would follow links; so are ruled ones. All by one
     mount(8): there may be a thousand hosts.
     """
-    # Sources, or else places, that nobody else writes so: what is there is not mounted again.
+    # Sources, or else places, that nobody else writes so: existing ones are not mounted again.
     covers = [f"qmn-cover {escaped(folder)} tmpfs mode=755,X-mount.mkdir" for folder in covered]
     binds = [
         f"/proc/self/fd/{number} {escaped(folder)} none bind,X-mount.mkdir"

@@ -1,8 +1,8 @@
 """The packet sockets of Open vSwitch in user space, one for each port, while bridges are deleted.
 
-Who closes such a socket last waits until no processor can still see it (packet_release in Linux's
-net/packet/af_packet.c): some 15 ms, and Open vSwitch closes one after the other. So this process
-has them as well meanwhile, and then closes all beside each other: these share their waits.
+The last one to close such a socket waits until no processor can still see it (packet_release in
+Linux's net/packet/af_packet.c): some 15 ms, and Open vSwitch closes one after the other. So this
+process has them as well meanwhile, and then closes all beside each other: these share their waits.
 """
 
 import ctypes

@@ -75,7 +75,7 @@ class UserNamespace:
 
 
 def without_user_namespaces(hosts: str, why: str) -> str:
-    """Return what is told of hosts that have none."""
+    """Return the warning about hosts that have none."""
     return (
         f"{hosts} have no user namespaces ({why}): root there cannot mount, and has powers over "
         "the machine's kernel\n"
@@ -91,8 +91,8 @@ def require_answer(first: "subprocess.Popen[bytes]") -> None:
     if poll.poll(1e3 * COMMAND_TIMEOUT_S) and os.read(first.stdout.fileno(), 1):
         return
     first.kill()
-    said = first.stderr.read().decode(errors="replace").strip()
-    raise NoUserNamespace(said or f"no answer in {COMMAND_TIMEOUT_S:g} s")
+    error = first.stderr.read().decode(errors="replace").strip()
+    raise NoUserNamespace(error or f"no answer in {COMMAND_TIMEOUT_S:g} s")
 
 
 def to_themselves(ids: str) -> str:

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 def bridge_words(
     name: str, options: Sequence[str], interfaces: Mapping[str, Sequence[str]]
 ) -> list[str]:
-    """Return the words for a bridge, in place of one of that name that is there.
+    """Return the words for a bridge, in place of an existing one of that name.
 
     Options are columns, as "fail_mode=secure"; interfaces are the columns of each, by its name.
     """

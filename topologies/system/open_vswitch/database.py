@@ -68,7 +68,7 @@ def ask(
 
 
 def _whole(heard: bytes) -> Any:
-    """Return the message that is there; None while its end is missing."""
+    """Return the whole message; None while its end is missing."""
     try:
         return json.loads(heard)
     except ValueError:

@@ -37,8 +37,8 @@ CERTIFICATES = [
 LOGGING = ["-vsyslog:off", "-vfile:off"]  # what it prints is in the log of the program
 # In user space it asks for a piece of memory for each port, and gives it back, whenever anything
 # happens: half of its time with a thousand ports, unless the C library keeps them at hand. It keeps
-# so many for each of 64 sizes up to 1,032 bytes in each thread, and pieces wander from thread to
-# thread: the count bounds what the daemon grows by.
+# this number for each of 64 sizes up to 1,032 bytes in each thread, and pieces wander from thread
+# to thread: the count bounds what the daemon grows by.
 FAST_MEMORY = ["env", "GLIBC_TUNABLES=glibc.malloc.tcache_count=2048"]
 NO_WAIT = "--no-wait"  # for the switch daemon: what is only asked for is in the database
 NOT_RUNNING = (

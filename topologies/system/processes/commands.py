@@ -1,4 +1,4 @@
-"""Commands of other packages: each has a deadline, and what it says is told where it fails."""
+"""Commands of other packages: each has a deadline, and its output is in the error if it fails."""
 
 import os
 import shutil
@@ -31,7 +31,7 @@ def run(
     """Run a command and return what it says; raise NetworkError unless it ends well, in time.
 
     It reads what is given. Meanwhile `check` is called, every `look_s` seconds, which raises if
-    something else makes the wait useless. What it has started and waits for itself ends with it.
+    something else makes the wait useless. Its own children that it waits for end with it.
     It ends if this process is killed: what it would go on with, the next run has removed by then.
     """
     if shutil.which(command[0]) is None:
@@ -48,16 +48,16 @@ def run(
     ) as process:
         try:
             deadline = time.monotonic() + timeout_s
-            said, wrong = _end_of_command(process, given, deadline, check, look_s)
+            output, wrong = _end_of_command(process, given, deadline, check, look_s)
         except subprocess.TimeoutExpired as error:
             raise NetworkError(f"{command[0]} did not end in {timeout_s:g} s") from error
         finally:
             if process.poll() is None:
                 os.killpg(process.pid, signal.SIGKILL)
     if process.returncode:
-        words = (wrong or said).strip()
+        words = (wrong or output).strip()
         raise NetworkError(f"{' '.join(command[:3])} failed: {words}")
-    return said
+    return output
 
 
 def _end_of_command(

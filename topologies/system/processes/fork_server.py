@@ -3,7 +3,7 @@
     python -m topologies.system.processes.fork_server DESCRIPTOR MODULES PADDING
 
 It waits on its end of a socket for requests of the runner (forks.py, beside it), and answers each
-with a process id. What it forks off becomes a child of the runner, as what that starts itself.
+with a process id. Its forks become children of the runner, as what that starts itself.
 """
 
 import array
@@ -168,7 +168,7 @@ def enter_namespaces(pid: int | None) -> None:
 
 
 def keep_files(files: Sequence[int], descriptors: Sequence[int]) -> None:
-    """Let a log be where all is said, and keep files by these descriptors; close all others."""
+    """Send all output to a log, and keep files by these descriptors; close all others."""
     moved = [os.dup2(file, LEAST_NUMBER + number) for number, file in enumerate(files)]
     nothing = os.open(os.devnull, os.O_RDONLY)
     log, *kept = moved

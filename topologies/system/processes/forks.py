@@ -159,7 +159,7 @@ class ForkServer:
 
 
 class ThisProcess:
-    """Forks a fork server off this process: what this has loaded is there then."""
+    """Forks a fork server off this process: with all that this has loaded."""
 
     def serves(self, command: Sequence[str]) -> bool:
         """Whether a command starts a fork server."""

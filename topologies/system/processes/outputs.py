@@ -27,12 +27,12 @@ STDIN, STDOUT, STDERR = range(3)
 class LostOutput(Exception):
     """Standard output cannot be written; the text says why.
 
-    It is no OSError: those are about files, and whoever expects one would take this for it.
+    It is no OSError: those are about files, and callers that expect one would catch this.
     """
 
     def __init__(self, why: OSError) -> None:
         super().__init__(f"standard output cannot be written: {why.strerror}")
-        self.reader_gone = why.errno == errno.EPIPE  # as `head` does; nobody need be told
+        self.reader_gone = why.errno == errno.EPIPE  # as `head` does; no error then
 
 
 class Output(io.FileIO):

@@ -60,7 +60,7 @@ class NetworkError(Exception):
 
 
 class Process(Protocol):
-    """What a program asks of the process that it is: what subprocess.Popen offers."""
+    """A process as a program needs it: the part of subprocess.Popen that is used."""
 
     pid: int
 
@@ -78,7 +78,7 @@ class Process(Protocol):
 
 
 class Forks(Protocol):
-    """Who starts some commands faster (topologies/system/processes/forks.py)."""
+    """A faster way to start some commands (topologies/system/processes/forks.py)."""
 
     def serves(self, command: Sequence[str]) -> bool:
         """Whether it starts this one."""
@@ -175,9 +175,9 @@ class Program:
         self._begins = self.log.stat().st_size if self.log.exists() else 0
         self.log.touch()
 
-        def write(said: bytes) -> None:
+        def write(output: bytes) -> None:
             with self.log.open("ab") as log:
-                log.write(said)
+                log.write(output)
 
         self._process = machine.start(command, write, pid, python)
 
@@ -206,7 +206,7 @@ class Program:
         Meanwhile `check` is called, which raises if something else makes the wait useless.
         """
         deadline, words = time.monotonic() + timeout_s, re.compile(rf"\b{re.escape(text)}\b")
-        while not words.search(self.said()):
+        while not words.search(self.output()):
             if not self.running:
                 raise NetworkError(f"{self.name} ended at its start: {self.end()}")
             if time.monotonic() > deadline:
@@ -217,7 +217,7 @@ class Program:
             time.sleep(POLL_S)
 
     def cut_log(self, most_bytes: int) -> None:
-        """Begin the log anew if it is longer; what was in it is beside it, in <log>.1.
+        """Begin a new log if it is longer; the earlier one is beside it, in <log>.1.
 
         A program that writes just then may lose a line.
         """
@@ -227,14 +227,14 @@ class Program:
         os.truncate(self.log, 0)  # the program goes on at its end, wherever that is
         self._begins = 0
 
-    def said(self) -> str:
+    def output(self) -> str:
         """Return what it has printed since it was started last."""
         with self.log.open("rb") as log:
             log.seek(self._begins)
             return log.read().decode(errors="replace")
 
     def last_words(self) -> str:
-        lines = self.said().strip().splitlines()
+        lines = self.output().strip().splitlines()
         return lines[-1] if lines else ""
 
     def end(self) -> str:
@@ -244,13 +244,13 @@ class Program:
             return f"killed by {signal.Signals(-status).name}"
         if status == 0:
             return f"it ended by itself or by SIGTERM; its log: {self.log}"
-        ours = cause(self.said()) if self._is_python else ""  # the log of any other is no cause
+        ours = cause(self.output()) if self._is_python else ""  # the log of any other is no cause
         return ours or f"status {status}; its log: {self.log}"
 
     def crash(self) -> str:
         """Return the error that it did not handle, "" if it has not ended by one."""
-        said = self.said() if self.status else ""
-        return cause(said) if TRACEBACK in said else ""
+        output = self.output() if self.status else ""
+        return cause(output) if TRACEBACK in output else ""
 
     @property
     def stopped(self) -> bool:
@@ -300,13 +300,13 @@ class Program:
             self.kill()
 
 
-def cause(said: str) -> str:
-    """Return why a program failed, from all it has said: its last words, "" if they tell nothing.
+def cause(output: str) -> str:
+    """Return why a program failed, from its output: its last words, "" without any.
 
     Of a Python traceback, also of one of many errors at once, these are the line of the error; a
-    frame around it, or what it said when all was well, is not a cause.
+    frame around it, or output from when all was well, is not a cause.
     """
-    lines = [FRAME.sub("", line) for line in said.splitlines()]
+    lines = [FRAME.sub("", line) for line in output.splitlines()]
     lines = [line for line in lines if line and line not in WELL]
     tracebacks = [number for number, line in enumerate(lines) if line.startswith(TRACEBACK)]
     if tracebacks:

@@ -20,7 +20,7 @@ from topologies.system.processes.programs import NetworkError, callers_environme
 from topologies.timeouts import COMMAND_TIMEOUT_S, END_TIMEOUT_S, SHELL_POLL_MS, SHELL_TIMEOUT_S
 
 PROMPT = chr(127)  # Mininet's
-# What a shell is told first. What it prints would end where a program prints the prompt.
+# First commands of a shell. Its output would end where a program prints the prompt.
 QUIETLY = "unset HISTFILE; export -n PS1; set +m\n"
 PROMPTS = 2  # of a new shell: this one comes after it
 NEEDED = ("mnexec", "ifconfig", "bash")
@@ -127,16 +127,16 @@ class ShellWatcher:
         return {}
 
     def _await_prompts(self) -> None:
-        deadline, said = time.monotonic() + SHELL_TIMEOUT_S, ""
-        while said.count(PROMPT) < PROMPTS:
+        deadline, printed = time.monotonic() + SHELL_TIMEOUT_S, ""
+        while printed.count(PROMPT) < PROMPTS:
             if self._has_output():
-                said += os.read(self.master, 1024).decode(errors="replace")
+                printed += os.read(self.master, 1024).decode(errors="replace")
                 continue
             ended, late = self.shell_ended, time.monotonic() > deadline
             if ended or late:
                 self._kill_shell()
                 what = "ended at its start" if ended else f"had no prompt in {SHELL_TIMEOUT_S:g} s"
-                words = said.strip() or f"no output, status {self.shell.returncode}"
+                words = printed.strip() or f"no output, status {self.shell.returncode}"
                 raise NetworkError(f"the shell of {self.name} {what}: {words}")
 
     def _kill_shell(self) -> None:
@@ -194,11 +194,11 @@ class ShellWatcher:
 
     @property
     def no_shell(self) -> str:
-        """What is wrong with a node whose shell has ended, and the remedy."""
+        """The error of a node whose shell has ended, and the remedy."""
         return f"{self.name} died in mid-run: its shell was ended; start the network again"
 
     def monitor(self, timeoutms: int | None = None, findPid: bool = True) -> str:  # noqa: N803
-        """Return what the shell has said; one that ends in mid-command says no more."""
+        """Return the shell's output; one that ends in mid-command has no more."""
         while timeoutms is None and not self._has_output():
             if self.shell_ended:
                 self.waiting = False

@@ -1,4 +1,4 @@
-"""The files of a run that go to another machine, for a host that is there, and come back.
+"""The files of a run that go to another machine, for a host on it, and come back.
 
 Programs of the host read and write there what is in the run's private folder, by the same paths.
 """
@@ -18,7 +18,7 @@ from wire.key_manager import KeyManagerConfig
 
 
 def carried(network: Runtime, name: str, config: Config, host: str, machine: Machine) -> Config:
-    """Let the machine of a host have the files that a program needs; return what it is told there.
+    """Copy the files of a program to the machine of its host; return its configuration there.
 
     Raise NetworkError for a program that is on the first machine alone.
     """
@@ -70,18 +70,18 @@ def _of_key_manager(
         machine.put(there, Path(given).read_bytes())
         return str(there)
 
-    told = replace(
+    moved = replace(
         config,
         certificate=put(config.certificate),
         private_key=put(config.private_key),
         authority=put(config.authority),
     )
     if not config.key_log:
-        return told
+        return moved
     there, here = folder / "key-log", Path(config.key_log)
     machine.put(there, b"")
     network.from_elsewhere.callback(_bring, machine, there, here)
-    return replace(told, key_log=str(there))
+    return replace(moved, key_log=str(there))
 
 
 def _bring(machine: Machine, there: Path, here: Path) -> None:

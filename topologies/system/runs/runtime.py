@@ -73,7 +73,7 @@ class Runtime:
     programs: list[Program] = field(default_factory=list)
     fork_server: ForkServer | None = None  # which starts most of them
     places: dict[str, Machine] = field(default_factory=dict)  # of hosts that are not here
-    from_elsewhere: ExitStack = field(default_factory=ExitStack)  # brings back what is there
+    from_elsewhere: ExitStack = field(default_factory=ExitStack)  # brings files back from there
     tokens: dict[str, str] = field(default_factory=dict)
     prefix_length: int = 24  # of the hosts' network
     device_keys: dict[str, str] = field(default_factory=dict)  # of the hosts' node agents
@@ -126,7 +126,7 @@ class Runtime:
         return {name: dpid for name, dpid in self.datapath_ids.items() if name not in elsewhere}
 
     def patience_s(self, least_s: float, messages: int) -> float:
-        """Return how long to wait, by the wall, for so many messages of the management network.
+        """Return how long to wait, by the wall, for `messages` messages of the management network.
 
         Each may wait for the one before it, and TCP longer after each loss.
         """
@@ -295,7 +295,7 @@ def loopback_listener(addresses: dict[str, str], name: str) -> socket.socket:
 
 
 def free_port(count: int = 1) -> int:
-    """Return the first of so many loopback TCP ports in a row that nobody uses now.
+    """Return the first of `count` unused loopback TCP ports in a row.
 
     Where it can be, the kernel gives none of them to connections, so that they stay free until
     somebody listens. Raise NetworkError if there are none.
@@ -328,7 +328,7 @@ def folders_of_running(root: Path | None = None) -> list[Path]:
 
 
 def folders_of_gone(root: Path | None = None) -> list[Path]:
-    """Return the private folders of runs that are gone, and nothing else that is there."""
+    """Return the private folders of runs that are gone, and no others."""
     found = (root or RUNTIME_ROOT).glob("*")
     return sorted(path for path in found if gone(path.name) and path.is_dir())
 

@@ -65,7 +65,7 @@ class Follower(line.Follower):
                 self.keys.withdraw(terms, self.ids)
 
     def figures(self) -> ConferenceFollowerFigures:
-        """Return what this host's application is told."""
+        """Return the results for this host's application."""
         return ConferenceFollowerFigures(
             **vars(super().figures()),
             key_bits=self.key_bits,
@@ -97,10 +97,10 @@ class Follower(line.Follower):
         name = self.side.block(number, half=1)
         own: Symbols = line.seen((yield from do(Qnic.measure, name, IN_BASIS[kinds])))
         yield self.answer(number, conference.disclosed(kinds, own), others)
-        told = yield from hear(Topic.ARRIVED, number, states, 1, BITS_TIMEOUT_S)
-        yield from self._pass_on(self.side.say(Topic.ARRIVED, number, told, 1))
+        arrived = yield from hear(Topic.ARRIVED, number, states, 1, BITS_TIMEOUT_S)
+        yield from self._pass_on(self.side.say(Topic.ARRIVED, number, arrived, 1))
         with honest():
-            self.member.add_block(kinds, own, told.astype(bool))
+            self.member.add_block(kinds, own, arrived.astype(bool))
 
     def _give_receipt(self, number: int, states: int) -> Steps[None]:
         """Prove that this host has a block, and pass on what proves it of those behind."""
@@ -142,7 +142,7 @@ class Follower(line.Follower):
         return final
 
     def _prove(self, final: Bits) -> Steps[None]:
-        """Keep the key if the leader knows what was said, as this host does."""
+        """Keep the key if the leader has the same messages as this host."""
         count = TAG_BYTES * (1 + self.behind)
         heard = yield from hear(Topic.TAGS, NO_BLOCK, count, 255, KEYS_TIMEOUT_S)
         tags = heard.astype(np.uint8).tobytes()
@@ -156,18 +156,18 @@ class Follower(line.Follower):
             others = yield from self.right.hear(Topic.TAGS, NO_BLOCK, size, 255, KEYS_TIMEOUT_S)
         self.ids = key_ids(self.member.terms, final)
         yield Work(self.keys.store, (self.member.terms, final))
-        told = np.concatenate([np.frombuffer(proof, np.uint8), others])
-        yield self.side.say(Topic.TAGS, NO_BLOCK, told, 8)
+        proofs = np.concatenate([np.frombuffer(proof, np.uint8), others])
+        yield self.side.say(Topic.TAGS, NO_BLOCK, proofs, 8)
         yield from hear(Topic.KEPT, NO_BLOCK, 0, 0, KEYS_TIMEOUT_S)
         self.kept = True
         self.key_bits = final.size
         yield from self._pass_on(self.side.say(Topic.KEPT, NO_BLOCK, [], 1))
 
-    def _pass_on(self, *said: Say) -> Steps[None]:
+    def _pass_on(self, *reports: Say) -> Steps[None]:
         """Tell those behind what was heard, under the session with the next one."""
         if self.right is None:
             return
         session = self.right.side.setup.session
-        for each in said:
-            messages = tuple(replace(message, session=session) for message in each.messages)
+        for report in reports:
+            messages = tuple(replace(message, session=session) for message in report.messages)
             yield from self.right.tell(Say(messages))

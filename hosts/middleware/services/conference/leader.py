@@ -61,7 +61,7 @@ class Leader(line.Leader):
         return self.key.states
 
     def figures(self) -> dict[str, Any]:
-        """Return nothing more: what tests say is told at the end."""
+        """Return nothing more: results of tests come at the end."""
         return {}
 
     def use(self, number: int, states: int) -> Steps[None]:
@@ -80,9 +80,9 @@ class Leader(line.Leader):
 
     def _see_receipts(self, number: int, states: int) -> Steps[None]:
         size = TAG_BYTES * (len(self.options.names) - 1)
-        told = yield from self.right.hear(Topic.RECEIPT, number, size, 255, BITS_TIMEOUT_S)
+        receipts = yield from self.right.hear(Topic.RECEIPT, number, size, 255, BITS_TIMEOUT_S)
         with honest():
-            self.key.check_receipts(number, states, tags_of(told))
+            self.key.check_receipts(number, states, tags_of(receipts))
 
     def _distil(self) -> Steps[None]:
         key, right, others = self.key, self.right, len(self.options.names) - 1
@@ -111,12 +111,12 @@ class Leader(line.Leader):
         yield from self._prove(final)
 
     def _prove(self, final: Bits) -> Steps[None]:
-        """Keep the key if all others know what was said, as they do."""
+        """Keep the key if all others have the same messages."""
         key, right = self.key, self.right
         tags = key.tags()
-        told = np.frombuffer(b"".join(tags), np.uint8)
-        yield from right.tell(right.side.say(Topic.TAGS, NO_BLOCK, told, 8))
-        heard = yield from right.hear(Topic.TAGS, NO_BLOCK, told.size, 255, KEYS_TIMEOUT_S)
+        proofs = np.frombuffer(b"".join(tags), np.uint8)
+        yield from right.tell(right.side.say(Topic.TAGS, NO_BLOCK, proofs, 8))
+        heard = yield from right.hear(Topic.TAGS, NO_BLOCK, proofs.size, 255, KEYS_TIMEOUT_S)
         with honest():
             key.check(tags_of(heard))
         ids, kept = key_ids(key.terms, final), False
@@ -131,7 +131,7 @@ class Leader(line.Leader):
         yield Tell(summary(key, final.size, ids, elapsed_s, self.made, self.emitted))
 
     def _judge(self) -> None:
-        """Raise SessionError if no key can come of what was measured."""
+        """Raise SessionError if the measurements leave no key."""
         key, most = self.key, self.options.max_qber
         names = self.options.names[1:]
         tests = {"the parity in X": key.in_x}

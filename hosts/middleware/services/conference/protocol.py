@@ -15,8 +15,8 @@
       | <----------- Values(TAGS)  | <-------- Values(TAGS)   |  key is in the store behind them
       | Values(KEPT) ------------> | Values(KEPT) ----------> |  and in that of the leader
 
-What is said to a host goes by way of those before it, who could change it: the tags show that.
-What it means is decided in hosts.middleware.qkd.conference; leader.py and follower.py say who does
+Messages to a host pass the hosts before it, which could change them: the tags show that.
+Their meaning is decided in hosts.middleware.qkd.conference; leader.py and follower.py say who does
 what, and here is what both need.
 """
 
@@ -76,8 +76,8 @@ def honest() -> Iterator[None]:
         raise SessionError(Reason.PROTOCOL, f"no key: {error}") from error
 
 
-def tags_of(told: Numbers) -> list[bytes]:
-    return [tag.tobytes() for tag in told.astype(np.uint8).reshape(-1, TAG_BYTES)]
+def tags_of(numbers: Numbers) -> list[bytes]:
+    return [tag.tobytes() for tag in numbers.astype(np.uint8).reshape(-1, TAG_BYTES)]
 
 
 def enveloped(topic: Topic, timeout_s: float) -> Steps[bytes]:

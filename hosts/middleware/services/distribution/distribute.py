@@ -8,8 +8,8 @@
       | Values(ARRIVED) <----------------------------------> |  what the cut-off has left of a block
       | Values(DELIVER) -----------------------------------> |  pairs have numbers: 0, 1, 2, …
 
-Where both hosts have memories that emit, pairs are heralded instead (sharing.py). What is done when
-is decided in protocol.py; here it is carried out. Pairs stay in memory until the opener's
+If both hosts have memories that emit, pairs are heralded instead (sharing.py). protocol.py decides
+on the steps; here they are carried out. Pairs stay in memory until the opener's
 application ends the session; meanwhile the application at either end may ask to measure some
 (Pairs.answer). They are called by session and number.
 """
@@ -33,7 +33,7 @@ async def distribute(end: OpenerEnd, options: DistributeOptions) -> Answerer:
 async def make_pairs(
     end: OpenerEnd, options: DistributeOptions, made: Make, blocks: int = 1
 ) -> Answerer:
-    """Deliver pairs whose blocks are made in this way, so many at a time.
+    """Deliver pairs whose blocks are made in this way, `blocks` at a time.
 
     Return what answers the application.
     """

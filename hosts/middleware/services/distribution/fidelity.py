@@ -13,12 +13,12 @@ from hosts.hardware.replies import Symbols
 from hosts.middleware.session.values import Lifetimes
 
 DIFFER = 2  # the basis in which the halves of Phi+ give different outcomes
-NORMAL_95 = 1.959964  # 95 % of a normal distribution is within so many standard deviations
+NORMAL_95 = 1.959964  # 95 % of a normal distribution is within this number of standard deviations
 
 
 @dataclass
 class Estimate:
-    """What has been measured so far, by basis."""
+    """Outcomes so far, by basis."""
 
     measured: NDArray[np.int64] = field(default_factory=lambda: np.zeros(3, np.int64))
     right: NDArray[np.int64] = field(default_factory=lambda: np.zeros(3, np.int64))  # as of Phi+

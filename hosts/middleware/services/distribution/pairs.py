@@ -47,7 +47,7 @@ class Portion:
 
     size: int
     rounds: int = 0  # of purification so far
-    since_ns: int = 0  # the mean time from which halves wait at this end; 0: nobody has told
+    since_ns: int = 0  # the mean time from which halves wait at this end; 0: unknown
 
 
 @dataclass
@@ -114,7 +114,7 @@ class Pairs:
         self.add(number, ours.size, kept)
 
     def add(self, number: int, emitted: int, size: int, since_ns: int = 0) -> None:
-        """Count a new block, of which both ends have kept so many pairs, all of them shared."""
+        """Count a new block, of which both ends have kept pairs, all of them shared."""
         self.emitted, self.shared = self.emitted + emitted, self.shared + size
         self.blocks[number] = Portion(size, since_ns=since_ns)
         self._forget_empty(number)
@@ -169,7 +169,7 @@ class Pairs:
         self._forget_empty(number)
 
     def deliver(self, count: int, theirs: Lifetimes) -> Steps[None]:
-        """Number so many pairs from 0, and discard all others; SessionError if too few."""
+        """Number `count` pairs from 0, and discard all others; SessionError if too few."""
         if not 0 < count <= self.available:
             raise SessionError(Reason.PROTOCOL, f"{count} of {self.available} pairs to deliver")
         left = count
@@ -198,10 +198,10 @@ class Pairs:
         self._used[numbers] = True
         bases = np.full(numbers.size, BASES.index(basis), dtype=np.uint8)
         outcomes = yield from measure_some(self._name(PAIRS), ASKED, numbers, bases)
-        return {"outcomes": [None if told == LOST else int(told) for told in outcomes]}
+        return {"outcomes": [None if bit == LOST else int(bit) for bit in outcomes]}
 
     def summary(self, now_s: float) -> PairFigures:
-        """Return what the application is told; None where nothing is known."""
+        """Return the application's results; None where nothing is known."""
         elapsed_s = now_s - self._started_s
         low, high = self.estimate.interval or (None, None)
         return PairFigures(

@@ -16,13 +16,13 @@ from hosts.middleware.services.distribution.purification import PHOTONS, Protoco
 from hosts.middleware.session import node_features
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import (
-    Beside,
+    Concurrently,
     HostSide,
     Now,
     OpenerSide,
     Steps,
     Tell,
-    Until,
+    WaitUntil,
     hear,
     request,
 )
@@ -33,9 +33,9 @@ from wire.metadata.values import Topic, Values
 from wire.metadata.vocabulary import Reason
 
 MAX_NUMBER = (1 << 32) - 1
-LEAST_SAMPLE = 30  # pairs; of which a fidelity is told
+LEAST_SAMPLE = 30  # pairs, for an estimate of the fidelity
 LEAST_JUDGED = 300  # pairs; by which it is decided whether the fidelity wanted is reached
-MOST_EMITTED = 1_000_000  # pairs, and so many more for each that is wanted:
+MOST_EMITTED = 1_000_000  # pairs, and this number more for each wanted one:
 MOST_EMITTED_EACH = 1000
 MOST_DROPPED, MOST_DROPPED_EACH = 100, 10  # pairs, for their age
 MOST_DARK = 10  # blocks in a row of which nothing arrives
@@ -49,7 +49,7 @@ Share = Callable[[Pairs, Values], Steps[None]]  # what has been announced
 
 
 class Opening:
-    """What the opener does: it decides, and the acceptor follows."""
+    """The opener: it decides, and the acceptor follows."""
 
     def __init__(
         self,
@@ -59,7 +59,7 @@ class Opening:
         started_s: float,
         blocks: int = 1,
     ) -> None:
-        """Begin with no pairs; so many blocks may be under way at once."""
+        """Begin with no pairs; `blocks` may be under way at once."""
         self._blocks = blocks
         self._under_way: dict[int, int] = {}  # sizes of blocks by their numbers, in order
         self._made: set[int] = set()  # of these, what has come to both ends
@@ -126,8 +126,8 @@ class Opening:
 
     @property
     def _longer(self) -> str:
-        told = "memory.cutoff_s, or what the controller has set"
-        return f"a longer cut-off than {self._cutoff_s:g} s ({told})"
+        setting = "memory.cutoff_s, or the controller's"
+        return f"a longer cut-off than {self._cutoff_s:g} s ({setting})"
 
     def _require_node_features(self) -> None:
         """Raise SessionError before any light for what cannot come to a good end."""
@@ -160,16 +160,16 @@ class Opening:
         return fidelity is not None and fidelity < self._options.fidelity
 
     def _tell(self, count: int) -> Steps[None]:
-        told = self._pairs.summary((yield Now()))
-        told.pairs = count
-        yield Tell(told)
+        summary = self._pairs.summary((yield Now()))
+        summary.pairs = count
+        yield Tell(summary)
 
     def _acquire(self) -> Steps[None]:
         """Have more light made, and bring the pairs of the oldest block to where others are."""
         yield from self._begin_blocks()
         oldest = next(iter(self._under_way))
         if oldest not in self._made:
-            yield Until(lambda: oldest in self._made)
+            yield WaitUntil(lambda: oldest in self._made)
         self._made.remove(oldest)
         del self._under_way[oldest]
         self._dark = 0 if oldest in self._pairs.blocks else self._dark + 1
@@ -187,7 +187,7 @@ class Opening:
             if self._blocks == 1:
                 yield from self._make_block(self._number, size)
             else:
-                yield Beside(self._make_block(self._number, size))
+                yield Concurrently(self._make_block(self._number, size))
 
     def _make_block(self, number: int, size: int) -> Steps[None]:
         yield from self._make(self._pairs, number, size)
@@ -223,7 +223,7 @@ class Opening:
             kept = good / pairs.emitted
         else:
             return None
-        # What is beyond the pairs that are wanted is sacrificed, and of each block its share.
+        # Pairs beyond the wanted ones are sacrificed, and of each block its share.
         wanted = max(missing + unsampled, missing / (1 - share))
         return MARGIN * wanted / kept + 1
 
@@ -345,8 +345,8 @@ def follow(side: HostSide, share: Share, started_s: float) -> Steps[Pairs]:
             bases = yield from hear(Topic.BASES, number, count, 2)
             yield from pairs.sample(number, chosen, bases.astype(np.uint8))
         else:
-            told = expect(message, Topic.DELIVER, 0, 1 + NUMBERS, MAX_NUMBER).tolist()
-            yield from pairs.deliver(told[0], Lifetimes.of(told[1:], side.peer))
+            numbers = expect(message, Topic.DELIVER, 0, 1 + NUMBERS, MAX_NUMBER).tolist()
+            yield from pairs.deliver(numbers[0], Lifetimes.of(numbers[1:], side.peer))
             yield side.agree()
             return pairs
         yield Tell(pairs.summary((yield Now())))

@@ -32,7 +32,7 @@ def make(side: OpenerSide, pairs: Pairs, number: int, size: int) -> Steps[None]:
 
 
 def _by_station(side: OpenerSide, pairs: Pairs, number: int, size: int) -> Steps[None]:
-    """Have the station herald a block of at most so many pairs, and keep what both ends have."""
+    """Have the station herald a block of at most `size` pairs, and keep what both ends have."""
     heralds = yield from side.heralded(number, size)
     count = heralds.states.size
     yield side.say(Topic.HERALDED, number, heralds.states, 2)

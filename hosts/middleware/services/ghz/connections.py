@@ -1,6 +1,6 @@
 """The sessions of a line of hosts: each has one with the next, the first asks.
 
-line.py decides what is said and done; here connections are opened. A host that is asked opens
+line.py decides on messages and work; here connections are opened. A host that is asked opens
 the next one's session before it says that it is ready, so that the line stands when the leader
 hears that; what goes wrong behind a host ends the sessions before it, too.
 """

@@ -11,9 +11,9 @@
       | Values(CORRECTIONS) -----> | Values(CORRECTIONS) ---> |  sum of the bits so far: X
       | <-------- Values(ARRIVED)  | <----- Values(ARRIVED)   |  that all have
 
-Each host makes pairs with the next one. Who has halves of two pairs fuses them: CX from the half
+Each host makes pairs with the next one. A host with halves of two fuses them: CX from the half
 that came to its own, which it then measures in Z; all hosts behind turn theirs by the outcome.
-What the states are used for is the service's own.
+Each service has its own use of the states.
 """
 
 from abc import ABC, abstractmethod
@@ -36,12 +36,12 @@ from hosts.middleware.session.protocol import (
     Hear,
     HostSide,
     Now,
+    OnConnection,
     OpenerSide,
     Say,
     Side,
     Steps,
     Tell,
-    Through,
     coming,
     do,
     hear,
@@ -117,39 +117,43 @@ class Right:
         side, size = self.side, there.size
         if lit:
             there = there & (yield from own_pairs(side, number, size, side.ports[-1])).arrived
-        yield Through(self.connection, saying(side.say(Topic.ARRIVED, number, there, 1)))
-        heard = yield Through(self.connection, hear(Topic.ARRIVED, number, size, 1, BITS_TIMEOUT_S))
+        yield OnConnection(self.connection, saying(side.say(Topic.ARRIVED, number, there, 1)))
+        heard = yield OnConnection(
+            self.connection, hear(Topic.ARRIVED, number, size, 1, BITS_TIMEOUT_S)
+        )
         return heard.astype(bool)  # type: ignore[no-any-return]
 
     def correct(self, number: int, bits: Symbols) -> Steps[Mask]:
         """Tell by what all behind turn their qubits; return which states are left then."""
         side, size = self.side, bits.size
-        yield Through(self.connection, saying(side.say(Topic.CORRECTIONS, number, bits, 2)))
-        heard = yield Through(self.connection, hear(Topic.ARRIVED, number, size, 1, BITS_TIMEOUT_S))
+        yield OnConnection(self.connection, saying(side.say(Topic.CORRECTIONS, number, bits, 2)))
+        heard = yield OnConnection(
+            self.connection, hear(Topic.ARRIVED, number, size, 1, BITS_TIMEOUT_S)
+        )
         return heard.astype(bool)  # type: ignore[no-any-return]
 
     def ask(
         self, topic: Topic, number: int, values: Any, width: int, shape: tuple[int, int]
     ) -> Steps[Table]:
         """Tell the next host by what all behind measure; return their outcomes, of this shape."""
-        yield Through(self.connection, saying(self.side.say(topic, number, values, width)))
-        told = hear(Topic.OUTCOMES, number, shape[0] * shape[1], LOST, BITS_TIMEOUT_S)
-        heard = yield Through(self.connection, told)
+        yield OnConnection(self.connection, saying(self.side.say(topic, number, values, width)))
+        outcomes = hear(Topic.OUTCOMES, number, shape[0] * shape[1], LOST, BITS_TIMEOUT_S)
+        heard = yield OnConnection(self.connection, outcomes)
         return heard.astype(np.uint8).reshape(shape)  # type: ignore[no-any-return]
 
-    def tell(self, *said: Say) -> Steps[None]:
-        for each in said:
-            yield Through(self.connection, saying(each))
+    def tell(self, *messages: Say) -> Steps[None]:
+        for each in messages:
+            yield OnConnection(self.connection, saying(each))
 
     def hear(
         self, topic: Topic, number: int, count: int, most: int, timeout_s: float
     ) -> Steps[Numbers]:
-        told = hear(topic, number, count, most, timeout_s)
-        return (yield Through(self.connection, told))  # type: ignore[no-any-return]
+        numbers = hear(topic, number, count, most, timeout_s)
+        return (yield OnConnection(self.connection, numbers))  # type: ignore[no-any-return]
 
 
 def seen(outcomes: Symbols) -> Symbols:
-    """Return outcomes as they are told: LOST where no detector has clicked."""
+    """Return outcomes as they travel: LOST where no detector has clicked."""
     return np.where(outcomes <= 1, outcomes, LOST).astype(np.uint8)
 
 
@@ -168,22 +172,22 @@ class Leader(ABC):
     @property
     @abstractmethod
     def states(self) -> int:
-        """Return how many states have told something."""
+        """Return how many states count."""
 
     @abstractmethod
     def use(self, number: int, states: int) -> Steps[None]:
-        """Use so many states, of which this host has its `qubits`."""
+        """Use states, of which this host has its qubits."""
 
     @abstractmethod
     def figures(self) -> dict[str, Any]:
-        """Return what they have told, by the names that `kind` has for it."""
+        """Return their results, by name."""
 
     def wanted(self) -> int:
-        """Return how many states the next block should have told, of those still missing."""
+        """Return how many of the missing states the next block should add."""
         return self.options.count - self.states
 
     def run(self) -> Steps[None]:
-        """Make states and use them until so many have told something."""
+        """Make states and use them until enough of them count."""
         began_s, number, dark = (yield Now()), 0, 0
         while self.states < self.options.count:
             number, before = number + 1, self.states
@@ -196,7 +200,7 @@ class Leader(ABC):
             yield Tell(self._summary((yield Now()) - began_s))
 
     def _size(self) -> int:
-        """Return how many states to begin, by what has come of those before."""
+        """Return how many states to begin, by the yield of those before."""
         share = self.states / self.emitted if self.states else 1.0
         wanted = self.wanted() / share * (MARGIN if share < 1 else 1)
         return max(1, min(int(np.ceil(wanted)), self.most))
@@ -215,7 +219,7 @@ class Leader(ABC):
 
     def pairs(self, number: int, size: int, lit: bool = True) -> Steps[Mask]:
         """Have pairs made along the line, here too if it is lit; return of which states all are."""
-        yield Through(self.right.connection, self.right.side.announce(number, size))
+        yield OnConnection(self.right.connection, self.right.side.announce(number, size))
         return (yield from self.right.make(number, np.ones(size, dtype=bool), lit))
 
     def qubits(self, number: int) -> BlockName:
@@ -246,7 +250,7 @@ class Follower(ABC):
 
     @abstractmethod
     def use(self, number: int, states: int) -> Steps[None]:
-        """Use so many states, of which this host has its `qubits`."""
+        """Use states, of which this host has its qubits."""
 
     def figures(self) -> FollowerFigures:
         return FollowerFigures(states=self.measured, fused=self.fused)
@@ -258,7 +262,7 @@ class Follower(ABC):
             yield Tell(self.figures())
         if self.right is not None:
             finish = Finish(self.right.side.setup.session, 0, NO_DIGEST)
-            yield Through(self.right.connection, request(finish, BITS_TIMEOUT_S))
+            yield OnConnection(self.right.connection, request(finish, BITS_TIMEOUT_S))
 
     def heard(self, message: Values) -> Steps[None]:
         """Take part in what the message announces: a block of states."""
@@ -275,7 +279,7 @@ class Follower(ABC):
         """
         side, name, after = self.side, self.side.block(number, half=1), self.right
         if after is not None:
-            yield Through(after.connection, after.side.announce(number, size))
+            yield OnConnection(after.connection, after.side.announce(number, size))
         light = (yield from side.expect_light(name)) if left else None
         yield side.agree()
         there = (yield from hear(Topic.ARRIVED, number, size, 1, BITS_TIMEOUT_S)).astype(bool)

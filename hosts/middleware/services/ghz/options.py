@@ -14,7 +14,7 @@ LEAST_HOSTS, MOST_HOSTS = 2, 16  # of two it is a Bell pair
 class GhzOptions(ServiceOptions):
     """`count` states of all hosts, measured to tell how good they are."""
 
-    # Who asks, who is asked, others.
+    # The host that asks, the one that is asked, others.
     line: str = option(
         "alice,bob,charlie",
         "hosts in the order of their links: each makes pairs with the next (alice,bob,charlie)",

@@ -24,11 +24,11 @@ from wire.results.figures import GhzFigures, LineFigures
 
 
 class Witness(Protocol):
-    """What measurements of states have told so far."""
+    """Results of measurements so far."""
 
     @property
     def states(self) -> int:
-        """Return how many states have told something."""
+        """Return how many states count."""
 
     def add(self, bases: Table, outcomes: Table) -> None:
         """Count states: bases and outcomes of all hosts, above 1 where there was none."""
@@ -71,10 +71,10 @@ class Follower(line.Follower):
     def use(self, number: int, states: int) -> Steps[None]:
         """Measure, have those behind measure, and tell what all have found."""
         shape = 1 + self.behind, states
-        told = yield from hear(
+        words = yield from hear(
             Topic.BASES, number, shape[0] * states, len(BASES) - 1, BITS_TIMEOUT_S
         )
-        bases = told.astype(np.uint8).reshape(shape)
+        bases = words.astype(np.uint8).reshape(shape)
         own = yield from self.outcomes(number, bases[0])
         others = []
         if self.right is not None:

@@ -1,4 +1,4 @@
-"""The fidelity of states to GHZ, |0...0> + |1...1>, told by measurements of single qubits.
+"""The fidelity of states to GHZ, |0...0> + |1...1>, from measurements of single qubits.
 
 The state is the only one that all 2^N of its stabilisers leave alone, and its fidelity the mean of
 their expectations (Flammia and Liu, Phys. Rev. Lett. 106, 230501, 2011). Half of them are Z on an
@@ -33,7 +33,7 @@ def chosen_bases(draws: np.random.Generator, hosts: int, states: int) -> Table:
 
 @dataclass
 class Tally:
-    """What measurements of states have told so far."""
+    """Results of measurements so far."""
 
     equal: int = 0  # outcomes in Z at all hosts
     in_z: int = 0  # states

@@ -49,9 +49,9 @@ class Leader(protocol.Leader):
         self.fusion = Fusion(graph, 0, self.side, self.right)
         witness = Colours if self.options.witness == COLOURS else Stabilisers
         self.tally = witness(graph.left())
-        # Those between two others have told for how many states they have room for two halves.
-        told = [1, *[2] * (graph.hosts - 2), 1]
-        needed = max(graph.kept(place) / halves for place, halves in enumerate(told))
+        # Hosts between two others have reported room for two halves a state.
+        halves_kept = [1, *[2] * (graph.hosts - 2), 1]
+        needed = max(graph.kept(place) / halves for place, halves in enumerate(halves_kept))
         self.most = max(1, int(self.most / needed))
 
     def run(self) -> Steps[None]:
@@ -86,8 +86,8 @@ class Leader(protocol.Leader):
                 return
         found = yield from fusion.fuse(number, size)
         others = found[1:].ravel()
-        told = yield from self.right.ask(Topic.CORRECTIONS, number, others, 2, (1, size))
-        if states := (yield from fusion.correct(number, combined(found[0], told[0]))):
+        answers = yield from self.right.ask(Topic.CORRECTIONS, number, others, 2, (1, size))
+        if states := (yield from fusion.correct(number, combined(found[0], answers[0]))):
             self.made += states
             yield from self.use(number, states)
 
@@ -169,8 +169,8 @@ class Follower(protocol.Follower):
             bits, shape = behind[1:].ravel(), before.shape
             before = yield from self.right.ask(Topic.CORRECTIONS, number, bits, 2, shape)
         states = yield from fusion.correct(number, combined(behind[0], before[-1]))
-        told = combined(found[:place], before[:-1])
-        yield self.side.say(Topic.OUTCOMES, number, told.ravel(), 2)
+        passed = combined(found[:place], before[:-1])
+        yield self.side.say(Topic.OUTCOMES, number, passed.ravel(), 2)
         if states:
             yield from self.use(number, states)
             self.measured += states

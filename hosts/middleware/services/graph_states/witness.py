@@ -1,4 +1,4 @@
-"""How good graph states are, told by measurements of single qubits.
+"""The fidelity of graph states, from measurements of single qubits.
 
 A graph state is the only one that its generators K = X at a host, Z at its neighbours, leave alone,
 one for each of N hosts, and all 2^N products of them. Its fidelity is the mean of their

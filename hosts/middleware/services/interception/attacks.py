@@ -6,7 +6,7 @@ Photon-number splitting (Brassard, Luetkenhaus, Mor, Sanders 2000):
 
     photons in a pulse    0   1   1   2   3
     sent on               0   1   -   1   2      only as many as are expected
-    kept in the memory                1   1      until their bases are told
+    kept in the memory                1   1      until their bases are public
 
 The way from here loses less than the two ends expect. Pulses of several photons lose one; of the
 others, and of these only if they alone are too many, some are held back, so that as many clicks
@@ -34,14 +34,14 @@ SEVERAL = 2
 
 
 class Attack(Protocol):
-    """What is done to blocks of light that are at this host, before they are sent on."""
+    """An attack on blocks of light at this host, before they are sent on."""
 
     @property
     def summary(self) -> dict[str, Any]:
-        """What was done so far."""
+        """Counts so far."""
 
     def attack(self, block: BlockName, photons: int) -> Steps[dict[str, Any]]:
-        """Do it to a block with so many places for photons; return what is told of it."""
+        """Attack a block with `photons` places for photons; return its counts."""
 
     def end(self) -> Steps[None]:
         """Discard what was kept."""
@@ -55,7 +55,7 @@ def choices(seeds: tuple[int, ...], block: BlockName) -> np.random.Generator:
 
 @dataclass
 class Seen:
-    """What was seen so far."""
+    """Counts so far."""
 
     measured: int = 0  # places that were looked at
     zeros: int = 0
@@ -99,7 +99,7 @@ class InterceptResend:
 
 @dataclass(frozen=True)
 class Way:
-    """What light loses from here to a click: as both ends expect it, and as it is."""
+    """The loss of light from here to a click: expected by both ends, and real."""
 
     expected_db: float = 0.0
     onward_db: float = 0.0
@@ -107,7 +107,7 @@ class Way:
     def sent_on(self, pulses: Sequence[int]) -> tuple[float, float]:
         """Return which share of pulses to send on with one photon, and with several.
 
-        There are so many with 0, 1, … photons. As many click then as on the expected way, where n
+        There are `pulses` with 0, 1, … photons. As many click then as on the expected way, where n
         photons do with 1 - (1 - t)^n.
         """
         expected, onward = (10 ** (-loss / 10) for loss in (self.expected_db, self.onward_db))
@@ -124,7 +124,7 @@ class Way:
 
 @dataclass
 class Split:
-    """What was done so far, in pulses."""
+    """Counts so far, in pulses."""
 
     multi_photon: int = 0  # with several photons
     single_photon: int = 0

@@ -2,7 +2,7 @@
 
     alice ---> first fibre | this host: an attack | second fibre ---> bob
 
-Nothing is said to anybody: whoever is asked for this needs no session, only light that comes.
+It sends no messages: the attacker needs no session, only light that arrives.
 """
 
 from collections.abc import Awaitable, Callable

@@ -28,7 +28,7 @@ RESEND, SPLIT = ATTACKS = ("resend", "split")
 
 @dataclass(frozen=True)
 class InterceptionOptions(Options):
-    """What an application chooses."""
+    """Choices of an application."""
 
     # Of the photons; the others are only sent on.
     fraction: float = field(default=1.0, metadata={"range": (0.0, 1)})
@@ -83,7 +83,7 @@ class Passing:
 
     @property
     def summary(self) -> EveFigures:
-        """Return what the application is told in the end."""
+        """Return the application's final results."""
         return EveFigures(
             attack=self._options.attack,
             fraction=self._options.fraction,
@@ -94,7 +94,7 @@ class Passing:
         )
 
     def pass_on(self, block: BlockName) -> Steps[dict[str, Any] | None]:
-        """Return what is told of a block; None: its light was gone."""
+        """Return a block's counts; None: its light was gone."""
         try:
             received = yield from do(Qnic.receive, block, self.inward, RESENT_TIMEOUT_S)
             seen = yield from self.attack.attack(block, received.photons)

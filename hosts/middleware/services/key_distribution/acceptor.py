@@ -32,15 +32,15 @@ from hosts.middleware.services.key_distribution.under_way import (
 )
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import (
-    Beside,
+    Concurrently,
     Hear,
     HostSide,
     Light,
     Now,
     Steps,
     Tell,
-    Until,
     Wait,
+    WaitUntil,
 )
 from hosts.middleware.session.values import expect
 from hosts.timeouts import KEYS_TIMEOUT_S
@@ -55,7 +55,7 @@ MAX_COMING = 3  # blocks: one is measured, one is made, and one announced
 
 
 class Introduced(NamedTuple):
-    """Who opens a session for keys, what it proposes, and the message that says so."""
+    """The opener of a session for keys, its proposal, and that message."""
 
     peer: str
     parameters: Parameters
@@ -156,7 +156,7 @@ class AcceptorOfKeys:
         progress: Progress,
         store: Store,
     ) -> None:
-        """Take part in this light; store keys before the other end is told."""
+        """Take part in this light; store keys before the other end learns of them."""
         self._side, self._light, self._new_key, self._progress = side, light, new_key, progress
         self._store, self._proposal = store, opener.proposal
         self.keys = KeysUnderWay(side, progress, self._done, opener.cutter)
@@ -167,7 +167,7 @@ class AcceptorOfKeys:
     def run(self) -> Steps[None]:
         """Measure, announce, correct, until the opener ends it; SessionError if it fails."""
         yield from self.keys.hear_message(self._proposal, self._begin)
-        yield Beside(self._measure_all())
+        yield Concurrently(self._measure_all())
         while not isinstance(message := (yield Hear(Message, KEYS_TIMEOUT_S)), Finish):
             match message:
                 case Envelope():
@@ -225,7 +225,7 @@ class AcceptorOfKeys:
         """Announce what is known here of each block that is over."""
         progress = self._progress
         while True:
-            yield Until(lambda: progress.blocks < self._over)
+            yield WaitUntil(lambda: progress.blocks < self._over)
             coming = self._coming[0]
             record = yield from coming.block.record()
             self._coming.popleft()
@@ -235,8 +235,8 @@ class AcceptorOfKeys:
             if not isinstance(bob, Bob) or bob.state not in (State.OPENING, State.SIFTING):
                 raise SessionError(Reason.PROTOCOL, f"light for key {coming.key}, sifted already")
             yield from self.keys.step(coming.key, bob.add_block, record)
-            told = so_far(progress, self.keys.ends, (yield Now()))
-            yield Tell(told, at_the_end=False)
+            report = so_far(progress, self.keys.ends, (yield Now()))
+            yield Tell(report, at_the_end=False)
 
 
 def proposed_by(message: QkdMessage) -> Parameters:

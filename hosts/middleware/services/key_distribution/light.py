@@ -66,10 +66,10 @@ def record_of(outcomes: Symbols, bases: Symbols, rotation: int, tests: bool) -> 
     tested = halfway & (outcomes != NO_COINCIDENCE)
     swapped, flipped = (rotation ^ rotation >> 1) & 1, rotation & 1
     settings = (bases[tested] - np.uint8(PAULI_BASES)) ^ np.uint8(swapped)
-    told = BellOutcomes(tested, settings, outcomes[tested] ^ np.uint8(flipped))
+    bell = BellOutcomes(tested, settings, outcomes[tested] ^ np.uint8(flipped))
     own = np.where(halfway, 0, bases).astype(np.uint8)
     rest = np.where(halfway, NO_COINCIDENCE, turned_back(outcomes, own, rotation))
-    return Record(own, rest.astype(np.uint8), tests=told)
+    return Record(own, rest.astype(np.uint8), tests=bell)
 
 
 def turned_back(outcomes: Symbols, bases: Symbols, rotation: int) -> Symbols:
@@ -81,9 +81,9 @@ def turned_back(outcomes: Symbols, bases: Symbols, rotation: int) -> Symbols:
 
 
 def next_photons(count: int, sifted: int, seen: int, on_the_way: int, most: int) -> int:
-    """Return how many photons to send for so many sifted bits; 0 if enough may be on the way.
+    """Return how many photons to send for `count` sifted bits; 0 if enough may be on the way.
 
-    `sifted` bits have come of the `seen` photons so far.
+    The `seen` photons have given `sifted` bits so far.
     """
     share = max(sifted, EVEN_CHANCE) / seen if seen else EVEN_CHANCE
     missing = count - sifted - share * on_the_way

@@ -1,7 +1,7 @@
 """The messages of key distribution on the connection of a session, at either end.
 
-They travel in envelopes, as a stream that is cut anywhere. What they mean is decided in
-hosts.middleware.qkd; here a failure there becomes one that the application is told.
+They travel in envelopes, as a stream that is cut anywhere. Their meaning is decided in
+hosts.middleware.qkd; here its failures become errors for the application.
 """
 
 from collections.abc import Iterator
@@ -47,7 +47,7 @@ def in_envelopes(session: int, messages: list[bytes]) -> Iterator[Envelope]:
 
 
 def failure_of(keys: Alice | Bob, peer: str) -> SessionError | None:
-    """Return what the application is told if an end has ended without a key."""
+    """Return the application's error if an end has ended without a key."""
     failure = keys.failure
     if failure is None:
         return None

@@ -19,15 +19,15 @@ from hosts.middleware.services.key_distribution.under_way import (
 )
 from hosts.middleware.session.errors import SessionError, unexpected
 from hosts.middleware.session.protocol import (
-    Beside,
+    Concurrently,
     Hear,
     Now,
     OpenerSide,
     Say,
     Steps,
     Tell,
-    Until,
     Wait,
+    WaitUntil,
 )
 from hosts.timeouts import KEYS_TIMEOUT_S
 from wire.metadata.header import Message
@@ -61,7 +61,7 @@ class OpenerOfKeys:
     def run(self) -> Steps[None]:
         """Send light, and distil; SessionError if there is no key."""
         yield Say((Envelope(self._side.setup.session, Topic.OPENER, self._side.host.encode()),))
-        yield Beside(self._read())
+        yield Concurrently(self._read())
         yield from self._make_all()
 
     def _read(self) -> Steps[None]:
@@ -79,14 +79,14 @@ class OpenerOfKeys:
         """Make as many keys as are wanted; light for one comes while others are distilled."""
         number, so_much = 0, 0
         while share := self._next_share(number, so_much, (yield Now())):
-            yield Until(lambda: len(self.keys.numbers) < MAX_UNDER_WAY)
+            yield WaitUntil(lambda: len(self.keys.numbers) < MAX_UNDER_WAY)
             alice = self._new_key(number)
             yield from self.keys.begin(number, alice)
             yield from self.keys.step(number, alice.start)
             yield from self._gather(number, alice, share)
             number, so_much = number + 1, so_much + alice.sifted_bits
-            yield Beside(self.keys.step(number - 1, alice.distil))
-        yield Until(lambda: not self.keys.numbers)
+            yield Concurrently(self.keys.step(number - 1, alice.distil))
+        yield WaitUntil(lambda: not self.keys.numbers)
 
     def _next_share(self, number: int, so_much: int, now_s: float) -> int:
         """Return how much to sift for the key of this number; 0: no more are wanted."""
@@ -111,13 +111,13 @@ class OpenerOfKeys:
             following = yield from self._announce(alice, count, sizes)
             yield from self._send(key, alice, coming)
             earlier = len(sizes) - (2 if following else 1)
-            yield Until(partial(sifted, alice, earlier))
+            yield WaitUntil(partial(sifted, alice, earlier))
             self._look_for_light(alice.sifted_bits > before)
             before = alice.sifted_bits
-            told = so_far(self._progress, self.keys.ends, (yield Now()))
-            yield Tell(told, at_the_end=False)
+            report = so_far(self._progress, self.keys.ends, (yield Now()))
+            yield Tell(report, at_the_end=False)
             if not following:
-                yield Until(partial(sifted, alice, len(sizes)))
+                yield WaitUntil(partial(sifted, alice, len(sizes)))
                 following = yield from self._announce(alice, count, sizes)
             coming = following
 
@@ -144,7 +144,7 @@ class OpenerOfKeys:
     def _send(self, key: int, alice: Alice, photons: int) -> Steps[None]:
         """Send a block that was announced."""
         side, number = self._side, self._progress.blocks
-        yield Until(lambda: self._answers > 0)
+        yield WaitUntil(lambda: self._answers > 0)
         self._answers -= 1
         record = yield from self._light(side, number, photons)
         yield side.say(Topic.OVER, number, [], 1)
@@ -154,5 +154,5 @@ class OpenerOfKeys:
 
 
 def sifted(alice: Alice, blocks: int) -> bool:
-    """Return whether so many blocks are sifted."""
+    """Return whether `blocks` blocks are sifted."""
     return alice.blocks_sifted >= blocks

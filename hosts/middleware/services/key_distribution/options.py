@@ -95,7 +95,7 @@ class KeyOptions(ServiceOptions):
         return self.block_pairs if self.seconds else super().pairs_at_a_time
 
     def parameters(self) -> Parameters:
-        """Return what both ends must be told alike; ValueError for what cannot be."""
+        """Return the parameters of both ends; ValueError if they are impossible."""
         return Parameters(
             test_fraction=self.test_fraction,
             max_qber=self.max_qber,

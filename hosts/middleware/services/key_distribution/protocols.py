@@ -2,7 +2,7 @@
 
 BB84 (Bennett and Brassard 1984): photons that the opener prepares. Each pulse carries a random bit
 in Z (0, 1) or X (+, -); the acceptor measures it, as it arrives, in a basis of its own choice. How
-often its source emits several photons is told by the opener, and shortens the key
+often its source emits several photons is in the opener's proposal, and shortens the key
 (hosts.middleware.qkd.key_length), unless the source can make decoy states
 (hosts.middleware.qkd.decoy).
 

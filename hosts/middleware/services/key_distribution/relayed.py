@@ -11,8 +11,8 @@
       | Values(ARRIVED), Values(OUTCOMES) --> |  turns its bits by them |
       | Values(OVER) -----------------------> |  sifting, as of BB84    |
 
-What is said of the Bell state of two pulses tells whether their bits are alike, and nothing of
-what they are, whoever says it (Lo, Curty, Qi, Phys. Rev. Lett. 108, 130503): nobody trusts the
+The announced Bell state of two pulses shows whether their bits are alike, and not what they
+are (Lo, Curty, Qi, Phys. Rev. Lett. 108, 130503): nobody trusts the
 relay, and what it says has no tag. A lie is an error of the key, as noise is. The clocks of both
 ends are taken to agree, and their pulses to be sent so that they meet. No socket, no clock.
 """
@@ -36,7 +36,7 @@ from hosts.middleware.services.source import relayed_blocks
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import (
     Announce,
-    Beside,
+    Concurrently,
     HostSide,
     OpenerSide,
     Say,
@@ -91,7 +91,7 @@ class Pulses:
                 if theirs != own:
                     raise SessionError(Reason.UNSUPPORTED, unlike(self.side, theirs, own))
                 self.launched = True
-                yield Beside(self.send())
+                yield Concurrently(self.send())
             case Topic.ARRIVED if self.launched and self.arrived is None:
                 self.arrived = message
             case Topic.OUTCOMES if self.arrived is not None and self.found is None:
@@ -154,7 +154,7 @@ def check_source(opener: Introduced, host: str, several: float) -> None:
         raise SessionError(
             Reason.UNSUPPORTED,
             f"{host} emits several photons in {several:.3g} of its pulses, more than "
-            f"{opener.peer}: let them have the same source, or ask from {host}",
+            f"{opener.peer}: give them the same source, or ask from {host}",
         )
 
 

@@ -15,7 +15,7 @@
 
 Blocks are for the key that was proposed last. The acceptor stores a key before it confirms it, and
 withdraws it if the session ends before the opener has kept it, too.
-opener.py and acceptor.py decide what is said and when; here it is carried out.
+opener.py and acceptor.py decide on the messages; here they are carried out.
 """
 
 import asyncio
@@ -180,7 +180,7 @@ async def give_up(end: End, keys: KeysUnderWay, progress: Progress, error: Sessi
     """Tell the other end that keys will not be made, and the application what was measured."""
     for words in keys.give_up(str(error)):
         end.channel.send(*words.messages)
-    told = summary(progress, keys.ends, now_s())
-    if told.qber is not None or told.chsh_pairs:
+    figures = summary(progress, keys.ends, now_s())
+    if figures.qber is not None or figures.chsh_pairs:
         with suppress(SessionError, ConnectionError):  # it may be gone
-            await end.tell(**vars(told))
+            await end.tell(**vars(figures))

@@ -24,7 +24,7 @@ SOURCES = {
 
 @dataclass
 class Counts:
-    """What keys of a session have come to, all in one; in bits, if nothing else is said."""
+    """Totals over the keys of a session; in bits by default."""
 
     raw: int = 0
     sifted: int = 0
@@ -63,7 +63,7 @@ class Counts:
 
 @dataclass
 class Progress:
-    """What one end has done so far."""
+    """Progress of one end."""
 
     started_s: float  # of the network's clock
     photons: int = 0  # or pairs, that were made
@@ -95,7 +95,7 @@ class Progress:
 
 
 def so_far(progress: Progress, ends: Iterable[End], now_s: float) -> KeyProgress:
-    """Return what is told while light is sent."""
+    """Return the report while light is sent."""
     counts = progress.counts(ends)
     return KeyProgress(
         photons=progress.photons,
@@ -108,7 +108,7 @@ def so_far(progress: Progress, ends: Iterable[End], now_s: float) -> KeyProgress
 
 
 def summary(progress: Progress, ends: Iterable[End], now_s: float) -> KeyFigures:
-    """Return what is told at the end, also of keys that will not be made; None: not known.
+    """Return the final report, also of keys that will not be made; None: not known.
 
     Photons, raw and sifted bits are per second of light and sifting, key bits per second of
     the whole session. The limit of the key fraction is that of endless keys.
@@ -156,7 +156,7 @@ def summary(progress: Progress, ends: Iterable[End], now_s: float) -> KeyFigures
 
 
 def some_only(counts: Counts) -> dict[str, Any]:
-    """Return what decoys and the CHSH test have told, by its names, of sessions that have them."""
+    """Return results of decoys and the CHSH test, by name, of sessions that have them."""
     decoys = {"intensities": list(counts.means)} if counts.means else {}
     bell = counts.bell
     if not bell.pairs:

@@ -16,7 +16,7 @@ from hosts.middleware.qkd.end import State
 from hosts.middleware.services.key_distribution.messages import Cutter, failure_of, in_envelopes
 from hosts.middleware.services.key_distribution.summary import Progress
 from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.protocol import Beside, Now, Say, Side, Steps, Until, Work
+from hosts.middleware.session.protocol import Concurrently, Now, Say, Side, Steps, WaitUntil, Work
 from wire.malformed import MalformedPacket
 from wire.metadata.values import Envelope, Topic
 from wire.metadata.vocabulary import Reason
@@ -31,7 +31,7 @@ WhenDone = Callable[[int, Alice | Bob], Steps[None]]  # before this end says tha
 
 @dataclass
 class Making:
-    """A key in the making: this end of it, and what the other has said of it."""
+    """A key in the making: this end of it, and the other's messages about it."""
 
     keys: Alice | Bob
     heard: deque[bytes] = field(default_factory=deque)
@@ -65,7 +65,7 @@ class KeysUnderWay:
     def begin(self, number: int, keys: Alice | Bob) -> Steps[None]:
         """Have a key made: take messages about it from now on."""
         self._makings[number] = making = Making(keys)
-        yield Beside(self._take(number, making))
+        yield Concurrently(self._take(number, making))
 
     def forget(self, number: int) -> None:
         del self._makings[number]
@@ -78,7 +78,7 @@ class KeysUnderWay:
         Raise SessionError if that is its last, without a key.
         """
         making = self._makings[number]
-        yield Until(lambda: not making.busy)
+        yield WaitUntil(lambda: not making.busy)
         making.busy = True
         was = making.keys.state
         answers = act(*given) if quick else (yield Work(act, given))
@@ -114,12 +114,12 @@ class KeysUnderWay:
         self._makings[number].heard.append(data)
 
     def give_up(self, text: str) -> list[Say]:
-        """Return what tells the other end that keys will not be made, unless it was told."""
+        """Return the messages that cancel keys at the other end, unless they were sent."""
         return [self._said(keys.cancel(text)) for keys in self.ends]
 
     def _take(self, number: int, making: Making) -> Steps[None]:
         while self._makings.get(number) is making:
-            yield Until(lambda: making.heard or self._makings.get(number) is not making)
+            yield WaitUntil(lambda: making.heard or self._makings.get(number) is not making)
             if making.heard:
                 keys, data = making.keys, making.heard.popleft()
                 yield from self.step(number, keys.receive, data, quick=keys.is_quick(data))

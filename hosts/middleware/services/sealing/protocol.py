@@ -77,7 +77,7 @@ class SealOptions(ServiceOptions):
 
 
 class Watch:
-    """What the opener of a seal knows of the fibre so far."""
+    """The opener's counts of a fibre so far."""
 
     def __init__(
         self,
@@ -133,9 +133,9 @@ class Watch:
         differ = (mine != outcomes)[there]
         seen = self._test.compared
         self._test.add(differ)
-        told = self._test.compared - seen  # what comes after an alarm is not looked at
-        self._compared += np.bincount(bases[there][:told], minlength=2)
-        self._errors += np.bincount(bases[there][:told][differ[:told]], minlength=2)
+        compared = self._test.compared - seen  # nothing after an alarm counts
+        self._compared += np.bincount(bases[there][:compared], minlength=2)
+        self._errors += np.bincount(bases[there][:compared][differ[:compared]], minlength=2)
 
     def _measure(self, number: int, bases: Symbols) -> Steps[Symbols]:
         """Return what was found of the halves of a new block."""
@@ -158,7 +158,7 @@ class Watch:
             raise SessionError(Reason.NO_LIGHT, text)
 
     def summary(self) -> SealFigures:
-        """Return what the application is told."""
+        """Return the application's results."""
         question, test = self._options.question, self._test
         compared, errors = int(self._compared.sum()), self.errors
         both = [
@@ -195,8 +195,8 @@ def answer(side: HostSide) -> Steps[None]:
         yield from hear(Topic.OVER, number, 0, 0)
         outcomes = yield from measured(side, light, size)
         yield side.say(Topic.BASES, number, bases, 1)
-        told = turned_back(outcomes, bases, side.setup.rotation)
-        seen = told != NO_COINCIDENCE
-        yield side.say(Topic.OUTCOMES, number, np.where(seen, told, LOST), 2)
+        bits = turned_back(outcomes, bases, side.setup.rotation)
+        seen = bits != NO_COINCIDENCE
+        yield side.say(Topic.OUTCOMES, number, np.where(seen, bits, LOST), 2)
         blocks, photons = blocks + 1, photons + int(np.count_nonzero(seen))
         yield Tell(SealedFigures(blocks=blocks, photons=photons))

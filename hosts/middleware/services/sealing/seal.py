@@ -7,12 +7,12 @@
       | <----------------------------------------- Values(BASES), then OUTCOMES  |
       | where bases are equal: do the outcomes, too?  -> SequentialTest
 
-Who measures halves on the way and sends them on cannot know the bases that will be chosen, and
-breaks the correlation in the other one: visibility V = 1 - 2 error sinks from 1 to 1 - f/2.
-An opener that is the source keeps half 0; then only the way between the two is watched.
-It ends between two blocks when the controller says that a session wants its light.
-Where no light comes the session ends with an error: a fibre that is cut is not a seal.
-protocol.py decides; here it is carried out.
+An intruder who measures halves on the way and sends them on cannot know the bases that will be
+chosen, and breaks the correlation in the other one: visibility V = 1 - 2 error sinks from 1 to 1 -
+f/2. An opener that is the source keeps half 0; then only the way between the two is watched. It
+ends between two blocks when the controller says that a session wants its light. Where no light
+comes the session ends with an error: a fibre that is cut is not a seal. protocol.py decides; here
+it is carried out.
 """
 
 from hosts.middleware.services.sealing.protocol import SealOptions, Watch, answer

@@ -30,7 +30,7 @@ def tapped_error(whole: float, fraction: float) -> float:
 
 @dataclass(frozen=True)
 class Question:
-    """What is to be told apart, and how surely."""
+    """Two hypotheses to distinguish, and with which confidence."""
 
     whole: float  # part that differs at most where the fibre is whole
     fraction: float  # of the photons that a tap measures at least

@@ -21,7 +21,7 @@ X, Y = 0, STEPS // 4
 
 
 class Phase(NamedTuple):
-    """What a fringe tells."""
+    """Estimates from a fringe."""
 
     phase_rad: float  # from -pi to pi
     error_rad: float  # standard error

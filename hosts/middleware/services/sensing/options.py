@@ -10,7 +10,7 @@ GHZ, SEPARATE = PROBES = ("ghz", "separate")
 
 @dataclass(frozen=True)
 class SensingOptions(GhzOptions):
-    """`count` probes at each host: its qubits of so many GHZ states, or qubits of its own."""
+    """`count` probes at each host: its qubits of `count` GHZ states, or qubits of its own."""
 
     probes: str = option(
         GHZ, f"qubits of GHZ states of all, or as many of each host's own ({GHZ})", choices=PROBES

@@ -73,7 +73,7 @@ class Leader(line.Leader):
         return min(fringe.seen for fringe in self.fringes)
 
     def wanted(self) -> int:
-        """Return how many are measured at an angle, before it is chosen anew."""
+        """Return how many are measured at an angle, before it is chosen again."""
         first = max(LEAST_FIRST, round(self.options.count * FIRST_SHARE))
         located = all(fringe.located for fringe in self.fringes)
         return min(super().wanted(), GROWTH * self.states if located else first)
@@ -105,9 +105,9 @@ class Leader(line.Leader):
     def figures(self) -> dict[str, Any]:
         """Return the sum of the phases and their mean, with the limits of its error."""
         hosts, count = len(self.options.names), self.states
-        told = dict.fromkeys(FIGURES)
+        figures = dict.fromkeys(FIGURES)
         if not all(fringe.located for fringe in self.fringes):
-            return told
+            return figures
         phases = [fringe.phase() for fringe in self.fringes]
         total = sum(phase.phase_rad for phase in phases)
         error = sqrt(sum(phase.error_rad**2 for phase in phases))
@@ -118,7 +118,7 @@ class Leader(line.Leader):
             "mean_error_rad": error / hosts,
             "heisenberg_limit_rad": 1 / (hosts * sqrt(count)),
             "standard_limit_rad": 1 / sqrt(hosts * count),
-            # What an estimate has beyond 1 is chance.
+            # An estimate exceeds 1 by chance alone.
             "visibility": sum(min(phase.visibility, 1.0) for phase in phases) / len(phases),
         }
 
@@ -158,8 +158,8 @@ class Follower(line.Follower):
 
     def use(self, number: int, states: int) -> Steps[None]:
         """Let a block of states take all phases behind, and this one, and measure it."""
-        told = yield from hear(Topic.ANGLES, number, 1 + self.behind, MAX_WORD, BITS_TIMEOUT_S)
-        steps, *behind = told.tolist()
+        words = yield from hear(Topic.ANGLES, number, 1 + self.behind, MAX_WORD, BITS_TIMEOUT_S)
+        steps, *behind = words.tolist()
         others = list[Table]()
         if self.right is not None:
             shape = self.behind, states

@@ -1,7 +1,7 @@
 """The protocol of the end of superdense coding that receives bytes; opener.py's mirror.
 
 Its analyser waits for the light of the next block before there is word of it, as detectors do.
-What symbols and reports are made of outcomes is decided in receiver.py. No socket, no clock.
+receiver.py makes symbols and reports of outcomes. No socket, no clock.
 """
 
 import numpy as np
@@ -27,11 +27,11 @@ from hosts.middleware.session.protocol import (
     Deliver,
     HearNext,
     Light,
+    OnConnection,
     Say,
     Side,
     Steps,
-    Through,
-    Until,
+    WaitUntil,
     begin,
     do,
 )
@@ -49,7 +49,7 @@ FIRST_BLOCK = 1
 
 
 def accepted(symbols: int, setup: Setup) -> Answer:
-    """Return what is said to a set-up, by how many Bell states are told apart; or SessionError."""
+    """Return the reply to a set-up, by the distinguishable Bell states; or SessionError."""
     check_offer(setup, symbols)
     return answer_to(setup, symbols, setup.rotation)
 
@@ -58,11 +58,11 @@ class Acceptor:
     """Has what a receiver orders done by this host's Bell analyser."""
 
     def __init__(self, side: Side, symbols: int) -> None:
-        """Receive by an analyser that tells so many Bell states apart."""
+        """Receive by an analyser that distinguishes `symbols` Bell states."""
         self._side = side
         self.receiver = Receiver(side.setup, symbols, side.peer)
         self._expected: tuple[int, Light] | None = None  # a block, and its light
-        # Of single pairs, until their block is there, by their numbers.
+        # Of single pairs, until their block arrives, by their numbers.
         self._read: dict[int, Symbols] = {}
         self._failed: dict[int, SessionError | HardwareError] = {}
         self._missing: set[int] = set()  # that the block needs, and are not over
@@ -91,7 +91,7 @@ class Acceptor:
 
     def _single(self, connection: Connection, answer: Answer, order: Measure) -> Steps[None]:
         try:
-            yield Through(connection, _until_closed(answer))
+            yield OnConnection(connection, _until_closed(answer))
             self._read[order.block] = yield from self._measure(order)
         except (SessionError, HardwareError) as error:  # for who collects it
             self._failed[order.block] = error
@@ -125,7 +125,7 @@ class Acceptor:
         return self.receiver.read(order, found.outcomes)
 
     def _found(self, block: int) -> Steps[Coincidences | None]:
-        """Return what has come of a block, which is here by now or lost (None): it was sent."""
+        """Return the arrivals of a block that was sent; None: it is lost."""
         light = yield from self._taken(block)
         if light is None:
             asked = yield from self._detecting(block, ARRIVED_TIMEOUT_S)
@@ -163,7 +163,7 @@ class Acceptor:
         read, failed, missing = self._read, self._failed, self._missing
         missing.update(number for number in numbers if number not in read)
         missing.difference_update(failed)
-        if not (yield Until(lambda: failed or not missing, PAIR_TIMEOUT_S)):
+        if not (yield WaitUntil(lambda: failed or not missing, PAIR_TIMEOUT_S)):
             raise SessionError(
                 Reason.PROTOCOL,
                 f"pairs up to {numbers[-1]} were not over in {PAIR_TIMEOUT_S:g} s",

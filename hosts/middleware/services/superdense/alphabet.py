@@ -27,7 +27,7 @@ class Alphabet(Protocol):
         """How many there are."""
 
     def pairs(self, bits: int) -> int:
-        """Return how many pairs carry so many bits."""
+        """Return how many pairs carry `bits` bits."""
 
     def to_symbols(self, bits: Bits) -> Symbols:
         """Return the symbols of bits; shape (pairs(bits.size),)."""

@@ -29,7 +29,7 @@ class _Incoming:
 
     frame: Frame
     symbols: Symbols
-    # What else came for each place, wrong versions and symbols that came twice: (pairs, 4) counts.
+    # Further arrivals for each place, wrong or repeated symbols: (pairs, 4) counts.
     besides: NDArray[np.uint32] | None = None
 
     @property
@@ -47,7 +47,7 @@ class _Incoming:
         self._remember(index[~first], symbols[~first])
 
     def begin_again(self) -> None:
-        """Wait for every place anew; what came is kept to be counted when the frame is right."""
+        """Wait for every place again; arrivals are kept, to be counted when the frame is right."""
         self._remember(np.arange(self.symbols.size), self.symbols)
         self.symbols = np.full(self.symbols.size, NO_COINCIDENCE, dtype=np.uint8)
 

@@ -14,7 +14,7 @@ The source answers nothing. If light does not come, it is asked whether it is ov
 
 With the handshake per-pair every pair has a Setup(ONE_PAIR) connection of its own, and the
 paths stay up only as long as that connection (paper, figure "handshaking").
-What blocks carry is decided in sender.py.
+sender.py decides on the load of blocks.
 """
 
 from collections import deque
@@ -32,14 +32,14 @@ from hosts.middleware.session import protocol
 from hosts.middleware.session.protocol import (
     Await,
     BeginEmit,
-    Beside,
     Collect,
+    Concurrently,
     Hear,
     Now,
     OpenerSide,
     Say,
     Steps,
-    Until,
+    WaitUntil,
     begin,
     do,
 )
@@ -53,7 +53,7 @@ from wire.results.figures import SenderFigures
 class Turn:
     """A block under way."""
 
-    over: bool = False  # its light has left, or there was none, and the receiver has been told
+    over: bool = False  # its light has left, or there was none, and the receiver knows
 
 
 class Opener:
@@ -81,7 +81,7 @@ class Opener:
         return copy(self._sender.statistics)
 
     def counts(self) -> Mapping[str, int]:
-        """What was used so far, as the device reports it."""
+        """Use so far, as the device reports it."""
         statistics = self._sender.statistics
         return {
             "pairs_sent": statistics.bell_pairs,
@@ -98,9 +98,9 @@ class Opener:
             if (order := self._sender.next_order()) is not None:
                 before = under_way[-1] if under_way else None
                 under_way.append(Turn())
-                yield Beside(self._carry_out(order, under_way[-1], before))
+                yield Concurrently(self._carry_out(order, under_way[-1], before))
             elif under_way:
-                yield Until(lambda: under_way[0].over)
+                yield WaitUntil(lambda: under_way[0].over)
                 under_way.popleft()
                 report = yield Hear(Report, REPORT_TIMEOUT_S)
                 self._sender.heard(report, (yield Now()))
@@ -128,7 +128,7 @@ class Opener:
         number, paulis = order.block, order.paulis
         source = yield BeginEmit(number, paulis.size, BLOCKS_UNDER_WAY)
         if before is not None:
-            yield Until(lambda: before.over)
+            yield WaitUntil(lambda: before.over)
         if self._sender.is_called_off(number):
             yield Collect(source)
             yield from do(Qnic.discard_block, self._side.setup.session, number)

@@ -29,7 +29,7 @@ class _Outgoing:
 
 @dataclass(frozen=True)
 class OutgoingBlock:
-    """What the next block of pairs shall carry."""
+    """Load of the next block of pairs."""
 
     number: int
     refills: int

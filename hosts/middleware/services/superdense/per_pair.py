@@ -21,7 +21,7 @@ from operator import contains
 from hosts.hardware.replies import Symbols
 from hosts.middleware.services.superdense.sender import Sender, Singles
 from hosts.middleware.session.encoding import to_paulis
-from hosts.middleware.session.protocol import Beside, Join, Leave, Steps, Until
+from hosts.middleware.session.protocol import Concurrently, Join, Leave, Steps, WaitUntil
 
 HANDSHAKES_AHEAD = 3
 LIGHTS_AT_A_TIME = 2
@@ -48,11 +48,13 @@ class PerPair:
         self._over.clear()
         for index in range(count):
             while begun < min(index + ahead, count):
-                yield Beside(self._shake_hands(first + begun))
+                yield Concurrently(self._shake_hands(first + begun))
                 begun += 1
             number = first + index
-            yield Until(partial(contains, self._agreed, number))
-            yield Beside(self._pair(number, order.symbols[index : index + 1], number == first))
+            yield WaitUntil(partial(contains, self._agreed, number))
+            yield Concurrently(
+                self._pair(number, order.symbols[index : index + 1], number == first)
+            )
             if index + 1 >= at_a_time:
                 yield from self._until_over(number + 1 - at_a_time)
         yield from self._until_over(first + count - 1)
@@ -72,4 +74,4 @@ class PerPair:
         self._over[number] = sent_ns or 0
 
     def _until_over(self, number: int) -> Steps[None]:
-        yield Until(partial(contains, self._over, number))
+        yield WaitUntil(partial(contains, self._over, number))

@@ -56,7 +56,7 @@ class Collect:
 
 
 class State(Enum):
-    """What a receiver waits for."""
+    """Conditions that a receiver waits for."""
 
     WAITING = auto()
     MEASURING = auto()
@@ -79,7 +79,7 @@ def check_offer(setup: Setup, symbols: int) -> FrameFormat:
 
 
 def answer_to(setup: Setup, symbols: int, rotation: int) -> Answer:
-    """Return what accepts a set-up: how many Bell states are told apart, and the operators."""
+    """Return the acceptance of a set-up: number of distinguishable Bell states, and operators."""
     encoding = agreed_encoding(setup.encoding, symbols, rotation)
     return Answer(setup.session, Reason.OK, symbols=symbols, encoding=encoding)
 
@@ -88,7 +88,7 @@ class Receiver:
     """Turns Bell states into bytes, and says what must come again."""
 
     def __init__(self, setup: Setup, symbols: int, peer: str) -> None:
-        """Receive from a peer by an analyser that tells so many Bell states apart."""
+        """Receive from a peer by an analyser that distinguishes `symbols` Bell states."""
         self._setup, self._symbols, self._peer = setup, symbols, peer
         self._format = agreed_format(setup, symbols)
         self._inbox = Inbox(setup.frame_bytes, self._format)

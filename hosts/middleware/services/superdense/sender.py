@@ -5,10 +5,10 @@
     lit(), dark()   of the first block under way without: the Block that says what its light carried
     heard(report)   of the first block under way: it is not any more
 
-Several blocks are under way at a time: light of the next is made while the receiver measures. What
-the receiver asks for again is sent when it has reported of all: then both ends know the same, and
-which blocks there are does not depend on when a report comes. If there is no light of one, those
-behind it, whose frames follow in number, are called off, too.
+Several blocks are under way at a time: light of the next is made while the receiver measures.
+Repetitions are sent when it has reported of all: then both ends know the same, and which blocks
+there are does not depend on when a report comes. If there is no light of one, those behind it,
+whose frames follow in number, are called off, too.
 
 In the handshake per-pair every pair of an order is asked for by `single` before its light is made.
 opener.py carries the messages and has the light made.
@@ -55,7 +55,7 @@ class _UnderWay:
     """A block whose light has been ordered, and of which the receiver has not reported."""
 
     block: OutgoingBlock
-    announced: bool = False  # the receiver has been told what it carries
+    announced: bool = False  # the receiver knows its load
     why_dark: str | None = None  # there is no light of it, or there shall be none
 
 

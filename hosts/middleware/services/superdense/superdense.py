@@ -6,7 +6,7 @@
       | <---------------------------- Pauli operators, then half 1 |    SDC_RETURN
 
 A return goes back on the light of a session that stands: only the last way of light is its own.
-opener.py and acceptor.py decide what is said and done; here it is carried out.
+opener.py and acceptor.py decide on messages and work; here they are carried out.
 """
 
 import asyncio

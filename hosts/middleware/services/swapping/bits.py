@@ -16,7 +16,7 @@ class Bits(NamedTuple):
     Pair i is made of the i-th pairs of all links: there are as many as the poorest link has.
     """
 
-    seen: NDArray[np.bool_]  # whether every analyser on the way has told
+    seen: NDArray[np.bool_]  # whether every analyser on the path has reported
     operators: Symbols  # 0 where not
 
     @classmethod
@@ -30,7 +30,7 @@ class Bits(NamedTuple):
 
     @classmethod
     def none(cls, size: int) -> "Bits":
-        """Return those of so many pairs that nobody has swapped."""
+        """Return those of `size` pairs before any swap."""
         return cls(np.ones(size, dtype=bool), np.zeros(size, dtype=np.uint8))
 
     @property
@@ -49,7 +49,7 @@ class Bits(NamedTuple):
 
 
 class Swapped(NamedTuple):
-    """What a repeater tells of a block when it has swapped."""
+    """A repeater's report of a block when it has swapped."""
 
     place: int  # in the chain
     waited_us: int  # by each half that it has joined, from its memory's taking it; on average

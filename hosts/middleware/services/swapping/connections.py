@@ -82,7 +82,7 @@ async def serve_link(resources: HostResources, channel: MetadataChannel, setup: 
 async def _repeat(
     resources: HostResources, left: ConnectionEnd, incoming: IncomingLink, order: SwapOrder
 ) -> None:
-    """Open the link to the right, say that the chain is there, and swap."""
+    """Open the link to the right, report the chain complete, and swap."""
     try:
         right = await OpenedLink.open(resources.qnic, order, left.setup, resources.swaps.address)
         try:

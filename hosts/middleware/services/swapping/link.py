@@ -41,7 +41,7 @@ from hosts.middleware.session.protocol import (
     Say,
     Side,
     Steps,
-    Until,
+    WaitUntil,
     hear,
     heralded,
     own_pairs,
@@ -62,7 +62,7 @@ MAX_WAITED_US = (1 << 32) - 1
 
 
 class Kept(NamedTuple):
-    """What one end of a link has of a block: halves of pairs that are at both ends, in order."""
+    """One end's part of a block: halves of pairs that are at both ends, in order."""
 
     size: int
     since_ns: int  # the mean time from which they wait
@@ -96,7 +96,7 @@ class OutgoingLink:
 
         The right end hears of the block only then: nobody expects light that has to wait.
         """
-        yield Until(lambda: not self._lit)
+        yield WaitUntil(lambda: not self._lit)
         self._lit = True
         try:
             yield from self._side.call(number, size)
@@ -163,8 +163,8 @@ class IncomingLink:
 
     def begun(self, number: int, size: int) -> Steps[None]:
         """Hear that a block of this number and size comes, or raise SessionError."""
-        told = yield from hear(Topic.COMING, number, 1, size, IDLE_TIMEOUT_S)
-        require_size(int(told[0]), size)
+        sizes = yield from hear(Topic.COMING, number, 1, size, IDLE_TIMEOUT_S)
+        require_size(int(sizes[0]), size)
 
     def take(self, number: int, size: int) -> Steps[Kept]:
         """Store a block that was announced; return what has reached both ends."""
@@ -205,10 +205,10 @@ class IncomingLink:
 
     def swapped(self, number: int, missing: set[int]) -> Steps[Swapped]:
         """Return what the next repeater tells of a block; it is not missing any more."""
-        told = yield from hear(Topic.SWAPPED, number, 2, MAX_WAITED_US, BITS_TIMEOUT_S)
+        words = yield from hear(Topic.SWAPPED, number, 2, MAX_WAITED_US, BITS_TIMEOUT_S)
         seen = yield from hear(Topic.ARRIVED, number, None, 1)
         operators = yield from hear(Topic.CORRECTIONS, number, seen.size, MAX_OPERATOR)
-        place, waited_us = told.tolist()
+        place, waited_us = words.tolist()
         if place not in missing:
             text = f"bits of a swap at place {place}, not of {sorted(missing)}"
             raise SessionError(Reason.PROTOCOL, text)

@@ -23,14 +23,14 @@ from hosts.middleware.services.swapping.link import (
 from hosts.middleware.session.blocks import RESERVED, keep_of_all, store, take
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.protocol import (
-    Beside,
+    Concurrently,
     Connection,
     HostSide,
     Now,
+    OnConnection,
     OpenerSide,
     Steps,
     Tell,
-    Through,
     Wait,
     coming,
     do,
@@ -41,7 +41,7 @@ from wire.device import MAX_UNDER_WAY, SwapOrder
 from wire.metadata.values import Topic, Values
 from wire.metadata.vocabulary import MemoryState, Reason
 
-# The last link of a chain, and the order of its right end; it comes when the chain is there.
+# The last link of a chain, and the order of its right end; it arrives when the chain is complete.
 LastLink = Callable[[], Awaitable[tuple[Connection, IncomingLink, SwapOrder]]]
 
 
@@ -49,7 +49,7 @@ class UnderWay:
     """The blocks of a chain that are under way at a node: as many as were ordered at most.
 
     Names follow from the numbers of blocks: none may come again. They may come in any order, as
-    what is said of several blocks does.
+    messages about several blocks do.
     """
 
     def __init__(self, most: int) -> None:
@@ -85,10 +85,10 @@ class Opening:
         """Have a block made; keep half 0 of each pair."""
         side, link = self._side, self._link
         yield from side.call(number, size)
-        sent: Kept = yield Through(self._connection, link.make(number, size))
+        sent: Kept = yield OnConnection(self._connection, link.make(number, size))
         there = sent.size
         if self._order.rounds:
-            there = yield Through(self._connection, link.purify(number, there, self._order))
+            there = yield OnConnection(self._connection, link.purify(number, there, self._order))
             pairs.facts.span_rounds = self._order.rounds
         theirs = yield from hear(Topic.ARRIVED, number, None, 1, BITS_TIMEOUT_S)
         if theirs.size > there:
@@ -130,7 +130,7 @@ class Turn:
         return waiting != self._order.place
 
     def require(self) -> None:
-        """Raise SessionError if somebody has not swapped, now that all have told."""
+        """Raise SessionError if a node has not swapped, now that all have reported."""
         if self._missing:
             text = f"no report of the swaps at {sorted(self._missing)}, which come first"
             raise SessionError(Reason.PROTOCOL, text)
@@ -171,16 +171,16 @@ class Accepting:
         """Have a block taken in, beside others."""
         number, size = coming(message, self._side.setup.pairs)
         self._under_way.begin(number)
-        yield Beside(self._share(pairs, number, size))
+        yield Concurrently(self._share(pairs, number, size))
 
     def _share(self, pairs: Pairs, number: int, size: int) -> Steps[None]:
-        """Take a block in, correct what all swaps have told of, and keep that."""
+        """Take a block in, correct the pairs that all swaps reported, and keep these."""
         side = self._side
         pairs.admit(number)
         yield side.ready(number, size)
         connection, link, order = yield Wait(self._last_link)
         there: Kept
-        there, swaps = yield Through(connection, _taken(link, number, size, order))
+        there, swaps = yield OnConnection(connection, _taken(link, number, size, order))
         bits = reduce(Bits.joined, (swapped.bits for swapped in swaps), Bits.none(there.size))
         name = side.block(number, half=1)
         if there.size:
@@ -216,7 +216,7 @@ class Accepting:
     def finish(self) -> Steps[None]:
         """Agree to the end of all links; raise SessionError for anything else."""
         connection, link, _order = yield Wait(self._last_link)
-        yield Through(connection, _ended(link))
+        yield OnConnection(connection, _ended(link))
 
 
 def _taken(

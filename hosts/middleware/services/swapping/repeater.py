@@ -13,12 +13,12 @@ from hosts.middleware.services.swapping.link import (
 )
 from hosts.middleware.services.swapping.protocol import Turn, UnderWay, joined
 from hosts.middleware.session.protocol import (
-    Beside,
+    Concurrently,
     Connection,
+    OnConnection,
     Say,
     Steps,
-    Through,
-    Until,
+    WaitUntil,
     saying,
     together,
 )
@@ -35,12 +35,12 @@ class Repeater:
         order: SwapOrder,
         distinguishable_states: frozenset[int],
     ) -> None:
-        """Join two open links as ordered; these Bell states are told apart here."""
+        """Join two open links as ordered; these Bell states are distinguishable here."""
         self._right, self._order = right, order
         self._distinguishable_states = distinguishable_states
         self._incoming, self._outgoing = links
         self._under_way = UnderWay(order.blocks)
-        self._not_over = 0  # blocks of which more is to be said
+        self._not_over = 0  # blocks with messages to come
 
     def run(self) -> Steps[None]:
         """Swap blocks, several beside each other, until the opener ends it.
@@ -50,9 +50,9 @@ class Repeater:
         while (block := (yield from self._incoming.announced())) is not None:
             self._under_way.begin(block[0])
             self._not_over += 1
-            yield Beside(self._block(*block))
-        yield Until(lambda: not self._not_over)
-        yield Through(self._right, self._outgoing.finish())
+            yield Concurrently(self._block(*block))
+        yield WaitUntil(lambda: not self._not_over)
+        yield OnConnection(self._right, self._outgoing.finish())
         yield self._incoming.agree()
 
     def _block(self, number: int, size: int) -> Steps[None]:
@@ -68,7 +68,7 @@ class Repeater:
         yield from together(self._pass_on(number, turn), self._join(number, kept, turn))
 
     def _made(self, number: int, size: int) -> Steps[Kept]:
-        kept: Kept = yield Through(self._right, self._outgoing.make(number, size))
+        kept: Kept = yield OnConnection(self._right, self._outgoing.make(number, size))
         return kept
 
     def _purify_and_join(self, number: int, kept: tuple[Kept, Kept]) -> Steps[None]:
@@ -83,7 +83,9 @@ class Repeater:
         yield from together(self._relay_right(number), self._relay_left(number))
 
     def _purified(self, number: int, size: int) -> Steps[int]:
-        left: int = yield Through(self._right, self._outgoing.purify(number, size, self._order))
+        left: int = yield OnConnection(
+            self._right, self._outgoing.purify(number, size, self._order)
+        )
         return left
 
     def _relay_right(self, number: int) -> Steps[None]:
@@ -93,7 +95,7 @@ class Repeater:
 
     def _relay_left(self, number: int) -> Steps[None]:
         for _ in range(self._order.to_left):
-            parts = yield Through(self._right, self._outgoing.passing(number))
+            parts = yield OnConnection(self._right, self._outgoing.passing(number))
             yield self._incoming.tell(number, parts)
 
     def _tell_of_swap(self, number: int, kept: tuple[Kept, Kept]) -> Steps[None]:
@@ -117,20 +119,20 @@ class Repeater:
     def _pass_left(self, number: int, turn: Turn) -> Steps[None]:
         """Pass notices of swaps to the right on, as they come; one may be for this place."""
         for _ in range(self._order.notices):
-            place, waiting = yield Through(self._right, self._outgoing.notice(number))
+            place, waiting = yield OnConnection(self._right, self._outgoing.notice(number))
             if turn.noticed(place, waiting):
                 yield self._incoming.notify(number, place, waiting)
 
     def _join(self, number: int, kept: tuple[Kept, Kept], turn: Turn) -> Steps[None]:
         """Swap when it is this repeater's turn, and tell those who have to know.
 
-        Whoever hears of the others has a deadline.
+        Readers of the others' messages have a deadline.
         """
         order = self._order
-        yield Until(lambda: turn.has_come)
+        yield WaitUntil(lambda: turn.has_come)
         yield from self._tell_of_swap(number, kept)
         if order.tell_left:
             yield self._incoming.notify(number, order.place, order.tell_left)
 
-    def _say_right(self, said: Say) -> Steps[None]:
-        yield Through(self._right, saying(said))
+    def _say_right(self, message: Say) -> Steps[None]:
+        yield OnConnection(self._right, saying(message))

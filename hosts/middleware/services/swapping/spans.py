@@ -4,7 +4,7 @@ left end                 nodes that have swapped               right end
   | <-- PURIFY, ARRIVED ------------|--------------------------- |  of its pairs these are left
   | <-- OUTCOMES -------------------|--------------------------> |  as many rounds as are planned
 
-A node that has not swapped a block yet is meant by whatever it is told of it; one that has passes
+A message about a block is for the first node that has not swapped it yet; one that has passes
 it on. So nothing needs an address: who tells whom follows from the order of swaps.
 """
 
@@ -25,7 +25,7 @@ from wire.metadata.vocabulary import Reason
 
 MAX_SEED = (1 << 32) - 1
 
-Parts = list[tuple[Topic, Numbers, int]]  # of one thing told: topic, numbers, width of each
+Parts = list[tuple[Topic, Numbers, int]]  # of one report: topic, numbers, width of each
 
 
 def correct(name: BlockName, size: int, bits: Bits) -> Steps[Mask]:
@@ -50,8 +50,8 @@ def lead(
 ) -> Steps[int]:
     """Purify pairs as their right end, which knows what is left; return how many there are then."""
     number, size = name.number, int(np.count_nonzero(kept))
-    told = side.words(Topic.PURIFY, number, [protocol, seed], 32)
-    yield Say((told, side.words(Topic.ARRIVED, number, kept, 1)))
+    purification = side.words(Topic.PURIFY, number, [protocol, seed], 32)
+    yield Say((purification, side.words(Topic.ARRIVED, number, kept, 1)))
     for turn in range(rounds):
         size = yield from _round(side, name, size, protocol, (seed + turn) & MAX_SEED)
     return size
@@ -60,9 +60,9 @@ def lead(
 def follow(side: Side, name: BlockName, size: int, rounds: int) -> Steps[int]:
     """Purify pairs as their left end, when the right end says so; return how many are left."""
     number = name.number
-    told = yield from hear(Topic.PURIFY, number, 2, MAX_SEED, BITS_TIMEOUT_S)
+    words = yield from hear(Topic.PURIFY, number, 2, MAX_SEED, BITS_TIMEOUT_S)
     kept = yield from hear(Topic.ARRIVED, number, None, 1)
-    protocol, seed = told.tolist()
+    protocol, seed = words.tolist()
     if protocol not in (Protocol.BBPSSW, Protocol.DEJMPS) or kept.size > size:
         text = f"purification of {kept.size} of {size} pairs by protocol {protocol}"
         raise SessionError(Reason.PROTOCOL, text)
@@ -89,7 +89,7 @@ def _round(side: Side, name: BlockName, size: int, protocol: int, seed: int) -> 
     return (yield from keep(name, agreed))
 
 
-# What passes by nodes that have swapped, in how many messages, with the width of their numbers.
+# Reports that pass nodes which have swapped: number of messages, width of their numbers.
 _PASSING: dict[int, tuple[tuple[Topic, int], ...]] = {
     Topic.SWAPPED: ((Topic.SWAPPED, 32), (Topic.ARRIVED, 1), (Topic.CORRECTIONS, 2)),
     Topic.PURIFY: ((Topic.PURIFY, 32), (Topic.ARRIVED, 1)),
@@ -98,7 +98,7 @@ _PASSING: dict[int, tuple[tuple[Topic, int], ...]] = {
 
 
 def passing(side: Side, number: int) -> Steps[Parts]:
-    """Return what is told next of a block, part by part, to be passed on."""
+    """Return the next report of a block, part by part, to be passed on."""
     message: Values = yield Hear(Values, BITS_TIMEOUT_S, number)
     parts = _PASSING.get(message.topic)
     if parts is None:

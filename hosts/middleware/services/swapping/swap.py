@@ -7,8 +7,8 @@
       | <----------------------------------------- Values(ARRIVED) |  corrects half 1
 
 Further blocks are under way meanwhile, as many as the memories of all nodes take (controller).
-What is done with the pairs then is as in entanglement distribution (distribute). Who the
-repeaters are is told by the controller; waiting for their bits costs fidelity. What each node does
+The pairs are then used as in entanglement distribution (distribute). The controller chooses the
+repeaters; waiting for their bits costs fidelity. The work of each node
 is decided in protocol.py.
 """
 

@@ -45,7 +45,7 @@ STATE_BLOCKS = 1 << 31  # numbers of the blocks of states, beside those of pairs
 
 @dataclass
 class Tally:
-    """What has become of states so far."""
+    """Results of states so far."""
 
     states: int = 0
     arrived: int = 0
@@ -60,7 +60,7 @@ class Tally:
         self.waited_s += arrived * waited_us * 1e-6
 
     def summary(self, elapsed_s: float) -> TeleportFigures:
-        """Return what the application is told; None where nothing has arrived."""
+        """Return the application's results; None where nothing has arrived."""
         arrived = self.arrived
         fidelity = self.agreed / arrived if arrived else None
         return TeleportFigures(
@@ -75,7 +75,7 @@ class Tally:
 
 
 def send(side: OpenerSide, state: str, count: int) -> Steps[None]:
-    """Teleport so many states of this name, block after block."""
+    """Teleport `count` states of this name, block after block."""
     tally, began_s, number = Tally(), (yield Now()), 0
     while left := count - tally.states:
         number, size = number + 1, min(left, side.setup.pairs)
@@ -157,7 +157,7 @@ def _told(number: int, size: int) -> Steps[States]:
 def _compared(name: BlockName, operators: Symbols, states: States) -> Steps[Outcomes]:
     """Correct each qubit and measure its state: 0 as it should be, 1 orthogonal, 255 no click."""
     if isinstance(states, Cardinal):
-        told = yield from do(Qnic.outcomes, name, states.bases, operators)
-        agrees = np.where(told.outcomes <= 1, told.outcomes ^ states.bits, NO_COINCIDENCE)
-        return Outcomes(agrees.astype(np.uint8), told.time_ns)
+        found = yield from do(Qnic.outcomes, name, states.bases, operators)
+        agrees = np.where(found.outcomes <= 1, found.outcomes ^ states.bits, NO_COINCIDENCE)
+        return Outcomes(agrees.astype(np.uint8), found.time_ns)
     return (yield from do(Qnic.measure_along, name, states.directions, operators))

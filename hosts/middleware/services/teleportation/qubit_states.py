@@ -81,7 +81,7 @@ class Heard:
         self._parts: list[Numbers] = []
 
     def hear(self, message: Values) -> States | None:
-        """Return the states once all are told; raise SessionError for anything else."""
+        """Return the states once all have arrived; raise SessionError for anything else."""
         if not self._parts and message.topic == Topic.DIRECTIONS:
             self._topic = Topic.DIRECTIONS
         directions = self._topic == Topic.DIRECTIONS
@@ -104,7 +104,7 @@ def needs_vectors(state: str) -> bool:
 
 
 def chosen(state: object, draws: np.random.Generator, size: int) -> States:
-    """Return so many states of this name; raise SessionError if there is none.
+    """Return `size` states of this name; raise SessionError if there is none.
 
     Random ones are cardinal; haar ones are spread evenly over the Bloch sphere.
     """

@@ -1,10 +1,10 @@
 """Teleportation: states of the opener appear at the acceptor, by pairs and two bits for each.
 
-What arrives is checked: the opener tells which states it sent, and the acceptor measures whether
-it holds them: the share of those that it finds is the fidelity. Random states are the six cardinal
-ones, whose mean fidelity is that of all states; on the backend dense they may be any.
-The acceptor cannot correct before the bits are there: they are what it corrects by.
-protocol.py decides; here it is carried out.
+Arriving states are checked: the opener discloses which states it sent, and the acceptor measures
+whether it holds them: the share of those that it finds is the fidelity. Random states are the six
+cardinal ones, whose mean fidelity is that of all states; on the backend dense they may be any. The
+acceptor cannot correct before the bits are there: they are what it corrects by. protocol.py
+decides; here it is carried out.
 """
 
 from dataclasses import dataclass

@@ -33,7 +33,7 @@ class Code(Protocol):
 
     @property
     def name(self) -> str:
-        """What users call it."""
+        """Its name for users."""
 
     @property
     def unit_bits(self) -> int:
