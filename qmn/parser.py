@@ -2,12 +2,11 @@
 
 import argparse
 from collections.abc import Callable, Collection, Iterator, Mapping
-from difflib import get_close_matches
 from textwrap import fill
 from types import MappingProxyType
 from typing import Any, NoReturn
 
-from wire.parameters.checks import check_choice, share
+from wire.parameters.checks import NEAR, check_choice, nearest, share
 
 REQUIRED = "the following arguments are required:"  # argparse's words
 NO_HEADINGS: Mapping[str, Collection[str]] = MappingProxyType({})
@@ -80,8 +79,8 @@ class Parser(argparse.ArgumentParser):
         if unknown:
             option = unknown[0].partition("=")[0]
             known = [name for name in self._option_string_actions if name.startswith("--")]
-            near = get_close_matches(option, known, 1) if option.startswith("--") else []
-            remedy = f": did you mean {near[0]}?" if near else ""
+            near = nearest(option[2:], [name[2:] for name in known])
+            remedy = f": {NEAR} --{near}?" if near and option.startswith("--") else ""
             if not option.startswith("-"):
                 self.error(f"unexpected argument {option!r}")
             self.error(f"there is no {option}{remedy}")

@@ -11,18 +11,43 @@ from math import inf
 from typing import Any
 
 NEAR = "did you mean"
+MOST_EDITS = 2
 Refusal = Callable[[str], Exception]  # makes the error of a text
 
 
 def remedy(name: str, known: Collection[str], listed: Collection[str] = ()) -> str:
-    """Return what may be meant by a name that is not known: the nearest one, or else any listed."""
-    alike = [each for each in known if each.lower() == name.lower()]
-    near = get_close_matches(name, known)
-    # Pens rarely slip at once: alice is not one for charlie.
-    for each in (*alike, *(each for each in near if each[0] == name[0])):
-        return f"{NEAR} {each}?"
+    """Return a suggestion for an unknown name: the nearest one, or else any listed."""
+    if near := nearest(name, known):
+        return f"{NEAR} {near}?"
     choices = listed or known
     return f"choose one of {', '.join(choices)}" if choices else "there are none"
+
+
+def nearest(name: str, known: Collection[str]) -> str:
+    """Return the known name that is meant, "" for none: a slip, never another word.
+
+    A slip leaves the first letter, and changes two at most or leaves off what follows:
+    requesters is none of repeaters.
+    """
+    alike = [each for each in known if each.lower() == name.lower()]
+    near = [
+        each
+        for each in get_close_matches(name, known)
+        if each[0] == name[0]
+        and (each.startswith(name) or name.startswith(each) or _edits(name, each) <= MOST_EDITS)
+    ]
+    return next(iter([*alike, *near]), "")
+
+
+def _edits(one: str, other: str) -> int:
+    """Return how many letters are added, left out or changed at least (Levenshtein)."""
+    row = [*range(len(other) + 1)]
+    for i, letter in enumerate(one, 1):
+        before, row = row, [i]
+        for j, instead in enumerate(other, 1):
+            changed = before[j - 1] + (letter != instead)
+            row.append(min(before[j] + 1, row[-1] + 1, changed))
+    return row[-1]
 
 
 def check_names(

@@ -14,7 +14,7 @@ from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, from_keywords
 from topologies.description.checked_graph import checked
 from topologies.ring import RingTopo
-from wire.parameters.checks import check_choice, check_names, check_number, range_words
+from wire.parameters.checks import check_choice, check_names, check_number, nearest, range_words
 from wire.parameters.fiber import optics
 from wire.parameters.physics import BadParameter, Device
 
@@ -119,3 +119,20 @@ def test_a_slip_of_the_pen_is_refused_by_name_with_the_nearest_wherever_it_is(sl
     with pytest.raises(error) as refused:
         make()
     assert words in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "known", "meant"),
+    [
+        ("repeaters", ["requesters"], ""),
+        ("message", ["sae"], ""),
+        ("charly", ["alice", "charlie"], "charlie"),
+        ("teleprot", ["teleport"], "teleport"),
+        ("length", ["length_km"], "length_km"),
+        ("Bob", ["bob"], "bob"),
+        ("sensor", ["sender"], "sender"),  # two letters: no slip of a pen tells them apart
+        ("swap", ["seal"], ""),
+    ],
+)
+def test_a_slip_is_told_from_another_word(name: str, known: list[str], meant: str) -> None:
+    assert nearest(name, known) == meant
