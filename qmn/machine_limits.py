@@ -13,6 +13,7 @@ REMEDIES = {
     errno.EMFILE: "raise the limit of open files, now {files} (`ulimit -n`)",
     errno.ENFILE: "raise the machine's limit of open files (`sysctl fs.file-max`)",
     errno.ENOMEM: "free memory",
+    errno.ENODEV: "an interface was deleted; leave to a run what it has made",
     errno.EAGAIN: "allow more processes (`ulimit -u`, or pids.max of the control group)",
 }
 

@@ -12,7 +12,7 @@ from mininet.log import warn
 from topologies.system.kernel.interfaces import INTERFACES
 from topologies.system.machines.machine import Machine
 from topologies.system.open_vswitch import openvswitch
-from topologies.system.processes.programs import Program, stop_all
+from topologies.system.processes.programs import NetworkError, Program, stop_all
 from topologies.system.runs.runtime import Runtime
 from topologies.timeouts import POLL_S, READY_TIMEOUT_S, SETTLE_S
 from wire.pcapng import with_clock
@@ -135,7 +135,10 @@ def longest(interface: str) -> int:
     """
     if openvswitch.datapath() == "kernel":
         return MAX_PACKET_BYTES
-    return ETHERNET_HEAD_BYTES + int((INTERFACES / interface / "mtu").read_text())
+    try:
+        return ETHERNET_HEAD_BYTES + int((INTERFACES / interface / "mtu").read_text())
+    except FileNotFoundError as error:
+        raise NetworkError(f"the interface {interface} was deleted at the start") from error
 
 
 def capture_command(interface: str, file: Path, packet_bytes: int = MAX_PACKET_BYTES) -> list[str]:

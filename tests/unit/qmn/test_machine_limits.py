@@ -23,6 +23,7 @@ ROOT = Path(__file__).parents[3]
         (errno.EDQUOT, "quota"),
         (errno.ENOMEM, "memory"),
         (errno.EAGAIN, "`ulimit -u`"),
+        (errno.ENODEV, "an interface was deleted"),
     ],
 )
 def test_a_limit_is_named_with_its_remedy(number: int, remedy: str) -> None:

@@ -2,7 +2,11 @@
 
 from pathlib import Path
 
-from topologies.networks.captures import capture_command, packets_missed
+import pytest
+
+from topologies.networks.captures import capture_command, longest, packets_missed
+from topologies.system.open_vswitch import openvswitch
+from topologies.system.processes.programs import NetworkError
 
 
 def test_packets_that_the_kernel_dropped_are_counted() -> None:
@@ -22,3 +26,9 @@ def test_a_capture_takes_whole_packets_at_once_and_interrupts_nobody() -> None:
     # (4), in multiples of 16 (Documentation/networking/packet_mmap.rst).
     assert 65_215 + 94 <= int(command[command.index("-s") + 1]) <= 65_536 - 80
     assert command[-4:] == ["-i", "s1-eth1", "-w", "s1-eth1.pcap"]
+
+
+def test_an_interface_that_was_deleted_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(openvswitch, "datapath", lambda: "netdev")
+    with pytest.raises(NetworkError, match="the interface s1-gone was deleted at the start"):
+        longest("s1-gone")
