@@ -105,8 +105,15 @@ def open_layer(
         journal = Recorder(stack.enter_context(open_private(config.record)), config)
         clock = RecordedClock(clock, journal)
     capture = stack.enter_context(event_capture(config))
-    built = config, clock, event_log, sabot, journal, capture
-    layer = build_layer(*built, WRITING_DELAY_S)
+    layer = build_layer(
+        config,
+        clock,
+        event_log,
+        sabot=sabot,
+        journal=journal,
+        capture=capture,
+        writing_delay_s=WRITING_DELAY_S,
+    )
     stack.callback(layer.history.write_out)
     return layer
 

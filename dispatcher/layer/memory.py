@@ -195,13 +195,13 @@ class Memories:
         if leaves:
             self.forget(block)
             block.way_ps, block.retimed = 0.0, True
-        wait = block, memory, waits, random
-        counts["lost"] = decoherence.lose(self._sabot, *wait, efficiency)
-        counts |= decoherence.decohere(self._sabot, self._draws, *wait)
-        if self._devices.noise(block.node, "memory") is not None:
+        counts["lost"] = decoherence.lose(self._sabot, block, memory, waits, random, efficiency)
+        counts |= decoherence.decohere(self._sabot, self._draws, block, memory, waits, random)
+        if (model := self._devices.noise(block.node, "memory")) is not None:
             waited_s = waits.of(np.arange(waits.qubits))
-            own = self._devices, self._draws, block, "memory", "memory", where, now_ns, waited_s
-            effect = part_noise.of_part(*own)
+            effect = part_noise.effect_of(
+                model, self._draws, block, "memory", where, now_ns, waited_s=waited_s
+            )
             counts["lost"] += part_noise.meet(self._sabot, self._draws, block, effect, where)
         if not leaves:
             block.stored_ns, block.stores = now_ns, block.stores + 1

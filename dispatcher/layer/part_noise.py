@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.devices.hardware import Devices
+from dispatcher.devices.part_noise import PartNoise
 from dispatcher.fiber.noise import Effect
 from dispatcher.layer import drift, pulses
 from dispatcher.layer.kraus import Channels, in_bases
@@ -19,28 +19,25 @@ from wire.outcomes import NO_CLICK
 BIT, BELL_STATE = np.uint8(1), np.uint8(3)
 
 
-def of_part(
-    devices: Devices,
+def effect_of(
+    model: PartNoise,
     draws: Draws,
     block: Block,
     what: str,
-    part: str,
     place: str,
     time_ns: int,
+    *,
     waited_s: NDArray[np.float64] | None = None,
     qubits: int = 1,
-) -> Effect | None:
-    """Return what happens to a block in a part of its node's device; None where nothing can.
+) -> Effect:
+    """Return the effect on a block in a part of its node's device.
 
-    That is of the own photon of each pulse, then of the further ones; of detectors, what they tell
-    of each pulse.
+    First on the own photon of each pulse, then on the others; for detectors, on the outcome of each
+    pulse.
     """
-    model = devices.noise(block.node, part)
-    if model is None:
-        return None
     if waited_s is None:
         waited_s = np.zeros(block.register.size)
-    if part != "detectors" and block.further is not None:
+    if what != "detectors" and block.further is not None:
         waited_s = np.concatenate([waited_s, waited_s[block.further.pulses]])
     own = block.draws_for(place)
     effect = model.effect(draws, block.name, what, own, time_ns, waited_s, qubits)
@@ -59,7 +56,7 @@ def meet(
 ) -> int:
     """Let it happen to the photons of the members' pulses; return how many qubits are lost.
 
-    The place is what of_part was told, so that each has random numbers of its own.
+    The place is that of `effect_of`, so that each has random numbers of its own.
     """
     if effect is None:
         return 0

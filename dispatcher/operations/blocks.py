@@ -114,17 +114,7 @@ class Operations:
         self._require_capacity(node, names, request.count, more)
         states = limits.states(request)
         levels = limits.levels(request, len(source.intensities))
-        registers = self._make(request, states)
-        lineage = layer.ownership.used_names.use(request.session, request.number)
-        now_ns = layer.clock.now_ns()
-        blocks = [
-            Block(name, register, node, first_ns=now_ns, last_ns=now_ns, start_ns=now_ns)
-            for name, register in zip(names, registers, strict=True)
-        ]
-        for block in blocks:
-            block.lineage = lineage
-            block.pulses.encoding, block.pulses.bandwidth_nm = source.encoding, source.bandwidth_nm
-            layer.ownership.add(block)
+        blocks = self._new_blocks(node, names, self._make(request, states))
         if halves == PAIR:
             pairs, told = emit_into(blocks[0], blocks[1], layer)
             self.pairs_created += pairs
@@ -144,13 +134,29 @@ class Operations:
         layer.record(node, "create", blocks[0], detail=text, each=each)
         return imperfections.lasts(layer.feedback(blocks[0]), seconds, blocks)
 
+    def _new_blocks(
+        self, node: str, names: Sequence[BlockName], registers: Sequence[Register]
+    ) -> list[Block]:
+        layer = self._layer
+        lineage = layer.ownership.used_names.use(names[0].session, names[0].number)
+        source, now_ns = layer.devices.of(node).source, layer.clock.now_ns()
+        blocks = [
+            Block(name, register, node, first_ns=now_ns, last_ns=now_ns, start_ns=now_ns)
+            for name, register in zip(names, registers, strict=True)
+        ]
+        for block in blocks:
+            block.lineage = lineage
+            block.pulses.encoding, block.pulses.bandwidth_nm = source.encoding, source.bandwidth_nm
+            layer.ownership.add(block)
+        return blocks
+
     def _custom_noise_of_source(self, blocks: Sequence[Block]) -> None:
         """Let a model of the user's own say what is wrong with new pairs, at half 0, or photons."""
         layer, first = self._layer, blocks[0]
-        own = layer.devices, layer.draws, first, "source", "source", "made"
-        effect = part_noise.of_part(*own, first.start_ns)
-        if effect is None:
+        model = layer.devices.noise(first.node, "source")
+        if model is None:
             return
+        effect = part_noise.effect_of(model, layer.draws, first, "source", "made", first.start_ns)
         layer.photons_lost += part_noise.meet(layer.sabot, layer.draws, first, effect, "made")
         lost = effect._replace(paulis=None, kraus=None)
         for other in blocks[1:]:
@@ -186,20 +192,7 @@ class Operations:
             drift.reflect(block.pulses, values)
             details.insert(0, tally(values, PAULIS))
             errors = gate_noise.after_gate(layer, block, values != gate_noise.IDENTITY)
-        for gate in planned:
-            for met in (block, gate.target):
-                if met is not None:
-                    drift.twirl_turn(met, layer.sabot, layer.draws)
-            for turned in gate.turned(block):
-                drift.twirl(turned, layer.sabot, layer.draws)
-            step = gate.step
-            layer.sabot.gate(step.name, block.register, step.target, step.angle_rad)
-            gate.spread_approximation(block)
-            if gate.target is None:
-                further.gate(layer.sabot, block, step.name, step.angle_rad)
-                errors += gate_noise.after_gate(layer, block)
-            else:
-                errors += gate_noise.after_pair_gate(layer, block, gate.target)
+        errors += sum(_apply_gate(layer, block, gate) for gate in planned)
         if errors:
             details.append(f"gate-errors={errors}")
         each = None if values is None else lambda position: PAULIS[values[position]]
@@ -284,6 +277,21 @@ class Operations:
         target = self._layer.ownership.require(block_name(gate.target), node)
         require_pairs(block, target)
         return PlannedGate(name, target)
+
+
+def _apply_gate(layer: PhysicalLayer, block: Block, gate: PlannedGate) -> int:
+    """Apply a gate with its noise; return the number of errors."""
+    for met in (block, gate.target):
+        if met is not None:
+            drift.twirl_turn(met, layer.sabot, layer.draws)
+    for turned in gate.turned(block):
+        drift.twirl(turned, layer.sabot, layer.draws)
+    layer.sabot.gate(gate.name, block.register, gate.step.target, gate.angle_rad)
+    gate.spread_approximation(block)
+    if gate.target is not None:
+        return gate_noise.after_pair_gate(layer, block, gate.target)
+    further.gate(layer.sabot, block, gate.name, gate.angle_rad)
+    return gate_noise.after_gate(layer, block)
 
 
 def _let_by(layer: PhysicalLayer, block: Block, paulis: Bytes) -> None:

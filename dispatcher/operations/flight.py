@@ -161,9 +161,18 @@ class Flight:
             errors = [int(np.count_nonzero(noise == pauli)) for pauli in (1, 2, 3)]
         self._apply(beam, photons)
         schedule = self._departure.after(beam.delay_ps)
-        way = end, beam.block, schedule, beam.fibers_passed
-        turned = beam.rotation, beam.turn, beam.polarization, beam.dispersion_ps_per_nm
-        return Arrival(*way, errors, *turned, beam.delay_ps)
+        return Arrival(
+            end,
+            beam.block,
+            schedule,
+            beam.fibers_passed,
+            errors,
+            rotation=beam.rotation,
+            turn=beam.turn,
+            polarization=beam.polarization,
+            dispersion_ps_per_nm=beam.dispersion_ps_per_nm,
+            way_ps=beam.delay_ps,
+        )
 
     def _apply(self, beam: Beam, photons: Mask) -> None:
         """Let the Paulis that a beam has met so far be in the state of these photons."""

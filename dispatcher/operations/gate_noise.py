@@ -80,12 +80,12 @@ def _by_gates_themselves(layer: PhysicalLayer, first: Block, second: Block) -> i
 
 def _custom_noise(layer: PhysicalLayer, block: Block, qubits: int, members: Mask) -> None:
     """Let a model of the user's own say what else a gate of so many qubits does to each."""
-    if layer.devices.noise(block.node, "gates") is None:
+    model = layer.devices.noise(block.node, "gates")
+    if model is None:
         return
     block.gates += 1
-    place = f"gate {block.gates}"
-    own = layer.devices, layer.draws, block, "gate", "gates", place
-    effect = part_noise.of_part(*own, layer.clock.now_ns(), qubits=qubits)
+    place, now_ns = f"gate {block.gates}", layer.clock.now_ns()
+    effect = part_noise.effect_of(model, layer.draws, block, "gate", place, now_ns, qubits=qubits)
     lost = part_noise.meet(layer.sabot, layer.draws, block, effect, place, members, qubits == 1)
     layer.photons_lost += lost
 

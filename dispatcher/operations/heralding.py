@@ -107,8 +107,8 @@ class Heralding:
         drawing = Drawing(layer, node, link, names)
         found, used = await drawing.draw(request.count, rounds)
         for offer in offers:
-            way = offer.end.node, link.start_ns, node, layer.clock.now_ns()
-            layer.software.light(*way)
+            now_ns = layer.clock.now_ns()
+            layer.software.light(offer.end.node, link.start_ns, node, now_ns)
         block = self._keep(node, link, names, offers, found) if found.count else None
         detail = f"{tally(found.told, BELL_STATES)} of {used * link.modes} attempts".strip()
         detail += f", dropped={drawing.dropped}" if drawing.dropped else ""

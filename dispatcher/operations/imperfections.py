@@ -9,6 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dispatcher.fiber.noise import Effect
+from dispatcher.layer import part_noise
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block
 from dispatcher.photon_random import PhotonRandom
@@ -41,6 +43,15 @@ async def over(layer: PhysicalLayer, node: str, feedback: Feedback) -> Feedback:
     if layer.devices.of(node).gates.take_time:
         await layer.clock.wait_until(feedback.time_ns)
     return feedback
+
+
+def noise_of_detectors(layer: PhysicalLayer, block: Block, place: str) -> Effect | None:
+    """Return the effect of a user's own noise model on what detectors report, if there is one."""
+    model = layer.devices.noise(block.node, "detectors")
+    if model is None:
+        return None
+    now_ns = layer.clock.now_ns()
+    return part_noise.effect_of(model, layer.draws, block, "detectors", place, now_ns)
 
 
 def misread(

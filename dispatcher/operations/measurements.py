@@ -8,7 +8,7 @@ from dispatcher.approximations import SEVERAL_PAIRS, of_outcomes
 from dispatcher.devices import hardware
 from dispatcher.devices.analyser import Analyser, Analysis, Half
 from dispatcher.devices.detector import Train
-from dispatcher.devices.detectors import Told
+from dispatcher.devices.detectors import Detection, Told
 from dispatcher.devices.overlap import Overlap, overlap
 from dispatcher.fiber.turn import alignment
 from dispatcher.layer import drift, further, part_noise, pulses
@@ -55,24 +55,13 @@ class Measurements:
             drift.twirl(block, layer.sabot, layer.draws)
         feedback = layer.feedback(block)
         feedback.time_ns = done_ns
-        own = layer.devices, layer.draws, block, "detectors", "detectors", "measure"
-        effect = part_noise.of_part(*own, layer.clock.now_ns())
+        effect = imperfections.noise_of_detectors(layer, block, "measure")
         part_noise.in_front(layer.sabot, layer.draws, block, effect, "measure", values)
         bits = layer.sabot.measure(block.register, values, self._draws(block))
         more = further.measure(layer.sabot, block, values, layer.draws, "measure")
         layer.ownership.remove(block)
         place = block.draws_for(f"detectors of {node}")
-        random = PhotonRandom(layer.draws, block.name, place, size)
-        detectors = layer.devices.detectors(node, "measure")
-        found = detectors.detect(
-            bits,
-            block.pulses.extras,
-            train(block),
-            random,
-            more,
-            late_ps=pulses.late_ps(block.pulses, size, random),
-            timed=True,
-        )
+        found = clicks(layer, block, train(block), place, bits, more)
         told, wrong = imperfections.misread(layer, block, found.bits, "measure")
         feedback.exact = layer.count_exact((block,))
         told = part_noise.told(told, effect)
@@ -106,8 +95,7 @@ class Measurements:
         if not by_gates:
             waited, apart_ps = self._let_wait(like, matched, (first, second))
         errors = gate_noise.before_bell_measurement(layer, first, second) if by_gates else {}
-        own = layer.devices, layer.draws, first, "detectors", "detectors", "Bell"
-        effect = part_noise.of_part(*own, layer.clock.now_ns())
+        effect = imperfections.noise_of_detectors(layer, first, "Bell")
         as_it_is = np.zeros(first.register.size, np.uint8)
         part_noise.in_front(layer.sabot, layer.draws, first, effect, "Bell", as_it_is)
         look = self._interfere if like.kind == BEAM_SPLITTER else self._analyse
@@ -302,6 +290,22 @@ def outcome(found: Bytes, names: tuple[str, ...], position: int) -> str:
 
 def train(block: Block) -> Train:
     return Train(block.start_ns, block.interval_ns, block.register.size)
+
+
+def clicks(
+    layer: PhysicalLayer, light: Block, when: Train, place: str, bits: Bytes, more: Told | None
+) -> Detection:
+    """Return what the detectors of a block's node see of its light, in the state of these bits."""
+    random = PhotonRandom(layer.draws, light.name, place, bits.size)
+    return layer.devices.detectors(light.node, "measure").detect(
+        bits,
+        light.pulses.extras,
+        when,
+        random,
+        more,
+        late_ps=pulses.late_ps(light.pulses, bits.size, random),
+        timed=True,
+    )
 
 
 def listed(incidents: dict[str, int]) -> str:

@@ -18,8 +18,7 @@ from dispatcher.layer import drift, further, part_noise, pulses
 from dispatcher.layer.layer import PhysicalLayer, block_name, tally
 from dispatcher.layer.ownership import Block, Pulses
 from dispatcher.operations import imperfections, preparation
-from dispatcher.operations.measurements import listed, outcome, train
-from dispatcher.photon_random import PhotonRandom
+from dispatcher.operations.measurements import clicks, listed, outcome, train
 from dispatcher.refusal import exhausted, invalid
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.limits import packed
@@ -54,24 +53,14 @@ class Resending:
         place = block.draws_for(f"resend {block.resends}")
         block.resends += 1
         draws = layer.draws.photons(name, place, size)
-        own = layer.devices, layer.draws, taken, "detectors", "detectors", place
-        effect = part_noise.of_part(*own, layer.clock.now_ns())
+        effect = imperfections.noise_of_detectors(layer, taken, place)
         block.pulses.approximations |= taken.pulses.approximations
         looked_at = values * chosen
         part_noise.in_front(layer.sabot, layer.draws, taken, effect, place, looked_at)
         bits = layer.sabot.measure(taken.register, looked_at, draws)
         more = further.measure(layer.sabot, taken, looked_at, layer.draws, place)
-        random = PhotonRandom(layer.draws, name, f"{place}, detectors of {node}", size)
-        detectors = layer.devices.detectors(node, "measure")
-        found = detectors.detect(
-            bits,
-            taken.pulses.extras,
-            train(block),
-            random,
-            more,
-            late_ps=pulses.late_ps(taken.pulses, size, random),
-            timed=True,
-        )
+        detectors = f"{place}, detectors of {node}"
+        found = clicks(layer, taken, train(block), detectors, bits, more)
         outcomes = found.bits | (~chosen * np.uint8(NO_CLICK))
         told, wrong = imperfections.misread(layer, block, outcomes, "resend")
         told = part_noise.told(told, effect)
