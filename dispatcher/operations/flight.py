@@ -279,8 +279,8 @@ class Flight:
                 continue
             history = self._layer.history.of_model(line.near.node, line.near.port, name)
             place = block.draws_for(f"fiber {beam.fibers_passed} {name}")
-            where = self._layer.draws, block.name, place
-            passage = Passage(*where, schedule, history, width_rad_per_s)
+            draws = self._layer.draws
+            passage = Passage(draws, block.name, place, schedule, history, width_rad_per_s)
             effect, of_further = _effects(encoding, model, passage, block.further)
             where_told = f"in the fibre to {line.far.port} of {line.far.node}"
             told = f"{type(model).__name__} {where_told}"

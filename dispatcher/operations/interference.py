@@ -196,8 +196,8 @@ class Interference:
             self._layer.draws.photons(block.name, block.draws_for("paired"), first.pulses.size)
             for block in self._blocks
         ]
-        registers = first.register, second.register
-        states = self._layer.sabot.bell_measure(*registers, (draws[0], draws[1]))
+        draw = self._layer.sabot.bell_measure
+        states = draw(first.register, second.register, (draws[0], draws[1]))
         coins = self._random.generator("pairs").integers(0, 4, states.size, dtype=np.uint8)
         modes = of_bell_states(states, coins)
         return Left(np.repeat(first.pulses, 2), modes.reshape(-1))

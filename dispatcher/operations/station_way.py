@@ -156,8 +156,8 @@ class Follower:
             if isinstance(model, ClassicalLight):  # its clicks are in the chance of a herald
                 continue
             history = self._layer.history.of_model(line.near.node, line.near.port, model_name)
-            where = self._layer.draws, name, f"{place} {model_name}"
-            passage = Passage(*where, schedule, history, self._width_rad_per_s)
+            draws, here = self._layer.draws, f"{place} {model_name}"
+            passage = Passage(draws, name, here, schedule, history, self._width_rad_per_s)
             effect = effect_on(self._encoding, model, passage)
             met.approximations |= effect.approximations
             for given, what in ((effect.kraus, "Kraus operators"), (effect.extras, "extras")):

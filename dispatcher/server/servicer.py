@@ -1,4 +1,4 @@
-"""The gRPC service: one call is look up, act, reply."""
+"""The gRPC service (wire/dispatcher.proto): one call is look up, act, reply."""
 
 # gRPC names the methods.
 # ruff: noqa: N802
@@ -36,9 +36,9 @@ def call(
     @functools.wraps(method)
     async def answer(service: "Service", request: Request, context: Context) -> Reply:
         try:
-            told = dict(context.invocation_metadata() or ())
+            metadata = dict(context.invocation_metadata() or ())
             certified = context.auth_context().get(CERTIFIED)
-            node = service.callers.of_call(told, context.peer(), method.__name__, certified)
+            node = service.callers.of_call(metadata, context.peer(), method.__name__, certified)
             return await method(service, request, node, context)
         except Refusal as refusal:
             await context.abort(refusal.code, str(refusal))
@@ -64,20 +64,18 @@ class Service(DispatcherServicer):
     async def Challenge(
         self, _request: messages.ChallengeRequest, context: Context
     ) -> messages.ChallengeReply:
-        """Give what the next call on this connection is proved with."""
         return messages.ChallengeReply(nonce=self.callers.challenges.give(context.peer()))
 
     @call
     async def Perform(
         self, orders: AsyncIterator[messages.Order], node: str, context: Context
     ) -> None:
-        """Do what a host orders, until it goes away."""
         self.callers.require_host(node)
         act = functools.partial(self.change, node)
         await Orders(act, context.write, self.table.transport.settled).run(self._asked(orders))
 
     async def _asked(self, orders: AsyncIterator[messages.Order]) -> AsyncIterator[messages.Order]:
-        """Write into each order when it came, whenever its steps are done."""
+        """Write the arrival time of each order into its steps."""
         async for order in orders:
             now_ns = self.layer.clock.now_ns()
             for step in order.steps:
@@ -90,14 +88,13 @@ class Service(DispatcherServicer):
     async def Look(
         self, request: messages.LookRequest, node: str, _context: Context
     ) -> messages.LookReply:
-        """Tell the state of a qubit, where that is allowed."""
         self.callers.require_host(node)
         if not self.looking:
             raise denied("no state can be looked at in this network, as in none of hardware")
         return cast(messages.LookReply, await self.change(node, "look", request))
 
     async def change(self, node: str, kind: str, request: Any) -> Any:
-        """Do what a caller may ask for, and what may change something; return the answer."""
+        """Handle and record a request that the caller may make; return the reply."""
         try:
             with self.layer.journal.request(node, kind, request), CausedBy(node, kind, request):
                 return await self.table.handle(node, kind, request)
@@ -108,7 +105,6 @@ class Service(DispatcherServicer):
     async def TunePort(
         self, request: messages.TunePortRequest, node: str, _context: Context
     ) -> messages.TunePortReply:
-        """Tune a port of a switch."""
         self.callers.require_agent(node, request.switch, "tune a port of")
         return messages.TunePortReply(ready_ns=await self.change(node, "tune_port", request))
 
@@ -116,7 +112,6 @@ class Service(DispatcherServicer):
     async def SwitchStatistics(
         self, request: messages.SwitchStatisticsRequest, node: str, _context: Context
     ) -> messages.SwitchStatisticsReply:
-        """Tell what a switch has counted."""
         self.callers.require_reader(node, request.switch)
         return self.table.switching.statistics(request.switch)
 
@@ -124,7 +119,6 @@ class Service(DispatcherServicer):
     async def WatchSwitch(
         self, request: messages.WatchSwitchRequest, node: str, context: Context
     ) -> None:
-        """Tell a switch's condition whenever it changes, until the caller goes away."""
         self.callers.require_reader(node, request.switch)
         with self.table.switching.watching(request.switch) as conditions:
             async for condition in conditions:
@@ -137,7 +131,6 @@ class Service(DispatcherServicer):
     async def InjectFault(
         self, request: messages.InjectFaultRequest, node: str, _context: Context
     ) -> messages.InjectFaultReply:
-        """Make a switch faulty, or whole again."""
         self.callers.require_runner(node, "inject faults")
         self.callers.require_known(request.switch)
         await self.change(node, "inject_fault", request)
@@ -147,7 +140,6 @@ class Service(DispatcherServicer):
     async def AdjustFiber(
         self, request: messages.AdjustFiberRequest, node: str, _context: Context
     ) -> messages.AdjustFiberReply:
-        """Change something about fibres."""
         self.callers.require_runner(node, "adjust fibres")
         fibers = await self.change(node, "adjust_fiber", request)
         return messages.AdjustFiberReply(fibers=fibers)
@@ -156,7 +148,6 @@ class Service(DispatcherServicer):
     async def Status(
         self, request: messages.StatusRequest, node: str, _context: Context
     ) -> messages.StatusReply:
-        """Tell the runner how much there is, and which blocks a node holds if one is named."""
         self.callers.require_runner(node, "ask for the status")
         reply = self.status()
         held = self.layer.ownership.at_node(request.blocks_at)
@@ -183,10 +174,7 @@ class Service(DispatcherServicer):
 
     @call
     async def Watch(self, request: messages.WatchRequest, node: str, context: Context) -> None:
-        """Tell the runner what happens, and a node what happens there, until it goes away.
-
-        Who wants no news is told what is remembered, and nothing else.
-        """
+        """Report events until the caller goes away: to the runner all, to a node its own."""
         watched = self.callers.watched_by(node, request.node)
         pause_s = min(request.pause_ms / 1000, MAX_PAUSE_S)
         with self.layer.history.watching(
