@@ -176,6 +176,7 @@ def test_applications_of_one_host_share_keys_without_light(tmp_path: Path) -> No
     [
         ("b", KeyRequest(1, 257), 400, "size shall be a multiple of 8"),
         ("b", KeyRequest(1, 1 << 15), 400, "size shall be 8 to 16384 bits"),
+        ("b", KeyRequest(1, 1 << 14), 503, "keys of 256 bits are left"),  # so long it may be
         ("b", KeyRequest(129), 400, "number shall be 128 at most"),
         ("b", KeyRequest(STORED + 1), 503, "8 keys of 256 bits are left"),
         ("b", KeyRequest(additional=("b",)), 400, "named twice"),

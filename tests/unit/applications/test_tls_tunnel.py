@@ -25,6 +25,13 @@ def test_openssl_reads_the_key_out_of_the_file(tmp_path: Path) -> None:
     assert "TLS_AES_256_GCM_SHA384" in said
 
 
+def test_a_key_is_as_long_as_one_byte_of_length_tells() -> None:
+    """X.690, 8.1.3.4: a content has up to 127 bytes, of which 22 are not the key's."""
+    assert session(bytes(105))
+    with pytest.raises(ValueError, match="128 bytes"):
+        session(bytes(106))
+
+
 def test_a_key_is_good_for_who_comes_late(tmp_path: Path) -> None:
     """OpenSSL by itself takes none that it has read more than 3 s before."""
     file = tmp_path / "key.pem"
