@@ -1,4 +1,4 @@
-"""What a key manager hears of the controller: once, and from nobody else."""
+"""Messages of the controller to a key manager: each is taken once, and from nobody else."""
 
 import logging
 
