@@ -208,9 +208,8 @@ def delete_bypass(datapath: Datapath, five_tuple: FiveTuple, session: int) -> An
 def count_bypass(datapath: Datapath, five_tuple: FiveTuple, session: int) -> Any:
     """Return the request for how much has passed by what bypass added."""
     match = parser.OFPMatch(**_connection(five_tuple))
-    anywhere = ofproto.OFPP_ANY, ofproto.OFPG_ANY
     return parser.OFPFlowStatsRequest(
-        datapath, 0, METADATA_TABLE, *anywhere, session, ALL_BITS, match
+        datapath, 0, METADATA_TABLE, ofproto.OFPP_ANY, ofproto.OFPG_ANY, session, ALL_BITS, match
     )
 
 

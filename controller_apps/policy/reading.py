@@ -154,48 +154,38 @@ def require_switches(policy: Policy, known: Collection[str]) -> None:
             raise BadPolicy(f"{text}: {remedy(name, sorted(known))}")
 
 
+TABLES = {"device", "filter", "queue", "refusal", "report", "seal", "swap"}
+SECTIONS = {*TABLES, "default", "rule", "tap", "closed", "watch", "trusted"}
+
+
 def parse_policy(text: str) -> Policy:
     """Build the policy from its text; raise ValueError naming place, value and choices."""
     content = tomllib.loads(text)
-    _only(
-        content,
-        "a policy",
-        {
-            "default",
-            "rule",
-            "tap",
-            "closed",
-            "watch",
-            "seal",
-            "trusted",
-            "swap",
-            "queue",
-            "filter",
-            "refusal",
-            "device",
-            "report",
-        },
-    )
-    rules = _array(content, "rule", MAX_RULES)
-    devices = _table(content.get("device", {}), "device")
-    queue = _parse_queue(_table(content.get("queue", {}), "queue"))
+    _only(content, "a policy", SECTIONS)
+    tables = {name: _table(content.get(name, {}), name) for name in TABLES}
+    rules, trusted = _array(content, "rule", MAX_RULES), _array(content, "trusted", MAX_TRUSTED)
+    schedule, purification = _parse_swap(tables["swap"])
+    queue = _parse_queue(tables["queue"])
     return Policy(
-        _one_of(content.get("default", "allow"), ACTIONS, "default"),
-        tuple(_parse_rule(rule, f"rule {number}") for number, rule in enumerate(rules, 1)),
-        {name: _parse_settings(device, f"device {name}") for name, device in devices.items()},
-        _parse_reporting(_table(content.get("report", {}), "report")),
-        _parse_taps(_array(content, "tap", MAX_TAPS)),
-        *_parse_swap(_table(content.get("swap", {}), "swap")),
-        _parse_filter(_table(content.get("filter", {}), "filter")),
-        queue,
-        _parse_closed(_array(content, "closed", MAX_CLOSED)),
-        _parse_refusal(_table(content.get("refusal", {}), "refusal")),
-        tuple(
-            _parse_trusted(table, f"trusted {number}")
-            for number, table in enumerate(_array(content, "trusted", MAX_TRUSTED), 1)
+        default=_one_of(content.get("default", "allow"), ACTIONS, "default"),
+        rules=tuple(_parse_rule(rule, f"rule {number}") for number, rule in enumerate(rules, 1)),
+        devices={
+            name: _parse_settings(device, f"device {name}")
+            for name, device in tables["device"].items()
+        },
+        reporting=_parse_reporting(tables["report"]),
+        taps=_parse_taps(_array(content, "tap", MAX_TAPS)),
+        schedule=schedule,
+        purification=purification,
+        filter=_parse_filter(tables["filter"]),
+        queue=queue,
+        closed=_parse_closed(_array(content, "closed", MAX_CLOSED)),
+        names_elements=_parse_refusal(tables["refusal"]),
+        trusted=tuple(
+            _parse_trusted(table, f"trusted {number}") for number, table in enumerate(trusted, 1)
         ),
-        _parse_seal(_table(content.get("seal", {}), "seal")),
-        _parse_watches(_array(content, "watch", MAX_WATCHES), queue),
+        alarm=_parse_seal(tables["seal"]),
+        watches=_parse_watches(_array(content, "watch", MAX_WATCHES), queue),
     )
 
 

@@ -152,31 +152,8 @@ def find_light(
         channels = channels_of(setup, five_tuple, sessions, network)
     except ValueError:  # a wavelength outside the optical range
         return Admission(Reason.NO_WAVELENGTH)
-    asked = Asked(setup, five_tuple, hosts, taps)
-    refusal: Admission | None = None
-    for channel in channels:
-        limits = limits_of(setup, channel, sessions, budget_mdb)
-        why = refusal is None or not refusal.waits_for_light
-        found = _find_in_channel(asked, sessions, network, limits, why)
-        if found.reason == Reason.OK:
-            return replace(found, wavelength_pm=wavelength_pm(channel) if asked.is_any else 0)
-        if why and (refusal is None or found.waits_for_light):
-            refusal = found
-    assert refusal is not None
-    return refusal
-
-
-class Asked(NamedTuple):
-    """A set-up that is to be given light, and by whom."""
-
-    setup: Setup
-    connection: FiveTuple
-    hosts: Mapping[Role, str]  # addresses
-    taps: Sequence[Tap]
-
-    @property
-    def is_any(self) -> bool:
-        return self.setup.wavelength_pm == ANY_WAVELENGTH
+    search = Search(setup, five_tuple, hosts, taps, sessions, network)
+    return search.first_fit(channels, budget_mdb)
 
 
 def channels_of(
@@ -195,98 +172,139 @@ def channels_of(
     return network.optics.channels_mhz or [DEFAULT_FREQUENCY_MHZ]
 
 
-def _find_in_channel(
-    asked: Asked, sessions: Sessions, network: Network, limits: Limits, why: bool
-) -> Admission:
-    """Return the light paths of one frequency, or, if somebody wants to know, why not."""
-    setup, hosts, frequency = asked.setup, asked.hosts, limits.frequency_mhz
-    assert frequency is not None
-    ports = {role: network.channel_ports_of(address, frequency) for role, address in hosts.items()}
-    service = Service(setup.service)
-    if service == Service.LINK:
-        legs = _legs_of_link(setup, asked.connection, sessions, ports)
-    else:
-        by = making(setup, hosts[Role.OPENER])
-        if few := _too_few_fibers(service, by, hosts, ports, network):
-            return few
-        legs = legs_of(service, ports, by)
-    if legs is None:
-        return Admission(Reason.NO_PATH)
-    try:
-        legs = tapped(legs, network, asked.taps, frequency)
-    except CannotTap as error:
-        return Admission(error.reason, detail=str(error))
-    if service == Service.SWAP:  # light comes with each link
-        return _find_repeaters(setup, hosts, network, limits._replace(blocked=Limits().blocked))
-    if setup.handshake == Handshake.PER_PAIR:  # light comes with each pair
-        limits = limits._replace(blocked=Limits().blocked)
-    over = sessions.over.get(setup.session)
-    paths = _over(network, legs, over, limits) if over else route(network, legs, limits)
-    if paths is None and not why:
-        return Admission(Reason.BUSY)
-    if paths is None:
+class Search(NamedTuple):
+    """The search for the light of a set-up, channel by channel."""
+
+    setup: Setup
+    connection: FiveTuple
+    hosts: Mapping[Role, str]  # addresses
+    taps: Sequence[Tap]
+    sessions: Sessions
+    network: Network
+
+    def first_fit(self, channels: Sequence[int], budget_mdb: int) -> Admission:
+        """Return light of the first free channel, else why there is none."""
+        chooses = self.setup.wavelength_pm == ANY_WAVELENGTH
+        refusal: Admission | None = None
+        for channel in channels:
+            limits = limits_of(self.setup, channel, self.sessions, budget_mdb)
+            explains = refusal is None or not refusal.waits_for_light
+            admission = self._in_channel(limits, explains)
+            if admission.reason == Reason.OK:
+                return replace(admission, wavelength_pm=wavelength_pm(channel) if chooses else 0)
+            if explains and (refusal is None or admission.waits_for_light):
+                refusal = admission
+        assert refusal is not None
+        return refusal
+
+    def _in_channel(self, limits: Limits, explains: bool) -> Admission:
+        """Return the light paths of one frequency, or the reason for none, if it is needed."""
+        setup, network = self.setup, self.network
+        legs = self._legs(limits)
+        if isinstance(legs, Admission):
+            return legs
+        free = limits._replace(blocked=Limits().blocked)
+        if setup.service == Service.SWAP:  # light comes with each link
+            return _find_repeaters(setup, self.hosts, network, free)
+        if setup.handshake == Handshake.PER_PAIR:  # light comes with each pair
+            limits = free
+        over = self.sessions.over.get(setup.session)
+        paths = _over(network, legs, over, limits) if over else route(network, legs, limits)
+        if paths is None:
+            return self._no_paths(legs, over, limits) if explains else Admission(Reason.BUSY)
+        if setup.handshake == Handshake.PER_PAIR:
+            return Admission()
+        return Admission(paths=paths, block_pairs=block_pairs(setup, self.hosts, (), network))
+
+    def _legs(self, limits: Limits) -> list[Leg] | Admission:
+        """Return the ports that light must connect, or why it cannot."""
+        frequency, network = limits.frequency_mhz, self.network
+        assert frequency is not None
+        ports = {
+            role: network.channel_ports_of(address, frequency)
+            for role, address in self.hosts.items()
+        }
+        service = Service(self.setup.service)
+        if service == Service.LINK:
+            legs = _legs_of_link(self.setup, self.connection, self.sessions, ports)
+        else:
+            by = making(self.setup, self.hosts[Role.OPENER])
+            if few := _too_few_fibers(service, by, self.hosts, ports, network):
+                return few
+            legs = legs_of(service, ports, by)
+        if legs is None:
+            return Admission(Reason.NO_PATH)
+        try:
+            return tapped(legs, network, self.taps, frequency)
+        except CannotTap as error:
+            return Admission(error.reason, detail=str(error))
+
+    def _no_paths(
+        self, legs: Sequence[Leg], over: frozenset[str] | None, limits: Limits
+    ) -> Admission:
+        """Return why no paths connect the legs: others have the light, or there are none."""
         if over:
-            free = _over(network, legs, over, limits._replace(blocked=Limits().blocked))
-            reason = Reason.NO_PATH if free is None else Reason.BUSY
-            return Admission(reason, waits_for_light=reason == Reason.BUSY)
-        reason = why_not(network, legs, limits)
-        if reason == Reason.NO_PATH and (broken := obstacles(network, legs)):
+            free = limits._replace(blocked=Limits().blocked)
+            is_there = _over(self.network, legs, over, free) is not None
+            return Admission(Reason.BUSY if is_there else Reason.NO_PATH, waits_for_light=is_there)
+        reason = why_not(self.network, legs, limits)
+        if reason == Reason.NO_PATH and (broken := obstacles(self.network, legs)):
             return _broken(broken)
         return Admission(reason, waits_for_light=reason == Reason.BUSY)
-    if setup.handshake == Handshake.PER_PAIR:
-        return Admission()
-    return Admission(paths=paths, block_pairs=block_pairs(setup, hosts, (), network))
 
 
 def _over(
     network: Network, legs: Sequence[Leg], over: frozenset[str], limits: Limits
 ) -> tuple[LightPath, ...] | None:
-    """Return the paths of a seal, of which one is to cross a fibre between two switches."""
+    """Return the paths of a link monitor, of which one has to cross a fibre between switches."""
     for place, leg in enumerate(legs):
         path = path_over(network, leg, over, limits)
-        others = [*legs[:place], *legs[place + 1 :]]
-        found = route(network, others, limits, [path]) if path is not None else None
-        if path is not None and found is not None:
-            return (*found[:place], path, *found[place:])
+        if path is None:
+            continue
+        others = route(network, [*legs[:place], *legs[place + 1 :]], limits, [path])
+        if others is not None:
+            return (*others[:place], path, *others[place:])
     return None
 
 
-def _broken(found: Sequence[Obstacle]) -> Admission:
+def _broken(broken: Sequence[Obstacle]) -> Admission:
     """Return the refusal that names what is cut or stuck."""
-    detail = "; ".join(obstacle.text for obstacle in found)
-    host = next((obstacle.address for obstacle in found if obstacle.address), "")
+    detail = "; ".join(obstacle.text for obstacle in broken)
+    host = next((obstacle.address for obstacle in broken if obstacle.address), "")
     reason = Reason.FIBER_CUT if host else Reason.PATH_BROKEN
-    return Admission(reason, detail=detail, node=host, obstacle=told(found, OBSTACLE_BYTES))
+    return Admission(reason, detail=detail, node=host, obstacle=told(broken, OBSTACLE_BYTES))
 
 
 def _find_repeaters(
     setup: Setup, hosts: Mapping[Role, str], network: Network, limits: Limits
 ) -> Admission:
     """Return a chain of hosts that can be repeaters, or which host of a chain cannot."""
-    ends = hosts[Role.OPENER], hosts[Role.ACCEPTOR]
+    opener, acceptor = hosts[Role.OPENER], hosts[Role.ACCEPTOR]
     heralded = setup.memory == MemoryState.HERALDED
-    unable = partial(want_of_repeater, network, by=making(setup, ends[0]))
+    unable = partial(want_of_repeater, network, by=making(setup, opener))
     stations = partial(is_station, network) if heralded else None
-    chain = find_chain(network, *ends, limits, unable, stations)
+    chain = find_chain(network, opener, acceptor, limits, unable, stations)
     if chain is not None:
-        nodes = setup, hosts, repeaters_of(chain), network
+        repeaters = repeaters_of(chain)
         return Admission(
-            chain=chain, block_pairs=block_pairs(*nodes), blocks=blocks_under_way(*nodes)
+            chain=chain,
+            block_pairs=block_pairs(setup, hosts, repeaters, network),
+            blocks=blocks_under_way(setup, hosts, repeaters, network),
         )
-    chain = find_chain(network, *ends, limits, stations=stations)
-    wants = filter(None, map(unable, repeaters_of(chain or ())))
-    for want in wants:
+    chain = find_chain(network, opener, acceptor, limits, stations=stations)
+    for want in filter(None, map(unable, repeaters_of(chain or ()))):
         return _refused(want)
-    return _chain_broken(network, ends, limits, heralded) or Admission(Reason.NO_CHAIN)
+    broken = _chain_broken(network, opener, acceptor, limits, heralded)
+    return broken or Admission(Reason.NO_CHAIN)
 
 
 def _chain_broken(
-    network: Network, ends: tuple[str, str], limits: Limits, heralded: bool
+    network: Network, opener: str, acceptor: str, limits: Limits, heralded: bool
 ) -> Admission | None:
     """Return which elements of a chain are cut or stuck, if that is why there is none."""
     whole = mended(network)
     stations = partial(is_station, whole) if heralded else None
-    chain = find_chain(whole, *ends, limits, stations=stations)
+    chain = find_chain(whole, opener, acceptor, limits, stations=stations)
     broken = obstacles(network, legs_of_chain(whole, chain, limits)) if chain else []
     return _broken(broken) if broken else None
 
@@ -323,9 +341,10 @@ def _legs_of_link(
     out, into = link[0].right, link[1].left
     if out >= len(start) or into >= len(end):
         return None
+    leg = Leg(start[out], end[into])
     if setup.memory == MemoryState.HERALDED:
-        return heralded_legs(start[out], end[into], ports[Role.SOURCE])
-    return [Leg(start[out], end[into])]
+        return heralded_legs(leg, ports[Role.SOURCE])
+    return [leg]
 
 
 def _refused(want: Want) -> Admission:

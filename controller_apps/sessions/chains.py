@@ -87,44 +87,42 @@ class Joins(NamedTuple):
         taken = set() if len(chain) == 1 else {last.left}
         for right in sorted(set(range(len(ports[last.address]))) - taken, reverse=True):
             for left, port in enumerate(ports[address]):
-                ends = ports[last.address][right], port
+                leg = Leg(ports[last.address][right], port)
                 if self.stations is not None:
-                    yield from self._heralded(chain, right, left, ends)
-                elif cheapest_path(self.network, Leg(*ends), self.limits) is not None:
+                    yield from self._heralded(chain, right, left, leg)
+                elif cheapest_path(self.network, leg, self.limits) is not None:
                     yield Join(right, left)
 
-    def _heralded(
-        self, chain: Chain, right: int, left: int, ends: tuple[SwitchPort, SwitchPort]
-    ) -> Iterator[Join]:
+    def _heralded(self, chain: Chain, right: int, left: int, leg: Leg) -> Iterator[Join]:
         """Yield the same by way of each station that no other link of the chain has."""
         assert self.stations is not None
         taken = {stop.station for stop in chain}
         for station in sorted(self.ports.keys() - taken):
-            legs = heralded_legs(*ends, self.ports[station]) if self.stations(station) else None
+            if not self.stations(station):
+                continue
+            legs = heralded_legs(leg, self.ports[station])
             if legs is not None and route(self.network, legs, self.limits) is not None:
                 yield Join(right, left, station)
 
 
-def heralded_legs(
-    one: SwitchPort, other: SwitchPort, station: Sequence[SwitchPort]
-) -> list[Leg] | None:
-    """Return the ways of light from both ends of a link to a station; None if it cannot be one."""
+def heralded_legs(link: Leg, station: Sequence[SwitchPort]) -> list[Leg] | None:
+    """Return legs from both ends of a link to a station; None if that has too few fibres."""
     if len(station) < STATION_FIBERS:
         return None
-    return [Leg(one, station[0]), Leg(other, station[1])]
+    return [Leg(link.start, station[0]), Leg(link.end, station[1])]
 
 
 def legs_of_chain(network: Network, chain: Chain, limits: Limits) -> list[Leg]:
-    """Return the ways of light between the neighbours of a chain, or from them to stations."""
+    """Return the legs between the neighbours of a chain, or from them to stations."""
     legs: list[Leg] = []
     for left, right in pairwise(chain):
         ports = (
             network.channel_ports_of(address, limits.frequency_mhz)
             for address in (left.address, right.address, left.station)
         )
-        start, end, station = (list(each) for each in ports)
-        ends = start[left.right], end[right.left]
-        legs += (heralded_legs(*ends, station) or []) if left.station else [Leg(*ends)]
+        start, end, station = map(list, ports)
+        leg = Leg(start[left.right], end[right.left])
+        legs += (heralded_legs(leg, station) or []) if left.station else [leg]
     return legs
 
 

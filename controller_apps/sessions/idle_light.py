@@ -167,6 +167,16 @@ def _setup(watch: Watch, number: int, opener: str) -> Setup:
 
 def _order(begun: Begun) -> SealOrder:
     watch = begun.watch
-    chances = watch.whole_error, watch.fraction, watch.false_alarm, watch.missed
-    light = watch.pairs, watch.block_pairs, watch.rate_hz
-    return SealOrder(0, begun.number, begun.opener, begun.acceptor, *light, *chances)
+    return SealOrder(
+        session=0,
+        seal=begun.number,
+        opener=begun.opener,
+        acceptor=begun.acceptor,
+        pairs=watch.pairs,
+        block_pairs=watch.block_pairs,
+        rate_hz=watch.rate_hz,
+        whole_error=watch.whole_error,
+        fraction=watch.fraction,
+        false_alarm=watch.false_alarm,
+        missed=watch.missed,
+    )

@@ -51,8 +51,8 @@ class Light:
         self.sessions.occupy(session, paths, request.five_tuple)
         self.hold(request)
         request.waiting = set(switches(hops))
-        borrowed = request.setup, request.five_tuple, self.sessions, self.network
-        request.rotation = rotation_of(paths) ^ borrowed_rotation(*borrowed)
+        borrowed = borrowed_rotation(request.setup, request.five_tuple, self.sessions, self.network)
+        request.rotation = rotation_of(paths) ^ borrowed
         return [*stale, *self._program(session, (), hops, request.transaction)]
 
     def hold(self, request: Request) -> None:

@@ -93,9 +93,10 @@ class Slots:
 
     def is_free(self, session: Session, reserved: Reserved) -> bool:
         hops = (hop for path in reserved.paths for hop in path.hops)
-        chosen_pm = reserved.wavelength_pm or session.setup.wavelength_pm
-        asking = session.number, frequency_mhz(chosen_pm)
-        return not any(self.sessions.blocks(way, *asking) for way in directions(hops))
+        frequency = frequency_mhz(reserved.wavelength_pm or session.setup.wavelength_pm)
+        return not any(
+            self.sessions.blocks(path, session.number, frequency) for path in directions(hops)
+        )
 
     def _forget_those_over(self) -> None:
         """Let others have the slots of requests that wait no more."""

@@ -66,79 +66,98 @@ def search_path(folder: Path) -> list[str]:
     return ["-o", f'uat:protobuf_search_paths:"{folder}","TRUE"']
 
 
-def tables() -> dict[str, Any]:
-    """Return what the dissectors must know of the formats."""
+def tables() -> dict[str, dict[str, Any]]:
+    """Return the layouts and limits that the dissectors need, by format."""
     return {
         "grpc": {"port": DISPATCHER_PORT},
-        "metadata": {
-            "magic": header.MAGIC,
-            "version": header.VERSION,
-            "port": header.METADATA_PORT,
-            "header": header.HEADER.size,
-            "max_length": header.MAX_LENGTH,
-            "max_frames": MAX_FRAMES,
-            "widths": dict.fromkeys(WIDTHS, True),
-            "opener": Topic.OPENER,
-            "answered": [Topic.COMING, Topic.DELIVER],
-            "kinds": [_layout(layout) for layout in metadata_layouts()],
+        "metadata": _metadata(),
+        "keys": _keys(),
+        "device": _device(),
+        "event": _event(),
+        "openflow": _openflow(),
+    }
+
+
+def _metadata() -> dict[str, Any]:
+    return {
+        "magic": header.MAGIC,
+        "version": header.VERSION,
+        "port": header.METADATA_PORT,
+        "header": header.HEADER.size,
+        "max_length": header.MAX_LENGTH,
+        "max_frames": MAX_FRAMES,
+        "widths": dict.fromkeys(WIDTHS, True),
+        "opener": Topic.OPENER,
+        "answered": [Topic.COMING, Topic.DELIVER],
+        "kinds": [_layout(layout) for layout in metadata_layouts()],
+    }
+
+
+def _keys() -> dict[str, Any]:
+    return {
+        "magic": qkd.MAGIC,
+        "version": qkd.VERSION,
+        "topic": Topic.KEYS,
+        "header": qkd.HEADER.size,
+        "tag": qkd.TAG_BYTES,
+        "max_length": qkd.MAX_LENGTH,
+        "max_text": qkd.MAX_TEXT,
+        "max_mean": qkd.MAX_MEAN,
+        "ranges": {
+            kind.__name__: {
+                name: {"least": least, "most": most} for name, (least, most) in kind.RANGES.items()
+            }
+            for kind in qkd.KINDS.values()
         },
-        "keys": {
-            "magic": qkd.MAGIC,
-            "version": qkd.VERSION,
-            "topic": Topic.KEYS,
-            "header": qkd.HEADER.size,
-            "tag": qkd.TAG_BYTES,
-            "max_length": qkd.MAX_LENGTH,
-            "max_text": qkd.MAX_TEXT,
-            "max_mean": qkd.MAX_MEAN,
-            "ranges": {
-                kind.__name__: {
-                    name: {"least": least, "most": most}
-                    for name, (least, most) in kind.RANGES.items()
-                }
-                for kind in qkd.KINDS.values()
-            },
-            "kinds": [_layout(layout) for layout in key_layouts()],
+        "kinds": [_layout(layout) for layout in key_layouts()],
+    }
+
+
+def _device() -> dict[str, Any]:
+    return {
+        "port": device.DEVICE_PORT,
+        "max_length": device.MAX_DATAGRAM,
+        "counts": {
+            "ports": {"least": 0, "most": device.MAX_PORTS},
+            "links": {"least": 0, "most": key_routes.MAX_LINKS},
+            "hops": {"least": 2, "most": key_routes.MAX_HOPS},
         },
-        "device": {
-            "port": device.DEVICE_PORT,
-            "max_length": device.MAX_DATAGRAM,
-            "counts": {
-                "ports": {"least": 0, "most": device.MAX_PORTS},
-                "links": {"least": 0, "most": key_routes.MAX_LINKS},
-                "hops": {"least": 2, "most": key_routes.MAX_HOPS},
-            },
-            "max_repeaters": device.MAX_REPEATERS,
-            "most_estimate": session_estimates.MOST,
-            "max_level_rounds": device.MAX_LEVEL_ROUNDS,
-            "max_under_way": device.MAX_UNDER_WAY,
-            "trailer": device.TRAILER.size,
-            "tag": device.TAG_BYTES,
-            "unset": device.UNSET,
-            "ranges": [
-                {"name": name, "least": least, "most": most}
-                for name, (least, most) in device.RANGES.items()
-            ],
-            "settings": [_field(field) for field in settings_fields()],
-            "kinds": [_layout(layout) for layout in device_layouts()],
-        },
-        "event": {
-            "magic": events.MAGIC,
-            "version": events.VERSION,
-            "header": events.RECORD.size,
-            "fields": _message(Event.DESCRIPTOR),
-        },
-        "openflow": {
-            "port": OPENFLOW_PORT,
-            "experimenter": optical.EXPERIMENTER,
-            "path_optics": optical.PATH_OPTICS,
-            "property": optical.PROPERTY.size,
-            "optical": optical.OPTICAL,
-            "path": _structure(optical.PathOptics),
-            "description": _structure(optical.PortOptics),
-            "tuning": _structure(optical.PortTuning),
-            "statistics": _structure(optical.PortLight),
-        },
+        "max_repeaters": device.MAX_REPEATERS,
+        "most_estimate": session_estimates.MOST,
+        "max_level_rounds": device.MAX_LEVEL_ROUNDS,
+        "max_under_way": device.MAX_UNDER_WAY,
+        "trailer": device.TRAILER.size,
+        "tag": device.TAG_BYTES,
+        "unset": device.UNSET,
+        "ranges": [
+            {"name": name, "least": least, "most": most}
+            for name, (least, most) in device.RANGES.items()
+        ],
+        "settings": [_field(field) for field in settings_fields()],
+        "kinds": [_layout(layout) for layout in device_layouts()],
+    }
+
+
+def _event() -> dict[str, Any]:
+    return {
+        "magic": events.MAGIC,
+        "version": events.VERSION,
+        "header": events.RECORD.size,
+        "fields": _message(Event.DESCRIPTOR),
+    }
+
+
+def _openflow() -> dict[str, Any]:
+    return {
+        "port": OPENFLOW_PORT,
+        "experimenter": optical.EXPERIMENTER,
+        "path_optics": optical.PATH_OPTICS,
+        "property": optical.PROPERTY.size,
+        "optical": optical.OPTICAL,
+        "path": _structure(optical.PathOptics),
+        "description": _structure(optical.PortOptics),
+        "tuning": _structure(optical.PortTuning),
+        "statistics": _structure(optical.PortLight),
     }
 
 
