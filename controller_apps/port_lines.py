@@ -49,5 +49,5 @@ class PortLines:
 
     def _begin_anew(self, at: SwitchPort) -> None:
         if left_out := self._seconds.pop(at).left_out:
-            words = "switch %#x port %d: %d more lines, which are left out"
-            self._logger.info(words, at.dpid, at.port, left_out)
+            text = "switch %#x port %d: %d more lines, which are left out"
+            self._logger.info(text, at.dpid, at.port, left_out)

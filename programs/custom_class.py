@@ -29,18 +29,18 @@ def load_class(
     """
     file, _, name = reference.rpartition(":")
     module = _module(f"{what} {reference}", Path(file))
-    found = getattr(module, name, None)
-    if not isinstance(found, type) or not fits(found):
-        words = f" {needed}" if needed else ""
+    loaded = getattr(module, name, None)
+    if not isinstance(loaded, type) or not fits(loaded):
+        suffix = f" {needed}" if needed else ""
         own = [
-            each.__name__
-            for each in vars(module).values()
-            if isinstance(each, type) and each.__module__ == module.__name__ and fits(each)
+            value.__name__
+            for value in vars(module).values()
+            if isinstance(value, type) and value.__module__ == module.__name__ and fits(value)
         ]
         raise BadConfig(
-            f"{what} {reference}: {file} has no class {name}{words}: {remedy(name, own)}"
+            f"{what} {reference}: {file} has no class {name}{suffix}: {remedy(name, own)}"
         )
-    return found
+    return loaded
 
 
 def _module(where: str, file: Path) -> ModuleType:
@@ -55,8 +55,8 @@ def _module(where: str, file: Path) -> ModuleType:
     except (ImportError, SyntaxError, NameError, OSError) as error:
         raise BadConfig(f"{where}: {file} cannot be loaded: {error}") from error
     except Exception as error:  # it is another's program, which may raise any
-        words = f"{where}: {file} cannot be loaded: {fault_in(file, error)}"
-        raise BadConfig(f"{words}; this shows all of it: {_command_that_runs(file)}") from error
+        text = f"{where}: {file} cannot be loaded: {fault_in(file, error)}"
+        raise BadConfig(f"{text}; this shows all of it: {_command_that_runs(file)}") from error
     return module
 
 
@@ -72,5 +72,5 @@ def fault_in(file: Path, error: Exception) -> str:
 def line_in(file: Path, error: Exception) -> int | None:
     """Return the innermost line of a file that an exception came through; None: through none."""
     frames = traceback.extract_tb(error.__traceback__)
-    lines = [each.lineno for each in frames if Path(each.filename).resolve() == file.resolve()]
+    lines = [frame.lineno for frame in frames if Path(frame.filename).resolve() == file.resolve()]
     return lines[-1] if lines else None

@@ -36,7 +36,7 @@ class LocalUsers:
         now_s = time.monotonic()
         is_known = place in self._users and now_s < self._ended_s + FRESH_S
         if not is_known and now_s >= self._next_s:
-            tables = [each.read_text() for each in (OF_MACHINE, CONNECTIONS) if each.exists()]
+            tables = [file.read_text() for file in (OF_MACHINE, CONNECTIONS) if file.exists()]
             self._users = {at: user for table in tables for at, user in users_of(table).items()}
             self._begun_s, self._ended_s = now_s, time.monotonic()
         return self._users.get(place, NOBODY)

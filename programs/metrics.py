@@ -25,10 +25,10 @@ disable_created_metrics()  # type: ignore[no-untyped-call]  # programs live as l
 
 def answer(head: bytes, registry: CollectorRegistry) -> bytes:
     """Return the response to a request's head: the metrics, or what is wrong with it."""
-    words = head.partition(b"\r\n")[0].split(b" ")
-    if len(words) != 3 or not words[2].startswith(b"HTTP/1.") or not head.endswith(END):
+    parts = head.partition(b"\r\n")[0].split(b" ")
+    if len(parts) != 3 or not parts[2].startswith(b"HTTP/1.") or not head.endswith(END):
         return _response("400 Bad Request", PLAIN, b"this is not HTTP/1\n")
-    method, target, _version = words
+    method, target, _version = parts
     if method not in (b"GET", b"HEAD"):
         return _response("405 Method Not Allowed", PLAIN, b"use GET\n", "Allow: GET, HEAD\r\n")
     if target.partition(b"?")[0] != PATH.encode():

@@ -98,15 +98,15 @@ class LightPaths:
         self._changed.set()
 
     def _remember(self, entry: FlowEntry) -> None:
-        known = self.table.find(*entry.key)
-        if known is None:
+        before = self.table.find(*entry.key)
+        if before is None:
             return
-        self._ended.add(circuit_of(known))
-        if known.mark is None:
+        self._ended.add(circuit_of(before))
+        if before.mark is None:
             return
-        name = (*known.key, known.cookie)
-        self._added_ns.pop(known.mark.circuit, None)
-        self._removed[name] = Removed(known.mark, name in self._idle)
+        name = (*before.key, before.cookie)
+        self._added_ns.pop(before.mark.circuit, None)
+        self._removed[name] = Removed(before.mark, name in self._idle)
         self._removed.move_to_end(name)
         self._idle.discard(name)
         if len(self._removed) > MAX_REMOVED:
@@ -122,20 +122,20 @@ class LightPaths:
         while True:
             await self._changed.wait()
             self._changed.clear()
-            asked = self._asked
+            request = self._asked
             due = self.promises.due(self.table.light_paths()) if self.promises else []
             try:
                 refused = await self._bring_up_to_date()
             except HardwareFault as fault:
                 self._fault = fault
                 self.promises.settle(due, dict.fromkeys(due, str(fault)))
-                self._answer(asked, self._refused)
+                self._answer(request, self._refused)
                 raise
             for path, reason in refused.items():
                 if self._refused.get(path) != reason:
                     log.error("%s", reason)
             self.promises.settle(due, refused)
-            self._answer(asked, refused)
+            self._answer(request, refused)
             await self._tell()
 
     async def ready(self) -> None:
@@ -143,8 +143,8 @@ class LightPaths:
 
         Raise HardwareFault if the hardware has failed.
         """
-        asked = self._asked
-        while self._answered < asked:
+        request = self._asked
+        while self._answered < request:
             await self._progress.wait()
         if self._fault:
             raise HardwareFault(str(self._fault))
@@ -182,8 +182,8 @@ class LightPaths:
     def _now_ns(self) -> int:
         return self._time.network_ns(time.time_ns())
 
-    def _answer(self, asked: int, refused: Mapping[CrossConnect, str]) -> None:
-        self._answered, self._refused = asked, refused
+    def _answer(self, request: int, refused: Mapping[CrossConnect, str]) -> None:
+        self._answered, self._refused = request, refused
         self._progress.set()
         self._progress = asyncio.Event()
 
@@ -212,34 +212,34 @@ class LightPaths:
         self._news = f"{_text(made)}, ready in {elapsed_ms:.2f} ms"
         return {**plan.refused, **refused}
 
-    async def _make(self, wanted: frozenset[CrossConnect]) -> dict[CrossConnect, str]:
+    async def _make(self, paths: frozenset[CrossConnect]) -> dict[CrossConnect, str]:
         """Make cross-connects; if the hardware refuses them together, each that it can.
 
         A refusal changes nothing, so what stands already and is wanted stays as it is.
         """
-        if not (reason := await self._refusal(wanted)):
+        if not (reason := await self._refusal(paths)):
             return {}
-        log.warning("the hardware refuses %s: %s; each is tried alone", _text(wanted), reason)
+        log.warning("the hardware refuses %s: %s; each is tried alone", _text(paths), reason)
         before = {path[:2] for path in self._standing}
-        kept = frozenset(path for path in wanted if path[:2] in before)
-        if await self._refusal(kept):  # what stood cannot stand any more
-            kept = frozenset()
+        standing = frozenset(path for path in paths if path[:2] in before)
+        if await self._refusal(standing):  # what stood cannot stand any more
+            standing = frozenset()
         refused = {}
-        for path in sorted(wanted - kept):
-            reason = await self._refusal(kept | {path})
+        for path in sorted(paths - standing):
+            reason = await self._refusal(standing | {path})
             if reason:
                 refused[path] = f"the hardware refuses {path.in_port}->{path.out_port}: {reason}"
             else:
-                kept |= {path}
+                standing |= {path}
         return refused
 
-    async def _refusal(self, wanted: frozenset[CrossConnect]) -> str:
+    async def _refusal(self, paths: frozenset[CrossConnect]) -> str:
         """Try to make exactly these cross-connects; return why not, empty if they are made."""
         try:
-            await self._hardware.set_cross_connects(wanted)
+            await self._hardware.set_cross_connects(paths)
         except HardwareRefusal as refusal:
             return str(refusal) or "it does not say why"
-        self._standing = wanted
+        self._standing = paths
         return ""
 
 

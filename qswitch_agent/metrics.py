@@ -52,10 +52,10 @@ class MeasuredHardware:
 
     async def set_cross_connects(self, cross_connects: Iterable[CrossConnect]) -> None:
         """Make exactly these cross-connects."""
-        wanted = list(cross_connects)
+        connections = list(cross_connects)
         with self._measured("cross_connects"):
-            await self._hardware.set_cross_connects(wanted)
-        self._paths.set(len(wanted))
+            await self._hardware.set_cross_connects(connections)
+        self._paths.set(len(connections))
 
     async def tune(
         self,

@@ -143,25 +143,25 @@ class Switch:
                 table.change(mod)
             yield table
 
-    def require_possible(self, trial: FlowTable, told: Iterable[FlowMod]) -> None:
+    def require_possible(self, trial: FlowTable, mods: Iterable[FlowMod]) -> None:
         """Raise Refusal if a change asks for a path that cannot be, or makes one impossible.
 
         `told` is what the bridge would be told for it.
         """
-        for reason in self.impossible(trial, told).values():
+        for reason in self.impossible(trial, mods).values():
             raise impossible_path(reason)
 
-    def impossible(self, trial: FlowTable, told: Iterable[FlowMod]) -> dict[CrossConnect, str]:
+    def impossible(self, trial: FlowTable, mods: Iterable[FlowMod]) -> dict[CrossConnect, str]:
         """Return the paths that a change asks for or affects and that cannot be, and why."""
         refused = trial.plan().refused
         if not refused:
             return {}
-        asked = circuits(told)
+        requested = circuits(mods)
         known = self.paths.table.plan().refused
         return {
             path: reason
             for path, reason in refused.items()
-            if path not in known or path.circuit in asked
+            if path not in known or path.circuit in requested
         }
 
     def promise(self, mod: FlowMod, asker: Asker, request: bytes) -> None:
@@ -169,11 +169,11 @@ class Switch:
         if path is not None:
             self.paths.promises.add(path, asker, request)
 
-    def seen_when_done(self, told: Iterable[FlowMod]) -> tuple[FlowMod, ...] | None:
+    def seen_when_done(self, mods: Iterable[FlowMod]) -> tuple[FlowMod, ...] | None:
         """Return what the bridge is told; None if the table shows some of it before it is done."""
-        told = tuple(told)
-        shown = any(self.paths.table.shows(mod) for mod in told if not mod.deletes)
-        return None if shown else told
+        mods = tuple(mods)
+        shown = any(self.paths.table.shows(mod) for mod in mods if not mod.deletes)
+        return None if shown else mods
 
     def _take_back(self, path: CrossConnect) -> None:
         """Delete the entry of a path that the hardware has refused."""
@@ -259,9 +259,9 @@ class Switch:
         """Return what paths do to light: first all that are not named, then the others."""
         return optical_ports.path_optics(self._condition)
 
-    def tuning(self, port: int, wanted: PortTuning) -> Tuned:
+    def tuning(self, port: int, tuning: PortTuning) -> Tuned:
         """Return what a PORT_MOD asks for; raise Refusal for what a port cannot be tuned to."""
-        return optical_ports.tuned(wanted, optical_ports.tuning_of(self._condition, port))
+        return optical_ports.tuned(tuning, optical_ports.tuning_of(self._condition, port))
 
     def light(self, port: int, readings: Readings) -> PortLight:
         """Return the optical statistics of a port; no light comes from a fibre that is cut."""

@@ -23,11 +23,11 @@ def fields_of(line: str | bytes) -> Line:
 
 def figures(line: Mapping[str, Any]) -> ServiceFigures:
     """Return what an end has said of a service; raise MalformedPacket for anything else."""
-    told = {name: value for name, value in line.items() if name not in NOT_FIGURES}
-    return cast("ServiceFigures", schema.read(cast("Any", ServiceFigures), told))
+    values = {name: value for name, value in line.items() if name not in NOT_FIGURES}
+    return cast("ServiceFigures", schema.read(cast("Any", ServiceFigures), values))
 
 
 def moment(line: Mapping[str, Any], at_s: float) -> AnyMoment:
     """Return what has happened at a time of the run; raise MalformedPacket for anything else."""
-    told = {**line, "at": round(at_s, 3)}
-    return cast("AnyMoment", schema.read(cast("Any", AnyMoment), told))
+    values = {**line, "at": round(at_s, 3)}
+    return cast("AnyMoment", schema.read(cast("Any", AnyMoment), values))

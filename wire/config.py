@@ -117,8 +117,8 @@ class DispatcherConfig(MeasuredConfig, DispatcherSettings):
         switches = [QuantumSwitch.from_dict(switch) for switch in fields["switches"]]
         given = fields.get("devices", {})
         devices = {name: Device.from_dict(device) for name, device in given.items()}
-        found = {"fibers": fibers, "switches": switches, "devices": devices}
-        return cls(**{**fields, **found, "credentials": Credentials.of(fields.get("credentials"))})
+        parts = {"fibers": fibers, "switches": switches, "devices": devices}
+        return cls(**{**fields, **parts, "credentials": Credentials.of(fields.get("credentials"))})
 
 
 # Who grants light to hosts: our controller, session by session, by a verdict in the set-up
@@ -182,10 +182,10 @@ class HostConfig(Config):
         Most hosts of a large network never do.
         """
         try:
-            found: dict[str, str] = json.loads(Path(self.hosts_file).read_text())
+            addresses: dict[str, str] = json.loads(Path(self.hosts_file).read_text())
         except (OSError, ValueError) as error:
             raise BadConfig(f"{self.hosts_file}, the file of all hosts: {error}") from error
-        return found
+        return addresses
 
     @property
     def node_features(self) -> NodeFeatures:

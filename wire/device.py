@@ -297,7 +297,7 @@ class SwapOrder(Message):
         """Build the message from its body; raise MalformedPacket if it does not fit."""
         raw = super().parse(session, body)
         assert isinstance(raw, SwapOrder)
-        right, station = (str(IPv4Address(each)) for each in (raw.right, raw.station))
+        right, station = (str(IPv4Address(address)) for address in (raw.right, raw.station))
         order = replace(raw, right=right, station=station)
         least, most = (1, MAX_REPEATERS + 1) if order.last else (0, MAX_REPEATERS)
         if not least <= order.place <= most:
@@ -316,12 +316,12 @@ class SwapOrder(Message):
     def _check_schedule(self) -> None:
         """Raise MalformedPacket unless the others are where they are said to be."""
         self._check_purification()
-        told = self.after_left, self.after_right, self.tell_left, self.notices
+        places = self.after_left, self.after_right, self.tell_left, self.notices
         left = max(self.after_left, self.tell_left) < self.place
         right = self.after_right == 0 or self.place < self.after_right <= MAX_REPEATERS
         few = bool(self.after_right) <= self.notices <= MAX_REPEATERS - self.place
-        if not (left and right and few) if self.repeats else any(told):
-            raise MalformedPacket(f"SwapOrder: place {self.place} with the schedule {told}")
+        if not (left and right and few) if self.repeats else any(places):
+            raise MalformedPacket(f"SwapOrder: place {self.place} with the schedule {places}")
 
     def _check_purification(self) -> None:
         """Raise MalformedPacket for a plan that cannot be."""

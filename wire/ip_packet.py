@@ -53,16 +53,16 @@ class PacketStream:
     def feed(self, data: bytes) -> list[Packet]:
         """Return the packets that are whole now; raise MalformedPacket for anything else."""
         self._rest += data
-        found = []
+        packets = []
         at = 0
         head = ipv6.HEADER.size  # of the longer one
         while (total := packet_bytes(self._rest[at : at + head], self._most)) is not None:
             if at + total > len(self._rest):
                 break
-            found.append(decode(self._rest[at : at + total], self._most))
+            packets.append(decode(self._rest[at : at + total], self._most))
             at += total
         self._rest = self._rest[at:]
-        return found
+        return packets
 
 
 def unreachable(lost: Packet, why: Unreachable, router: IPv4Address | IPv6Address) -> bytes:

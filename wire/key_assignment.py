@@ -49,7 +49,7 @@ class Assignment:
             {
                 "master_SAE_ID": self.master,
                 "slave_SAE_IDs": self.slaves,
-                "void": [str(each) for each in self.void],
+                "void": [str(key_id) for key_id in self.void],
                 "keys": [_fields(key) for key in self.keys],
             }
         ).encode()
@@ -69,7 +69,7 @@ class Assignment:
                     decode_name(master),
                     tuple(decode_name(slave) for slave in slaves),
                     tuple(_key(key) for key in keys),
-                    tuple(decode_id(each) for each in void),
+                    tuple(decode_id(text) for text in void),
                 )
             case _:
                 raise MalformedPacket("no assignment of keys")
@@ -79,7 +79,7 @@ class Assignment:
 
 def _fields(key: AssignedKey) -> dict[str, Any]:
     masked = {"masked": base64.b64encode(key.masked).decode()} if key.masked else {}
-    stored = [str(each) for each in key.stored]
+    stored = [str(key_id) for key_id in key.stored]
     return {"key_ID": str(key.key_id), "size": key.size, "stored": stored, **masked}
 
 
@@ -91,13 +91,13 @@ def _key(fields: object) -> AssignedKey:
             masked = decode_base64(rest["masked"]) if "masked" in rest else b""
             if len(masked) not in (0, size // 8):
                 raise MalformedPacket(f"{len(masked)} bytes mask a key of {size} bits")
-            ids = tuple(decode_id(each) for each in stored)
+            ids = tuple(decode_id(text) for text in stored)
             return AssignedKey(decode_id(key_id), size, ids, masked)
     raise MalformedPacket("no assigned key")
 
 
 def _check_ids(assignment: Assignment) -> None:
-    stored = [each for key in assignment.keys for each in key.stored] + list(assignment.void)
+    stored = [key_id for key in assignment.keys for key_id in key.stored] + list(assignment.void)
     delivered = {key.key_id for key in assignment.keys}
     if len(stored) > MAX_STORED or len(set(stored)) < len(stored):
         raise MalformedPacket(f"stored keys: each once, {MAX_STORED} at most")

@@ -112,7 +112,7 @@ def encode_request(request: KeyRequest) -> bytes:
 
 
 def encode_key_ids(ids: Sequence[UUID]) -> bytes:
-    return json.dumps({"key_IDs": [{"key_ID": str(each)} for each in ids]}).encode()
+    return json.dumps({"key_IDs": [{"key_ID": str(key_id)} for key_id in ids]}).encode()
 
 
 def decode_id_query(query: Mapping[str, Sequence[bytes]]) -> tuple[UUID, ...]:
@@ -127,15 +127,17 @@ def encode_status(status: Status) -> bytes:
 
 
 def encode_keys(keys: Sequence[DeliveredKey]) -> bytes:
-    each = [{"key_ID": str(key.key_id), "key": base64.b64encode(key.key).decode()} for key in keys]
-    return json.dumps({"keys": each}).encode()
+    entries = [
+        {"key_ID": str(key.key_id), "key": base64.b64encode(key.key).decode()} for key in keys
+    ]
+    return json.dumps({"keys": entries}).encode()
 
 
 def decode_keys(body: bytes) -> list[DeliveredKey]:
     """Return the keys of a container; raise MalformedPacket if it is not one."""
     fields = _object(decode_json(body, MAX_ANSWER, MAX_DEPTH), {"keys", "key_container_extension"})
     names = {"key_ID", "key", "key_ID_extension", "key_extension"}
-    keys = [_object(each, names) for each in _list(fields.get("keys"), "keys", MAX_IDS)]
+    keys = [_object(item, names) for item in _list(fields.get("keys"), "keys", MAX_IDS)]
     ids = _ids([key.get("key_ID") for key in keys])
     return [
         DeliveredKey(key_id, decode_base64(key.get("key")))
@@ -172,8 +174,8 @@ def decode_base64(text: object) -> bytes:
 def decode_id(text: object) -> UUID:
     """Return the UUID of its text, written as RFC 4122 has it; or raise MalformedPacket."""
     try:
-        if isinstance(text, str) and text.lower() == str(found := UUID(text)):
-            return found
+        if isinstance(text, str) and text.lower() == str(parsed := UUID(text)):
+            return parsed
     except ValueError:
         pass
     raise MalformedPacket(f"{str(text)[:MAX_NAME]!r} is not a UUID")
@@ -197,15 +199,15 @@ def _ids(texts: Sequence[object]) -> tuple[UUID, ...]:
 
 
 def _names(value: object, name: str) -> tuple[str, ...]:
-    names = tuple(decode_name(each) for each in _list(value, name, MAX_NAMES))
+    names = tuple(decode_name(item) for item in _list(value, name, MAX_NAMES))
     if len(set(names)) < len(names):
         raise MalformedPacket(f"{name} has a SAE ID twice")
     return names
 
 
 def _extensions(fields: dict[str, Any], name: str) -> tuple[str, ...]:
-    each = _list(fields.get(name, []), name, MAX_NAMES)
-    return tuple(key for extension in each for key in _object(extension))
+    extensions = _list(fields.get(name, []), name, MAX_NAMES)
+    return tuple(key for extension in extensions for key in _object(extension))
 
 
 def _object(value: object, names: set[str] | None = None) -> dict[str, Any]:

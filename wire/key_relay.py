@@ -107,9 +107,9 @@ def decode_sealed(body: bytes) -> tuple[bytes, bytes]:
     """Return text and tag of a body; raise MalformedPacket if it has none."""
     match decode_json(body, MAX_ASSIGNMENT, MAX_DEPTH):
         case {"message": str(text), "tag": tag, **others} if not others:
-            found = decode_base64(tag)
-            if text.isascii() and len(found) == TAG_BYTES:
-                return text.encode(), found
+            decoded = decode_base64(tag)
+            if text.isascii() and len(decoded) == TAG_BYTES:
+                return text.encode(), decoded
     raise MalformedPacket("no message with a tag")
 
 
@@ -128,13 +128,13 @@ def _check(relay: Relay) -> None:
 def _hop(fields: object) -> Hop:
     match fields:
         case {"node": str(node), "tag": tag, **others} if not others:
-            found = decode_base64(tag)
+            decoded = decode_base64(tag)
             try:
                 address = str(IPv4Address(node))
             except AddressValueError as error:
                 raise MalformedPacket(f"no address: {error}") from error
-            if len(found) == TAG_BYTES:
-                return Hop(address, found)
+            if len(decoded) == TAG_BYTES:
+                return Hop(address, decoded)
     raise MalformedPacket("no hop of a route")
 
 

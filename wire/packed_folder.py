@@ -54,7 +54,7 @@ def encode(entries: Sequence[Entry]) -> bytes:
 def decode(data: bytes) -> list[Entry]:
     """Return what is in a folder; raise MalformedPacket unless all of it can be."""
     _check_size(len(data), 0)
-    found, kinds, place = list[Entry](), dict[str, Kind](), 0
+    entries, kinds, place = list[Entry](), dict[str, Kind](), 0
     while place < len(data):
         if len(data) - place < HEADER.size:
             raise MalformedPacket("a packed folder that is cut off")
@@ -70,9 +70,9 @@ def decode(data: bytes) -> list[Entry]:
             raise MalformedPacket(f"an entry of a packed folder: {error}") from error
         entry = Entry(name, kind, changed_ns, data[data_at:place])
         _checked(entry, kinds)
-        found.append(entry)
-        _check_size(0, len(found))
-    return found
+        entries.append(entry)
+        _check_size(0, len(entries))
+    return entries
 
 
 def _check_size(size: int, entries: int) -> None:

@@ -57,7 +57,7 @@ class SessionEstimate(Message):
         assert isinstance(raw, SessionEstimate)
         if raw.quantity not in set(Quantity):
             raise MalformedPacket(f"SessionEstimate: unknown quantity {raw.quantity}")
-        inside = all(isfinite(each) and abs(each) <= MOST for each in raw.interval)
+        inside = all(isfinite(bound) and abs(bound) <= MOST for bound in raw.interval)
         if not inside or not raw.low <= raw.value <= raw.high:
             raise MalformedPacket(f"SessionEstimate: {raw.interval} is not an estimate")
         return replace(raw, quantity=Quantity(raw.quantity))

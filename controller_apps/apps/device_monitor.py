@@ -241,36 +241,36 @@ class DeviceMonitor(App):
                 datagram.source_mac,
                 datagram.source,
             )
-            told = self.hosts.heard(datagram.payload, place, time.monotonic())
+            report = self.hosts.heard(datagram.payload, place, time.monotonic())
         except MalformedPacket as error:
             at = SwitchPort(message.datapath.id, message.match["in_port"])
             self._port_lines.add(at, f"dropped: {error}", time.monotonic())
             return
-        self._take_in(told)
+        self._take_in(report)
 
-    def _take_in(self, told: Told) -> None:
-        host = told.host
-        if told.first or host in self._silent:
+    def _take_in(self, report: Told) -> None:
+        host = report.host
+        if report.first or host in self._silent:
             self._silent.discard(host)
             self.logger.info("%s connected", host)
             self.record.write("device", name=host, state="heard")
         state = self.hosts.states[host]
-        if told.answer is not None and told.answer.reason != Reason.OK:
-            text = f"{host}: {told.answer.text}"
+        if report.answer is not None and report.answer.reason != Reason.OK:
+            text = f"{host}: {report.answer.text}"
             self._port_lines.add(state.place.at, text, time.monotonic(), WARNING)
             self._settle(host, Refused(text))
-        if told.estimate is not None:
-            self.send_event(METADATA, EventEstimate(host, state.place.address, told.estimate))
+        if report.estimate is not None:
+            self.send_event(METADATA, EventEstimate(host, state.place.address, report.estimate))
             return
-        if told.alarm:
-            self.send_event(METADATA, EventAlarm(told.alarm, host, state.place))
-        if told.sealed:
+        if report.alarm:
+            self.send_event(METADATA, EventAlarm(report.alarm, host, state.place))
+        if report.sealed:
             self.send_event(METADATA, EventMonitorOver(host, state.place.address, state.report))
-        if told.answer is not None:
-            self._order_answered(state.place.address, told.answer)
+        if report.answer is not None:
+            self._order_answered(state.place.address, report.answer)
         if state.report.settings == self.hosts.wanted.get(host, DeviceSettings()):
             self._settle(host, host_view(host, state, silent=False, age_s=0.0))
-        if told.answer is None:  # a report shows what is still to be set
+        if report.answer is None:  # a report shows what is still to be set
             for message in self.hosts.due(host):
                 self._send(host, message(self._next_number()))
 
@@ -298,8 +298,8 @@ class DeviceMonitor(App):
         order = self._orders.answered(node, answer.session)
         if order is None or isinstance(order, GiveBack):
             return  # a seal may have ended before it is told to
-        told = EventSessionReported if isinstance(order, SessionQuery) else EventNodeAnswered
-        self.send_event(METADATA, told(session_of(order), node, Reason(answer.reason)))
+        event = EventSessionReported if isinstance(order, SessionQuery) else EventNodeAnswered
+        self.send_event(METADATA, event(session_of(order), node, Reason(answer.reason)))
 
     def _repeat_orders(self, now: float) -> None:
         for node, order in self._orders.give_up(now):
@@ -344,21 +344,21 @@ class DeviceMonitor(App):
         if device in {switch.name for switch in self.switches.values()}:
             raise Refused(f"{device} is a switch: its ports are tuned by OpenFlow (PORT_MOD)")
         if device not in self.hosts.keys:
-            known = ", ".join(sorted(self.hosts.keys)) or "none"
-            raise Refused(f"no device {device!r}; hosts with a node agent: {known}")
+            hosts = ", ".join(sorted(self.hosts.keys)) or "none"
+            raise Refused(f"no device {device!r}; hosts with a node agent: {hosts}")
         if device not in self.hosts.states:
             raise Refused(f"{device} has sent no report yet; is its stack running?")
         known_names = [item.name for item in fields(DeviceSettings)]
         for name in settings:
             if name not in known_names:
                 raise Refused(f"no setting {name!r}: {remedy(name, known_names)}")
-        wanted = replace(self.hosts.wanted.get(device, DeviceSettings()), **settings)
+        overrides = replace(self.hosts.wanted.get(device, DeviceSettings()), **settings)
         try:
-            check_settings(wanted)
+            check_settings(overrides)
         except ValueError as error:
             raise Refused(str(error)) from error
-        self.hosts.wanted[device] = wanted
-        self.logger.info("%s shall use %s", device, wanted)
+        self.hosts.wanted[device] = overrides
+        self.logger.info("%s shall use %s", device, overrides)
         self.record.write("override", name=device, **settings)
         self._waiting.append(Waiting(question, device, time.monotonic() + SET_TIMEOUT_S))
         self._send(device, DeviceQuery(self._next_number()))  # its report shows what is due
@@ -391,8 +391,8 @@ class DeviceMonitor(App):
         """Take overrides and reporting from the policy, in place of all there were."""
         for name in policy.devices:
             if name not in self.hosts.keys:
-                known = ", ".join(sorted(self.hosts.keys)) or "none"
-                raise BadPolicy(f"policy: device {name!r} is not a host; hosts are {known}")
+                hosts = ", ".join(sorted(self.hosts.keys)) or "none"
+                raise BadPolicy(f"policy: device {name!r} is not a host; hosts are {hosts}")
         self.hosts.wanted = dict(policy.devices)
         devices = len(self.hosts.keys) + len(self.quantum_switches)
         period_s = max(policy.reporting.period_s, devices / POLLS_PER_S)

@@ -156,7 +156,7 @@ class KeyRelays(App):
         issued_ns = time.time_ns()
         first, *others = nodes
         tags = [route_tag(self.keys[self.network.names[node]], issued_ns, nodes) for node in others]
-        hops = [Hop(first), *(Hop(*each) for each in zip(others, tags, strict=True))]
+        hops = [Hop(first), *(Hop(*hop) for hop in zip(others, tags, strict=True))]
         return KeyRoute(request.session, issued_ns, stored, tuple(hops))
 
     def _send(self, heard: Heard, message: Message) -> None:

@@ -115,14 +115,7 @@ class QuantumMetadata(App):
         self.monitors = LinkMonitors(self.network)
         self.idle = IdleLight(self.network, sessions, self._find_idle, session_numbers())
         self._follow_policy()
-        self._performers: dict[type[Action], Callable[[Any], None]] = {
-            Note: self._note,
-            Drop: self.journal.drop,
-            Keep: self._keep,
-            Forget: lambda action: state.forget_session(action.session),
-            SwapsOrdered: lambda action: self._tell_monitor(EventSwapsOrdered(action)),
-            Order: lambda action: self._tell_monitor(EventOrder(action)),
-        }
+        self._performers = self._actions()
         for number in take_over(state, self.arbiter, self.logger, self._now()):
             self._note(Note("resumed", number))
             self.monitors.granted(sessions.by_number.get(number))
@@ -160,6 +153,17 @@ class QuantumMetadata(App):
         self._do(self.idle.tick(self._now()))
 
     # Actions
+
+    def _actions(self) -> dict[type[Action], Callable[[Any], None]]:
+        """Return how each action is performed that is not for a switch."""
+        return {
+            Note: self._note,
+            Drop: self.journal.drop,
+            Keep: self._keep,
+            Forget: lambda action: self.state.forget_session(action.session),
+            SwapsOrdered: lambda action: self._tell_monitor(EventSwapsOrdered(action)),
+            Order: lambda action: self._tell_monitor(EventOrder(action)),
+        }
 
     def _do(self, actions: list[Action]) -> None:
         for action in actions:

@@ -20,10 +20,10 @@ class Facts:
 
     def devices(self) -> Any:
         """Return every device and its state, and what each host has announced that it can do."""
-        told = ask(self.quantum, "node_features")
+        features = ask(self.quantum, "node_features")
         unknown = {"features": None, "memory_qubits": None}
         return [
-            device | told.get(device["name"], unknown) if device["kind"] == "host" else device
+            device | features.get(device["name"], unknown) if device["kind"] == "host" else device
             for device in ask(self.monitor, "devices")
         ]
 
@@ -34,8 +34,8 @@ class Facts:
         return {"paths": ask(self.quantum, "paths"), "fibers": ask(self.quantum, "fibers")}
 
     def tapi(self) -> Any:
-        told = self.paths()
-        return tapi.context(told["paths"], told["fibers"], self.sessions())
+        paths = self.paths()
+        return tapi.context(paths["paths"], paths["fibers"], self.sessions())
 
     def keys(self) -> Any:
         """Return the nodes with key managers: key links, and applications that have keys."""
@@ -81,8 +81,8 @@ def perform(facts: Facts, request: object) -> Any:
         raise Refused(f"no command {command!r}: {remedy(str(command), commands)}")
     names, call = commands[command]
     if set(fields) != names:
-        wanted = ", ".join(sorted(names)) or "nothing"
-        raise Refused(f"{command} takes {wanted}, not {', '.join(sorted(fields)) or 'nothing'}")
+        expected = ", ".join(sorted(names)) or "nothing"
+        raise Refused(f"{command} takes {expected}, not {', '.join(sorted(fields)) or 'nothing'}")
     return call(**fields)
 
 

@@ -55,8 +55,8 @@ class Guard:
         kind = environment.get("CONTENT_TYPE", "").partition(";")[0].strip().lower()
         if environment.get("REQUEST_METHOD") == "POST" and kind != JSON:
             return "415 Unsupported Media Type", f"Content-Type is {kind!r}: send {JSON}"
-        told = environment.get("HTTP_AUTHORIZATION", "").encode("latin-1", "replace")
-        if not self._token or not hmac.compare_digest(told, f"Bearer {self._token}".encode()):
+        header = environment.get("HTTP_AUTHORIZATION", "").encode("latin-1", "replace")
+        if not self._token or not hmac.compare_digest(header, f"Bearer {self._token}".encode()):
             text = "send the header Authorization: Bearer and the token of this network, which is "
             return "401 Unauthorized", f"{text}in rest-token in its private folder"
         return None

@@ -77,7 +77,7 @@ class CurrentMetrics(Collector):
         """Yield every metric as it is now; raise Refused if the apps do not answer."""
         devices = self._facts.devices()
         # A host that was never heard has no counts.
-        hosts = [each for each in devices if each["kind"] == "host" and "sessions" in each]
+        hosts = [device for device in devices if device["kind"] == "host" and "sessions" in device]
         for name, text in COUNTS.items():
             count = CounterMetricFamily(f"qmn_{name}", text, labels=["host"])
             for host in hosts:

@@ -49,12 +49,12 @@ class Resources(wsgi().ControllerBase):  # type: ignore[misc]
     def tapi(self, request: Any, path: str, **_: Any) -> Any:
         """Return what is there of ONF's Transport API."""
         try:
-            found = tapi.resource(known_facts().tapi(), path)
+            resource = tapi.resource(known_facts().tapi(), path)
         except Refused as refused:
             return response(503, {"error": str(refused)})
-        if found is None:
+        if resource is None:
             return response(404, tapi.not_found(path), YANG_DATA)
-        return response(200, found, YANG_DATA)
+        return response(200, resource, YANG_DATA)
 
     @route("keys", "/qmn/keys", methods=["GET"])
     def keys(self, request: Any, **_: Any) -> Any:

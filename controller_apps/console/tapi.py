@@ -24,15 +24,15 @@ Fields = Mapping[str, Any]
 def context(paths: Iterable[Fields], fibers: Iterable[Fields], sessions: Iterable[Fields]) -> Any:
     """Return the whole tree, of what the console tells of paths, fibres and sessions."""
     opened = {session["session"] for session in sessions if session["open"]}
-    told = [(path, path["session"] in opened) for path in paths]
+    lit = [(path, path["session"] in opened) for path in paths]
     return {
         f"{COMMON}:context": {
             "service-interface-point": [
                 _point(fiber) for fiber in fibers if ":" not in fiber["to"]
             ],
             f"{CONNECTIVITY}:connectivity-context": {
-                "connectivity-service": [_service(path, stands) for path, stands in told],
-                "connection": [_connection(path, stands) for path, stands in told],
+                "connectivity-service": [_service(path, stands) for path, stands in lit],
+                "connection": [_connection(path, stands) for path, stands in lit],
             },
         }
     }
@@ -43,21 +43,21 @@ def resource(tree: Any, path: str) -> Any:
 
     A step is a name, with or without its module, and of an entry of a list `=` and its uuid.
     """
-    found, name = tree, ""
+    node, name = tree, ""
     for step in path.strip("/").split("/"):
         parsed = ENTRY.fullmatch(step)
-        if parsed is None or not isinstance(found, dict):
+        if parsed is None or not isinstance(node, dict):
             return None
-        name = next((each for each in found if _plain(each) == _plain(parsed[1])), "")
-        found = found.get(name)
+        name = next((entry for entry in node if _plain(entry) == _plain(parsed[1])), "")
+        node = node.get(name)
         if parsed[2] is not None:
-            entries = found if isinstance(found, list) else []
-            found = next((each for each in entries if each["uuid"] == parsed[2]), None)
-            found = found if found is None else [found]
-        if found is None:
+            entries = node if isinstance(node, list) else []
+            node = next((entry for entry in entries if entry["uuid"] == parsed[2]), None)
+            node = node if node is None else [node]
+        if node is None:
             return None
     module = COMMON if "connect" not in name else CONNECTIVITY
-    return {f"{module}:{_plain(name)}": found}
+    return {f"{module}:{_plain(name)}": node}
 
 
 def not_found(path: str) -> Any:

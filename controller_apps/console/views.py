@@ -92,13 +92,13 @@ def fibers_view(network: Network) -> list[dict[str, Any]]:
 
 def node_features_view(network: Network) -> dict[str, dict[str, Any]]:
     """Return what each host has announced that it can do; nothing of one that has not."""
-    told = {}
+    views = {}
     for host in network.hosts.values():
         node_features = network.node_features_of(host.address)
         if node_features is not None:
             features = [str(feature.name).lower() for feature in node_features.features]
-            told[host.host] = {"features": features, "memory_qubits": node_features.memory_qubits}
-    return told
+            views[host.host] = {"features": features, "memory_qubits": node_features.memory_qubits}
+    return views
 
 
 def name_of(network: Network, address: str) -> str:

@@ -81,33 +81,33 @@ class Hosts:
         if host not in self.keys:
             raise MalformedPacket(f"no device key for {host!r}")
         datagram = open_sealed(data, self.keys[host], Datagram.FROM_HOST)
-        known = self.states.get(host)
-        if known is not None and datagram.number <= known.number:
+        state = self.states.get(host)
+        if state is not None and datagram.number <= state.number:
             raise MalformedPacket(f"{host}: number {datagram.number} was used before")
         message = datagram.message
         if isinstance(message, DeviceReport):
             self.states[host] = HostState(place, message, now, datagram.number)
-            changed = known is None or _facts(known.report) != _facts(message)
-            before = known.report.alarm if known is not None else 0
+            changed = state is None or _facts(state.report) != _facts(message)
+            before = state.report.alarm if state is not None else 0
             alarm = message.alarm if message.alarm != before else 0
-            sealed = message.seal not in (0, known.report.seal if known is not None else 0)
-            return Told(host, changed, known is None, alarm, sealed)
-        if known is None or not isinstance(message, Answer | SessionEstimate):
+            sealed = message.seal not in (0, state.report.seal if state is not None else 0)
+            return Told(host, changed, state is None, alarm, sealed)
+        if state is None or not isinstance(message, Answer | SessionEstimate):
             raise MalformedPacket(f"{host} sent {type(message).__name__} unasked")
-        known.number, known.heard, known.place = datagram.number, now, place
+        state.number, state.heard, state.place = datagram.number, now, place
         if isinstance(message, SessionEstimate):
             return Told(host, estimate=message)
         if message.reason != Reason.OK:  # it will not: want what is
-            self.wanted[host] = known.report.settings
+            self.wanted[host] = state.report.settings
         return Told(host, answer=message)
 
     def due(self, host: str) -> list[Callable[[int], Message]]:
         """Return what to send to a host that it is not set to yet; each takes its number."""
         report = self.states[host].report
         messages: list[Callable[[int], Message]] = []
-        wanted = self.wanted.get(host, DeviceSettings())
-        if report.settings != wanted:
-            messages.append(lambda number: SetDevice(number, wanted))
+        overrides = self.wanted.get(host, DeviceSettings())
+        if report.settings != overrides:
+            messages.append(lambda number: SetDevice(number, overrides))
         subscription = self._subscription()
         if (report.period_ms, report.lost_ppm, report.symbol_error_ppm) != subscription:
             messages.append(lambda number: Subscribe(number, *subscription))

@@ -43,14 +43,14 @@ class SwitchState:
         before = self.ports.get(port.port_no, {})
         if gone:
             return self.ports.pop(port.port_no, None) is not None
-        said = {
+        description = {
             "port": port.port_no,
             "name": port.name.decode("ascii", "replace"),
             "up": not (port.config & 1 or port.state & 1),  # OFPPC_PORT_DOWN, OFPPS_LINK_DOWN
             "tuning": _tuning(port.properties),
         }
-        self.ports[port.port_no] = {**before, **said}
-        return any(before.get(name) != value for name, value in said.items())
+        self.ports[port.port_no] = {**before, **description}
+        return any(before.get(name) != value for name, value in description.items())
 
     def count_port(self, statistics: Any) -> None:
         """Take in the counters of a port; those of a port with light count photons."""

@@ -60,12 +60,12 @@ class KeyNetwork:
 
     def take(self, host: str, links: tuple[LinkState, ...], now: float) -> None:
         """Take in what a host says; links to what is not a host are passed over."""
-        known = {link.peer: link for link in links if link.peer in self.names}
-        self.hosts[host] = Told(known, now)
+        peers = {link.peer: link for link in links if link.peer in self.names}
+        self.hosts[host] = Told(peers, now)
 
     def stores(self, host: str) -> dict[str, Stores]:
-        told = self.hosts.get(host)
-        return {peer: stores_of(link) for peer, link in told.links.items()} if told else {}
+        report = self.hosts.get(host)
+        return {peer: stores_of(link) for peer, link in report.links.items()} if report else {}
 
     def serve(self, host: str, request: KeyRouteRequest, now: float) -> tuple[tuple[str, ...], int]:
         """Return the addresses that keys of an application go by, and the keys of the poorest link.
@@ -90,21 +90,21 @@ class KeyNetwork:
         def may_pass(node: str) -> bool:
             return self.policy.trusts(self.names[node], ends)
 
-        found = self._widest(host, target, request.stored, now, may_pass)
-        if found is None:
+        path = self._widest(host, target, request.stored, now, may_pass)
+        if path is None:
             raise NoRoute(self._why_not(host, request, now))
-        return found
+        return path
 
     def links_of(self, host: str, now: float) -> Iterator[tuple[LinkState, bool]]:
-        told = self.hosts.get(host)
-        for link in told.links.values() if told else ():
+        report = self.hosts.get(host)
+        for link in report.links.values() if report else ():
             yield link, self._alive(host, now) and not link.withheld
 
     def _alive(self, host: str, now: float) -> bool:
         return now - self.hosts[host].heard <= SILENT_S
 
     def _widest(
-        self, start: str, end: str, wanted: int, now: float, may_pass: Callable[[str], bool]
+        self, start: str, end: str, stored: int, now: float, may_pass: Callable[[str], bool]
     ) -> tuple[tuple[str, ...], int] | None:
         """Return the route of fewest hops, and of those the one with most at its poorest link."""
         layer: dict[str, tuple[tuple[str, ...], int]] = {start: ((start,), 1 << 32)}
@@ -113,7 +113,7 @@ class KeyNetwork:
             following: dict[str, tuple[tuple[str, ...], int]] = {}
             for node, (nodes, least) in layer.items():
                 for link, usable in self.links_of(node, now):
-                    if not usable or link.mine < wanted or link.peer in seen:
+                    if not usable or link.mine < stored or link.peer in seen:
                         continue
                     if link.peer != end and not may_pass(link.peer):
                         continue

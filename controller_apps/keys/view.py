@@ -26,10 +26,10 @@ def keys_view(network: KeyNetwork, now: float) -> list[dict[str, Any]]:
 
 def _node(network: KeyNetwork, host: str, now: float) -> dict[str, Any]:
     name = network.names[host]
-    links = [_link(network, host, *each) for each in network.links_of(host, now)]
-    applications = [each for each in network.applications.values() if host in each.nodes]
+    links = [_link(network, host, *item) for item in network.links_of(host, now)]
+    applications = [item for item in network.applications.values() if host in item.nodes]
     virtual = {
-        (each.nodes[0], each.nodes[-1]): each for each in applications if len(each.nodes) > 2
+        (item.nodes[0], item.nodes[-1]): item for item in applications if len(item.nodes) > 2
     }
     return {
         "qkdn_id": identifier(name),
@@ -38,17 +38,17 @@ def _node(network: KeyNetwork, host: str, now: float) -> dict[str, Any]:
             "link_stats_support": True,
             "application_stats_support": False,
             "key_relay_mode_enable": any(
-                each.host in ("*", name) for each in network.policy.trusted
+                item.host in ("*", name) for item in network.policy.trusted
             ),
         },
         "qkd_links": {
-            "qkd_link": [*links, *(_virtual(network, host, each) for each in virtual.values())]
+            "qkd_link": [*links, *(_virtual(network, host, item) for item in virtual.values())]
         },
         "qkd_applications": {
             "qkd_app": [
-                _application(network, each)
-                for each in applications
-                if host in (each.nodes[0], each.nodes[-1])
+                _application(network, item)
+                for item in applications
+                if host in (item.nodes[0], item.nodes[-1])
             ]
         },
     }
@@ -98,9 +98,9 @@ def _common(one: str, other: str, kind: str, status: str) -> dict[str, Any]:
 def _backed(network: KeyNetwork, ends: tuple[str, str]) -> list[str]:
     """Return the applications whose keys come from a link, as seen from either end."""
     return [
-        _application(network, each)["app_id"]
-        for each in network.applications.values()
-        if {network.names[each.nodes[0]], network.names[each.nodes[-1]]} == set(ends)
+        _application(network, application)["app_id"]
+        for application in network.applications.values()
+        if {network.names[application.nodes[0]], network.names[application.nodes[-1]]} == set(ends)
     ]
 
 

@@ -17,13 +17,13 @@ class Obstacle(NamedTuple):
     secret: bool = False  # whether it is for who runs the network alone
 
 
-def told(found: Sequence[Obstacle], limit: int) -> str:
+def told(obstacles: Sequence[Obstacle], limit: int) -> str:
     """Return the obstacles in so many characters at most, for a host that asked for light."""
-    texts = [each.text for each in found if not each.secret]
+    texts = [obstacle.text for obstacle in obstacles if not obstacle.secret]
     shown = len(texts)
-    while shown and len(words := _listed(texts, shown)) > limit:
+    while shown and len(text := _listed(texts, shown)) > limit:
         shown -= 1
-    return words if shown else ""
+    return text if shown else ""
 
 
 def _listed(texts: Sequence[str], shown: int) -> str:
@@ -41,7 +41,7 @@ def obstacles(network: Network, legs: Sequence[Leg]) -> list[Obstacle]:
 
 
 def on_the_way(network: Network, hops: Iterable[Hop]) -> list[Obstacle]:
-    return list(dict.fromkeys(each for hop in hops for each in _of_hop(network, hop)))
+    return list(dict.fromkeys(obstacle for hop in hops for obstacle in _of_hop(network, hop)))
 
 
 def mended(network: Network) -> Network:

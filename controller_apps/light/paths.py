@@ -80,12 +80,14 @@ class HostIndex:
     def of(cls, hosts: dict[SwitchPort, HostPort]) -> "HostIndex":
         """Build it, ports in order of their names."""
         ports: defaultdict[str, list[SwitchPort]] = defaultdict(list)
-        told: defaultdict[str, list[NodeFeatures]] = defaultdict(list)
+        announced: defaultdict[str, list[NodeFeatures]] = defaultdict(list)
         for at, host in sorted(hosts.items(), key=lambda item: natural_order(item[1].name)):
             ports[host.address].append(at)
             if host.node_features is not None:
-                told[host.address].append(host.node_features)
-        can = {address: reduce(NodeFeatures.both, each) for address, each in told.items()}
+                announced[host.address].append(host.node_features)
+        can = {
+            address: reduce(NodeFeatures.both, features) for address, features in announced.items()
+        }
         return cls(hosts, dict(ports), can)
 
 
@@ -151,10 +153,10 @@ class Network:
 
     def detach(self, at: SwitchPort) -> bool:
         """Forget what a fibre leads to; tell whether anything was known."""
-        known = at in self.hosts
-        if known:
+        attached = at in self.hosts
+        if attached:
             self.hosts = {place: host for place, host in self.hosts.items() if place != at}
-        return known
+        return attached
 
     def set_fiber(self, at: SwitchPort, whole: bool) -> bool:
         """Note whether the fibre at a port is whole; tell whether that is news."""
@@ -197,11 +199,11 @@ class Network:
         """Return the bounds to a port, found out once for these links and losses."""
         return self._bounds.found((self.wiring, self.optics.changes), end, find)
 
-    def if_all_were_free(self, asked: Hashable, find: Callable[[], Value]) -> Value:
+    def if_all_were_free(self, key: Hashable, find: Callable[[], Value]) -> Value:
         """Return what is found of light paths whatever others have, once for this network."""
         parts = frozenset(self.connected), frozenset(self.cut), self.closed
-        found: Value = self._free.found((self.wiring, self.optics.changes, *parts), asked, find)
-        return found
+        value: Value = self._free.found((self.wiring, self.optics.changes, *parts), key, find)
+        return value
 
     def _forget_broken(self, end: SwitchPort) -> None:
         other = self.broken.pop(end, None)
@@ -253,7 +255,7 @@ class Network:
             ends: defaultdict[int, list[tuple[SwitchPort, SwitchPort]]] = defaultdict(list)
             for near, far in self.links.items():
                 ends[near.dpid].append((near, far))
-            self._near.update((switch, tuple(each)) for switch, each in ends.items())
+            self._near.update((switch, tuple(fibers)) for switch, fibers in ends.items())
         return self._near.get(dpid, ())
 
     def is_whole(self, hops: Iterable[Hop]) -> bool:

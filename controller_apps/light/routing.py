@@ -41,17 +41,17 @@ def _bounds(end: SwitchPort, network: Network) -> dict[int, Bound]:
         lost = least[near.dpid] + optics.fiber_loss_mdb(near, far)
         into[far.dpid].append((near.dpid, lost))
     first = least[end.dpid] + optics.fiber_loss_mdb(end, None)
-    found: dict[int, Bound] = {}
+    bounds: dict[int, Bound] = {}
     queue = [(first, 1, end.dpid)]
     while queue:
         loss_mdb, length, dpid = heappop(queue)
-        if dpid in found:
+        if dpid in bounds:
             continue
-        found[dpid] = loss_mdb, length
+        bounds[dpid] = loss_mdb, length
         for before, lost in into[dpid]:
-            if before not in found:
+            if before not in bounds:
                 heappush(queue, (loss_mdb + lost, length + 1, before))
-    return found
+    return bounds
 
 
 def _nothing(_way: Direction) -> bool:
@@ -114,8 +114,8 @@ def cheapest_path(network: Network, leg: Leg, limits: Limits) -> LightPath | Non
     if not _can_begin(network, leg, limits):
         return None
     free = limits._replace(blocked=_nothing)
-    asked = _search, leg, free
-    best = network.if_all_were_free(asked, partial(_search, network, leg, free))
+    key = _search, leg, free
+    best = network.if_all_were_free(key, partial(_search, network, leg, free))
     if best is None or not any(map(limits.blocked, directions(best.hops)[1:-1])):
         return best
     return _search(network, leg, limits)
@@ -217,8 +217,8 @@ def route(
     """
     if not beside and rotations is None:
         free = limits._replace(blocked=_nothing)
-        asked = _route, tuple(legs), free
-        paths = network.if_all_were_free(asked, partial(_route, network, legs, free))
+        key = _route, tuple(legs), free
+        paths = network.if_all_were_free(key, partial(_route, network, legs, free))
         ways = directions(hop for path in paths or () for hop in path.hops)
         if paths and not any(map(limits.blocked, ways)):
             return paths
@@ -237,25 +237,25 @@ def _route(
     The cheapest path of an early leg may leave a later one without any, so that other orders are
     tried as well; not if a leg has no path even alone.
     """
-    wanted: Sequence[int | None] = rotations or [None] * len(legs)
+    turns: Sequence[int | None] = rotations or [None] * len(legs)
     alone: set[int] = set()  # legs that have a path if no other does
 
     def path_of(number: int, paths: Iterable[LightPath]) -> LightPath | None:
-        own = limits._replace(rotation=wanted[number])
+        own = limits._replace(rotation=turns[number])
         return cheapest_path(network, legs[number], _beside((*beside, *paths), own))
 
     for order in permutations(range(len(legs))):
-        found: dict[int, LightPath] = {}
+        routed: dict[int, LightPath] = {}
         for number in order:
-            path = path_of(number, found.values())
+            path = path_of(number, routed.values())
             if path is None:
-                if number not in alone and (not found or path_of(number, ()) is None):
+                if number not in alone and (not routed or path_of(number, ()) is None):
                     return None
                 alone.add(number)
                 break
-            found[number] = path
+            routed[number] = path
         else:
-            return tuple(found[number] for number in range(len(legs)))
+            return tuple(routed[number] for number in range(len(legs)))
     return None
 
 
@@ -268,8 +268,8 @@ def _beside(paths: Iterable[LightPath], limits: Limits) -> Limits:
 
 def why_not(network: Network, legs: list[Leg], limits: Limits) -> Reason:
     """Return what stands in the way of a route: the first limit without which there is one."""
-    asked = _why_not, tuple(legs), limits._replace(blocked=Limits().blocked)
-    return network.if_all_were_free(asked, partial(_why_not, network, legs, limits))
+    key = _why_not, tuple(legs), limits._replace(blocked=Limits().blocked)
+    return network.if_all_were_free(key, partial(_why_not, network, legs, limits))
 
 
 def _why_not(network: Network, legs: list[Leg], limits: Limits) -> Reason:

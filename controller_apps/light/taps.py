@@ -52,10 +52,10 @@ def _fibers(tap: Tap, network: Network, frequency_mhz: int) -> list[SwitchPort]:
         if host.host == tap.by and network.optics.is_of_channel(at, frequency_mhz)
     }
     if not named:
-        known = ", ".join(sorted({host.host for host in network.hosts.values()}))
+        hosts = ", ".join(sorted({host.host for host in network.hosts.values()}))
         raise CannotTap(
             Reason.UNKNOWN_HOST,
-            f"{tap}: {tap.by!r} is not a host that has announced a fibre; those are {known}",
+            f"{tap}: {tap.by!r} is not a host that has announced a fibre; those are {hosts}",
         )
     if len(named) < FIBERS_NEEDED:
         raise CannotTap(

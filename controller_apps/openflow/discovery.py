@@ -103,10 +103,10 @@ def _sealed(data: bytes, tlvs: list[Any]) -> tuple[bytes, bytes]:
 
 def _node_features(tlvs: list[Any]) -> NodeFeatures | None:
     """Return what a host says that it can do; None if it says nothing of it."""
-    told = _ours(tlvs, FEATURES)
-    if len(told) > 1:
-        raise MalformedPacket(f"LLDP that tells {len(told)} times what a host can do")
-    return NodeFeatures.decode(told[0]) if told else None
+    values = _ours(tlvs, FEATURES)
+    if len(values) > 1:
+        raise MalformedPacket(f"LLDP that tells {len(values)} times what a host can do")
+    return NodeFeatures.decode(values[0]) if values else None
 
 
 def _ours(tlvs: list[Any], subtype: int) -> list[bytes]:
@@ -153,5 +153,5 @@ def seal(at: SwitchPort, key: bytes) -> bytes:
     return blake2b(text, key=key, digest_size=SEAL_LENGTH).digest()
 
 
-def is_genuine(said: SwitchSaid, key: bytes) -> bool:
-    return compare_digest(said.seal, seal(said.at, key))
+def is_genuine(message: SwitchSaid, key: bytes) -> bool:
+    return compare_digest(message.seal, seal(message.at, key))

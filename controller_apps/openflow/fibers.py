@@ -124,28 +124,28 @@ class Fibers:
 
         Raise MalformedPacket for what is not to be understood or not to be believed.
         """
-        said = discovery.parse(frame)
-        if isinstance(said, discovery.Announcement):
-            self._host_spoke(at, said)
+        message = discovery.parse(frame)
+        if isinstance(message, discovery.Announcement):
+            self._host_spoke(at, message)
             return False
-        if not said.seal:
+        if not message.seal:
             return False  # of another controller
-        if not discovery.is_genuine(said, self._key):
-            raise MalformedPacket(f"LLDP in the name of {said.at.dpid:#x}:{said.at.port}")
-        news = self._links.heard(said.at, at, now)
+        if not discovery.is_genuine(message, self._key):
+            raise MalformedPacket(f"LLDP in the name of {message.at.dpid:#x}:{message.at.port}")
+        news = self._links.heard(message.at, at, now)
         if news:
-            self._link("link", said.at, at)
-        if self._links.answers(at, said.at, now):
+            self._link("link", message.at, at)
+        if self._links.answers(at, message.at, now):
             self._speak(at)
         return news
 
-    def _host_spoke(self, at: SwitchPort, said: discovery.Announcement) -> None:
+    def _host_spoke(self, at: SwitchPort, announcement: discovery.Announcement) -> None:
         if self.needs_seal:
-            self._identities.check(said)
-        network, port = self.network, said.host_port
-        news = network.detach(at) if said.leaving else network.attach(at, port)
+            self._identities.check(announcement)
+        network, port = self.network, announcement.host_port
+        news = network.detach(at) if announcement.leaving else network.attach(at, port)
         if news:
-            verb = "leaves" if said.leaving else "is at"
+            verb = "leaves" if announcement.leaving else "is at"
             self._logger.info("%s (%s) %s %#x:%d", port.name, port.address, verb, *at)
             self._record.write("fiber", host=port.host, port=port.name, dpid=at.dpid, at=at.port)
 

@@ -89,12 +89,12 @@ def metadata_entries(datapath: Datapath) -> list[Any]:
     to_port = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_TCP, "tcp_dst": METADATA_PORT}
     from_port = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_TCP, "tcp_src": METADATA_PORT}
     opened = SYN | ACK
-    told = [(to_port, FIN), (to_port, RST), (from_port, RST), (from_port, opened)]
+    copied = [(to_port, FIN), (to_port, RST), (from_port, RST), (from_port, opened)]
     copies = [
         # A copy: neither an answer nor a close must wait for the controller.
         add(datapath, METADATA_TABLE, CLOSE_PRIORITY, {**ends, "tcp_flags": (flags, flags)},
             to_controller(), to_learning())
-        for ends, flags in told
+        for ends, flags in copied
     ]  # fmt: skip
     to_agents = {"eth_type": ETH_TYPE_IPV4, "ip_proto": IP_UDP, "udp_dst": DEVICE_PORT}
     opening = {**to_port, "tcp_flags": (SYN, SYN | ACK | FIN | RST)}

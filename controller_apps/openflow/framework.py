@@ -237,9 +237,9 @@ def _adopt(address: tuple[str, int], descriptor: int) -> None:
     """Let eventlet, which Ryu's WSGI listens by, take this socket for the address."""
     listen, green_socket = hub.eventlet.listen, hub.eventlet.greenio.GreenSocket
 
-    def adopted(wanted: tuple[str, int], *arguments: Any, **options: Any) -> Any:
-        if tuple(wanted) != address:
-            return listen(wanted, *arguments, **options)
+    def adopted(place: tuple[str, int], *arguments: Any, **options: Any) -> Any:
+        if tuple(place) != address:
+            return listen(place, *arguments, **options)
         return green_socket(socket.socket(fileno=descriptor))
 
     hub.eventlet.listen = adopted

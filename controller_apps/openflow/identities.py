@@ -18,23 +18,24 @@ class Identities:
     addresses: Mapping[str, str]
     _numbers: dict[str, dict[str, int]] = field(default_factory=dict)  # the last, by host and port
 
-    def check(self, said: Announcement) -> None:
+    def check(self, announcement: Announcement) -> None:
         """Raise MalformedPacket for what somebody else says in the name of a host of this network.
 
         A host that is not of this network, in name or address, is taken at its word.
         """
-        host, address, port = said.host_port.host, said.host_port.address, said.host_port.name
+        host_port = announcement.host_port
+        host, address, port = host_port.host, host_port.address, host_port.name
         if host not in self.keys:
             if address in self.addresses.values():
                 raise MalformedPacket(f"LLDP of {host} with the address {address} of another host")
             return
-        if not said.seal:
+        if not announcement.seal:
             raise MalformedPacket(f"LLDP in the name of {host} without its seal")
         if address != self.addresses.get(host, address):
             raise MalformedPacket(
                 f"LLDP of {host} with the address {address}, which is not its own"
             )
-        number = open_seal(said.seal, said.sealed, self.keys[host])
+        number = open_seal(announcement.seal, announcement.sealed, self.keys[host])
         numbers = self._numbers.setdefault(host, {})
         if number <= numbers.get(port, 0):
             raise MalformedPacket(f"LLDP of {host} for {port} that was heard before")

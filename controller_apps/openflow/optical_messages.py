@@ -41,43 +41,43 @@ def is_up(port: Any) -> bool:
 
 
 def is_fiber(port: Any) -> bool:
-    return any(isinstance(found, parser.OFPPortDescPropOptical) for found in port.properties)
+    return any(isinstance(prop, parser.OFPPortDescPropOptical) for prop in port.properties)
 
 
 def port_optics(port: Any) -> PortOptics | None:
     """Return how far a port can be tuned, None if it does not say so in frequencies."""
-    for found in port.properties:
-        if isinstance(found, parser.OFPPortDescPropOptical) and found.supported & USE_FREQ:
+    for prop in port.properties:
+        if isinstance(prop, parser.OFPPortDescPropOptical) and prop.supported & USE_FREQ:
             return PortOptics(
-                found.supported,
-                found.tx_min_freq_lmda,
-                found.tx_max_freq_lmda,
-                found.tx_grid_freq_lmda,
-                found.rx_min_freq_lmda,
-                found.rx_max_freq_lmda,
-                found.rx_grid_freq_lmda,
-                signed(found.tx_pwr_min),
-                signed(found.tx_pwr_max),
+                prop.supported,
+                prop.tx_min_freq_lmda,
+                prop.tx_max_freq_lmda,
+                prop.tx_grid_freq_lmda,
+                prop.rx_min_freq_lmda,
+                prop.rx_max_freq_lmda,
+                prop.rx_grid_freq_lmda,
+                signed(prop.tx_pwr_min),
+                signed(prop.tx_pwr_max),
             )
     return None
 
 
 def port_light(statistics: Any) -> PortLight | None:
     """Return how a port is tuned and what it measures, None if it has no optics."""
-    for found in statistics.properties:
-        if isinstance(found, parser.OFPPortStatsPropOptical):
+    for prop in statistics.properties:
+        if isinstance(prop, parser.OFPPortStatsPropOptical):
             return PortLight(
-                found.flags,
-                found.tx_freq_lmda,
-                found.tx_offset,
-                found.tx_grid_span,
-                found.rx_freq_lmda,
-                found.rx_offset,
-                found.rx_grid_span,
-                signed(found.tx_pwr),
-                signed(found.rx_pwr),
-                found.bias_current,
-                found.temperature,
+                prop.flags,
+                prop.tx_freq_lmda,
+                prop.tx_offset,
+                prop.tx_grid_span,
+                prop.rx_freq_lmda,
+                prop.rx_offset,
+                prop.rx_grid_span,
+                signed(prop.tx_pwr),
+                signed(prop.rx_pwr),
+                prop.bias_current,
+                prop.temperature,
             )
     return None
 

@@ -31,12 +31,12 @@ class Speakers:
 
     def admits(self, datapath: Any, dpid: int) -> bool:
         """Tell whether a connection speaks for a switch; end one that does not."""
-        known = self._of.get(dpid)
-        if known is datapath:
+        speaker = self._of.get(dpid)
+        if speaker is datapath:
             return True
         if datapath.state == self._dead:
             return False
-        if known is not None and known.state != self._dead:
+        if speaker is not None and speaker.state != self._dead:
             self._send_away(datapath, dpid, "which is connected already")
             return False
         owner = self._owner_of(datapath)

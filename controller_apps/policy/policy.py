@@ -58,12 +58,12 @@ class Rule:
 
     def excess(self, request: SessionRequest) -> str:
         """Return which limit a request breaks, "" if it keeps them all."""
-        asked = {
+        requested = {
             "max_rate_hz": request.rate_hz,
             "max_block_pairs": request.block_pairs,
             "max_frame_bytes": request.frame_bytes,
         }
-        for name, value in asked.items():
+        for name, value in requested.items():
             limit = getattr(self, name)
             if limit is not None and value > limit:
                 return f"{name} is {limit}, asked for is {value}"
@@ -135,7 +135,7 @@ class Policy:
     watches: tuple[Watch, ...] = ()  # of light that is idle
 
     def trusts(self, host: str, ends: frozenset[str]) -> bool:
-        return any(each.covers(host, ends) for each in self.trusted)
+        return any(trusted.covers(host, ends) for trusted in self.trusted)
 
     def objection(self, request: SessionRequest, open_requests: Iterable[SessionRequest]) -> str:
         """Return why a request is not allowed beside those already granted, "" if it is."""

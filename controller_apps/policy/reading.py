@@ -255,7 +255,7 @@ def _parse_seal(table: dict[str, Any]) -> str:
 def _parse_watches(given: list[Any], queue: Queue) -> tuple[Watch, ...]:
     if given and queue.order == SLOTS:
         raise ValueError(f'watch: not with the queue\'s order = "{SLOTS}", which plans all light')
-    watches = tuple(_parse_watch(each, f"watch {place}") for place, each in enumerate(given, 1))
+    watches = tuple(_parse_watch(table, f"watch {place}") for place, table in enumerate(given, 1))
     for place, watch in enumerate(watches, 1):
         if watch in watches[: place - 1]:
             raise ValueError(f"watch {place}: {watch} is watched so already; keep one of them")

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from controller_apps.light.obstacles import Obstacle, mended, obstacles, told
 from controller_apps.light.optics import SwitchPort
-from controller_apps.light.paths import Network
+from controller_apps.light.paths import Direction, Network
 from controller_apps.light.routing import Leg, LightPath, Limits, route, why_not
 from controller_apps.light.taps import CannotTap, tapped
 from controller_apps.light.waypoints import path_over
@@ -239,9 +239,7 @@ class Search(NamedTuple):
         except CannotTap as error:
             return Admission(error.reason, detail=str(error))
 
-    def _no_paths(
-        self, legs: Sequence[Leg], over: frozenset[str] | None, limits: Limits
-    ) -> Admission:
+    def _no_paths(self, legs: list[Leg], over: frozenset[str] | None, limits: Limits) -> Admission:
         """Return why no paths connect the legs: others have the light, or there are none."""
         if over:
             free = limits._replace(blocked=Limits().blocked)
@@ -353,7 +351,11 @@ def _refused(want: Want) -> Admission:
 
 def limits_of(setup: Setup, frequency: int, sessions: Sessions, budget_mdb: int) -> Limits:
     """Return what the light paths of a session at this frequency (MHz) must keep to."""
-    return Limits(lambda way: sessions.blocks(way, setup.session, frequency), frequency, budget_mdb)
+
+    def blocked(direction: Direction) -> bool:
+        return sessions.blocks(direction, setup.session, frequency)
+
+    return Limits(blocked, frequency, budget_mdb)
 
 
 def legs_of(

@@ -133,7 +133,7 @@ def repeaters_of(chain: Chain) -> list[str]:
 def orders(ordered: SwapsOrdered, number: int) -> dict[str, SwapOrder]:
     """Return what each node of a chain is told, by its address; the messages have this number."""
     chain = ordered.chain
-    told = [
+    swap_orders = [
         SwapOrder(
             number,
             ordered.session,
@@ -149,19 +149,19 @@ def orders(ordered: SwapsOrdered, number: int) -> dict[str, SwapOrder]:
         )
     ]
     if ordered.purification.rounds:
-        told = [_purifying(order, ordered, len(chain) - 2) for order in told]
-        return {stop.address: order for stop, order in zip(chain, told, strict=True)}
+        swap_orders = [_purifying(order, ordered, len(chain) - 2) for order in swap_orders]
+        return {stop.address: order for stop, order in zip(chain, swap_orders, strict=True)}
     turns = schedule(ordered.schedule, len(chain) - 2)
     tells = {turn.after_right: place for place, turn in turns.items() if turn.after_right}
     for place, turn in turns.items():
-        told[place] = replace(
-            told[place],
+        swap_orders[place] = replace(
+            swap_orders[place],
             after_left=turn.after_left,
             after_right=turn.after_right,
             tell_left=tells.get(place, 0),
             notices=sum(waiting <= place < teller for teller, waiting in tells.items()),
         )
-    return {stop.address: order for stop, order in zip(chain, told, strict=True)}
+    return {stop.address: order for stop, order in zip(chain, swap_orders, strict=True)}
 
 
 def _purifying(order: SwapOrder, ordered: SwapsOrdered, repeaters: int) -> SwapOrder:
@@ -198,7 +198,7 @@ def ordered_link(
         session = sessions.by_number.get((setup.session - 1 - place) % (1 << 64))
         if session is not None and session.open and place + 1 < len(session.chain):
             ends = left, right = session.chain[place], session.chain[place + 1]
-            wanted = replace(
+            expected = replace(
                 session.requests[session.owner].granted,
                 session=setup.session,
                 service=Service.LINK,
@@ -206,15 +206,15 @@ def ordered_link(
                 fidelity_ppm=0,
             )
             joined = five_tuple.source, five_tuple.destination
-            if joined == (left.address, right.address) and setup == wanted:
+            if joined == (left.address, right.address) and setup == expected:
                 return ends
     return None
 
 
 def links_of(session: Session, sessions: Sessions) -> list[Session]:
     numbers = ((session.number + 1 + place) % (1 << 64) for place in range(len(session.chain) - 1))
-    found = (sessions.by_number.get(number) for number in numbers)
-    return [link for link in found if link and link.setup.service == Service.LINK]
+    links = (sessions.by_number.get(number) for number in numbers)
+    return [link for link in links if link and link.setup.service == Service.LINK]
 
 
 def beside(link: Session, sessions: Sessions) -> list[Session]:

@@ -38,7 +38,10 @@ class Handshakes:
         self._forget(connection)
         opener = connection.source
         if self._of[opener] >= MAX_OF_ONE:
-            self._forget(next(known for known in self._by_connection if known.source == opener))
+            oldest = next(
+                five_tuple for five_tuple in self._by_connection if five_tuple.source == opener
+            )
+            self._forget(oldest)
         elif len(self._by_connection) >= MAX_HANDSHAKES:
             self._forget(next(iter(self._by_connection)))
         acceptor_next = (segment.sequence + 1) & 0xFFFFFFFF

@@ -26,26 +26,26 @@ class Holders:
     _last: dict[Direction, Holder] = field(default_factory=dict)
 
     def gave_back(
-        self, ways: Iterable[Direction], session: int, ends: Ends, frequency_mhz: int
+        self, path: Iterable[Direction], session: int, ends: Ends, frequency_mhz: int
     ) -> None:
         self.order += 1
         holder = Holder(self.order, session, ends, frequency_mhz)
-        self._last.update(dict.fromkeys(ways, holder))
+        self._last.update(dict.fromkeys(path, holder))
 
     def last(
-        self, ways: Iterable[Direction], session: int, frequency_mhz: int, since: int
+        self, path: Iterable[Direction], session: int, frequency_mhz: int, since: int
     ) -> Holder | None:
         """Return which other session gave the last of these back after a moment, if one did.
 
         The opposite direction counts where its light had another frequency: a port has one tuning.
         """
-        found: list[Holder] = []
-        for way in ways:
-            same, opposite = self._last.get(way), self._last.get(way.opposite)
-            found += [same] if same is not None else []
+        holders: list[Holder] = []
+        for direction in path:
+            same, opposite = self._last.get(direction), self._last.get(direction.opposite)
+            holders += [same] if same is not None else []
             if opposite is not None and opposite.frequency_mhz != frequency_mhz:
-                found.append(opposite)
+                holders.append(opposite)
         return max(
-            (each for each in found if each.order > since and each.session != session),
+            (holder for holder in holders if holder.order > since and holder.session != session),
             default=None,
         )

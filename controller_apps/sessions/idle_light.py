@@ -101,32 +101,34 @@ class IdleLight:
         number = self.numbers()
         self.sessions.over[number] = watch.over
         setup = _setup(watch, number, opener)
-        found = self.find(setup, FiveTuple(opener, ANY_PORT, acceptor, METADATA_PORT))
-        if found.reason != Reason.OK or self._is_wanted(found):
+        light = self.find(setup, FiveTuple(opener, ANY_PORT, acceptor, METADATA_PORT))
+        if light.reason != Reason.OK or self._is_wanted(light):
             del self.sessions.over[number]
-            if found.reason in (Reason.OK, Reason.BUSY):
+            if light.reason in (Reason.OK, Reason.BUSY):
                 return []  # it is not idle
-            told = f"{found.reason.name}: {found.detail}" if found.detail else found.reason.name
-            return self._unwatched(watch, told, now)
+            reason = f"{light.reason.name}: {light.detail}" if light.detail else light.reason.name
+            return self._unwatched(watch, reason, now)
         self._why_not.pop(watch, None)
         self._begun[number] = Begun(watch, number, opener, acceptor, now + SEAL_BEGIN_S)
         note = Note("watch", number, detail=str(watch))
         return [note, Order(acceptor, _order(self._begun[number]))]
 
-    def _is_wanted(self, found: Admission) -> bool:
+    def _is_wanted(self, light: Admission) -> bool:
         """Tell whether a session waits for some of this light."""
-        hops = [hop for path in found.paths for hop in path.hops]
-        ways = {way for each in directions(hops) for way in (each, each.opposite)}
-        return any(not ways.isdisjoint(each.obstacles) for each in self.sessions.queue.values())
+        hops = [hop for path in light.paths for hop in path.hops]
+        path = directions(hops)
+        needed = {*path, *(direction.opposite for direction in path)}
+        waiting = self.sessions.queue.values()
+        return any(not needed.isdisjoint(request.obstacles) for request in waiting)
 
     def _unwatched(self, watch: Watch, text: str, now: float) -> list[Action]:
         """Note why a way is not watched, once, if that does not change soon."""
-        known = self._why_not.get(watch)
-        if known is None or known.text != text:
-            known = self._why_not[watch] = WhyNot(text, now)
-        if known.noted or now - known.since < DISCOVERY_S:
+        cause = self._why_not.get(watch)
+        if cause is None or cause.text != text:
+            cause = self._why_not[watch] = WhyNot(text, now)
+        if cause.noted or now - cause.since < DISCOVERY_S:
             return []
-        known.noted = True
+        cause.noted = True
         return [Note("unwatched", 0, detail=f"{watch}: {text}")]
 
     def node_answered(self, number: int, node: str, reason: Reason, now: float) -> list[Action]:

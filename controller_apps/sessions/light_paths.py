@@ -72,17 +72,17 @@ class Light:
     def move(self, session: Session, now: float) -> list[Action] | None:
         """Take the paths of a session that are broken elsewhere; None if there is no way."""
         broken = [path for path in session.paths if not self.network.is_whole(path.hops)]
-        kept = [path for path in session.paths if path not in broken]
-        found = route(
+        whole = [path for path in session.paths if path not in broken]
+        paths_found = route(
             self.network,
             [path.leg for path in broken],
             limits_of(session.setup, session.frequency_mhz, self.sessions, self.budget_mdb),
-            kept,
+            whole,
             [path.rotation for path in broken],
         )
-        if found is None:
+        if paths_found is None:
             return None
-        other = dict(zip(broken, found, strict=True))
+        other = dict(zip(broken, paths_found, strict=True))
         before = session.hops
         paths = tuple(other.get(path, path) for path in session.paths)
         self.sessions.occupy(session, paths, session.light_owner)
@@ -136,7 +136,7 @@ class Light:
         if session.stranded:
             return []
         session.stranded = True
-        broken = "; ".join(each.text for each in on_the_way(self.network, session.hops))
+        broken = "; ".join(obstacle.text for obstacle in on_the_way(self.network, session.hops))
         text = f"{broken}: no other way of the same rotation"
         return [Note("stranded", session.number, detail=text)]
 
@@ -167,26 +167,26 @@ class Light:
 
         Each entry is a session and a hop, None if it is not a path any more.
         """
-        kept: dict[int, set[Hop | None]] = {}
+        hops: dict[int, set[Hop | None]] = {}
         for number, hop in entries:
-            kept.setdefault(number, set()).add(hop)
+            hops.setdefault(number, set()).add(hop)
         lit = [session.number for session in self.sessions.by_number.values() if session.paths]
         actions: list[Action] = []
-        for number in sorted({*kept, *lit}):
-            actions += self._reconcile(dpid, number, kept.get(number, set()))
+        for number in sorted({*hops, *lit}):
+            actions += self._reconcile(dpid, number, hops.get(number, set()))
         return actions
 
-    def _reconcile(self, dpid: int, number: int, kept: set[Hop | None]) -> list[Action]:
+    def _reconcile(self, dpid: int, number: int, hops: set[Hop | None]) -> list[Action]:
         session = self.sessions.by_number.get(number)
-        wanted = [hop for hop in session.hops if hop.dpid == dpid] if session else []
-        if session is None or not wanted:
-            return [ClosePaths(dpid, number)] if kept else []
-        lost = tuple(hop for hop in wanted if hop not in kept)
-        session.confirmed |= len(lost) < len(wanted)
+        expected = [hop for hop in session.hops if hop.dpid == dpid] if session else []
+        if session is None or not expected:
+            return [ClosePaths(dpid, number)] if hops else []
+        lost = tuple(hop for hop in expected if hop not in hops)
+        session.confirmed |= len(lost) < len(expected)
         if not session.confirmed:
             session.missing += lost
             lost = ()
-        stale = tuple(sorted(hop for hop in kept if hop is not None and hop not in wanted))
+        stale = tuple(sorted(hop for hop in hops if hop is not None and hop not in expected))
         if not lost and not stale:
             return []
         return [OpenPaths(dpid, lost, number, next(self._transactions), stale)]

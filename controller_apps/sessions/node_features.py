@@ -50,16 +50,16 @@ def first_want(setup: Setup, hosts: Mapping[Role, str], network: Network) -> Wan
 def want_of_repeater(network: Network, address: str, by: Making = Making.SOURCE) -> Want | None:
     """Return what a host lacks to be a repeater, None if nothing; `by`: who makes its pairs."""
     want = _want(network, address, Role.REPEATER, needs(Service.SWAP, Role.REPEATER, by))
-    known = network.node_features_of(address)
-    if want is None and known is not None and known.memory_qubits < HALVES:
+    features = network.node_features_of(address)
+    if want is None and features is not None and features.memory_qubits < HALVES:
         return Want(address, STORE, Role.REPEATER)
     return want
 
 
 def is_station(network: Network, address: str) -> bool:
     """Tell whether a host is known to herald pairs of others, and to make none itself."""
-    known = network.node_features_of(address)
-    return known is not None and INTERFERE in known.features and EMIT not in known.features
+    features = network.node_features_of(address)
+    return features is not None and INTERFERE in features.features and EMIT not in features.features
 
 
 def block_pairs(
@@ -89,15 +89,15 @@ def _pairs_in_memories(
     service = Service(setup.service)
     keeping = [hosts[role] for role in ENDS if STORE in needs(service, role)]
     taken = [(address, 1) for address in keeping] + [(address, HALVES) for address in repeaters]
-    known = [(network.node_features_of(address), qubits) for address, qubits in taken]
-    return [features.memory_qubits // qubits for features, qubits in known if features]
+    memories = [(network.node_features_of(address), qubits) for address, qubits in taken]
+    return [features.memory_qubits // qubits for features, qubits in memories if features]
 
 
 def _want(network: Network, address: str, role: Role, needed: Feature) -> Want | None:
-    known = network.node_features_of(address)
-    if known is None:
+    features = network.node_features_of(address)
+    if features is None:
         return None
-    missing = _missing(needed, known.features)
+    missing = _missing(needed, features.features)
     return None if missing is None else Want(address, missing, role)
 
 

@@ -39,17 +39,17 @@ class Recovery:
 
     def resume(self, session: Session, now: float) -> None:
         """Take a session over; raise MalformedPacket if it cannot be beside the others."""
-        sessions, ways = self.sessions, directions(session.hops)
-        taken = set(ways) & sessions.occupied.keys()
-        known = session.number in sessions.by_number
-        known = known or bool(session.requests.keys() & sessions.requests.keys())
-        if known or taken or len(set(ways)) < len(ways):
+        sessions, path = self.sessions, directions(session.hops)
+        taken = set(path) & sessions.occupied.keys()
+        exists = session.number in sessions.by_number
+        exists = exists or bool(session.requests.keys() & sessions.requests.keys())
+        if exists or taken or len(set(path)) < len(path):
             raise MalformedPacket(f"session {session.number:016x} is in the way of another")
         session.saved, session.resumed, session.confirmed = True, now, False
         session.lost_since = now if session.paths else None
         sessions.by_number[session.number] = session
         sessions.requests.update(session.requests)
-        sessions.occupied.update(dict.fromkeys(ways, session.number))
+        sessions.occupied.update(dict.fromkeys(path, session.number))
 
     def is_premature(self, reason: Reason, now: float) -> bool:
         """Tell whether a refusal may only come of what is still to be discovered again."""

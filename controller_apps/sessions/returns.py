@@ -20,7 +20,7 @@ from wire.services import RETURNS
 
 def returned_on(setup: Setup, five_tuple: FiveTuple, sessions: Sessions) -> Session | None:
     """Return the session whose light a return would use, None if there is none."""
-    found = (
+    candidates = (
         session
         for session in sessions.by_number.values()
         if session.open
@@ -32,7 +32,7 @@ def returned_on(setup: Setup, five_tuple: FiveTuple, sessions: Sessions) -> Sess
         and session.owner.source == five_tuple.destination
         and session.owner.destination == five_tuple.source
     )
-    return next(found, None)
+    return next(candidates, None)
 
 
 def returns_of(session: Session, sessions: Sessions) -> list[Session]:

@@ -215,7 +215,11 @@ class Session:
     @property
     def doubted(self) -> bool:
         """Whether it may be over: a switch has yet to count what its connection has carried."""
-        owners = (self.requests.get(each) for each in (self.owner, self.light_owner) if each)
+        owners = (
+            self.requests.get(connection)
+            for connection in (self.owner, self.light_owner)
+            if connection
+        )
         return any(request is not None and request.doubted is not None for request in owners)
 
 
@@ -254,7 +258,7 @@ class Sessions:
             return True
         if len(self.requests) < self.max_of_one:
             return False
-        return sum(known.source == opener for known in self.requests) >= self.max_of_one
+        return sum(connection.source == opener for connection in self.requests) >= self.max_of_one
 
     def no_place(self, opener: str) -> str:
         """Return why another session of an opener, by its address, has no place; "" if it has."""
@@ -308,27 +312,27 @@ class Sessions:
         self.occupied.update(dict.fromkeys(directions(session.hops), session.number))
 
     def vacate(self, session: Session) -> None:
-        ways = directions(session.hops)
-        for direction in ways:
+        path = directions(session.hops)
+        for direction in path:
             del self.occupied[direction]
             self.freed |= {direction, direction.opposite}  # which it may have tuned otherwise
-        if ways:
-            self.holders.gave_back(ways, session.number, session.ends, session.frequency_mhz)
+        if path:
+            self.holders.gave_back(path, session.number, session.ends, session.frequency_mhz)
         session.paths, session.light_owner = (), None
         session.stranded, session.lost_since, session.missing = False, None, ()
 
-    def blocks(self, way: Direction, session: int, frequency_mhz: int) -> bool:
+    def blocks(self, direction: Direction, session: int, frequency_mhz: int) -> bool:
         """Tell whether others keep a session's light of this frequency out of a port.
 
         Nobody shares a direction, and both directions of a port have one tuning.
         """
         occupied = self.occupied
-        found = occupied.get(way, session) != session
-        if not found and (other := occupied.get(way.opposite, session)) != session:
-            found = self.by_number[other].frequency_mhz != frequency_mhz
-        if found:
-            self.obstacles.add(way)
-        return found
+        blocked = occupied.get(direction, session) != session
+        if not blocked and (other := occupied.get(direction.opposite, session)) != session:
+            blocked = self.by_number[other].frequency_mhz != frequency_mhz
+        if blocked:
+            self.obstacles.add(direction)
+        return blocked
 
     def retire(self, request: Request, now: float) -> None:
         """Keep a request that is over, and forget the oldest of such if there are many."""

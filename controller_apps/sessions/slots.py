@@ -56,32 +56,34 @@ class Slots:
         """
         self._forget_those_over()
         slot = self.number(now) + 1
-        found = Admission(Reason.TOO_LATE)
+        admission = Admission(Reason.TOO_LATE)
         while slot * self.slot_s <= until:
             taken = self._taken.get(slot, {})
-            found = find(request, replace(self.sessions, occupied=taken, obstacles=set()))
-            if found.paths:
-                reserved = Reserved(slot, found.paths, found.block_pairs, found.wavelength_pm)
-                hops = (hop for path in found.paths for hop in path.hops)
+            admission = find(request, replace(self.sessions, occupied=taken, obstacles=set()))
+            if admission.paths:
+                reserved = Reserved(
+                    slot, admission.paths, admission.block_pairs, admission.wavelength_pm
+                )
+                hops = (hop for path in admission.paths for hop in path.hops)
                 number = request.setup.session
                 self._taken.setdefault(slot, {}).update(dict.fromkeys(directions(hops), number))
                 self.reserved[request.five_tuple] = reserved
-                return found
-            if not found.waits_for_light:
-                return found
-            found, slot = Admission(Reason.TOO_LATE), slot + 1
-        return found
+                return admission
+            if not admission.waits_for_light:
+                return admission
+            admission, slot = Admission(Reason.TOO_LATE), slot + 1
+        return admission
 
     def due(self, now: float) -> list[tuple[Request, Reserved]]:
         """Return the requests whose slot has begun; they are given light, or refused."""
         self._forget_those_over()
         number = self.number(now)
         begun = [key for key, reserved in self.reserved.items() if reserved.slot <= number]
-        found = [(self.sessions.requests[key], self.reserved.pop(key)) for key in begun]
-        self._given.update((request.setup.session, each.slot) for request, each in found)
+        pairs = [(self.sessions.requests[key], self.reserved.pop(key)) for key in begun]
+        self._given.update((request.setup.session, reserved.slot) for request, reserved in pairs)
         for slot in [slot for slot in self._taken if slot < number]:
             del self._taken[slot]
-        return found
+        return pairs
 
     def over(self, now: float) -> list[Session]:
         number = self.number(now)

@@ -53,10 +53,10 @@ def encode_session(session: Session) -> bytes:
 
     Light that comes with each pair is not kept: the next pair asks for it again.
     """
-    kept = list(islice(filter(_is_kept, session.requests.values()), MAX_KEPT_REQUESTS))
+    requests = list(islice(filter(_is_kept, session.requests.values()), MAX_KEPT_REQUESTS))
     paths = session.paths if session.light_owner == session.owner else ()
-    data = SESSION.pack(session.seen, len(kept), len(paths))
-    for request in kept:
+    data = SESSION.pack(session.seen, len(requests), len(paths))
+    for request in requests:
         source, port, destination, _ = request.five_tuple
         data += REQUEST.pack(
             IPv4Address(source).packed,
@@ -138,8 +138,8 @@ def _path(reader: "_Reader") -> LightPath:
 
 def _stop(reader: "_Reader") -> Stop:
     address, left, right, station = reader.take(NODE)
-    told = str(IPv4Address(station))
-    return Stop(str(IPv4Address(address)), left, right, "" if told == NOBODY else told)
+    herald = str(IPv4Address(station))
+    return Stop(str(IPv4Address(address)), left, right, "" if herald == NOBODY else herald)
 
 
 def _packed(address: str) -> bytes:
@@ -149,8 +149,8 @@ def _packed(address: str) -> bytes:
 def _check_owner(session: Session) -> None:
     setup = session.setup
     lit = setup.handshake == Handshake.FRAMED and bool(LIGHT.get(Service(setup.service)))
-    known = setup.handshake in (Handshake.FRAMED, Handshake.PER_PAIR)
-    if setup.service not in LIGHT or not known or lit != bool(session.paths):
+    is_owner = setup.handshake in (Handshake.FRAMED, Handshake.PER_PAIR)
+    if setup.service not in LIGHT or not is_owner or lit != bool(session.paths):
         raise MalformedPacket(f"{len(session.paths)} paths for a session opened by {setup}")
     try:
         _ = session.frequency_mhz
@@ -181,8 +181,8 @@ def encode_hosts(hosts: Mapping[SwitchPort, HostPort]) -> bytes:
     for at, host in hosts.items():
         names = host.host.encode(), host.name.encode()
         address = IPv4Address(host.address).packed
-        told = host.node_features.encode() if host.node_features else b""
-        texts = *names, told
+        features = host.node_features.encode() if host.node_features else b""
+        texts = *names, features
         data += HOST.pack(*at, address, *map(len, texts)) + b"".join(texts)
     return data
 
@@ -192,10 +192,10 @@ def decode_hosts(data: bytes) -> dict[SwitchPort, HostPort]:
     reader = _Reader(data)
     hosts: dict[SwitchPort, HostPort] = {}
     while reader.left and len(hosts) < MAX_PORTS:
-        dpid, port, address, host_length, name_length, told_length = reader.take(HOST)
+        dpid, port, address, host_length, name_length, features_length = reader.take(HOST)
         host, name = reader.text(host_length), reader.text(name_length)
-        told = NodeFeatures.decode(reader.raw(told_length)) if told_length else None
-        hosts[SwitchPort(dpid, port)] = HostPort(host, str(IPv4Address(address)), name, told)
+        features = NodeFeatures.decode(reader.raw(features_length)) if features_length else None
+        hosts[SwitchPort(dpid, port)] = HostPort(host, str(IPv4Address(address)), name, features)
     reader.end()
     return hosts
 

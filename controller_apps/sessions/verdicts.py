@@ -31,8 +31,8 @@ class Verdicts:
         session.open = True
         answer = self.answer(request, Verdict.GRANTED, Refusal(Reason.OK))
         # Kept first: a session that hosts know must outlive this controller.
-        kept = [keep(session)] if request.lasts else []
-        return [*kept, *notes, Note("granted", session.number, asked=request), *answer]
+        copy = [keep(session)] if request.lasts else []
+        return [*copy, *notes, Note("granted", session.number, asked=request), *answer]
 
     def refuse(self, request: Request, why: Refusal, now: float) -> list[Action]:
         """Release a request with a refusal; undo its effects."""
@@ -88,8 +88,8 @@ class Verdicts:
         if session.light_owner == request.five_tuple:
             actions += self.light.close(session)
         self.sessions.retire(request, now)
-        kept = [keep(session)] if session.saved and request.lasts else []
-        return [*kept, *actions]
+        copy = [keep(session)] if session.saved and request.lasts else []
+        return [*copy, *actions]
 
     def tear_down(self, session: Session, cause: str, now: float) -> list[Action]:
         return [*self._end(session, now), Note("torn_down", session.number, detail=cause)]

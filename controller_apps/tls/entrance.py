@@ -89,8 +89,8 @@ class Entrance:
 
     async def _welcome(self, reader: StreamReader, writer: StreamWriter) -> None:
         names = certified_names(writer.get_extra_info("peercert"))
-        known = self._config.datapath_ids
-        messages = SwitchMessages({known[name] for name in names & known.keys()})
+        datapath_ids = self._config.datapath_ids
+        messages = SwitchMessages({datapath_ids[name] for name in names & datapath_ids.keys()})
         host, _, port = self._config.controller.rpartition(":")
         with contextlib.closing(writer):
             try:

@@ -156,30 +156,30 @@ class ScpiSwitch:
         )
         raise self._fault
 
-    def _connections(self, wanted: Iterable[CrossConnect]) -> dict[int, int]:
+    def _connections(self, cross_connects: Iterable[CrossConnect]) -> dict[int, int]:
         """Return ingress to egress; refuse ports that are unknown or asked for twice."""
         connections: dict[int, int] = {}
-        for in_port, out_port, _circuit in sorted(wanted):
+        for in_port, out_port, _circuit in sorted(cross_connects):
             for port in (in_port, out_port):
                 if port not in self._ports:
-                    known = ", ".join(map(str, sorted(self._ports)))
-                    raise HardwareRefusal(f"port {port} is not at the instrument, but {known} are")
+                    ports = ", ".join(map(str, sorted(self._ports)))
+                    raise HardwareRefusal(f"port {port} is not at the instrument, but {ports} are")
             ingress, egress = self._ports[in_port].ingress, self._ports[out_port].egress
             if ingress in connections or egress in connections.values():
                 raise HardwareRefusal(f"{in_port} -> {out_port}: one of the ports is used twice")
             connections[ingress] = egress
         return connections
 
-    async def _change(self, wanted: dict[int, int]) -> None:
+    async def _change(self, connections: dict[int, int]) -> None:
         before = await self._ours()
         try:
-            await self._replace(before, wanted)
+            await self._replace(before, connections)
         except HardwareRefusal:
             await self._restore(before)
             raise
-        if (found := await self._ours()) != wanted:
-            raise GarbledReply(f"connections that were made ({wanted})", str(found))
-        self._made = wanted
+        if (actual := await self._ours()) != connections:
+            raise GarbledReply(f"connections that were made ({connections})", str(actual))
+        self._made = connections
 
     async def _restore(self, before: dict[int, int]) -> None:
         """Go back to what was; what the instrument refuses, too, is a fault."""

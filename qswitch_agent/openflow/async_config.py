@@ -19,8 +19,8 @@ DEFAULT = {SLAVE: 0, MASTER: ALL_REASONS}  # of a connection that has set nothin
 
 
 def removal_masks(message: bytes) -> dict[int, int]:
-    found = (REASONS.unpack(part) for part in _parts(message) if _is_removal(part))
-    return {kind: mask for kind, _length, mask in found}
+    masks = (REASONS.unpack(part) for part in _parts(message) if _is_removal(part))
+    return {kind: mask for kind, _length, mask in masks}
 
 
 def with_deletions(message: bytes) -> bytes:

@@ -33,14 +33,14 @@ def described(message: bytes, identity: Identity) -> bytes:
     """Return a reply to OFPMP_DESC that describes the quantum switch."""
     _maker, _hardware, software, serial, _name = DESCRIPTION.unpack_from(message, multipart.BODY)
     bridge = software.partition(b"\0")[0].decode("ascii", "replace")
-    told = (
+    texts = (
         b"qmn",
         f"optical cross-connect, {identity.fibers} fibre ports".encode(),
         f"qmn agent on Open vSwitch {bridge}".encode(),
         serial,
         identity.name.encode(),
     )
-    return multipart.rebuilt(message, [DESCRIPTION.pack(*told)])
+    return multipart.rebuilt(message, [DESCRIPTION.pack(*texts)])
 
 
 @strict
@@ -51,8 +51,8 @@ def features(message: bytes, optical_alone: bool) -> bytes:
     )
     if optical_alone:
         tables, capabilities = 1, capabilities & ~PACKETS_ALONE
-    told = FEATURES.pack(datapath, buffers, tables, auxiliary, capabilities, reserved)
-    return with_body(message, told)
+    body = FEATURES.pack(datapath, buffers, tables, auxiliary, capabilities, reserved)
+    return with_body(message, body)
 
 
 def table_features(xid: int) -> bytes:

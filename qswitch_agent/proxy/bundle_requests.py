@@ -44,7 +44,7 @@ class BundleRequests:
             )
         member = Member(inner, message)
         try:
-            told = self._judge_member(bundle, member)
+            answers = self._judge_member(bundle, member)
         except Refusal as refusal:
             await self._refuse(inner, refusal)
             return
@@ -52,8 +52,8 @@ class BundleRequests:
             await self._refuse(inner, refusals.of_malformed(error))
             return
         self._link.bundles.add(bundle, member)
-        if member.sent and told:
-            self._link.to_bridge(packets.with_member(message, told))
+        if member.sent and answers:
+            self._link.to_bridge(packets.with_member(message, answers))
 
     def _judge_member(self, bundle: Bundle, member: Member) -> bytes:
         """Return what the bridge is told in place of a message in a bundle."""
@@ -61,9 +61,9 @@ class BundleRequests:
         kind = require_supported(member.message)
         if kind == ofp.OFPT_PORT_MOD:
             port, tunings = checked_port_mod(member.message, self._switch)
-            told = self._without_tuning(port, transaction_id(member.message))
+            message = self._without_tuning(port, transaction_id(member.message))
             bundle.tunings += tunings
-            return told
+            return message
         if kind == ofp.OFPT_GROUP_MOD:
             require_no_light(member.message, self._switch)
             return member.message
@@ -108,33 +108,33 @@ class BundleRequests:
             self._link.change(message)
             return
         async with self._switch.trial(self._link) as trial:
-            told = await self._told(number, message, bundle, trial)
-            if told is not None:
+            changes = await self._told(number, message, bundle, trial)
+            if changes is not None:
                 self._link.bundles.committing[transaction_id(message)] = bundle.tunings
-                self._link.change(message, told=self._switch.seen_when_done(told))
+                self._link.change(message, told=self._switch.seen_when_done(changes))
 
     async def _told(
         self, number: int, commit: bytes, bundle: Bundle, trial: FlowTable
     ) -> list[FlowMod] | None:
         """Return what the bridge is told by a bundle; refuse it if it cannot be committed."""
-        member, asked = None, list[tuple[Member, FlowMod]]()
+        member, changes = None, list[tuple[Member, FlowMod]]()
         try:
             for member in bundle.members:
-                told = trial.change(member.mod) if member.mod else []
-                asked += [(member, mod) for mod in told]
-                if not member.sent and not await self._send_late(member, told):
+                mods = trial.change(member.mod) if member.mod else []
+                changes += [(member, mod) for mod in mods]
+                if not member.sent and not await self._send_late(member, mods):
                     await self._fail(number, commit)
                     return None
-            for path, reason in self._switch.impossible(trial, [mod for _, mod in asked]).items():
-                blamed = [one for one, mod in asked if path.circuit in circuits([mod])]
+            for path, reason in self._switch.impossible(trial, [mod for _, mod in changes]).items():
+                blamed = [one for one, mod in changes if path.circuit in circuits([mod])]
                 member = blamed[-1] if blamed else bundle.last_light
                 raise impossible_path(reason)
         except Refusal as refusal:
             await self._fail(number, commit, member, refusal)
             return None
-        for member, mod in asked:
+        for member, mod in changes:
             self._switch.promise(mod, self._link, member.message)
-        return [mod for _, mod in asked]
+        return [mod for _, mod in changes]
 
     async def _send_late(self, member: Member, told: list[FlowMod]) -> bool:
         """Put a member into the bridge's bundle after all; tell whether the bridge takes it."""

@@ -49,8 +49,8 @@ def marked(mod: FlowMod, switch: Switch, link: Link) -> FlowMod:
         before and concerns(deletion, before) for deletion in link.deletions
     ):
         before = None
-    known = before.mark.circuit if before and before.mark else 0
-    return mod.marked(Mark(mod.idle_timeout_s, known or switch.new_circuit()))
+    circuit = before.mark.circuit if before and before.mark else 0
+    return mod.marked(Mark(mod.idle_timeout_s, circuit or switch.new_circuit()))
 
 
 def checked_port_mod(message: bytes, switch: Switch) -> tuple[PortMod, Tunings]:

@@ -156,7 +156,7 @@ class Link:
         if self._unknown > self._reported:
             return False
         made = [change.told for change in self._unreported if change.number <= self.confirmed]
-        return bool(made) and all(table.shows(mod) for told in made for mod in told)
+        return bool(made) and all(table.shows(mod) for mods in made for mod in mods)
 
     def change(
         self, *requests: bytes, told: tuple[FlowMod, ...] | None = None, certain: bool = False

@@ -184,7 +184,7 @@ class Proxy(Server):
         self, bridge: StreamReader
     ) -> tuple[bytes, StreamReader, StreamWriter] | None:
         """Return what the bridge has said meanwhile, and the connection; None if it left."""
-        said = b""
+        greeting = b""
         dial = asyncio.create_task(self._dial())
         try:
             while not dial.done():
@@ -195,10 +195,10 @@ class Proxy(Server):
                     reading.cancel()
                     await asyncio.wait({reading})
                 if not reading.cancelled() and reading.exception() is None:
-                    said += reading.result()
+                    greeting += reading.result()
                 if not dial.done() and (bridge.at_eof() or bridge.exception()):
                     return None
-            return said, *dial.result()
+            return greeting, *dial.result()
         except asyncio.CancelledError:
             if dial.done():
                 dial.result()[1].close()

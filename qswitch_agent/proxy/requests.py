@@ -91,12 +91,12 @@ class Requests:
             self._link.change(message)
             return
         async with self._switch.trial(self._link) as trial:
-            told = trial.change(mod)
-            self._switch.require_possible(trial, told)
-            for one in told:
+            mods = trial.change(mod)
+            self._switch.require_possible(trial, mods)
+            for one in mods:
                 self._switch.promise(one, self._link, message)
             self._link.change(
-                *(one.encode(xid) for one in told), told=self._switch.seen_when_done(told)
+                *(one.encode(xid) for one in mods), told=self._switch.seen_when_done(mods)
             )
 
     async def _port_mod(self, message: bytes) -> None:
@@ -160,9 +160,9 @@ class Requests:
         await self._link.accepted(message)
 
     async def _set_async(self, message: bytes) -> None:
-        wanted = async_config.removal_masks(message)
+        masks = async_config.removal_masks(message)
         if await self._link.accepted(async_config.with_deletions(message)):
-            self._link.removals.update(wanted)
+            self._link.removals.update(masks)
 
     async def _experimenter(self, message: bytes) -> None:
         experimenter, kind = _experiment(message)

@@ -25,7 +25,7 @@ def path_of(prefix: Any, path: Any) -> Path:
         raise Unusable("the path is in `element`, of gNMI before 0.4: use `elem`")
     if len(elements) > MAX_ELEMENTS:
         raise Unusable(f"a path of {len(elements)} elements: at most {MAX_ELEMENTS}")
-    return tuple(Element(each.name, tuple(sorted(each.key.items()))) for each in elements)
+    return tuple(Element(element.name, tuple(sorted(element.key.items()))) for element in elements)
 
 
 def require_encoding(encoding: int) -> None:

@@ -45,9 +45,9 @@ class Followed:
     def news(self, leaves: list[Leaf]) -> tuple[list[Leaf], list[Path]]:
         now = {leaf.path: leaf.value for leaf in found(leaves, self.path)}
         gone = [path for path in self.told if path not in now]
-        told, self.told = self.told, now
+        before, self.told = self.told, now
         if self.changes_only:
-            now = {path: value for path, value in now.items() if told.get(path) != value}
+            now = {path: value for path, value in now.items() if before.get(path) != value}
         return [Leaf(path, value) for path, value in now.items()], gone
 
 
@@ -76,10 +76,10 @@ class Telemetry(gNMIServicer):  # type: ignore[misc]
         except HardwareFault as fault:
             await context.abort(grpc.StatusCode.UNAVAILABLE, str(fault))
         of_state = request.type != gnmi.GetRequest.CONFIG
-        for asked, path in zip(request.path or [gnmi.Path()], paths, strict=True):
+        for requested, path in zip(request.path or [gnmi.Path()], paths, strict=True):
             here = found(leaves, path)
             if not here:
-                text = f"there is nothing at {'/'.join(each.name for each in asked.elem)}"
+                text = f"there is nothing at {'/'.join(element.name for element in requested.elem)}"
                 await context.abort(grpc.StatusCode.NOT_FOUND, text)
             told = here if of_state else []
             notifications.append(notification(time.time_ns(), told, request.encoding))
@@ -111,27 +111,29 @@ class Telemetry(gNMIServicer):  # type: ignore[misc]
         first = await anext(requests, None)
         if first is None or not first.HasField("subscribe"):
             raise Unusable("a subscription begins with `subscribe`")
-        wanted = first.subscribe
-        require_encoding(wanted.encoding)
-        followed = self._followed(wanted)
-        if wanted.mode == gnmi.SubscriptionList.POLL:
+        subscriptions = first.subscribe
+        require_encoding(subscriptions.encoding)
+        followed = self._followed(subscriptions)
+        if subscriptions.mode == gnmi.SubscriptionList.POLL:
             async for request in requests:
                 if not request.HasField("poll"):
                     raise Unusable("after `subscribe` a subscription by polls has polls alone")
-                async for response in self._all(followed, wanted):
+                async for response in self._all(followed, subscriptions):
                     yield response
             return
-        async for response in self._all(followed, wanted):
+        async for response in self._all(followed, subscriptions):
             yield response
-        while wanted.mode == gnmi.SubscriptionList.STREAM:
-            await asyncio.sleep(min(each.due_s for each in followed) - time.monotonic())
-            for response in await self._due(followed, wanted.encoding):
+        while subscriptions.mode == gnmi.SubscriptionList.STREAM:
+            await asyncio.sleep(
+                min(subscription.due_s for subscription in followed) - time.monotonic()
+            )
+            for response in await self._due(followed, subscriptions.encoding):
                 yield response
 
-    async def _all(self, followed: list[Followed], wanted: Any) -> AsyncIterator[Any]:
+    async def _all(self, followed: list[Followed], subscriptions: Any) -> AsyncIterator[Any]:
         """Tell all that there is, and that this was all."""
-        for response in await self._due(followed, wanted.encoding, everything=True):
-            if not wanted.updates_only:
+        for response in await self._due(followed, subscriptions.encoding, everything=True):
+            if not subscriptions.updates_only:
                 yield response
         yield gnmi.SubscribeResponse(sync_response=True)
 
@@ -141,30 +143,30 @@ class Telemetry(gNMIServicer):  # type: ignore[misc]
         """Return what is to be told of what it is time for."""
         leaves, now_s = await self._observe(), time.monotonic()
         responses = []
-        for each in followed:
+        for subscription in followed:
             if everything:
-                each.told.clear()
-            elif each.due_s > now_s:
+                subscription.told.clear()
+            elif subscription.due_s > now_s:
                 continue
-            each.due_s = now_s + each.period_s
-            news, gone = each.news(leaves)
+            subscription.due_s = now_s + subscription.period_s
+            news, gone = subscription.news(leaves)
             if news or gone:
                 update = notification(time.time_ns(), news, encoding, gone)
                 responses.append(gnmi.SubscribeResponse(update=update))
         return responses
 
-    def _followed(self, wanted: Any) -> list[Followed]:
-        asked = wanted.subscription
-        paths = self._paths(wanted.prefix, [each.path for each in asked])
-        if not asked:
+    def _followed(self, subscriptions: Any) -> list[Followed]:
+        requested = subscriptions.subscription
+        paths = self._paths(subscriptions.prefix, [subscription.path for subscription in requested])
+        if not requested:
             raise Unusable("a subscription without paths: name one")
         return [
             Followed(
                 path,
-                _period_s(each),
-                each.mode != gnmi.SAMPLE or each.suppress_redundant,
+                _period_s(subscription),
+                subscription.mode != gnmi.SAMPLE or subscription.suppress_redundant,
             )
-            for path, each in zip(paths, asked, strict=True)
+            for path, subscription in zip(paths, requested, strict=True)
         ]
 
     @staticmethod

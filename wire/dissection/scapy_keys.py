@@ -52,15 +52,15 @@ def key_messages(packets: Iterable[Packet], sender: str) -> list[QKey]:
 
     Raise MalformedPacket for what cannot be that. What is behind a gap is left out.
     """
-    said: defaultdict[int, bytes] = defaultdict(bytes)  # by session
+    data: defaultdict[int, bytes] = defaultdict(bytes)  # by session
     for stream in _streams(packets, sender):
         left = stream
         while (length := message_length(left)) is not None and length <= len(left):
             message = decode(left[:length])
             if isinstance(message, Envelope) and message.topic == Topic.KEYS:
-                said[message.session] += message.content
+                data[message.session] += message.content
             left = left[length:]
-    return [message for stream in said.values() for message in split(stream)]
+    return [message for stream in data.values() for message in split(stream)]
 
 
 def _streams(packets: Iterable[Packet], sender: str) -> Iterator[bytes]:

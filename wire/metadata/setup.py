@@ -93,18 +93,18 @@ class Setup(Message):
 def _words(padded: object) -> str:
     """Return the words of a field of fixed size."""
     assert isinstance(padded, bytes)
-    words = padded.rstrip(b"\0")
-    if not words.isascii() or not words.decode("ascii").isprintable():
-        raise MalformedPacket(f"obstacle {words!r} is not printable ASCII")
-    return words.decode("ascii")
+    text = padded.rstrip(b"\0")
+    if not text.isascii() or not text.decode("ascii").isprintable():
+        raise MalformedPacket(f"obstacle {text!r} is not printable ASCII")
+    return text.decode("ascii")
 
 
 SETUP_LENGTH = HEADER.size + Setup.FIELDS.size
 
 
 def refused(setup: bytes, reason: Reason) -> bytes:
-    *asked, _verdict, _rotation, _reason, seal = Setup.FIELDS.unpack(setup[HEADER.size :])
-    answer = Setup.FIELDS.pack(*asked, Verdict.REFUSED, Pauli.I, reason, seal)
+    *request, _verdict, _rotation, _reason, seal = Setup.FIELDS.unpack(setup[HEADER.size :])
+    answer = Setup.FIELDS.pack(*request, Verdict.REFUSED, Pauli.I, reason, seal)
     return setup[: HEADER.size] + answer
 
 

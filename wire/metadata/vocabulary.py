@@ -35,8 +35,8 @@ def service_of(number: int) -> Service:
     try:
         return Service(number)
     except ValueError as error:
-        known = ", ".join(f"{service.value} ({service.name})" for service in Service)
-        raise UnknownService(f"unknown service {number}: choose one of {known}") from error
+        services = ", ".join(f"{service.value} ({service.name})" for service in Service)
+        raise UnknownService(f"unknown service {number}: choose one of {services}") from error
 
 
 class MemoryState(IntEnum):

@@ -151,7 +151,7 @@ def _array(data: bytes) -> ReturnedArray:
     entries = data[ARRAY.size :]
     if not 0 <= length <= MAX_ENTRIES or len(entries) != length * ENTRY.size:
         raise MalformedPacket(f"an array of {length} entries in {len(entries)} bytes")
-    return ReturnedArray(address, [_entry(*each) for each in ENTRY.iter_unpack(entries)])
+    return ReturnedArray(address, [_entry(*entry) for entry in ENTRY.iter_unpack(entries)])
 
 
 def _entry(defined: int, value: int) -> int | None:

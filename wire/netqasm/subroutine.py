@@ -84,11 +84,11 @@ class Instruction(NamedTuple):
     def __str__(self) -> str:
         """Return it as in NetQASM's text, with addresses of arrays as plain numbers."""
         kinds = KINDS[self.name]
-        told = (
+        texts = (
             register_name(operand) if kind == "r" else str(operand)
             for kind, operand in zip(kinds, self.operands, strict=True)
         )
-        return " ".join((self.name, *told))
+        return " ".join((self.name, *texts))
 
 
 KINDS = dict(INSTRUCTIONS.values())

@@ -83,8 +83,8 @@ def check_number(
     kinds = int if whole else (int, float)
     if isinstance(value, bool) or not isinstance(value, kinds) or not least <= value <= most:
         meaning = meaning or ("a whole number" if whole else "")
-        words = f" ({meaning})" if meaning else ""
-        raise refusal(f"{what} {value!r}: choose {range_words(least, most)}{words}")
+        text = f" ({meaning})" if meaning else ""
+        raise refusal(f"{what} {value!r}: choose {range_words(least, most)}{text}")
 
 
 def number(

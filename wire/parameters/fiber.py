@@ -128,8 +128,8 @@ class FiberOptics:
         """Raise BadParameter for what no fibre is like."""
         check(where, self)
         if self.pauli_x + self.pauli_y + self.pauli_z > 1 + SUM_TOLERANCE:
-            told = f"pauli_x {self.pauli_x!r}, pauli_y {self.pauli_y!r}, pauli_z {self.pauli_z!r}"
-            raise BadParameter(f"{where}: {told} are together more than 1")
+            values = f"pauli_x {self.pauli_x!r}, pauli_y {self.pauli_y!r}, pauli_z {self.pauli_z!r}"
+            raise BadParameter(f"{where}: {values} are together more than 1")
         self._check_channels(where)
         if not isinstance(self.noise, str) or not isinstance(self.noise_parameters, dict):
             raise BadParameter(
@@ -186,8 +186,8 @@ def optics(where: str, **given: Any) -> FiberOptics:
 
     Raise BadParameter for a name, a kind or a value that cannot be.
     """
-    known = [each.name for each in fields(FiberOptics)]
-    check_names(where, given, known, BadParameter)
+    names = [item.name for item in fields(FiberOptics)]
+    check_names(where, given, names, BadParameter)
     kind = given.get("kind", "ideal")
     result = FiberOptics(**{**KINDS.get(kind, {}), **given})
     result.check(where)

@@ -140,4 +140,4 @@ class NetworkSettings(ControllerSettings, CopperSettings, DispatcherSettings, Se
 
 
 def part(kind: type[Any], settings: NetworkSettings) -> dict[str, Any]:
-    return {each.name: getattr(settings, each.name) for each in fields(kind)}
+    return {item.name: getattr(settings, item.name) for item in fields(kind)}

@@ -33,12 +33,12 @@ def option(default: Any, help: str, **words: Any) -> Any:  # noqa: A002 (argpars
 
 def check_options(options: Any, refusal: Refusal = ValueError) -> None:
     """Refuse a field of a dataclass that is outside its range or its choices."""
-    for each in fields(options):
-        value, words = getattr(options, each.name), each.metadata
-        if value is None and each.default is None:
+    for item in fields(options):
+        value, metadata = getattr(options, item.name), item.metadata
+        if value is None and item.default is None:
             continue
-        if "choices" in words:
-            check_choice(each.name, value, words["choices"], refusal)
-        if "range" in words:
-            least, most = words["range"]
-            check_number(each.name, value, least, most, refusal)
+        if "choices" in metadata:
+            check_choice(item.name, value, metadata["choices"], refusal)
+        if "range" in metadata:
+            least, most = metadata["range"]
+            check_number(item.name, value, least, most, refusal)

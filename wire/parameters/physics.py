@@ -51,16 +51,16 @@ def choice(default: str, *others: str) -> Any:
 def check(where: str, parameters: Any) -> None:
     """Raise BadParameter for a field out of its range; one whose default is None may be None."""
     _check_noise(where, parameters)
-    for each in fields(parameters):
-        value = getattr(parameters, each.name)
-        if value is None and each.default is None:
+    for item in fields(parameters):
+        value = getattr(parameters, item.name)
+        if value is None and item.default is None:
             continue
-        what, said = f"{where}: {each.name}", each.metadata
-        if "choices" in said:
-            check_choice(what, value, said["choices"], BadParameter)
-        if "range" in said:
-            least, most = said["range"]
-            check_number(what, value, least, most, BadParameter, said["meaning"])
+        what, metadata = f"{where}: {item.name}", item.metadata
+        if "choices" in metadata:
+            check_choice(what, value, metadata["choices"], BadParameter)
+        if "range" in metadata:
+            least, most = metadata["range"]
+            check_number(what, value, least, most, BadParameter, metadata["meaning"])
 
 
 def _check_noise(where: str, parameters: Any) -> None:
@@ -383,7 +383,7 @@ class Device:
     @property
     def noises(self) -> dict[str, tuple[str, dict[str, Any]]]:
         """Return the noise models of one's own by the parts that have them, with their keywords."""
-        parts = {each.name: getattr(self, each.name) for each in fields(self)}
+        parts = {item.name: getattr(self, item.name) for item in fields(self)}
         named = {name: getattr(part, "noise", "") for name, part in parts.items()}
         return {
             name: (noise, parts[name].noise_parameters) for name, noise in named.items() if noise
@@ -412,8 +412,8 @@ class Device:
         check_names("a device", given, [part.name for part in fields(cls)], BadParameter)
         for part in fields(cls):
             kind: Any = part.default
-            known = [each.name for each in fields(kind)]
-            check_names(f"a device's {part.name}", given.get(part.name, {}), known, BadParameter)
+            names = [item.name for item in fields(kind)]
+            check_names(f"a device's {part.name}", given.get(part.name, {}), names, BadParameter)
         source = dict(given.get("source", {}))
         if source.get("decoys") is not None:
             source["decoys"] = tuple(source["decoys"])

@@ -76,10 +76,10 @@ class QuantumSwitch:
         for path in self.paths:
             for port in (path.in_port, path.out_port):
                 if port not in ports:
-                    known = ", ".join(map(str, sorted(ports))) or "none"
+                    names = ", ".join(map(str, sorted(ports))) or "none"
                     raise BadParameter(
                         f"{self._where(path)}: no fibre ends in port {port!r}; "
-                        f"fibres end in {known}"
+                        f"fibres end in {names}"
                     )
 
     def _where(self, path: PathOptics) -> str:

@@ -104,9 +104,9 @@ def read_head(folder: Path) -> Head:
 
 def head_of(given: Any) -> Head:
     """Return the head of a result as its file has it; raise MalformedPacket for anything else."""
-    known = {each.name for each in fields(Head)}
-    told = read(dict[str, Any], given)
-    return read(Head, {name: value for name, value in told.items() if name in known})
+    names = {item.name for item in fields(Head)}
+    content = read(dict[str, Any], given)
+    return read(Head, {name: value for name, value in content.items() if name in names})
 
 
 def read(kind: type[T], given: Any, place: str = "the result") -> T:
@@ -121,8 +121,8 @@ def _read(kind: Any, given: Any, place: str) -> Any:
         return _read(_fitting(get_args(kind), given, place), given, place)
     origin, inner = get_origin(kind), get_args(kind)
     if origin is dict:
-        told = _plain(dict, given, place)
-        return {name: _read(inner[1], each, f"{place}.{name}") for name, each in told.items()}
+        content = _plain(dict, given, place)
+        return {name: _read(inner[1], value, f"{place}.{name}") for name, value in content.items()}
     if origin in (list, tuple):
         return origin(_items(origin, inner, _plain(list, given, place), place))
     if kind in PLAIN:
@@ -134,8 +134,8 @@ def _items(origin: Any, inner: tuple[Any, ...], given: list[Any], place: str) ->
     kinds = [inner[0]] * len(given) if origin is list or inner[-1] is Ellipsis else inner
     if len(kinds) != len(given):
         raise MalformedPacket(f"{place} has {len(given)} items, not {len(kinds)}")
-    for number, (kind, each) in enumerate(zip(kinds, given, strict=True)):
-        yield _read(kind, each, f"{place}[{number}]")
+    for number, (kind, value) in enumerate(zip(kinds, given, strict=True)):
+        yield _read(kind, value, f"{place}[{number}]")
 
 
 def _plain(kind: Any, given: Any, place: str) -> Any:
@@ -168,8 +168,8 @@ def _fitting(kinds: tuple[Any, ...], given: Any, place: str) -> Any:
     """Return the one of several types that a value is of; of dataclasses, that with its names."""
     if isinstance(given, Mapping):
         for kind in filter(is_dataclass, kinds):
-            needed = {each.name for each in fields(kind) if _is_needed(each)}
-            if needed <= given.keys() <= {each.name for each in fields(kind)}:
+            needed = {item.name for item in fields(kind) if _is_needed(item)}
+            if needed <= given.keys() <= {item.name for item in fields(kind)}:
                 return kind
     for kind in kinds:
         if kind in PLAIN or get_origin(kind):
