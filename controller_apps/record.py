@@ -29,7 +29,6 @@ class Record:
         return opened
 
     def write(self, event: str, **fields: Any) -> None:
-        """Append one fact."""
         if self._file is None:
             return
         line = fact_line(event, **fields)

@@ -44,11 +44,9 @@ class JumpingClock:
     """A clock that jumps to whatever time is waited for."""
 
     def __init__(self, time_ns: int = START_NS) -> None:
-        """Begin at this time."""
         self.time_ns = time_ns
 
     def now_ns(self) -> int:
-        """Return the time."""
         return self.time_ns
 
     async def wait_until(self, time_ns: int) -> None:
@@ -77,7 +75,6 @@ class Laboratory:
         await self.table.handle(switch, "cross_connect", request)
 
     async def wait(self, seconds: float) -> None:
-        """Let time pass."""
         await self.clock.wait_until(self.clock.now_ns() + round(seconds * 1e9))
 
     async def act(self, node: str, operation: str, request: Any) -> Feedback:
@@ -91,7 +88,6 @@ class Laboratory:
         return feedback
 
     def request(self, operation: str, **fields: Any) -> Any:
-        """Return the message of an operation."""
         return self.table.rows[operation].message(**fields)
 
 
@@ -99,7 +95,6 @@ class LaboratoryHost:
     """One host's requests, with blocks of one session named by number and half."""
 
     def __init__(self, laboratory: Laboratory, name: str) -> None:
-        """Request in the name of this host."""
         self._laboratory, self.name = laboratory, name
         self.asked_ns = 0  # time of the requests from now on; 0: the time of their execution
 
@@ -181,7 +176,6 @@ class LaboratoryHost:
         return await self._act("store", block=block_id(block), cutoff_s=cutoff_s)
 
     async def attempt(self, block: BlockKey, port: str, cutoff_s: float | None = None) -> Feedback:
-        """Let qubits of the host's memory attempt to emit into a port."""
         return await self._act("attempt", block=block_id(block), port=port, cutoff_s=cutoff_s)
 
     async def herald(
@@ -227,5 +221,4 @@ def packed(values: Bytes | None) -> bytes:
 
 
 def outcomes(feedback: Feedback) -> Bytes:
-    """Return the outcomes of a measurement."""
     return np.frombuffer(feedback.outcomes, dtype=np.uint8)

@@ -34,16 +34,13 @@ class Turns(Journal):
     """Lets each wait end when the record says so, and is the clock of the record."""
 
     def __init__(self) -> None:
-        """Begin with no times and nobody waiting."""
         self._times: dict[int, deque[int]] = {}
         self._waiting: dict[Place, asyncio.Future[None]] = {}
 
     def add_time(self, request: int, time_ns: int) -> None:
-        """Note what the clock will say to a request."""
         self._times.setdefault(request, deque()).append(time_ns)
 
     def now_ns(self) -> int:
-        """Return the next time that the record has for the request."""
         running = current_request.get()
         times = self._times.get(running.number) if running is not None else None
         if not times:
@@ -141,7 +138,6 @@ async def _play(entries: Iterator[Entry], config: DispatcherConfig, event_log: T
 
 
 def _stretches(entries: Iterator[Entry], turns: Turns) -> Iterator[Entry]:
-    """Yield what begins each stretch, when the times that it reads are known."""
     begin: Entry | None = None
     for entry in chain(entries, (None,)):
         if entry is not None and entry.HasField("ended"):

@@ -149,7 +149,6 @@ class Stack:
         return session in self.active_sessions.sessions or self.swaps.opens(session)
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Serve one connection on the quantum-metadata port."""
         channel = MetadataChannel(reader, writer)
         session = 0
         try:
@@ -180,7 +179,6 @@ class Stack:
         return self._join if joins else self._accept
 
     def _refusal(self, setup: Setup, opener: str) -> SessionError:
-        """Return what the controller has said to an opener, which is an address."""
         if setup.obstacle:
             by_address = {address: name for name, address in self._config.hosts.items()}
             ends = f"from {by_address.get(opener, opener)} to {self._config.name}"
@@ -250,7 +248,6 @@ class Stack:
         session.confirm()
 
     async def _join(self, channel: MetadataChannel, setup: Setup) -> None:
-        """Serve a connection for a session that this host accepts already."""
         session = self._accepting.get(setup.session)
         if session is None:
             raise SessionError(Reason.UNKNOWN_SESSION)

@@ -41,7 +41,6 @@ class Shares(NamedTuple):
 
 
 def shares() -> Shares:
-    """Return the shares in this process, by its limit of open files."""
     files, _hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     most = MOST if files == resource.RLIM_INFINITY else min(MOST, files // FILES)
     return Shares(most, max(1, min(MOST_OF_ONE, most // PEERS)))
@@ -95,7 +94,6 @@ class PeerShares:
         return False
 
     def _forget_closed(self) -> None:
-        """Forget connections whose descriptor is closed, or is another file's by now."""
         for descriptor, (inode, _peer) in list(self._open.items()):
             try:
                 closed = os.fstat(descriptor).st_ino != inode
@@ -115,7 +113,6 @@ class SharedListener(socket.socket):
     """A listening socket that does not wait, and closes connections beyond their peer's share."""
 
     def __init__(self, listener: socket.socket) -> None:
-        """Take over a socket that listens."""
         super().__init__(fileno=listener.detach())
         self.setblocking(False)
         self._spare = os.dup(self.fileno())
@@ -131,7 +128,6 @@ class SharedListener(socket.socket):
         raise BlockingIOError(errno.EAGAIN, "more connections wait")
 
     def close(self) -> None:
-        """Listen no more."""
         os.close(self._spare)
         super().close()
 
@@ -170,7 +166,6 @@ class StreamServer:
         self._loop.add_reader(self._listener.fileno(), self._accept)
 
     def close(self) -> None:
-        """Accept no more connections."""
         if self._listener.fileno() >= 0:
             self._loop.remove_reader(self._listener.fileno())
             self._listener.close()
@@ -194,7 +189,6 @@ class StreamServer:
 
 
 def grpc_options() -> list[tuple[str, int]]:
-    """Return the options of a gRPC server by which what one connection takes is bounded."""
     return [
         ("grpc.max_concurrent_streams", STREAMS),
         ("grpc.max_allowed_incoming_connections", shares().all),
@@ -223,7 +217,6 @@ def _duplicate(descriptor: int) -> socket.socket:
 
 
 def close_excess(port: int) -> None:
-    """Close this process's connections at a port beyond the shares of their peers."""
     most, of, users = shares().of_one, Counter[str](), LocalUsers()
     for descriptor in map(int, os.listdir("/proc/self/fd")):
         with suppress(OSError), _duplicate(descriptor) as connection:

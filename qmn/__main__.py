@@ -68,7 +68,6 @@ OWN: Mapping[str, Mapping[str, str]] = MappingProxyType(
 
 
 def with_registered() -> tuple[dict[str, dict[str, str]], dict[str, str]]:
-    """Return the verbs by heading with those of packages, and the module of each."""
     headings = {title: dict(verbs) for title, verbs in OWN.items()}
     places = {verb: f"qmn.verbs.{verb}" for verbs in OWN.values() for verb in verbs}
     for entry in registered(REGISTERED).values():
@@ -117,7 +116,6 @@ def described(words: Sequence[str] = (), whole: bool = False) -> Parser:
 
 
 def main() -> int:
-    """Find the verb, run it, and return its exit status."""
     forget_no_width()
     find_tools()
     status = with_outputs(run_verb)

@@ -158,7 +158,6 @@ def _flag(option: "Field[Any]", said: Words) -> str:
 
 
 def _how(option: "Field[Any]", said: Words) -> dict[str, Any]:
-    """Return argparse's words for an option."""
     help_text, kind = said["help"], _kind(option.type)
     if kind is bool:
         action = "store_false" if option.default else "store_true"

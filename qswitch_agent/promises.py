@@ -35,7 +35,6 @@ class Promises:
         return len(self._open)
 
     def add(self, path: CrossConnect, asker: Asker, request: bytes) -> None:
-        """Note who has asked for a cross-connect, by which message."""
         self._open[path] = asker, request
         self._open.move_to_end(path)
         if len(self._open) > MAX_PROMISES:

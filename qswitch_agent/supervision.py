@@ -25,7 +25,6 @@ class SupervisoryChannels:
         self._sockets: dict[str, socket.socket] = {}
 
     def update(self, ports: Iterable[Port]) -> None:
-        """Take descriptions of ports, and see that the bridge sends no packets into fibres."""
         for port in ports:
             if port.number in self._fibers:
                 self.ports[port.number] = port

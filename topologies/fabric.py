@@ -82,7 +82,6 @@ class FabricTopo(QuantumTopo):
         self.addSwitch(CLASSICAL_SWITCH, cls=ClassicalSwitch)
 
     def _keywords(self) -> list[str]:
-        """Return what this topology takes by name beside what fibres are like."""
         named = [
             *signature(self.build).parameters.values(),
             *signature(self.set_up).parameters.values(),

@@ -60,7 +60,6 @@ class Credentials:
 
 
 def certified_names(certificate: Mapping[str, Any]) -> set[str]:
-    """Return the names in a certificate, as ssl.SSLSocket.getpeercert gives it."""
     subject = {
         value for part in certificate["subject"] for key, value in part if key == "commonName"
     }
@@ -69,7 +68,6 @@ def certified_names(certificate: Mapping[str, Any]) -> set[str]:
 
 
 def secret_file(folder: Path, one: str, other: str) -> Path:
-    """Return the file of a secret, in hex, which is there from now on."""
     file = folder / ":".join(sorted((one, other)))
     if not file.exists():
         drawn = file.with_name(f".{file.name}-{os.getpid()}")

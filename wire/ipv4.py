@@ -54,7 +54,6 @@ def decode(data: bytes) -> Packet:
 
 
 def unreachable(lost: Packet, why: Unreachable, router: IPv4Address | IPv6Address) -> bytes:
-    """Return the packet by which a router tells the sender of another that it is lost."""
     quoted = lost.data[:QUOTED_BYTES]
     body = ICMP.pack(UNREACHABLE, why, 0, 0) + quoted
     body = ICMP.pack(UNREACHABLE, why, checksum(body), 0) + quoted

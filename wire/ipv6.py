@@ -70,7 +70,6 @@ def _carried(data: bytes, following: int) -> tuple[int, int, bool]:
 
 
 def unreachable(lost: Packet, why: Unreachable, router: IPv4Address | IPv6Address) -> bytes:
-    """Return the packet by which a router tells the sender of another that it is lost."""
     ends = router.packed, lost.source.packed
     quoted = lost.data[:QUOTED_BYTES]
     length = ICMPV6.size + len(quoted)

@@ -62,7 +62,6 @@ def announcement(
 
 
 def switch_message(dpid: int, port: int, mac: bytes, ttl_s: int, proof: bytes) -> bytes:
-    """Return the frame that a switch sends out of a port, whose hardware address is given."""
     chassis = bytes([LOCALLY_ASSIGNED]) + SWITCH_PREFIX + b"%016x" % dpid
     tlvs = (
         _tlv(CHASSIS_ID, chassis),

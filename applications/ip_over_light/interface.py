@@ -131,7 +131,6 @@ class Interface:
             outgoing.incoming(service, -1)
 
     def deliver(self, packet: Packet, sources: Set[IPv4Address | IPv6Address]) -> None:
-        """Hand a packet to the kernel, if it is what the host that it came from may send here."""
         own = self._addresses.get(packet.destination.version)
         if packet.source in sources and packet.destination == own:
             self._tun.write(packet.data)

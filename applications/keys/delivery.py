@@ -204,7 +204,6 @@ class KeyDelivery:
         return host in self.withheld or (host not in self._linked and not self.stores[host].mine)
 
     async def _available(self, caller: str, slave: str, host: str) -> int:
-        """Return how many stored keys there are for a slave at a host."""
         if host == self._config.host:
             return CAPACITY
         if self.router is None or not self._is_relayed(host):

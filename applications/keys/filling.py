@@ -50,7 +50,6 @@ def taken_part_in(config: KeyManagerConfig) -> set[str]:
 
 @asynccontextmanager
 async def open_to_others(config: KeyManagerConfig) -> AsyncIterator[None]:
-    """Let others open their sessions meanwhile."""
     async with AsyncExitStack() as doors:
         for protocol in taken_part_in(config):
             door = listening(config.stack, protocol, KEY_LINK_PORTS[protocol])

@@ -48,7 +48,6 @@ class KeyManagers:
 
 
 def application_name(host: str) -> str:
-    """Return the SAE ID that every host has."""
     return f"sae-{host}"
 
 
@@ -110,7 +109,6 @@ def wait_for_all(network: Network, programs: Mapping[str, Program]) -> None:
 
 
 def links_of(host: str, service: KeyService) -> list[KeyLink]:
-    """Return the links of a host."""
     opened = [replace(service.link, peer=b, opens=True) for a, b in service.pairs if a == host]
     return opened + [
         replace(service.link, peer=a, opens=False) for a, b in service.pairs if b == host
@@ -130,7 +128,6 @@ def check(service: KeyService, saes: Mapping[str, str], hosts: Mapping[str, obje
 def made(
     folder: Path, names: Mapping[str, str], addresses: Mapping[str, str], saes: Mapping[str, str]
 ) -> dict[str, CertificateFiles]:
-    """Make the certificates of all, in a new folder."""
     authority = CertificateAuthority(folder, "qmn keys of one network")
     managers = {
         name: authority.issue(name, {host: addresses[host]}) for host, name in names.items()
@@ -152,7 +149,6 @@ def given(folder: Path, names: Sequence[str]) -> dict[str, CertificateFiles]:
 
 
 def in_folder(folder: Path, name: str) -> CertificateFiles:
-    """Return where a certificate and its private key are in a folder of some."""
     return CertificateFiles(folder / f"{name}.pem", folder / f"{name}.key")
 
 

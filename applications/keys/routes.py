@@ -76,7 +76,6 @@ class Routes(asyncio.DatagramProtocol):
         return datagram.message
 
     async def run(self) -> None:
-        """Tell the links, for ever."""
         while True:
             links = await asyncio.to_thread(self._links)
             if links:
@@ -110,7 +109,6 @@ class Routes(asyncio.DatagramProtocol):
                     return await asyncio.shield(answer)
 
     async def register(self, host: str, master: str, slave: str) -> None:
-        """Let the controller know of an application whose keys need no relay."""
         try:
             await self.ask(host, 0, master, slave)
         except Refused as error:

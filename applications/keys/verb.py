@@ -17,7 +17,6 @@ HELP = "keep keys of hosts, and deliver them to programs (ETSI GS QKD 014)"
 
 
 def describe(parser: Parser) -> None:
-    """Add the options of the job."""
     for kind in (KeysRequest, KeyServiceOptions, PassingEve):
         add_options(parser, kind, group=JOB)
     add_topology(parser)
@@ -31,5 +30,4 @@ def _call(arguments: argparse.Namespace) -> int:
 
 
 def keys_request(arguments: argparse.Namespace) -> KeysRequest:
-    """Return the request of the command line."""
     return read(KeysRequest, arguments)

@@ -35,7 +35,6 @@ class CarriedApplication:
             self._packed = pack(self.folder, without=[self.runs])
 
     def path_on(self, network: Network, host: str) -> Path:
-        """Return where it is for a program on a host."""
         if host not in network.runtime.places:
             return self.path
         self._copies[host] = network.share_folder(host, self._packed, f"{COPY}-{host}")
@@ -54,7 +53,6 @@ class CarriedApplication:
 
 
 def new_of(after: Collection[Entry], before: Collection[Entry]) -> list[Entry]:
-    """Return what is new or has another content, and the folders that it is in."""
     known = {_content(each) for each in before}
     names = {each.name for each in after if _content(each) not in known}
     above = {str(parent) for name in names for parent in PurePosixPath(name).parents}

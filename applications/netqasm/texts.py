@@ -64,7 +64,6 @@ class Exchange:
                     connection.close()
 
     def wait_for(self, remote: str, number: int, timeout_s: float) -> socket.socket:
-        """Return the connection that another program's socket of this number has made."""
         with self._changed:
             waiting = self._joined[remote, number]
             if not self._changed.wait_for(lambda: waiting, timeout_s):
@@ -197,7 +196,6 @@ class Socket(BaseSocket):
                 return connection
 
     def _call_back(self) -> None:
-        """Hand every text to the program's callback."""
         while True:
             try:
                 text = self.recv()

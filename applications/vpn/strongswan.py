@@ -98,7 +98,6 @@ class StrongSwan:
         return NAMES[self._turn]
 
     def _forget(self) -> None:
-        """Let charon begin or take no association with the key in use."""
         if self._loaded:
             self._ask("unload-conn", {"name": self._name})
             self._ask("unload-shared", {"id": PPK})

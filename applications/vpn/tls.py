@@ -70,7 +70,6 @@ class Tls:
         """Do nothing: `use` has ended it."""
 
     def close(self) -> None:
-        """End the connection, and forget the key."""
         process, self._process, self._key_id = self._process, None, None
         self._file.unlink(missing_ok=True)
         if process is not None:

@@ -175,7 +175,6 @@ def interface_of(host: str) -> str:
 
 
 def start_wireguard(network: Network, host: str) -> Program:
-    """Start what carries a host's packets, in user space."""
     if host not in network.runtime.places:  # else /run is the network's own
         remove_dead_socket(host)
         if (path := socket_of(host)).exists():
@@ -201,7 +200,6 @@ def remove_dead_socket(host: str) -> None:
 
 @contextmanager
 def no_dead_sockets(hosts: Sequence[str]) -> Iterator[None]:
-    """Remove at the end of a network what its killed programs have left."""
     try:
         yield
     finally:

@@ -17,7 +17,6 @@ HELP = "a VPN whose keys are of light, with a file moving through it"
 
 
 def describe(parser: Parser) -> None:
-    """Add the options of the job."""
     for kind in (VpnRequest, PassingEve):
         add_options(parser, kind, group=JOB)
     add_topology(parser)
@@ -31,5 +30,4 @@ def _call(arguments: argparse.Namespace) -> int:
 
 
 def vpn_request(arguments: argparse.Namespace) -> VpnRequest:
-    """Return the request of the command line."""
     return read(VpnRequest, arguments)

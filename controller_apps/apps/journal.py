@@ -39,11 +39,9 @@ class Journal:
         self.dropped: Counter[str] = Counter()  # by cause
 
     def time_passed(self) -> None:
-        """Log the numbers of lines that were left out."""
         self._lines.time_passed(self._clock())
 
     def close(self) -> None:
-        """Record the end."""
         self._lines.time_passed(inf)
         self._record.write("stopped", packet_in_count=self.packet_in_count)
 
@@ -79,7 +77,6 @@ class Journal:
         return {"light": light_view(session, self._network)}
 
     def drop(self, drop: Drop) -> None:
-        """Count and log a frame that goes no further."""
         self.dropped[drop.cause] += 1
         number, place = self.dropped[drop.cause], f"switch {drop.at.dpid:#x} port {drop.at.port}"
         text = f"dropped ({drop.cause}, {number} so far): {place}: {drop.detail}"
@@ -102,7 +99,6 @@ class Journal:
         self._record.write("policy", path=path)
 
     def alarm(self, session: int, host: str, place: Place, links: Links, closed: bool) -> None:
-        """Record and log the alarm of a link monitor."""
         watched = names_of(links)
         text = f"{host}: alarm of its seal {session:016x} on {watched}"
         self._lines.add(place.at, text, self._clock(), WARNING)
@@ -111,7 +107,6 @@ class Journal:
         )
 
     def monitor_over(self, host: str, report: DeviceReport, links: Links) -> None:
-        """Record the result of a link monitor."""
         self._record.write(
             "watched",
             session=f"{report.seal:016x}",
@@ -125,7 +120,6 @@ class Journal:
         )
 
     def estimate(self, host: str, estimate: SessionEstimate) -> None:
-        """Record an estimate that an end of a session has made of its light."""
         self._record.write(
             "estimate",
             session=f"{estimate.about:016x}",

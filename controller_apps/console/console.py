@@ -35,7 +35,6 @@ class Console:
         hub.spawn(self.serve, facts)
 
     def serve(self, facts: Facts) -> None:
-        """Serve for ever."""
         with EndOnFault("console"):
             while True:
                 connection, _ = self._listener.accept()

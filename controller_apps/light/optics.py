@@ -42,7 +42,6 @@ class SwitchOptics:
 
     @classmethod
     def reported(cls, entries: Iterable[PathOptics]) -> "SwitchOptics":
-        """Build it from a whole answer of the switch."""
         paths = {(entry.in_port, entry.out_port): entry for entry in entries}
         others = paths.pop((ANY_PORT, ANY_PORT), NOT_TOLD)
         stuck = [ports for ports, entry in paths.items() if entry.stuck]
@@ -77,7 +76,6 @@ class Optics:
     _channels_mhz: list[int] | None = field(default=None, init=False, compare=False, repr=False)
 
     def described(self, at: SwitchPort, port: PortOptics) -> None:
-        """Take what a port says of how far it can be tuned."""
         if self.ranges.get(at) != port:
             self.ranges[at] = port
             self.changes += 1
@@ -130,7 +128,6 @@ class Optics:
                 del table[at]
 
     def can_carry(self, at: SwitchPort, frequency_mhz: int) -> bool:
-        """Tell whether a port can be tuned to a frequency, in both directions."""
         port = self.ranges.get(at)
         return port is None or (
             _in_band(frequency_mhz, port.tx_min_mhz, port.tx_max_mhz, port.tx_grid_mhz)

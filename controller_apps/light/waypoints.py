@@ -35,7 +35,6 @@ def path_over(network: Network, leg: Leg, over: Switches, limits: Limits) -> Lig
 def _parts(
     network: Network, legs: tuple[Leg, Leg], first: int, limits: Limits
 ) -> tuple[LightPath, LightPath] | None:
-    """Return both parts of a path, of which one is looked for first."""
     one, other = legs[first], legs[1 - first]
     ends = {other.start.dpid, other.end.dpid}
     cheapest = cheapest_path(network, one, _around(limits, ends))

@@ -17,11 +17,9 @@ class SharedAccept:
     """A framework's listening socket that closes connections beyond their peer's share."""
 
     def __init__(self, listener: Any, sleep: Callable[[float], None]) -> None:
-        """`sleep` is the framework's own, in which it serves other connections."""
         self._listener, self._sleep, self._shares = listener, sleep, PeerShares()
 
     def __getattr__(self, name: str) -> Any:
-        """Return what is the socket's own."""
         return getattr(self._listener, name)
 
     def accept(self) -> tuple[Any, Any]:
@@ -44,12 +42,10 @@ class Connection:
     """A socket of eventlet that reads ahead, and can write without waiting; else as it is."""
 
     def __init__(self, green_socket: Any, give_way: Callable[[], None]) -> None:
-        """`give_way` lets other green threads work, of which each has a switch."""
         self._socket, self._give_way = green_socket, give_way
         self._ahead, self._read = b"", 0
 
     def __getattr__(self, name: str) -> Any:
-        """Return what is the socket's own."""
         return getattr(self._socket, name)
 
     def recv(self, most: int) -> bytes:

@@ -51,7 +51,6 @@ class MacTable:
         return self.ports.get(dpid, {}).get(station)
 
     def place(self, stations: Iterable[Station]) -> None:
-        """Take stations whose ports let nobody else speak in their names, in place of others."""
         self.places = {
             (station.dpid, IPv4Address(station.address).packed): station.port
             for station in stations

@@ -56,7 +56,6 @@ class Switches:
         self._preparing[datapath.id, barrier.xid] = "classical"
 
     def disconnect(self, dpid: int) -> None:
-        """Forget a switch and its requests."""
         del self.datapaths[dpid]
         requests: tuple[dict[Request, Any], ...] = (
             self._transactions,
@@ -102,11 +101,9 @@ class Switches:
         return five_tuple, sum(entry.byte_count for entry in reply.body)
 
     def prepared(self, dpid: int, xid: int) -> str | None:
-        """Return the kind of a switch if a barrier's reply shows that it has its entries."""
         return self._preparing.pop((dpid, xid), None)
 
     def transaction_of(self, dpid: int, xid: int) -> int | None:
-        """Return the arbiter's transaction of a message."""
         return self._transactions.get((dpid, xid))
 
     def end_transaction(self, dpid: int, xid: int) -> int | None:
@@ -120,7 +117,6 @@ class Switches:
         return transaction
 
     def delete_entry(self, datapath: Datapath, entry: Any) -> None:
-        """Delete an entry of another controller from the table of bypasses."""
         table = flow_entries.METADATA_TABLE
         datapath.send_msg(flow_entries.delete_entry(datapath, table, entry))
 

@@ -27,7 +27,6 @@ class Frame:
     payload: bytes
 
     def encode(self) -> bytes:
-        """Return the frame with lengths and checksums."""
         ends = IPv4Address(self.source).packed, IPv4Address(self.destination).packed
         length = _UDP.size + len(self.payload)
         fields = 0x45, 0, _IP.size + length, 0, 0x4000, TTL, IP_UDP

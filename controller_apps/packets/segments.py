@@ -61,7 +61,6 @@ class Segment:
         return (self.sequence + self.end - self.payload_offset) & 0xFFFFFFFF
 
     def with_payload(self, payload: bytes) -> bytes:
-        """Return the frame with another payload, lengths and checksums made to fit."""
         ip = bytearray(self.frame[ETHERNET_LENGTH : self.tcp_offset])
         tcp = bytearray(self.frame[self.tcp_offset : self.payload_offset]) + payload
         struct.pack_into("!H", ip, 2, len(ip) + len(tcp))

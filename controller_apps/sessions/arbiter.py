@@ -119,7 +119,6 @@ class Arbiter:
         self.follow(replace(UNFILTERED, queue=self.order))
 
     def follow(self, policy: Policy) -> None:
-        """Decide by this policy from now on."""
         self.terms.policy = policy
         self.grants.follow(policy.queue)
 
@@ -128,7 +127,6 @@ class Arbiter:
         return self.grants.next_start(now)
 
     def segment_arrived(self, dpid: int, in_port: int, frame: bytes, now: float) -> list[Action]:
-        """Decide on a segment to or from the metadata port that a classical switch sent up."""
         try:
             arrival = Arrival(dpid, in_port, parse(frame))
             return self._then_serve(self._segment(arrival, now), now)
@@ -186,11 +184,9 @@ class Arbiter:
         return self._then_serve(self.repairs.switch_refused(transaction, now), now)
 
     def network_changed(self, now: float) -> list[Action]:
-        """Act on fibres that were cut, mended or found."""
         return self._then_serve(self.repairs.network_changed(now), now)
 
     def switch_left(self, dpid: int, now: float) -> list[Action]:
-        """Act on a switch that is gone."""
         return self._then_serve(self.repairs.switch_left(dpid, now), now)
 
     def entries_found(self, dpid: int, entries: Iterable[tuple[int, Hop | None]]) -> list[Action]:

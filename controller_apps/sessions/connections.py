@@ -100,7 +100,6 @@ class Connections:
 
 
 def _count(request: Request) -> list[Action]:
-    """Ask the first switch with a bypass for the connection."""
     dpids = sorted(request.bypassed)[:1]
     return [CountBypass(dpid, request.five_tuple, request.setup.session) for dpid in dpids]
 

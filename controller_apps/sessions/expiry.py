@@ -36,7 +36,6 @@ class Expiry:
         return actions
 
     def tear_down(self, now: float) -> list[Action]:
-        """End preempted link monitors, moves that hang, and sessions that are lost or silent."""
         actions: list[Action] = []
         for monitor in self.preempted.late(now):
             actions += self.verdicts.tear_down(monitor, PREEMPTED, now)
@@ -50,7 +49,6 @@ class Expiry:
         return actions
 
     def _end(self, session: Session, now: float) -> str:
-        """Return why a session ends now, "" if it goes on."""
         if session.lost_since is not None and now - session.lost_since >= SWITCH_GRACE_S:
             return "switch gone"
         if session.resumed is not None and now - session.resumed < SWITCH_GRACE_S:

@@ -65,18 +65,15 @@ class LightQueue:
         return bool(self.terms.find_light(setup, connection, others).paths)
 
     def wait(self, request: Request, now: float) -> list[Action]:
-        """Queue a request behind the obstacles that admission has just met."""
         request.obstacles = frozenset(self.sessions.obstacles)
         return [*self.append(request), *self._preempt(request, now)]
 
     def append(self, request: Request) -> list[Action]:
-        """Queue a request."""
         request.queued_at = self.sessions.holders.order
         self.sessions.queue[request.five_tuple] = request
         return [Note("queued", request.setup.session, asked=request)]
 
     def _preempt(self, request: Request, now: float) -> list[Action]:
-        """End the link monitors that have the light of a request."""
         actions: list[Action] = []
         for monitor in self.preempted.holders(request):
             owner = monitor.requests[monitor.owner]
@@ -123,7 +120,6 @@ class LightQueue:
         return admission
 
     def open(self, request: Request, session: Session, paths: Sequence[LightPath]) -> list[Action]:
-        """Give light to a request that has waited, and note whose light it was."""
         after = self.sessions.holders.last(
             directions(hop for path in paths for hop in path.hops),
             session.number,

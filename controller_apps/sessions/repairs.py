@@ -20,7 +20,6 @@ class Repairs:
     verdicts: Verdicts
 
     def network_changed(self, now: float) -> list[Action]:
-        """Move the sessions whose fibres are cut."""
         self.sessions.changed = True
         actions: list[Action] = []
         for session in self.sessions.by_number.values():

@@ -52,7 +52,6 @@ class Setups:
         return self.decide(setup, arrival, now)
 
     def reopened(self, setup: Setup, arrival: Arrival, before: Request, now: float) -> list[Action]:
-        """Decide on a set-up of a new connection between the ports of an earlier one."""
         if not self._is_opened(arrival, now):
             return [Drop("unopened", UNOPENED, arrival.port)]
         return [
@@ -64,7 +63,6 @@ class Setups:
         return self.terms.policy.filter.handshakes and not self.recovery.knows_no_handshakes(now)
 
     def _is_opened(self, arrival: Arrival, now: float) -> bool:
-        """Return whether both ends have opened the connection of a segment, its first with data."""
         at = arrival.dpid, arrival.in_port
         return not self._needs_handshake(now) or self.handshakes.completed_by(arrival.segment, at)
 

@@ -54,7 +54,6 @@ class SlotGrants:
         return self.queue.terms.find_light(request.setup, request.five_tuple, sessions)
 
     def hand_over(self, now: float) -> list[Action]:
-        """Take the light of slots that are over, and give that of the slot that has begun."""
         if self.slots is None:
             return []
         actions: list[Action] = []

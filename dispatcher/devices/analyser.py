@@ -138,7 +138,6 @@ class Analyser:
         return Analysis(self.named(outcomes), clicks, incidents)
 
     def named(self, outcomes: Bytes) -> Bytes:
-        """Return Bell states by the names under which the analyser reports them."""
         if self._like.kind != "linear":
             return outcomes
         named: Bytes = outcomes ^ ((outcomes == PHI_MINUS) * PHASE)
@@ -180,7 +179,6 @@ class Analyser:
     def _look(
         self, states: Bytes, halves: tuple[Half, Half], random: PhotonRandom
     ) -> tuple[Detection, Detection]:
-        """Let the detectors of both arms look at the pairs."""
         both = states != NO_CLICK
         found = []
         for arm, half in enumerate(halves):
@@ -246,7 +244,6 @@ class Analyser:
 def _combine(
     found: tuple[Detection, Detection], states: Bytes
 ) -> tuple[Bytes, Mask, int, dict[str, int]]:
-    """Return outcomes, where there is one, clicks, and what was out of the ordinary."""
     phase, parity = found
     told = (phase.bits != NO_CLICK) & (parity.bits != NO_CLICK)
     outcomes = hide(parity.bits | (phase.bits << np.uint8(1)), ~told)

@@ -91,7 +91,6 @@ class Detector:
         return dead_time.seen(asked, dead_slots)
 
     def _afterpulses(self, train: Train, random: PhotonRandom) -> Afterpulses:
-        """Draw the afterpulses of the train, if there were clicks in all its slots."""
         causes = random.events("afterpulse", self.like.afterpulse_probability)
         waits = random.generator("afterpulse delay").standard_exponential(causes.size)
         slots = causes + waits * (self.like.afterpulse_s * 1e9 / train.interval_ns)

@@ -60,7 +60,6 @@ class DetectorPair:
     """Two detectors of one kind."""
 
     def __init__(self, like: Detectors) -> None:
-        """Have two such detectors."""
         self._like = like
         self._detectors = Detector(like), Detector(like)
         self._dark = -float(np.expm1(-like.dark_count_hz * like.gate_s))
@@ -152,7 +151,6 @@ class DetectorPair:
     def _gates_of(
         self, slots: NDArray[np.int64], moved_ps: NDArray[np.float64], train: Train, count: int
     ) -> tuple[NDArray[np.int64], Mask]:
-        """Return the slots next to which clicks come, and which of them come in a gate there."""
         interval_ps = train.interval_ns * 1e3
         steps = np.rint(moved_ps / interval_ps) if interval_ps else np.zeros(slots.size)
         off_ps = np.abs(moved_ps - steps * interval_ps)

@@ -37,7 +37,6 @@ class Traffic:
     passing: deque[Passing] = field(default_factory=deque)
 
     def add(self, schedule: Schedule, share: float) -> None:
-        """Note light that will leave the fibre then, with this share of its photons."""
         while self.passing and (
             self.passing[0].schedule.last_ns < schedule.first_ns - REMEMBERED_NS
         ):
@@ -69,7 +68,6 @@ class Traffic:
 def _within(
     schedule: Schedule, since_ns: NDArray[np.float64], window_ns: float
 ) -> NDArray[np.float64]:
-    """Return how many pulses of a schedule are less than half a window from each time."""
     interval_ns = max(schedule.interval_ns, 1e-3)
     first = np.ceil((since_ns - window_ns / 2) / interval_ns)
     behind = np.ceil((since_ns + window_ns / 2) / interval_ns)  # the first that is not within

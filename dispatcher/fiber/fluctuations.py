@@ -73,7 +73,6 @@ class PolarizationDrift:
         return max(int(np.ceil((self.rms_rad / MOST_OF_A_PIECE) ** 2)), 1)
 
     def effect(self, passage: Passage) -> Effect:
-        """Follow the turn."""
         rms_rad = self.rms_rad / np.sqrt(3 * self.pieces)
         starts, vectors = wander(passage, rms_rad, self.time_s, 3 * self.pieces)
         turns = of_vectors(vectors.reshape(starts.size, self.pieces, 3))
@@ -97,7 +96,6 @@ class ThermalDrift:
     walk_k_per_sqrt_s: float
 
     def effect(self, passage: Passage) -> Effect:
-        """Follow the temperature."""
         schedule = passage.schedule
         block_s = schedule.interval_ns * schedule.photons / 1e9
         delays_ps = follow(passage, block_s / STEPS_A_BLOCK, self._continue)  # kelvins so far
@@ -128,7 +126,6 @@ class Bursts:
     end_hz: float
 
     def effect(self, passage: Passage) -> Effect:
-        """Follow the state."""
         states = self.states(passage)
         if not states.any():
             return Effect()
@@ -228,7 +225,6 @@ def _wander_on(
 
 
 def reached(passage: Passage) -> int:
-    """Return how many photons pass no later than the latest value that is remembered."""
     latest = passage.history.latest
     if latest is None or latest[0] < passage.schedule.first_ns:
         return 0

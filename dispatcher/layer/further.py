@@ -63,7 +63,6 @@ def lit(block: Block) -> Mask:
 
 
 def share(block: Block) -> float:
-    """Return in which share of the pulses with light there are photons beside the own ones."""
     if block.further is None:
         return 0.0
     there = block.further.pulses[block.further.register.present]
@@ -86,7 +85,6 @@ def several(first: Block, second: Block) -> Mask | None:
 
 
 def held(block: Block) -> Mask:
-    """Return in which pulses there is a photon with a state, its own or another."""
     present = block.register.present
     if block.further is not None:
         present = present.copy()
@@ -243,7 +241,6 @@ def bell_measure(sabot: Simulation, first: Block, second: Block, draws: Draws) -
 
 
 def _ranks(light: Further | None) -> NDArray[np.int64]:
-    """Return for each photon a number that tells its pulse, and which of the pulse it is."""
     if light is None:
         return np.zeros(0, np.int64)
     first = np.searchsorted(light.pulses, light.pulses)

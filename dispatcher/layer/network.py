@@ -65,7 +65,6 @@ class Network:
         return found
 
     def require_port(self, node: str, port: str) -> FiberEnd:
-        """Return the port of this name if it is the node's own."""
         end = FiberEnd(node, port)
         if end in self._lines:
             return end

@@ -30,7 +30,6 @@ def lit(block: Block) -> Mask:
 
 
 def pass_on(pulses: Pulses, members: Mask, effect: Effect) -> None:
-    """Add what a fibre does to the pulses of members, apart from losses and Paulis."""
     pulses.approximations |= effect.approximations
     if effect.angles_rad is not None:
         pulses.angles_rad = _added(pulses.angles_rad, effect.angles_rad, members)

@@ -40,7 +40,6 @@ class Activity:
     """When something physical went on, as intervals that do not overlap."""
 
     def __init__(self) -> None:
-        """Begin with nothing."""
         self._begins: list[int] = []
         self._ends: list[int] = []
         self._forgotten_ns = 0
@@ -94,7 +93,6 @@ class SoftwareTime:
         self.largest_decaying_share = 0.0  # of one wait that changes qubits
 
     def message(self) -> messages.SoftwareTime:
-        """Return the numbers as they go over the wire."""
         return messages.SoftwareTime(
             run_share=self._activity.idle_share,
             largest_wait_share=self.largest_share,
@@ -163,7 +161,6 @@ class SoftwareTime:
                 yield Cause(deeds_ns[place - 1] + delay_ns, other, deeds_ns[place - 1])
 
     def _delays_ns(self, node: str) -> dict[str, int]:
-        """Return how long news takes to a node from each that it can come from."""
         if node not in self._news_ns:
             reached = shortest(self._news_s, node)
             self._news_ns[node] = {other: round(each * 1e9) for other, each in reached.items()}

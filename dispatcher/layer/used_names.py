@@ -34,7 +34,6 @@ class UsedNumbers:
         return f"again {self._round} {self._repeated[number]}"
 
     def _add(self, number: int, at: int) -> None:
-        """Take in a number that follows range `at`."""
         begins, ends = self._begins, self._ends
         if at >= 0 and ends[at] == number:
             ends[at] += 1

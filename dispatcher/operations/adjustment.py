@@ -59,7 +59,6 @@ def _illuminate(layer: PhysicalLayer, lines: Iterable[Line], power_mw: float) ->
 
 
 def _tap(layer: PhysicalLayer, lines: Iterable[Line], fraction: float) -> None:
-    """Let this fraction of the photons be measured and sent on from now on."""
     if not 0 <= fraction <= 1:
         raise invalid(f"tapped {fraction}: choose 0 to 1, a fraction of the photons")
     now_ns = layer.clock.now_ns()

@@ -74,7 +74,6 @@ def _emit_photons(block: Block, states: Bytes, photons: Bytes, layer: PhysicalLa
 def _further_pairs(
     emission: Emission, source: PairSource, first: Block, layer: PhysicalLayer
 ) -> tuple[Further, Further] | None:
-    """Make the pairs of each pulse beside the first, each in a Bell state of its own."""
     assert emission.pairs is not None
     at = owners(emission.pairs)
     if not at.size:

@@ -43,7 +43,6 @@ class Gathering:
     """Gather."""
 
     def __init__(self, layer: PhysicalLayer) -> None:
-        """Act on this layer."""
         self._layer = layer
 
     def gather(self, node: str, request: GatherRequest) -> Feedback:

@@ -130,7 +130,6 @@ class Drawing:
         return self._batches >= MAX_BATCHES or self._empty >= MAX_EMPTY
 
     def _kept(self, found: Heralded) -> Heralded:
-        """Return those that are young enough when the last has come."""
         if self._link.cutoff_ns == np.inf or not found.count:
             return found
         young = self._link.young(found.rounds)
@@ -138,7 +137,6 @@ class Drawing:
         return found.only(young)
 
     def _count(self, attempts: int) -> None:
-        """Let the switches count the photons of all attempts."""
         for name, follower, emitter in zip(
             self._names, self._followers, self._link.emitters, strict=True
         ):
@@ -177,7 +175,6 @@ class Drawing:
         return Heralded(rounds[come], kind[come], told[come], errors, every)
 
     def _custom_noise(self, place: str, count: int) -> Effect | None:
-        """Return what a model of the user's own says that the station's detectors tell wrongly."""
         model = self._layer.devices.noise(self._node, "detectors")
         if model is None:
             return None
@@ -268,7 +265,6 @@ def _rotated(met: Sequence[Met], random: PhotonRandom) -> tuple[Bytes, Approxima
 
 
 def _visibility(link: Link, met: Sequence[Met]) -> Each:
-    """Return how well light of both hosts interferes, by its time, colour and polarisation."""
     first, second = (0.0 if each.delays_ps is None else each.delays_ps for each in met)
     overlap = link.overlap.apart(first - second) if link.overlap.rad_per_s else link.overlap.most
     aligned = alignment(met[0].polarization, met[1].polarization, met[0].arrived.size)

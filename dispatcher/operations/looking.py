@@ -42,7 +42,6 @@ def look(layer: PhysicalLayer, node: str, request: LookRequest) -> LookReply:
 
 
 def density(vector: Matrix, qubit: int, entangled: bool) -> Matrix:
-    """Return the density matrix of a qubit of a state vector, or of all, that qubit first."""
     qubits = vector.size.bit_length() - 1
     # Qubit 0 is the least significant bit of the vector's index, and so the last axis.
     axes = vector.reshape((2,) * qubits)

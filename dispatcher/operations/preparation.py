@@ -29,7 +29,6 @@ def turn(sabot: Simulation, register: Register, states: Bytes) -> None:
 
 
 def _turn(sabot: Simulation, register: Register, basis: int, own: Mask) -> None:
-    """Turn some qubits from Z into a basis."""
     turned = register if own.all() else sabot.part(register, own)
     sabot.gate("H", turned)
     if basis == Y:

@@ -85,7 +85,6 @@ class RequestTable:
         return lambda node, request: handler(self.layer, node, request)
 
     def _timed(self, handler: Handler) -> Handler:
-        """Let the reply come when the node's devices have finished."""
         return lambda node, request: over(self.layer, node, handler(node, request))
 
     def _discard(self, node: str, request: messages.DiscardRequest) -> messages.Feedback:

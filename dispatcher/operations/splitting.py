@@ -33,7 +33,6 @@ class Splitting:
     """Split."""
 
     def __init__(self, layer: PhysicalLayer) -> None:
-        """Act on this layer."""
         self._layer = layer
 
     def split(self, node: str, request: SplitRequest) -> Feedback:

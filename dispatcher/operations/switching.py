@@ -31,7 +31,6 @@ class Switching:
     """All quantum switches of a network."""
 
     def __init__(self, layer: PhysicalLayer) -> None:
-        """Act on the switches of this layer."""
         self._layer = layer
         self._switches = layer.network.switches
         self._wanted: dict[str, list[Connection]] = {}  # what each was told last
@@ -75,7 +74,6 @@ class Switching:
         return now_ns
 
     def statistics(self, name: str) -> SwitchStatisticsReply:
-        """Return what a switch has counted and measures."""
         switch, network = self._switches[name], self._layer.network
         powers = {port: network.power_at(FiberEnd(name, str(port))) for port in switch.ports}
         return statistics(switch, powers, self._layer.clock.now_ns())
@@ -127,7 +125,6 @@ class Switching:
         self._fault(switch, f"temperature {temperature_c:g} C{effect}")
 
     async def _repair(self, switch: OpticalSwitch) -> None:
-        """Let the switch do what it was told last."""
         switch.stuck.clear()
         switch.set_temperature(switch.config.temperature_c, self._layer.clock.now_ns())
         self._fault(switch, "repaired")

@@ -34,7 +34,6 @@ current_request: ContextVar[RunningRequest | None] = ContextVar("current_request
 
 @contextmanager
 def running_request(number: int) -> Iterator[None]:
-    """Let what is done meanwhile, and by tasks that are begun, belong to a request."""
     running = RunningRequest(number, {asyncio.current_task(): 0})
     token = current_request.set(running)
     try:

@@ -70,7 +70,6 @@ class TracedSabot:
         return register
 
     def bell_pairs(self, count: int) -> tuple[Register, Register]:
-        """Return the halves of pairs."""
         first, second = self._inner.bell_pairs(count)
         self._begin([first, second])
         for position, one in self._present(first):
@@ -90,7 +89,6 @@ class TracedSabot:
         target: Register | None = None,
         angle_rad: Angle = 0.0,
     ) -> None:
-        """Apply a gate."""
         self._inner.gate(name, register, target, angle_rad)
         if target is not None:
             self._write_pairs(name, register, target)
@@ -101,7 +99,6 @@ class TracedSabot:
             self._writer.line(text, self._comment(position))
 
     def measure(self, register: Register, bases: Bytes, draws: PhotonDraws) -> Bytes:
-        """Measure."""
         outcomes = self._inner.measure(register, bases, draws)
         if register in self._traced:
             bits = self._writer.bits(len(self._traced[register]), origin())
@@ -135,7 +132,6 @@ class TracedSabot:
     def kraus(
         self, register: Register, operators: Operators, mask: Mask, draws: PhotonDraws
     ) -> None:
-        """Let Kraus operators act, for which there are no gates to write."""
         self._inner.kraus(register, operators, mask, draws)
         for position, _qubit in self._present(register):
             if mask[position]:
@@ -158,14 +154,12 @@ class TracedSabot:
         return self._inner.lose(register, lost)
 
     def explain(self, register: Register, place: str, photons: Bytes | Mask) -> None:
-        """Note where what is done next to photons comes from."""
         for position, _qubit in self._present(register):
             if photons[position]:
                 places = self._places.setdefault(register, {})
                 places.setdefault(position, []).append((place, int(photons[position])))
 
     def part(self, register: Register, mask: Mask) -> Register:
-        """Move qubits into a register of their own."""
         part = self._inner.part(register, mask)
         if register in self._traced:
             own = self._traced[register]
@@ -179,7 +173,6 @@ class TracedSabot:
             self._traced.setdefault(register, {}).update(self._traced.pop(other))
 
     def gather(self, picks: Sequence[Pick]) -> Register:
-        """Move qubits of some registers into a register of their own."""
         gathered = self._inner.gather(picks)
         own: dict[int, tuple[Chunk, int]] = {}
         start = 0
@@ -246,7 +239,6 @@ class TracedSabot:
         return chunk.qubit(index)
 
     def _write_pauli(self, register: Register, position: int, qubit: str, pauli: int) -> None:
-        """Write a Pauli with the places that it comes from, if they were explained."""
         places = self._places.get(register, {})
         explained = places.get(position, [])
         if explained and pauli == reduce(xor, (value for _place, value in explained)):

@@ -34,7 +34,6 @@ class QasmWriter:
     """Writes a dump that `qmn sabot run` takes, as far as its limits allow."""
 
     def __init__(self, file: TextIO) -> None:
-        """Begin the file."""
         self._file = file
         self._chunks: list[Chunk] = []
         self._registers = self._promised_bits = self._written = 0

@@ -216,7 +216,6 @@ class BitColumns(NamedGates):
         return self._of(self._x.copy(), self._z.copy(), self._signs)
 
     def factor(self) -> list[tuple[list[int], Self]]:
-        """Return the independent parts of the state, each with the qubits it consists of."""
         if self.qubits == 1:
             return [([0], self)]
         parts = self.as_tableau().factor()

@@ -28,7 +28,6 @@ def cardinal_states(register: Register) -> Bytes:
 
 
 def _of_one(state: Backend) -> Bytes:
-    """Return the states of members of one qubit each."""
     if isinstance(state, Dense):
         return _of_vectors(state.amplitudes)
     x, z, signs = state.generators()

@@ -187,7 +187,6 @@ class Dense:
         return self._of(self.qubits, self._amplitudes[members])
 
     def factor(self) -> list[tuple[list[int], Self]]:
-        """Return the independent parts of the state, each with the qubits it consists of."""
         if self.qubits == 1:
             return [([0], self)]
         groups, left = [], list(range(self.qubits))

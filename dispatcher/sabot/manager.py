@@ -245,7 +245,6 @@ class Sabot:
         """
 
     def unite(self, register: Register, other: Register) -> None:
-        """Move the qubits of another part of the same register into this one."""
         present = register.present | other.present
         for share in list(other.shares):
             self._store.hand_over(share, register)
@@ -291,7 +290,6 @@ class Sabot:
         return bits | (high_bits << np.uint8(1))
 
     def _link_parts(self, component: Component) -> None:
-        """Link what a measurement has left, each independent part for itself."""
         if not component.shares:
             return
         for qubits, state in component.state.factor():

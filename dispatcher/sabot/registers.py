@@ -177,7 +177,6 @@ class Store:
         return parts
 
     def make_dense(self, component: Component) -> Dense:
-        """Hold a component as state vectors from now on."""
         self._count(component, -1)
         component.state = dense = as_dense(component.state)
         self._count(component, 1)
@@ -212,7 +211,6 @@ def _taken(positions: Positions, members: NDArray[np.intp]) -> NDArray[np.uint32
 
 
 def _grouped(labels: NDArray[np.generic]) -> list[NDArray[np.intp]]:
-    """Return where each label is, by ascending labels."""
     if labels.dtype == np.bool_:
         return [np.flatnonzero(labels == label) for label in (False, True)]
     if labels.dtype == np.uint8:

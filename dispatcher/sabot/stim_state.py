@@ -141,7 +141,6 @@ class StimState:
 
 
 def _simulator(stabilizers: list[str]) -> stim.TableauSimulator:
-    """Return a simulator of the state that these stabilize, such as +XX, +ZZ."""
     simulator = stim.TableauSimulator(seed=0)
     if stabilizers:
         tableau = stim.Tableau.from_stabilizers([stim.PauliString(row) for row in stabilizers])

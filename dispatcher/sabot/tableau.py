@@ -70,7 +70,6 @@ class Tableau(NamedGates):
         return "\n".join(lines)
 
     def h(self, qubit: int) -> None:
-        """Apply the Hadamard gate."""
         x, z = self._x[:, qubit], self._z[:, qubit]
         self._flip(x & z)
         x ^= z
@@ -169,7 +168,6 @@ class Tableau(NamedGates):
         return self._of(self._x.copy(), self._z.copy(), self._signs.take(members, axis=1))
 
     def factor(self) -> list[tuple[list[int], Self]]:
-        """Return the independent parts of the state, each with the qubits it consists of."""
         count = self.qubits
         if count == 1:
             return [([0], self)]
@@ -212,7 +210,6 @@ class Tableau(NamedGates):
         self._multiply(by, row)
 
     def _determined(self, qubit: int) -> Bytes:
-        """Return the value of Z, which is a product of stabilizers up to its sign."""
         count = self.qubits
         x, z = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
         bits = np.zeros(self.members, dtype=np.uint8)

@@ -36,7 +36,6 @@ class CrossConnects:
         self._server = await asyncio.start_unix_server(self._accept, sock=listener)
 
     def stop(self) -> None:
-        """End all connections."""
         if self._server is not None:
             self._server.close()
         for connection in self._connections:
@@ -76,7 +75,6 @@ class CrossConnects:
 
 
 def bind(path: str) -> socket:
-    """Return a socket that is bound to a path, in place of what a dead dispatcher left there."""
     Path(path).unlink(missing_ok=True)
     listener = socket(AF_UNIX)
     listener.bind(path)

@@ -19,7 +19,6 @@ class MeasuredService(Service):
     def __init__(
         self, layer: PhysicalLayer, callers: Callers, failed: Failed, looking: bool = False
     ) -> None:
-        """Serve this layer, and keep its metrics in `registry`."""
         super().__init__(layer, callers, failed, looking)
         self.registry = CollectorRegistry()
         self.registry.register(CurrentMetrics(self))

@@ -65,7 +65,6 @@ class Port:
     """A fibre port: a filter for each direction, its attenuator and what it has counted."""
 
     def __init__(self, frequency_mhz: int, channel: Channel | None = None) -> None:
-        """Begin with these filters, full power and no photons."""
         self.channel = channel  # behind a multiplexer, whose filters cannot be tuned
         self.rx_mhz = Steps(frequency_mhz)  # for light that comes from the fibre
         self.tx_mhz = Steps(frequency_mhz)  # for light that goes into it
@@ -107,7 +106,6 @@ class OpticalSwitch:
 
     @property
     def paths(self) -> list[PathOptics]:
-        """The paths that differ from the rest, as they are just now."""
         more = self.hot_loss_db
         return [
             replace(path, insertion_loss_db=path.insertion_loss_db + more)
@@ -184,7 +182,6 @@ class OpticalSwitch:
         return self.temperature_c > self.config.max_temperature_c
 
     def _filtered(self, pulses: Mask, number: int, light: Light, leaving: bool = False) -> Mask:
-        """Return those of the pulses whose colour is within half the grid of a port's filter."""
         port = self.ports[number]
         filter_mhz = port.tx_mhz if leaving else port.rx_mhz
         grid_mhz = port.channel.grid_mhz if port.channel else self.config.grid_mhz
@@ -255,7 +252,6 @@ def _add(result: dict[int, Mask], out_port: int, photons: Mask) -> None:
 
 
 def _route(met: Sequence[Met], photons: Mask) -> dict[int, Mask]:
-    """Send photons by the paths that were open."""
     leaving: dict[int, Mask] = {}
     for part, interval in met:
         mask = leaving.setdefault(interval.out_port, np.zeros(len(photons), dtype=bool))

@@ -25,7 +25,6 @@ class Steps:
         return max(self._values)
 
     def set(self, value: float, now_ns: int) -> None:
-        """Change the value from now on."""
         if value == self.now:
             return
         self._values.append(value)

@@ -56,7 +56,6 @@ class Interval:
     closes_ns: int = NEVER_NS
 
     def part(self, times_ns: Times) -> slice:
-        """Return which of these ascending times lie in it."""
         if self.opens_ns <= times_ns[0] and times_ns[-1] < self.closes_ns:
             return slice(0, len(times_ns))
         begin, end = np.searchsorted(times_ns, (self.opens_ns, self.closes_ns))
@@ -163,7 +162,6 @@ class Timeline:
         return circuit
 
     def _rename(self, in_port: int, number: int, now_ns: int) -> None:
-        """Let an open connection go on as a circuit of this number."""
         interval = self._intervals[in_port][-1]
         if interval.circuit.number == number:
             return

@@ -94,7 +94,6 @@ def replay(network: Network, frames: int) -> int:
 
 
 def recorded(network: Network, port: str) -> str:
-    """Return the next announcement that bob sends into a fibre, in hexadecimal."""
     with network.host(VICTIM).popen([*FRAMES, "record", port], text=True) as program:
         said, errors = program.communicate(timeout=ATTACK_TIMEOUT_S)
     found = re.search(r"frame=([0-9a-f]+)", said)
@@ -119,7 +118,6 @@ def lies(network: Network) -> int:
 
 
 def places(network: Network) -> set[tuple[int, int]]:
-    """Return at which ports of switches bob's fibres are."""
     ids, found = network.runtime.datapath_ids, set()
     for fiber in network.runtime.fibers:
         for near, far in ((fiber.a, fiber.b), (fiber.b, fiber.a)):
@@ -129,7 +127,6 @@ def places(network: Network) -> set[tuple[int, int]]:
 
 
 def run_frames(network: Network, what: str, *words: str, count: int) -> None:
-    """Let charlie send so many frames."""
     with network.host(ATTACKER).popen([*FRAMES, what, *words], text=True) as sender:
         said, errors = sender.communicate(timeout=ATTACK_TIMEOUT_S)
     if told_count(said + errors) != count:

@@ -75,7 +75,6 @@ def meet(network: Network) -> None:
 
 
 def flood(network: Network, what: str, count: int, *words: str) -> None:
-    """Let charlie send so many frames, to bob."""
     attacker, victim = network.host(ATTACKER), network.host(VICTIM)
     command = [*FRAMES, what, str(attacker.defaultIntf()), str(count), victim.MAC(), *words]
     with attacker.popen(command, text=True) as sender:
@@ -85,7 +84,6 @@ def flood(network: Network, what: str, count: int, *words: str) -> None:
 
 
 def senders(switch: str) -> set[str]:
-    """Return the hardware addresses that entries in the tables of a switch are for."""
     command = ["ovs-ofctl", "-O", "OpenFlow14", "dump-flows", switch]
     done = subprocess.run(
         command, capture_output=True, text=True, check=True, timeout=TOLD_TIMEOUT_S

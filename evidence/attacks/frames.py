@@ -98,7 +98,6 @@ def is_ping(frame: bytes, mac: bytes, wanted: bytes) -> bool:
 
 
 def stations(interface: str, count: int, to_mac: str) -> int:
-    """Send a frame from each of so many hardware addresses that nobody has."""
     frames = (
         bytes(Ether(src=station(number), dst=to_mac, type=LOCAL) / bytes(46))
         for number in range(count)
@@ -149,7 +148,6 @@ def resets(interface: str, count: int, to_mac: str, posed: str, to: str, port: s
 
 
 def announcements(interface: str, count: int, name: str, address: str) -> int:
-    """Announce as many fibres in the name of another as there are to be frames."""
     mac, node_features = own_mac(opened(interface)), NodeFeatures(EVERYTHING, 8)
     frames = (
         announcement(name, f"{name}-x{number}", address, mac, TTL_S, node_features)
@@ -159,7 +157,6 @@ def announcements(interface: str, count: int, name: str, address: str) -> int:
 
 
 def record(interface: str) -> int:
-    """Print the next frame of LLDP that leaves an interface, in hexadecimal."""
     channel, deadline = opened(interface), time.monotonic() + TOLD_TIMEOUT_S
     while (left_s := deadline - time.monotonic()) > 0:
         if select.select([channel], [], [], left_s)[0]:
@@ -196,7 +193,6 @@ COUNTED: dict[str, Callable[..., int]] = {
 
 
 def main() -> None:
-    """Do one of them, and print how many."""
     parser = argparse.ArgumentParser(prog="python -m evidence.attacks.frames", description=__doc__)
     parser.add_argument("what", choices=[*ONCE, *COUNTED])
     parser.add_argument("words", nargs="+")

@@ -56,7 +56,6 @@ def where(network: Network) -> list[str]:
 
 @contextmanager
 def taken(address: str) -> Iterator[None]:
-    """Be at an address of another, for who is on this machine."""
     ip([f"addr add {address}/32 dev lo"])
     try:
         yield

@@ -36,7 +36,6 @@ class Attack:
                 return self.conduct(network, attempts), attempts
 
     def policy(self, defended: bool) -> str:
-        """Return the policy's text."""
         switches = dict.fromkeys(self.off, False)
         if not self.is_option:
             switches[self.defence] = defended

@@ -32,7 +32,6 @@ def serve(address: str) -> None:
 
 
 def connects(count: int, address: str) -> float:
-    """Return the mean time of a TCP connect and of the close at both ends."""
     started = time.perf_counter()
     for _ in range(count):
         with socket.create_connection((address, PORT), TURN_TIMEOUT_S) as connection:
@@ -58,7 +57,6 @@ def packet_ins(count: int, broadcast: str) -> float:
 
 
 def main() -> None:
-    """Serve or measure."""
     parser = argparse.ArgumentParser(prog="python -m evidence.bench.baseline", description=__doc__)
     verbs = parser.add_subparsers(dest="verb", required=True)
     verbs.add_parser("serve").add_argument("address")

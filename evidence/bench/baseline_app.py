@@ -129,7 +129,6 @@ class Baseline(App):
                 yield turn_ms
 
     def _program(self, hops: tuple[tuple[int, int], ...]) -> None:
-        """Let a bundle of the framework's messages add an entry for each hop."""
         bundle, datapath = next(self._numbers), self._datapath
         begin, end = (
             parser.OFPBundleCtrlMsg(datapath, bundle, kind, FLAGS, [])

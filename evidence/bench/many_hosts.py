@@ -41,7 +41,6 @@ class ManyHosts:
 def many_hosts_benchmarks(
     folder: Path, hosts: Sequence[int], signals: Signals
 ) -> Iterator[tuple[str, str]]:
-    """Yield name and text of the benchmark of each number of hosts."""
     for count in hosts:
         yield (
             f"network of {count:,} hosts",
@@ -50,7 +49,6 @@ def many_hosts_benchmarks(
 
 
 def measured(folder: Path, hosts: int, signals: Signals) -> ManyHosts:
-    """Start such a network, and return what it takes."""
     switches = max(1, hosts // HOSTS_AT_A_SWITCH)
     topology = partial(TreeTopo, hosts=hosts, switches=switches)
     began = time.monotonic()
@@ -65,7 +63,6 @@ def measured(folder: Path, hosts: int, signals: Signals) -> ManyHosts:
 
 
 def controller_share(network: Network) -> float:
-    """Return how much of one processor the controller takes while nothing happens."""
     began, before = time.monotonic(), controller_s(network)
     while time.monotonic() < began + IDLE_S:
         network.check()

@@ -36,7 +36,6 @@ class Openings:
     """
 
     def __init__(self, log: BinaryIO) -> None:
-        """Count from the end of the log."""
         log.seek(0, 2)
         self._log = log
         self._rest = b""

@@ -74,7 +74,6 @@ class Host:
         return Station(S1, self.number, self.mac.hex(":"), self.address)
 
     def announcement(self) -> bytes:
-        """Return what its fibre says on the supervisory channel."""
         able = NodeFeatures(EVERYTHING, MEMORY_QUBITS)
         number = time.time_ns()
         return announcement(
@@ -159,7 +158,6 @@ class Asking:
         return 1024 + self.place % 60_000
 
     def asked(self) -> tuple[bytes, bytes]:
-        """Return the acceptor's answer to the opener's SYN, and the set-up message."""
         opener, acceptor = self.opener, self.acceptor
         setup = Setup(
             self.session, Service.BB84, Handshake.FRAMED, opener.address, 1000, 100, 1_000_000
@@ -209,7 +207,6 @@ class PlayedNetwork:
         self.q1.send(*(self.q1.packet_in(*each) for each in frames))
 
     async def ask(self, opener: Host, acceptor: Host, place: int) -> Setup:
-        """Ask for light, and return the set-up message with the controller's verdict."""
         asking = Asking(opener, acceptor, place)
         self._asking[asking.session] = asking
         answer, setup = asking.asked()

@@ -47,7 +47,6 @@ def sabot_speed() -> Iterator[tuple[str, str]]:
 
 
 def steps(random: np.random.Generator, qubits: int) -> list[Step]:
-    """Return the gates of one random circuit."""
     drawn: list[Step] = []
     for name in random.choice(("h", "s", "cx"), 2 * qubits).tolist():
         operands = random.choice(qubits, 2 if name == "cx" else 1, replace=False)

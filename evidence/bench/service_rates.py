@@ -45,7 +45,6 @@ def key_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]:
 
 
 def keys_one_after_another(network: Network) -> tuple[str, str]:
-    """Return name and text of a session that makes several, each beside the light of the next."""
     before_s = processors_s(network)
     told = one_session(network, PROTOCOLS[0], count=STREAM_BITS)
     bit_us = (processors_s(network) - before_s) / told.key_bits * 1e6
@@ -80,7 +79,6 @@ def teleport_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, s
 
 
 def swap_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]:
-    """Yield name and text of pairs/s by length of the chain."""
     for repeaters in LENGTHS:
         topology = partial(RepeatersTopo, repeaters=repeaters)
         runtime = Runtime(log_folder=folder / f"repeaters-{repeaters}")

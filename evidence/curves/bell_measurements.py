@@ -29,7 +29,6 @@ LOSS = Parameter("delay_line_db_per_km", 0.2, 0.0, 1_000.0, "dB/km")
 
 
 async def chsh(values: Values, seed: int) -> Outcome:
-    """Measure the four correlations with equally many pairs."""
     laboratory = link({"depolarizing": theory.of_fidelity(number(values, "fidelity"))}, seed)
     alice, bob = laboratory.host("alice"), laboratory.host("bob")
     each = int(values["pairs"]) // len(SETTINGS)

@@ -61,7 +61,6 @@ class Networks:
         return measured
 
     def end(self) -> None:
-        """End all that run, and start no more."""
         with self._lock:
             self._ended = True
             for process in self._running:

@@ -91,7 +91,6 @@ class Trunk:
     ends: list[tuple[float, int]] = field(default_factory=list)  # of sessions with light
 
     def ask(self, session: int, now: float) -> None:
-        """Let two idle hosts ask for light."""
         if not self.idle:
             raise SweepError(f"over {PAIRS} sessions wait for light at a time: choose less load")
         pair = self.pairs[session] = self.idle.popleft()
@@ -170,7 +169,6 @@ def blocked(values: Values) -> float | None:
 
 
 def waited(values: Values) -> float | None:
-    """Return the theory of waited."""
     if values[RULE.name] == "refuse":
         return 0.0
     load, channels = number(values, LOAD.name), int(values[CHANNELS.name])

@@ -207,7 +207,6 @@ def _spans_decades(numbers: Sequence[float]) -> bool:
 
 
 def _scale(axes: Axes, picture: Picture) -> None:
-    """Choose logarithmic scales where they show more."""
     points = [point for _label, series in picture.series for point in series]
     if picture.x.unit in PREFIXED_UNITS:
         axes.xaxis.set_major_formatter(EngFormatter(unit=picture.x.unit))

@@ -47,8 +47,6 @@ def reach(block: float) -> float:
 
 
 def _best_merits(block: float, length_km: float) -> Iterator[float]:
-    """Yield the highest merit that each start leads to."""
-
     from scipy.optimize import minimize  # takes a second, which few need
 
     def less(x: Floats) -> float:

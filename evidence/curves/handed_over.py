@@ -45,7 +45,6 @@ async def deliver(values: Values, seed: int) -> Outcome:
 
 
 async def _share(laboratory: Laboratory, block: int) -> None:
-    """Bring new pairs into both memories."""
     alice, bob = laboratory.host("alice"), laboratory.host("bob")
     await alice.create(BLOCK, block)
     await alice.store((block, 0))
@@ -55,7 +54,6 @@ async def _share(laboratory: Laboratory, block: int) -> None:
 
 
 async def _measure(laboratory: Laboratory, block: int, found: Sampled) -> None:
-    """Measure each pair in one basis at both ends."""
     bases = (np.arange(BLOCK) % 3).astype(np.uint8)
     mine, yours = [
         await laboratory.host(host).measure((block, half), bases=bases)

@@ -69,7 +69,6 @@ def configuration(
 
 
 def device(values: Values) -> Device:
-    """Return the device that the parameters of its parts describe."""
     parts: dict[str, Any] = {}
     for prefix, part in PARTS.items():
         own: dict[str, Any] = {

@@ -125,7 +125,6 @@ class Span:
     """Pairs of two nodes: the blocks of halves 0 and 1."""
 
     def __init__(self, ends: Key, blocks: Key, pairs: int) -> None:
-        """Note what there is."""
         self.ends, self.blocks, self.pairs = ends, blocks, pairs
 
 
@@ -147,12 +146,10 @@ async def join_all(values: Values, seed: int) -> Outcome:
 
 
 def theory(values: Values) -> float:
-    """Return what the maps of a round and of a swap make of the links."""
     return nested(number(values, FIDELITY.name), int(values[LEVELS.name]), int(values[ROUNDS.name]))
 
 
 def werner(fidelity: float) -> Bell:
-    """Return a Werner pair."""
     wrong = (1 - fidelity) / 3
     return fidelity, wrong, wrong, wrong
 

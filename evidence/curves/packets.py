@@ -144,7 +144,6 @@ class Requests:
         return [asked for asked in found if asked is not None]
 
     def then(self, told: Told, now: float) -> Asked | None:
-        """Return what the opener of a request that is over asks for next."""
         number = application_of(told.asked)
         own = self.applications[number]
         if told.used and own.succeeds:

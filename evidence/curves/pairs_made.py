@@ -175,7 +175,6 @@ def _binomial(size: int, passes: float) -> list[tuple[int, float]]:
 
 
 def _rounded(share_: float) -> list[tuple[int, float]]:
-    """Return the whole numbers beside a share, and how likely each is taken for it."""
     whole = int(share_)
     return [(whole, whole + 1 - share_), (whole + 1, share_ - whole)]
 

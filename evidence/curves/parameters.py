@@ -153,7 +153,6 @@ class Parameter:
 
 
 def of_dataclass(prefix: str, device: Any) -> list[Parameter]:
-    """Return the parameters that a description of a device declares, with its ranges."""
     found = []
     for each in fields(device):
         name, default = f"{prefix}{each.name}", getattr(device, each.name)

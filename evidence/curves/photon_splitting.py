@@ -32,7 +32,6 @@ NO_LEVELS = (1.0, 0.0, 0.0)
 
 
 async def send(values: Values, seed: int) -> Outcome:
-    """Send pulses past eve, and compare what bob and she have found with what was sent."""
     means = means_of(values)
     found, known = await exchange(values, seed)
     gain, decoys = found.gain(), values[DECOYS.name] == "on"
@@ -74,7 +73,6 @@ async def exchange(values: Values, seed: int) -> tuple[Exchange, Counts]:
 
 
 async def attack(eve: LaboratoryHost, block: int, way: Way, random: np.random.Generator) -> None:
-    """Keep one photon of several, and send on what both ends expect."""
     light = (block, 0)
     photons: Bytes = await eve.split(light, (block | KEPT, 0))
     shares = np.array(way.sent_on(np.bincount(photons).tolist()))

@@ -29,7 +29,6 @@ class Block:
 
     @property
     def sifted(self) -> NDArray[np.bool_]:
-        """The pulses that were seen, in the basis in which they were prepared."""
         same: NDArray[np.bool_] = (self.bits != NO_CLICK) & (self.bases == self.states >> 1)
         return same
 
@@ -52,7 +51,6 @@ class Exchange:
         np.add.at(self.counts, (block.bases[same], wrong, block.levels[same]), 1)
 
     def gain(self, level: int = 0) -> Estimate:
-        """Return the share of the pulses of a level that were seen."""
         return proportion(int(self.seen[level]), int(self.sent[level]))
 
     @property

@@ -28,7 +28,6 @@ def rectilinear(a: float, b: float, dark: float, error: float) -> tuple[float, f
 
 
 def diagonal(a: float, b: float, dark: float, error: float) -> tuple[float, float]:
-    """Return the same of the X basis, where photons of one arm alone may look like a pair."""
     y, x = (1 - dark) * exp(-(a + b) / 4), (a * b) ** 0.5 / 2
     one, two = float(np.i0(x)), float(np.i0(2 * x))
     gain = 2 * y**2 * (1 + 2 * y**2 - 4 * y * one + two)

@@ -16,13 +16,11 @@ LINKS = 3
 
 
 def experiment(_places: Sequence[float]) -> list[Mark]:
-    """Return the capacity that an experiment has reached."""
     label = "experiment, arXiv:1609.00713\n(at the p of this capacity)"
     return [Mark(theory.EXPERIMENT_P, *theory.EXPERIMENT_BITS, label)]
 
 
 def endless_decoys(lengths_km: Sequence[float]) -> list[Mark]:
-    """Return the keys of Lo, Curty and Qi's closed form, where photon numbers are known."""
     mean = relayed_keys.SIGNAL
     noise = relayed_keys.DARK_COUNT, relayed_keys.ERROR, relayed_keys.CORRECTION
     arriving = map(relayed_keys.arrives, lengths_km)
@@ -31,14 +29,12 @@ def endless_decoys(lengths_km: Sequence[float]) -> list[Mark]:
 
 
 def wald(fractions: Sequence[float]) -> list[Mark]:
-    """Return Wald's expected sample numbers of a tamper seal at these fractions."""
     points = [EXPERIMENTS["seal"].complete({"tapped": fraction}) for fraction in fractions]
     pairs = [wald_pairs_to_alarm(question(values), error(values)) for values in points]
     return line(fractions, pairs, "Wald's approximations (1945)")
 
 
 def reduced_loads(loads: Sequence[float]) -> list[Mark]:
-    """Return the reduced-load approximation of sessions over a chain of links at these loads."""
     given: list[dict[str, Value]] = [{"load": load, "links": LINKS} for load in loads]
     points = map(EXPERIMENTS["links"].complete, given)
     shares = [reduced_load(*routes(values))[0] for values in points]
@@ -46,13 +42,11 @@ def reduced_loads(loads: Sequence[float]) -> list[Mark]:
 
 
 def line(places: Sequence[float], values: Iterable[float], label: str) -> list[Mark]:
-    """Return marks of which the first alone is in the legend."""
     labels = [label, *[""] * (len(places) - 1)]
     return [Mark(*each[:2], 0.0, each[2]) for each in zip(places, values, labels, strict=True)]
 
 
 def sensing(sensors: Sequence[int], probes: int) -> list[Limit]:
-    """Return Heisenberg's limit and the standard quantum limit of sensing."""
     names = "Heisenberg's limit 1/(N sqrt M)", "standard quantum limit 1/sqrt(N M)"
     lines = zip(*(limits(hosts, probes) for hosts in sensors), strict=True)
     return [

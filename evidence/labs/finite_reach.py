@@ -29,7 +29,6 @@ def reached() -> Estimate:
 
 
 def draw_finite(_runs: Runs, folder: Path) -> list[Path]:
-    """Draw the best finite keys over distance, as the paper's figure, and where its first ends."""
     series: dict[str, Series] = {}
     for block in BLOCKS:
         rates = [(km, finite_keys.best_rate(block, km)) for km in LENGTHS_KM]

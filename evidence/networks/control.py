@@ -68,7 +68,6 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
 
 
 def begin_requests(network: QuantumNetwork, requesters: int) -> None:
-    """Let so many hosts ask for light, each the next one, again and again."""
     names = [f"h{FIRST_REQUESTER + place}" for place in range(requesters + 1)]
     addresses = network.runtime.addresses
     for one, other in pairwise(names):

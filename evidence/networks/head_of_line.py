@@ -78,7 +78,6 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
 
 
 def planned(values: Values, seed: int) -> list[Planned]:
-    """Return the sessions, long ones marked by a priority, which nobody looks at here."""
     random, now = Random(seed), 0.0  # noqa: S311
     share, times = number(values, SHARE.name), [number(values, e.name) for e in (SHORT, LONG)]
     mean_s = (1 - share) * times[0] + share * times[1]
@@ -91,7 +90,6 @@ def planned(values: Values, seed: int) -> list[Planned]:
 
 
 def lights(record: Iterable[dict[str, Any]], scale: float = 1.0) -> dict[str, Light]:
-    """Return when each session came, had light and gave it back, by the controller's record."""
     at: dict[str, dict[str, float]] = {}
     for line in record:
         if "session" in line:

@@ -13,7 +13,6 @@ from topologies.networks.network import Interrupted, Signals
 
 
 def main() -> int:
-    """Measure the point in a network."""
     asked = json.load(sys.stdin)
     measure = MEASURED_BY[asked["name"]]
     try:

@@ -47,7 +47,6 @@ OPTIONS = (RATE, FRAME_BYTES, FEC, PRESET, TIME_SCALE, *CONTROL)  # by these nam
 
 
 def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
-    """Send a random message through a network of its own."""
     with NamedTemporaryFile(prefix="qmn-sweep-") as message:
         data = random.Random(seed).randbytes(int(values[MESSAGE_BYTES.name]))  # noqa: S311
         message.write(data)
@@ -80,7 +79,6 @@ def request(values: Values, seed: int, message: Path, runs: Path) -> SuperdenseR
 
 
 def outcome(result: RunResult) -> Outcome:
-    """Return what the result of a run says."""
     told, setup_ms = result.asking, result.path_setup_ms.p50
     assert isinstance(told, SentFigures)
     assert setup_ms is not None  # it has gone well

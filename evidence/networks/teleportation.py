@@ -85,7 +85,6 @@ def request(values: Values, seed: int, runs: Path) -> ServiceRequest:
 
 
 def outcome(told: TeleportFigures) -> Outcome:
-    """Return what the summary of a run says."""
     if told.fidelity is None or told.waited_ms is None:
         return {WAITED.name: NOTHING, "teleported": NOTHING}
     return {

@@ -195,7 +195,6 @@ class CountedTime:
         self._at(told.light_s + held_s, self._ends(number))
 
     def _refused(self, number: int, reason: str, now: float) -> None:
-        """Note a refusal, which comes to the opener by way of the acceptor."""
         told = self._told[number]
         if told.reason == GIVEN_UP:
             return

@@ -86,7 +86,6 @@ def on_off(traffic: Traffic, random: Random) -> Iterator[Planned]:
 
 
 def matrix(traffic: Traffic, random: Random) -> Iterator[Planned]:
-    """Yield sessions of a Poisson process for each two hosts of a file, by its rates."""
     rows = list(rows_of(traffic, OF_MATRIX, {*OF_MATRIX, OTHERS}))
     rates = [number(traffic, row, "rate_per_s", 0.0) for row in rows]
     if not sum(rates):
@@ -136,7 +135,6 @@ def plan(model: str, traffic: Traffic, seed: int, sessions: int) -> list[Planned
 
 
 def planned(traffic: Traffic, random: Random, at_s: float, hosts: Sequence[str]) -> Planned:
-    """Return a session of these hosts with a holding time."""
     mean_s = traffic.holding_s
     held = mean_s if traffic.constant or not mean_s else random.expovariate(1 / mean_s)
     urgent = int(random.random() < traffic.urgent) if traffic.urgent else 0
@@ -152,7 +150,6 @@ def ends(traffic: Traffic, random: Random) -> list[str]:
 
 
 def with_others(traffic: Traffic, random: Random, *first: str) -> list[str]:
-    """Return the hosts of a session that begins with these, the others drawn of the acceptors."""
     hosts = list(first)
     while len(hosts) < traffic.hosts:
         hosts.append(random.choice([host for host in traffic.acceptors if host not in hosts]))

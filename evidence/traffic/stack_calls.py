@@ -45,7 +45,6 @@ class StackCalls:
         return call, fields
 
     async def ask(self, **question: Any) -> dict[str, Any]:
-        """Return the answer to a question about what a service has left."""
         self.say(Call.ASK, **question)
         _call, answer = await self.read()
         if "refused" in answer:
@@ -55,7 +54,6 @@ class StackCalls:
 
 @asynccontextmanager
 async def calls(stack: str) -> AsyncIterator[StackCalls]:
-    """Connect to the stack that listens at this path, and close at the end."""
     reader, writer = await asyncio.open_unix_connection(stack)
     try:
         yield StackCalls(reader, writer)

@@ -16,7 +16,6 @@ HELP = "heavy traffic: many sessions of many hosts"
 
 
 def describe(parser: Parser) -> None:
-    """Add the options of the job."""
     add_options(parser, LoadRequest, group=JOB)
     add_topology(parser, "ring")
     add_options(parser, NetworkOptions, leave_out=KEYS)
@@ -29,5 +28,4 @@ def _call(arguments: argparse.Namespace) -> int:
 
 
 def load_request(arguments: argparse.Namespace) -> LoadRequest:
-    """Return the request of the command line."""
     return read(LoadRequest, arguments)

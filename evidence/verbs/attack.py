@@ -14,7 +14,6 @@ OFF, ON = "off", "on"
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     from evidence.attacks.laboratory import ATTACKS
     from qmn.options import add_options
     from qmn.requests.run_options import LiveOptions

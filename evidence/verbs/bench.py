@@ -162,7 +162,6 @@ def send(network: Network, data: bytes, handshake: str) -> float:
 
 @contextmanager
 def receiving(listener: QuantumSocket) -> Iterator[None]:
-    """Take one connection and what it brings, beside the caller."""
     listener.settimeout(MEASURE_TIMEOUT_S)
     listener.listen(7)
     reader = threading.Thread(target=_read_all, args=(listener,))

@@ -152,7 +152,6 @@ def compare(
 
 
 def told(finding: Finding) -> str:
-    """Name a figure that differs from what is published."""
     assert finding.published is not None
     ours = number(finding.ours.value, finding.error)
     theirs = stated(finding.published)

@@ -58,7 +58,6 @@ def call(arguments: argparse.Namespace) -> int:
 
 
 def options_of(arguments: argparse.Namespace) -> sweep.SweepOptions:
-    """Return the demo as a sweep."""
     own = read(DemoOptions, arguments)
     return sweep.SweepOptions(
         what=DEMOS[arguments.name].experiment.name,

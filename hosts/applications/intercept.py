@@ -34,7 +34,6 @@ class Attack:
 
     @property
     def options(self) -> dict[str, Any]:
-        """What the stack is told beside the fraction."""
         losses = {"expected_db": self.expected_db, "onward_db": self.onward_db}
         return {"attack": self.attack, **(losses if self.attack == "split" else {})}
 

@@ -54,7 +54,6 @@ class PairLight(Primitives):
         rate_hz: int,
         wavelength_pm: int,
     ) -> None:
-        """Do what `emit_pairs` does, begun as by `begin`."""
         emission = steps.emission(session, number, count, ports, rate_hz, wavelength_pm)
         self.begin(session, *emission)
 

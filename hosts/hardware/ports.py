@@ -26,7 +26,6 @@ def _is_up(name: str) -> bool:
 
 
 def link_changes() -> socket.socket:
-    """Return a socket that can be read when a link of this network namespace has changed."""
     kind = socket.SOCK_RAW | socket.SOCK_NONBLOCK
     changes = socket.socket(socket.AF_NETLINK, kind, socket.NETLINK_ROUTE)
     changes.bind((0, RTMGRP_LINK))

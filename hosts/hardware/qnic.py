@@ -239,7 +239,6 @@ class Qnic(PairLight):
         return list(outcomes)
 
     async def tell(self, instructions: str) -> None:
-        """Report the instructions that are executed now to those who watch."""
         await self.perform(Step(tell=TellRequest(text=instructions)))
 
 

@@ -81,7 +81,6 @@ def bits_of(feedback: Feedback) -> Symbols:
 
 
 def coincidences_of(feedbacks: Sequence[Feedback]) -> Coincidences:
-    """Return the Bell states that the last of several steps found."""
     feedback = feedbacks[-1]
     outcomes = dibits.unpack(feedback.dibits, feedback.photons, "little")
     return Coincidences(_with_missed(outcomes, feedback), feedback.clicks, feedback.time_ns)

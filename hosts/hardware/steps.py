@@ -46,7 +46,6 @@ def halves(session: int, number: int) -> tuple[BlockName, BlockName]:
 
 
 def prepare(name: BlockName, states: Symbols, levels: Symbols | None) -> Step:
-    """Return the step that makes a photon in each state."""
     create = CreateRequest(session=name.session, number=name.number, count=states.size)
     create.state = CreateRequest.PREPARED
     if states.max(initial=0) > dibits.LARGEST:
@@ -65,7 +64,6 @@ def emission(
     rate_hz: int,
     wavelength_pm: int,
 ) -> tuple[Step, Step]:
-    """Return the steps that make pairs and send their halves into two ports."""
     create = CreateRequest(session=session, number=number, count=count)
     light = dict(zip(halves(session, number), ports, strict=True))
     return Step(create=create), send(light, rate_hz, wavelength_pm)
@@ -108,7 +106,6 @@ def measure(block: BlockName, bases: Symbols) -> Step:
 
 
 def apply(block: BlockName, paulis: Symbols | None = None, *gates: Gate) -> Step:
-    """Return the step that applies a Pauli operator to each photon, then gates to all."""
     packed = b"" if paulis is None else dibits.pack(paulis, "little")
     return Step(apply=ApplyRequest(block=block_id(block), dibits=packed, gates=gates))
 
@@ -135,7 +132,6 @@ def discard(block: BlockName) -> Step:
 
 
 def steps_of(operations: Iterable[Operation]) -> Iterator[Step]:
-    """Yield steps, gates in a row on one qubit in a step together."""
     gates: list[Operation] = []
     for operation in operations:
         is_gate = operation.kind in GATES

@@ -90,7 +90,6 @@ class Device:
         self.cut_off(settings.cutoff_us)
 
     def override(self, setup: Setup) -> Setup:
-        """Return the set-up of a new session as this device is set."""
         used = overridden(setup, self.settings)
         if used != setup:
             changes = [

@@ -69,7 +69,6 @@ class Agreement:
         return self
 
     def report(self, light_us: int) -> None:
-        """Report that the pairs are there."""
         assert self._writer is not None
         self._writer.write(PairsMade(light_us).encode())
 
@@ -79,7 +78,6 @@ class Agreement:
 
 
 async def reported_light_us(end: "asyncio.Task[bytes]") -> int:
-    """Return how long light has lasted by the creator's last message."""
     try:
         async with asyncio.timeout(REPORT_TIMEOUT_S):
             return decode_made(await asyncio.shield(end)).light_us
@@ -89,7 +87,6 @@ async def reported_light_us(end: "asyncio.Task[bytes]") -> int:
 
 
 def _reason_of(error: Exception) -> Reason:
-    """Return why there is no answer."""
     if isinstance(error, MalformedPacket):
         return Reason.PROTOCOL
     return Reason.NO_ANSWER if isinstance(error, TimeoutError) else Reason.PEER_GONE

@@ -29,7 +29,6 @@ MOST_TOLD = 1000  # characters of a subroutine that those who watch are told
 
 
 def told(subroutine: Subroutine) -> str:
-    """Return a subroutine in one line, or its beginning."""
     instructions = [str(each) for each in subroutine.instructions]
     text = "; ".join(instructions) or "no instruction"
     if len(text) <= MOST_TOLD:
@@ -52,7 +51,6 @@ class Request:
 
     @property
     def left(self) -> int:
-        """The number of pairs that are still to come."""
         return self.pairs - self.made
 
     def add(self, made: Made) -> list["Half"]:
@@ -98,7 +96,6 @@ class Application:
         self._homeless: list[Half] = []  # without a number yet
 
     def open_socket(self, message: OpenSocket) -> None:
-        """Let pairs be asked for between a socket here and one there."""
         if not 0 <= message.remote_node < len(self._nodes):
             raise _refused(f"node {message.remote_node}: there are {len(self._nodes)}, from 0")
         self._sockets[message.remote_node, message.socket] = message.remote_socket
@@ -110,12 +107,10 @@ class Application:
         return await self._machine.run(subroutine)
 
     async def look(self, qubit: int, entangled: bool) -> NDArray[np.complex128]:
-        """Return the density matrix of a qubit, where states are simulated."""
         await self._arrived(qubit)
         return await self._qubits.look(qubit, entangled)
 
     async def close(self) -> None:
-        """Discard requests and photons."""
         for request in self._requests:
             request.cancel()
         await asyncio.gather(*self._requests, return_exceptions=True)
@@ -181,7 +176,6 @@ class Application:
                 self._keep(halves)
 
     def _can_keep(self, request: Request) -> bool:
-        """Return whether as many numbers of qubits are named as pairs."""
         return len(self._machine.memory.entries(request.qubits)) == request.pairs
 
     def _keep(self, halves: list[Half]) -> None:
@@ -237,7 +231,6 @@ class Application:
             await self._settled(is_clear)
 
     def _is_coming(self, number: int) -> bool:
-        """Return whether a request in progress names this number for a pair."""
         named = (request.qubits for request in self._requests.values())
         return any(number in self._machine.memory.entries(address) for address in named)
 

@@ -93,7 +93,6 @@ class Machine:
         return await done if isawaitable(done) else done
 
     async def _act(self, name: str, operands: tuple[int, ...]) -> None:
-        """Act on one qubit or two."""
         if name in ROTATIONS:
             register, numerator, denominator = operands
             self.qubits.rotate(name, await self._qubit(register), numerator, denominator)

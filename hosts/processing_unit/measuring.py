@@ -32,7 +32,6 @@ TURNS = {
 
 
 def choose(how: Measuring, pairs: int, draws: np.random.Generator) -> list[int]:
-    """Return a basis for each pair."""
     return [int(basis) for basis in draws.choice(CHOICES[how.bases], pairs)]
 
 
@@ -80,7 +79,6 @@ def read_use(words: Sequence[Value]) -> tuple[Use, Measuring, Measuring]:
 
 
 def read_word(words: Sequence[Value], place: int, default: int = 0) -> int:
-    """Return a word of a request, or the default if it is left out."""
     word = words[place] if place < len(words) else None
     return word if isinstance(word, int) else default
 

@@ -22,12 +22,10 @@ class ClassicalMemory:
     """Registers by number, arrays by address."""
 
     def __init__(self) -> None:
-        """Begin with nothing defined."""
         self._registers: dict[int, Value] = {}
         self._arrays: dict[int, list[Value]] = {}
 
     def set(self, register: int, value: Value) -> None:
-        """Put a value into a register."""
         if isinstance(value, int) and not LEAST <= value <= MOST:
             raise _refused(f"{value} in register {register_name(register)}: it has 32 bits")
         self._registers[register] = value
@@ -44,7 +42,6 @@ class ClassicalMemory:
         return value
 
     def new_array(self, address: int, length: int) -> None:
-        """Make an array of which nothing is defined, perhaps in the place of another."""
         total = sum(map(len, self._arrays.values()))
         if not 0 <= length <= MAX_ENTRIES or total + length > MAX_TOTAL:
             raise _refused(f"an array of {length} entries: at most {MAX_ENTRIES}, and {MAX_TOTAL}")
@@ -77,7 +74,6 @@ class ClassicalMemory:
         return value
 
     def put(self, address: int, index: int, value: Value) -> None:
-        """Change an entry of an array."""
         self.part(address, index, index + 1)
         self._arrays[address][index] = value
 

@@ -40,7 +40,6 @@ class ProcessingUnit:
         self.pairs = PairMaking(config, self.nodes, qnic, sessions)
 
     def connect(self) -> "Connection":
-        """Return what serves one connection of an application."""
         return Connection(self._begin)
 
     def _begin(self, message: InitApplication) -> Application:
@@ -94,7 +93,6 @@ class Connection:
         return {"real": matrix.real.tolist(), "imaginary": matrix.imag.tolist()}
 
     async def close(self) -> None:
-        """Discard everything of the application."""
         application, self._application = self._application, None
         if application is not None:
             await asyncio.shield(application.close())

@@ -54,7 +54,6 @@ class ApplicationsPort:
 
     @contextmanager
     def expecting(self, port: int, arriving: Arriving) -> Iterator[None]:
-        """Let pairs for the processing unit come to a port."""
         self._expected[port] = arriving
         try:
             yield

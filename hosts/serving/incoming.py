@@ -24,7 +24,6 @@ class Incoming:
         self.answer: Answerer | None = None
 
     def accept(self, writer: asyncio.StreamWriter) -> None:
-        """Hand the connection to an application."""
         if self._error is not None:
             writer.write(failed(self._error))
         else:

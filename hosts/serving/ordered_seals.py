@@ -59,7 +59,6 @@ class OrderedSeals:
         opening: Callable[[OpeningSession], AbstractContextManager[None]],
         end: Callable[[int], bool],
     ) -> None:
-        """`request` prepares a session with a given number, `end` lets a seal end soon."""
         self._name, self._address = name, address
         self._request, self._opening, self._end = request, opening, end
         self._answered: dict[int, tuple[Reason, str]] = {}  # by seal: orders are sent again

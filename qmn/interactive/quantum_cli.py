@@ -86,7 +86,6 @@ class QuantumCLI(CLI):
             lg.removeHandler(self._errors)
 
     def run(self) -> None:
-        """Ask for commands, or do those of the script."""
         if self._script is None:
             super().run()
             return
@@ -135,7 +134,6 @@ class QuantumCLI(CLI):
         print(f"*** {text}", file=sys.stderr, flush=True)
 
     def default(self, line: str) -> None:
-        """Run a command on a host, or a quantum verb that is written behind its name."""
         host, verb, rest = [*line.split(None, 2), "", ""][:3]
         if host in self.mn and verb in QUANTUM_VERBS:
             self.onecmd(f"{verb} {host} {rest}")

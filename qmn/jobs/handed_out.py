@@ -25,14 +25,12 @@ class HandedOut:
     """What two hosts have handed out, the one that has asked for keys first."""
 
     def __init__(self, stores: Sequence[KeyStore], files: Sequence[BinaryIO]) -> None:
-        """Take keys out of these stores, and put them into these files."""
         self._opener, self._acceptor = stores
         self._files = files
         self._early: dict[UUID, bytes] = {}  # taken at the acceptor; the opener stores them later
         self.count = 0
 
     def take(self) -> None:
-        """Take what both hosts have now."""
         first = {each.key_id: each.key for each in _taken(self._opener)}
         self._write(list(first.values()), self._acceptor.take_all(list(first)))
         self._early |= {each.key_id: each.key for each in _taken(self._acceptor)}

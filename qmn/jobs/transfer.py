@@ -103,7 +103,6 @@ def standing_still(said: Mapping[str, Mapping[str, Any] | None], limit_s: float)
 
 
 def last_word(fields: Mapping[str, Any] | None) -> str:
-    """Return what a line says, in a few words."""
     if not fields:
         return "nothing yet"
     event = str(fields.get("event", "a line"))

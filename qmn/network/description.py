@@ -47,12 +47,10 @@ class NetworkDescription:
 
     @property
     def hosts(self) -> list[str]:
-        """The hosts that have light."""
         return list(self.parts.hosts)
 
     @property
     def dark_hosts(self) -> list[str]:
-        """The hosts that have no light."""
         return [name for name in self.topo.hosts() if name not in self.parts.hosts]
 
     def node(self, name: str) -> str:
@@ -61,11 +59,9 @@ class NetworkDescription:
         return name if name in self.topo.nodes() else places.get(spelling(name), name)
 
     def with_policy(self, policy: Path) -> "NetworkDescription":
-        """Return the same with another policy in force."""
         return replace(self, options=replace(self.options, policy=str(policy)))
 
     def build(self) -> Topo:
-        """Return what Mininet builds."""
         return self.topo
 
 

@@ -81,7 +81,6 @@ class Felt:
 
 
 def everything(hosts: Iterable[str]) -> Felt:
-    """Return what hosts feel that may do anything, wherever their light goes."""
     return Felt(dict.fromkeys(hosts, EVERY), None)
 
 
@@ -145,7 +144,6 @@ def _bell(device: Device) -> Settings:
 
 
 def _repeaters(parts: Description, ends: Sequence[str]) -> Felt:
-    """Return what hosts feel that may be repeaters, or stations between them."""
     found = Felt({}, None)
     for host in parts.hosts.keys() - {*ends}:
         device = parts.hosts[host]

@@ -65,7 +65,6 @@ def scale_of(given: float | str, network: Description, round_trip_s: float = 0.0
 
 
 def times(network: Description) -> Iterator[tuple[str, float]]:
-    """Yield the times of memories and the delays of fibres, each with its name."""
     for host, device in network.hosts.items():
         yield f"T1 of {host}", device.memory.t1_s
         yield f"T2 of {host}", device.memory.t2_s

@@ -62,7 +62,6 @@ def _is_needed(each: "Field[Any]") -> bool:
 def kept_fields(
     kind: "type[DataclassInstance]", kinds: Kinds = NO_KINDS, without: Collection[str] = ()
 ) -> "dict[str, Field[Any]]":
-    """Return the fields that results keep of requests of a class, by their names there."""
     found: dict[str, Field[Any]] = {}
     for each in fields(kind):
         part: Any = kinds.get(each.name, each.type)
@@ -81,7 +80,6 @@ def _name(kind: Any, each: "Field[Any]", without: Collection[str]) -> str | None
 
 
 def _plain(value: Any) -> Parameter:
-    """Return a value as JSON has it."""
     if isinstance(value, tuple):
         return list(value)
     plain: Parameter = str(value) if isinstance(value, Path) else value

@@ -45,7 +45,6 @@ def fiber_use(network: NetworkFacts, events: Iterable[Event]) -> Use:
 
 
 def shares(use: Use, begin_ns: int, end_ns: int) -> dict[str, float]:
-    """Return the share of a time that each fibre was in use."""
     span = max(end_ns - begin_ns, 1)
     return {
         name: sum(max(0, min(end, end_ns) - max(begin, begin_ns)) for begin, end in intervals)
@@ -61,7 +60,6 @@ def _ended(
     place: FiberEnd,
     end_ns: int,
 ) -> None:
-    """Count a cross-connect that is over for both of its fibres."""
     if place not in standing:
         return
     begin_ns, out_port = standing.pop(place)

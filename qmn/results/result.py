@@ -64,7 +64,6 @@ def sessions(lines: list[dict[str, Any]]) -> Sessions:
 
 
 def _watched(lines: list[dict[str, Any]]) -> WatchedLight:
-    """Return what seals have found."""
     over = [line for line in lines if line["event"] == "watched"]
     alarms = [line for line in lines if line["event"] == "alarm"]
     return WatchedLight(
@@ -78,7 +77,6 @@ def _watched(lines: list[dict[str, Any]]) -> WatchedLight:
 
 
 def watched_light(seen: WatchedLight | None) -> dict[str, str]:
-    """Return what is said of seals, if there were any."""
     if seen is None:
         return {}
     closed = f", closed: {' '.join(seen.closed)}" if seen.closed else ""

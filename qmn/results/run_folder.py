@@ -104,7 +104,6 @@ def give_tree(folder: Path) -> None:
 
 @contextmanager
 def given_at_the_end(folder: str) -> Iterator[None]:
-    """Let the user who called sudo own a folder that is made meanwhile, whatever happens."""
     try:
         yield
     finally:

@@ -26,7 +26,6 @@ def sha256(file: Path) -> str | None:
 
 
 def rows(job: Job) -> dict[str, str]:
-    """Return what a person is told of the service, and of who listened in."""
     if isinstance(job, NetqasmJob):
         return {}
     told = _sent(job.asking) if isinstance(job.asking, SentFigures) else _plain(job.asking)

@@ -23,7 +23,6 @@ def parameters(one: Path, two: Path) -> list[Row]:
 
 
 def _sent(run: Path) -> dict[str, str]:
-    """Return the message of a run, if it has one, in a few words."""
     given = schema.head_of(_result(run)).job.get("message")
     if given is None:
         return {}

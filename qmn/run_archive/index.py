@@ -91,7 +91,6 @@ def read_run(path: Path) -> Run:
 
 
 def _none(path: Path, error: Exception) -> str:
-    """Return why there is no result to be read."""
     if isinstance(error, FileNotFoundError):
         return "goes on" if (path / BEGUN).exists() else "no result"
     if isinstance(error, PermissionError):
@@ -114,7 +113,6 @@ def differing(head: Head) -> dict[str, Parameter]:
 
 
 def _defaults(head: Head) -> dict[str, Any]:
-    """Return the defaults of what a run could be told, by name."""
     known = {each.name: each for each in fields(NetworkOptions)}
     if kept := KEPT.get(job_of(head.service or "", head.job)):
         known |= kept.fields

@@ -35,7 +35,6 @@ def ask(command: str, **fields: Any) -> Any:
 
 
 def find_console() -> Path:
-    """Return the socket of the controller of the network that runs."""
     running = folders_of_running(RUNTIME_ROOT)
     if not running:
         raise NoAnswer(NONE_RUNS)

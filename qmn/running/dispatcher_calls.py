@@ -50,7 +50,6 @@ def held_blocks(network: Network, node: str) -> list[HeldBlock]:
 
 
 def switch_statistics(network: Network) -> dict[str, SwitchStatisticsReply]:
-    """Return what each quantum switch has counted and measured, by its name."""
     with _asking(network) as (stub, options):
         return {
             name: stub.SwitchStatistics(SwitchStatisticsRequest(switch=name), **options)
@@ -59,7 +58,6 @@ def switch_statistics(network: Network) -> dict[str, SwitchStatisticsReply]:
 
 
 def switch_conditions(network: Network) -> dict[str, SwitchCondition]:
-    """Return what the paths of each quantum switch do to light now, by its name."""
     with _asking(network) as (stub, options):
         found = {}
         for name in network.runtime.switches:

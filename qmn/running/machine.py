@@ -55,7 +55,6 @@ def user() -> Finding:
 
 
 def open_files() -> Finding:
-    """How many files a program may open."""
     _soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     unlimited = hard == resource.RLIM_INFINITY
     if unlimited or hard >= LEAST_FILES:
@@ -112,7 +111,6 @@ def _tried(name: str, without: str, command: list[str], remedy: str) -> Finding:
 
 
 def packages() -> Finding:
-    """The Debian packages that set-up installs."""
     wanted = (ROOT / "apt-packages.txt").read_text().split()
     if shutil.which("dpkg-query") is None:
         return Finding("packages", LIMITED, "no Debian-like system", "use MODE=docker")
@@ -146,7 +144,6 @@ def _installed(distribution: str) -> bool:
 
 
 def open_vswitch() -> Finding:
-    """The switches."""
     name = "Open vSwitch"
     if not openvswitch.installed():
         return Finding(name, FAILS, "not installed", SETUP)
@@ -160,7 +157,6 @@ def open_vswitch() -> Finding:
 
 
 def docker() -> Finding:
-    """The engine, for those who would rather have it all in a container."""
     if os.environ.get("QMN_MODE") == "docker":
         return Finding("Docker", WORKS, "this is a container")
     status, words = _run(str(ROOT / "docker" / "engine"))

@@ -6,7 +6,6 @@ from rich.table import Table
 
 
 def table(title: str, columns: tuple[str, ...], rows: list[list[str]]) -> Table:
-    """Return a table in the style of the other verbs."""
     made = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
     for column in columns:
         made.add_column(column)
@@ -16,7 +15,6 @@ def table(title: str, columns: tuple[str, ...], rows: list[list[str]]) -> Table:
 
 
 def path_row(path: dict[str, Any], names: dict[str, str]) -> list[str]:
-    """Return the line of one light path."""
     hops = ", ".join(
         f"{switch_port(hop['dpid'], hop['in_port'], names)}->{hop['out_port']}"
         for hop in path["hops"]
@@ -82,7 +80,6 @@ def counted(number: int, thing: str) -> str:
 
 
 def hosts_table(hosts: list[dict[str, Any]]) -> Table:
-    """Return hosts, one a line."""
     table = Table(title="hosts", title_justify="left", box=None, padding=(0, 2, 0, 0))
     for column in HOST_COLUMNS:
         table.add_column(column)
@@ -111,7 +108,6 @@ def host_row(host: dict[str, Any]) -> list[str]:
 
 
 def features_of(host: dict[str, Any]) -> str:
-    """Return what a host has announced that it can do, and how much it stores."""
     features = host.get("features")
     if features is None:
         return "unknown"

@@ -57,7 +57,6 @@ def add_parser(verbs: Any) -> None:
 
 
 def programs() -> list[NetworkProgram]:
-    """Return the programs of packages that can be started beside the network."""
     return [entry.load() for entry in registered(PROGRAMS).values()]
 
 
@@ -121,7 +120,6 @@ def start_and_obey(
 
 
 def start_beside(network: QuantumNetwork, starts: Sequence[Start]) -> None:
-    """Start the programs beside the network, and print their addresses."""
     for switch, address in network.runtime.gnmi_addresses.items():
         print(f"gNMI of {switch}: {address}")
     for program, url in urls(network.runtime.metrics_addresses).items():

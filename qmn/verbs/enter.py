@@ -18,7 +18,6 @@ from topologies.system.runs.runtime import NONE_RUNS
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
     parser = verbs.add_parser(
         "enter",
         description=__doc__,

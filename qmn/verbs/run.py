@@ -27,7 +27,6 @@ OF_LIGHT = ("block_pairs", "rate_hz")
 
 
 def add_parser(verbs: Any) -> None:
-    """Describe the verb and its jobs."""
     parser = verbs.add_parser("run", description=__doc__)
     parser.set_defaults(needs=Needs.NETWORK)
     jobs = parser.add_subparsers(dest="job", metavar="JOB", required=True)
@@ -40,7 +39,6 @@ def add_parser(verbs: Any) -> None:
 
 
 def _add_superdense(jobs: Any, name: str, what: str) -> None:
-    """Describe superdense coding, which is called as the topology that it runs on."""
     text = f"superdense coding over {what}"
     parser = jobs.add_parser(name, help=text, description=text)
     parser.put_off(partial(_describe_superdense, parser, name))
@@ -73,12 +71,10 @@ def _call_superdense(arguments: argparse.Namespace) -> int:
 
 
 def superdense_request(arguments: argparse.Namespace) -> SuperdenseRequest:
-    """Return what the command line asks for."""
     return read(SuperdenseRequest, arguments, port=APPLICATION_PORT)
 
 
 def _add_service(jobs: Any, name: str, verb: Verb) -> None:
-    """Describe a service."""
     parser = jobs.add_parser(name, help=verb.help, description=verb.help)
     parser.put_off(partial(_describe_service, parser, name, verb))
 
@@ -121,14 +117,12 @@ def _call_service(arguments: argparse.Namespace) -> int:
 
 
 def service_request(arguments: argparse.Namespace) -> ServiceRequest:
-    """Return what the command line asks for."""
     ends = ends_of_line(arguments.service, getattr(arguments, "line", ""))
     kinds = {"options": NAMES[arguments.service].options}
     return read(ServiceRequest, arguments, kinds, port=SERVICE_PORT, **ends)
 
 
 def _add_registered(jobs: Any, name: str, entry: EntryPoint) -> None:
-    """Describe the job of a package."""
     job = entry.load()
     parser = jobs.add_parser(name, help=job.HELP, description=job.HELP)
     parser.put_off(partial(job.describe, parser))

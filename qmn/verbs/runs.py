@@ -131,7 +131,6 @@ def in_short(began: str) -> str:
 
 
 def said(parameters: dict[str, Any]) -> str:
-    """Return parameters as a person reads them."""
     return ", ".join(
         f"{name} {' '.join(map(str, value)) if isinstance(value, list) else value}"
         for name, value in parameters.items()
@@ -144,7 +143,6 @@ def megabytes(count: int) -> str:
 
 
 def compare(arguments: argparse.Namespace) -> None:
-    """Print two runs beside each other."""
     one, two = (find(arguments.runs, name) for name in (arguments.one, arguments.two))
     columns = ("", one.name, two.name)
     console = wide_console()
@@ -183,7 +181,6 @@ def prune(arguments: argparse.Namespace) -> None:
 def to_prune(
     runs: Sequence[Run], older_than_s: float | None, keep_gb: float | None, now: float
 ) -> list[Run]:
-    """Return the runs that go, of a list with the oldest first."""
     began = {run: time.mktime(time.strptime(run.began, BEGAN)) for run in runs}
     left, doomed = sum(run.bytes for run in runs), []
     for run in runs:

@@ -41,7 +41,6 @@ def call(arguments: argparse.Namespace) -> int:
 
 
 def become(file: Path, words: Sequence[str]) -> NoReturn:
-    """Run the script in place of this program."""
     environment = {**callers_environment(), "PYTHONPATH": ENVIRONMENT["PYTHONPATH"]}
     # -P: what is in the folder of the user is found by name only if the script is there, too.
     command = [sys.executable, "-P", "-m", MODULE, str(file), *words]

@@ -22,7 +22,6 @@ def add_parser(verbs: Any) -> None:
 
 
 def call(arguments: argparse.Namespace) -> int:
-    """Copy, and say what was left out."""
     try:
         left_out = share(arguments.run, arguments.copy)
     except (CannotShare, OSError) as error:

@@ -154,7 +154,6 @@ class Spy:
     """Prints what is wanted, and counts."""
 
     def __init__(self, options: SpyOptions) -> None:
-        """Know what is wanted."""
         self._nodes, self._sessions = frozenset(options.node), frozenset(options.session)
         self._kinds = frozenset(options.kind)
         self._as_json, self._per_qubit = options.json, options.per_qubit

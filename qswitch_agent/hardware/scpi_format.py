@@ -63,7 +63,6 @@ def read_error(text: str) -> tuple[int, str]:
 
 
 def read_powers(text: str, count: int) -> list[float]:
-    """Return powers in dBm, one for each port that was asked for."""
     items = _items(text)
     if len(items) != count or not all(map(NUMBER.fullmatch, items)):
         raise GarbledReply(f"{count} powers", text)
@@ -71,7 +70,6 @@ def read_powers(text: str, count: int) -> list[float]:
 
 
 def read_states(text: str, count: int) -> list[str]:
-    """Return E, D or F for each port that was asked for."""
     items = _items(text)
     if len(items) != count or not all(map(STATE.fullmatch, items)):
         raise GarbledReply(f"{count} port states", text)

@@ -39,7 +39,6 @@ class FlowTable:
         self._marked: set[tuple[int, bytes]] = set()  # keys of the entries with a mark
 
     def copy(self) -> "FlowTable":
-        """Return a table in which a change can be tried."""
         other = FlowTable(self.fibers)
         other.stuck = self.stuck
         other._cut = set(self._cut)
@@ -215,7 +214,6 @@ def _taken(path: CrossConnect, first: CrossConnect | None) -> str:
 
 
 def circuit_of(entry: FlowEntry) -> int:
-    """Return the number under which the photons of a light entry are counted."""
     if entry.mark is not None and entry.mark.circuit:
         return entry.mark.circuit
     name = entry.cookie.to_bytes(8, "big") + entry.priority.to_bytes(2, "big") + entry.match
@@ -223,7 +221,6 @@ def circuit_of(entry: FlowEntry) -> int:
 
 
 def concerns(mod: FlowMod, entry: FlowEntry) -> bool:
-    """Tell whether MODIFY or DELETE is about an entry."""
     if (entry.cookie ^ mod.cookie) & mod.cookie_mask:
         return False
     if mod.deletes and not _filters_pass(mod, entry):

@@ -146,7 +146,6 @@ class FlowStatistics:
         return STATISTICS.pack(STATISTICS.size + len(rest), *self.fixed[1:]) + rest
 
     def shown(self, mark: Mark, photons: int) -> "FlowStatistics":
-        """Return what a controller sees of a light entry."""
         fixed = list(self.fixed)
         fixed[5], fixed[10], fixed[11] = mark.idle_timeout_s, photons, NOT_AVAILABLE
         return FlowStatistics(
@@ -156,7 +155,6 @@ class FlowStatistics:
 
 @strict
 def flow_statistics(message: bytes) -> list[FlowStatistics]:
-    """Return the entries in a reply to OFPMP_FLOW."""
     entries, offset = [], multipart.BODY
     while offset < len(message):
         fixed = STATISTICS.unpack_from(message, offset)
@@ -196,7 +194,6 @@ class FlowRemoved:
         return self.fixed[2]
 
     def shown(self, message: bytes, mark: Mark, photons: int, reason: int) -> bytes:
-        """Return the message as a controller sees it, if a light entry was removed."""
         fixed = list(self.fixed)
         fixed[2] = reason
         fixed[6], fixed[8], fixed[9] = mark.idle_timeout_s, photons, NOT_AVAILABLE

@@ -84,7 +84,6 @@ class Instructions(NamedTuple):
         return _instruction(APPLY, mark.encode() + b"".join(applied)) + others
 
     def without_mark(self) -> bytes:
-        """Return the instructions as a controller gave them."""
         parts = each_part(self.data, 4, "instruction")
         if self.mark is not None and self.mark.added:
             return b"".join(body for kind, body in parts if kind != APPLY)

@@ -22,7 +22,6 @@ Fields = Mapping[Field, tuple[bytes, bytes]]  # value and mask
 
 @strict
 def split(data: bytes) -> tuple[bytes, bytes]:
-    """Return the OXM fields that data begins with, and what is behind the match's padding."""
     kind, length = MATCH.unpack_from(data)
     if kind != ofp.OFPMT_OXM:
         raise _bad(ofp.OFPBMC_BAD_TYPE, f"match of type {kind}")

@@ -30,7 +30,6 @@ class PacketOut:
     @classmethod
     @strict
     def decode(cls, message: bytes) -> Self:
-        """Read a PACKET_OUT."""
         _buffer, in_port, length = PACKET_OUT.unpack_from(message, HEADER.size)
         rest = message[HEADER.size + PACKET_OUT.size :]
         if length > len(rest):

@@ -77,7 +77,6 @@ def status_reason(message: bytes) -> int:
 
 @strict
 def with_ports(message: bytes, ports: list[Port]) -> bytes:
-    """Return a PORT_STATUS or a reply to OFPMP_PORT_DESC like this one with these ports."""
     parts = [port.encode() for port in ports]
     if message[1] == ofp.OFPT_PORT_STATUS:
         return with_body(message, message[HEADER.size : STATUS_PORT] + b"".join(parts))
@@ -112,7 +111,6 @@ class PortMod:
     @classmethod
     @strict
     def decode(cls, message: bytes) -> "PortMod":
-        """Read a PORT_MOD."""
         number, address, config, mask = MOD.unpack_from(message, HEADER.size)
         others, tunings = b"", []
         for kind, body in _properties(message[HEADER.size + MOD.size :]):
@@ -185,7 +183,6 @@ class PortStatistics:
 
 @strict
 def port_statistics(message: bytes) -> list[PortStatistics]:
-    """Return the ports in a reply to OFPMP_PORT_STATS."""
     ports, offset = [], multipart.BODY
     while offset < len(message):
         fixed = STATISTICS.unpack_from(message, offset)

@@ -95,7 +95,6 @@ class Replies:
         return message
 
     def _is_announced(self, message: bytes) -> bool:
-        """Tell whether this is the first of the two changes by which a port is announced."""
         if ports.status_reason(message) != ofp.OFPPR_MODIFY:
             return False
         described = ports.described_ports(message)
@@ -198,7 +197,6 @@ class Replies:
         return gone.shown(message, removed.mark, photons, reason)
 
     def _packet_in(self, message: bytes) -> bytes:
-        """From a fibre comes LLDP and nothing else."""
         in_port, frame = packets.packet_in(message)
         if in_port in self._switch.fibers and not packets.is_lldp(frame):
             log.info("a packet from the fibre at port %d that is not LLDP: dropped", in_port)
@@ -206,7 +204,6 @@ class Replies:
         return message
 
     async def _bundle(self, message: bytes) -> bytes:
-        """Tune ports as a bundle said, now that the bridge has committed it."""
         xid = transaction_id(message)
         if packets.bundle_control(message)[1] != ofp.OFPBCT_COMMIT_REPLY:
             return message
@@ -221,7 +218,6 @@ class Replies:
 
 
 def _photons(readings: Readings, mark: Mark) -> int:
-    """Return how many photons a light entry has passed, if that is counted."""
     if not readings.counts_photons:
         return messages.NOT_AVAILABLE
     reading = readings.circuits.get(mark.circuit)

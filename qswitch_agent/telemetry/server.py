@@ -25,7 +25,6 @@ OPTIONS = [("grpc.so_reuseport", 0), ("grpc.max_receive_message_length", MAX_REQ
 
 
 async def observe(switch: Switch, name: str) -> list[Leaf]:
-    """Return all that is known of a switch now."""
     readings = await switch.read()
     fibers = {
         number: Fiber(port.name, port.up, switch.light(number, readings))

@@ -140,7 +140,6 @@ def _links(path: Path, entries: Any, one: str, other: str) -> Iterator[Link]:
 
 
 def _unused(given: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the names of the fields that say nothing here, those of lists as nodes.seed."""
     unused = set(given) - SEQUENCE_FIELDS[""]
     for part, fields in SEQUENCE_FIELDS.items():
         for entry in given.get(part, ()):

@@ -33,8 +33,6 @@ OF_LINKS = {"node1", "node2", "port1", "port2"}  # that Topo itself adds
 
 
 def checked(kind: type[Topo]) -> type[Topo]:
-    """Return the same class of topologies, whose nodes and links are checked as they are added."""
-
     @wraps(kind.build)
     def build(self: Topo, *arguments: Any, **params: Any) -> None:
         self.g = CheckedGraph()

@@ -96,7 +96,6 @@ def _refuse_left_out(topo: Topo, infos: Infos, lit: list[str], dispatcher: str) 
 
 
 def _remedy(end: str, there: str, infos: Infos) -> str:
-    """Say how a switch can be joined to that of the dispatcher."""
     if infos[end].get("isSwitch") and not is_made(infos[end], ClassicalSwitch):
         own = f'addSwitch("{end}", cls=ClassicalSwitch)'
         return f"make {end}, and each other switch of copper, of ours, as {own}"
@@ -131,7 +130,6 @@ def _first_links(topo: Topo) -> dict[str, FirstLink]:
 
 
 def _copper_that_passes(topo: Topo, infos: Infos) -> Ways:
-    """Return the copper between nodes that pass packets on."""
     ways: Ways = {}
     for one, other, info in topo.links(withInfo=True):
         if not is_made(info, FiberLink) and _passes(infos[one]) and _passes(infos[other]):

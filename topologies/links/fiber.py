@@ -88,7 +88,6 @@ def channels_of(link: Link) -> list[Channel]:
 
 
 def _names(*nodes: Node) -> dict[str, str]:
-    """Return the keywords that name the next QNICs of those nodes that are hosts."""
     return {
         f"intfName{number}": qnic_name(node)
         for number, node in enumerate(nodes, 1)

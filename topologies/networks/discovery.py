@@ -120,7 +120,6 @@ def found(facts: Iterable[dict[str, Any]]) -> set[str]:
 
 
 def up(interface: str) -> bool:
-    """Whether an interface of this machine has light, or a carrier."""
     try:
         # What is between machines (VXLAN) does not know, but when it was set down.
         return (INTERFACES / interface / "operstate").read_text().strip() in ("up", "unknown")

@@ -86,6 +86,5 @@ def nearly_full(folder: Path) -> str:
 
 
 def has_room(folder: Path, further_bytes: int = 0) -> bool:
-    """Return whether the reserve of a folder's disk stays free if `further_bytes` are written."""
     usage = shutil.disk_usage(folder)
     return usage.free - further_bytes >= min(RESERVE_BYTES, usage.total // 100)

@@ -59,7 +59,6 @@ class SwitchWatch:
 
 
 def described(port: Intf) -> str:
-    """Return what an interface is an end of."""
     if port.link is None:
         return f"interface {port}"
     kind = "fibre" if isinstance(port.link, Channel) else "copper link"

@@ -9,7 +9,6 @@ def broadcast(addresses: Iterable[str], prefix_length: int) -> str:
 
 
 def free_address(addresses: Iterable[str], prefix_length: int) -> str:
-    """Return the last address of that network that no host has."""
     taken = set(addresses)
     address = _network(taken, prefix_length).broadcast_address - 1
     while str(address) in taken:

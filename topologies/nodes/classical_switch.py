@@ -114,7 +114,6 @@ class ClassicalSwitch(QuantumNode, OVSSwitch):
         return shlex.split(self.intfOpts(port))[4:]
 
     def _obey(self, targets: Mapping[str, Mapping[str, int]]) -> None:
-        """Let controllers program the bridge, each with its own settings in Open vSwitch."""
         words: list[str] = []
         for number, (target, settings) in enumerate(targets.items()):
             words += ["--", f"--id=@{self.name}c{number}", "create", "Controller"]

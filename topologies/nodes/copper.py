@@ -23,6 +23,5 @@ def connect_copper(network: Runtime) -> None:
 
 
 def copper_config(network: Runtime) -> CopperConfig:
-    """Return the configuration of that program."""
     simulation = network.dispatcher.partition(":")[0]
     return CopperConfig(list(network.cables), simulation, network.settings.seed)

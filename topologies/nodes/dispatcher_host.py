@@ -24,7 +24,6 @@ class DispatcherHost(ClassicalHost):
         self.network.dispatcher = f"{self.network.addresses[name]}:{DISPATCHER_PORT}"
 
     def config(self, **params: object) -> dict[str, object]:
-        """Configure the interfaces and start the dispatcher."""
         result = super().config(**params)
         config = self.dispatcher_config()
         self.program = launch(self.network, DISPATCHER, "dispatcher", config, self)
@@ -56,7 +55,6 @@ class DispatcherHost(ClassicalHost):
         return credentials(self.network, self.name, {self.name: self.network.addresses[self.name]})
 
     def terminate(self) -> None:
-        """End the dispatcher, then the copper to it, then the host."""
         if self.program:
             self.program.stop()
         for program in self.network.programs:

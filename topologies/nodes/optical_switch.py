@@ -120,13 +120,11 @@ class OpticalSwitch(ClassicalSwitch):
         self._obey({target: {"max_backoff": RECONNECT_MS} for target in self._targets})
 
     def _credentials(self) -> Credentials | None:
-        """Return what the agent shows our controller, if that wants to be shown something."""
         if not self.network.settings.tls or self.controller_port is not None:
             return None
         return credentials(self.network, self.name, {"localhost": LOOPBACK})
 
     def _gnmi(self) -> str:
-        """Return the path of the socket at which the agent serves telemetry."""
         network = self.network
         if not network.settings.gnmi:
             return ""
@@ -140,12 +138,10 @@ class OpticalSwitch(ClassicalSwitch):
         return [f"{controller.IP()}:{controller.port}" for controller in reached]
 
     def stop(self, deleteIntfs: bool = True) -> None:  # noqa: N803 (Mininet's name)
-        """End the agent, then take the bridge away."""
         self._end_agent()
         super().stop(deleteIntfs)
 
     def terminate(self) -> None:
-        """End the agent, then the switch."""
         self._end_agent()
         super().terminate()
 

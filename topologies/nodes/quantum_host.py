@@ -97,16 +97,13 @@ class QuantumHost(ClassicalHost):
             self.network.source = name
 
     def environment(self) -> dict[str, str]:
-        """Name the socket of its stack as well."""
         return {**super().environment(), "QMN_STACK": self.network.socket(self.name)}
 
     def shown_folders(self) -> dict[Path, str]:
-        """Return those of its stack's socket and of its keys, and one for what programs write."""
         own, keys = self.network.own_folder(self.name), Path(self.network.key_folder(self.name))
         return {own: READ, keys: READ, self.network.written_folder(self.name): WRITTEN}
 
     def config(self, **params: object) -> dict[str, object]:
-        """Configure the interfaces and start the stack."""
         result = super().config(**params)
         if self.light == STANDING:
             require_unrotated(self.network.switches.values())

@@ -183,7 +183,6 @@ def _listen_outside(host: str, port: int) -> socket.socket:
 
 
 def _begun(file: Path) -> IO[str]:
-    """Return a new entry, empty and locked."""
     while True:
         try:
             RUNTIME_ROOT.mkdir(mode=0o755, parents=True, exist_ok=True)
@@ -206,7 +205,6 @@ def _lock(entry: IO[str]) -> bool:
 
 
 def _prepare(machine: int, own_network: bool) -> None:
-    """Make the other namespaces around this process, which is the first of them."""
     kinds = CLONE_NEWNS | CLONE_NEWIPC | (CLONE_NEWNET if own_network else 0)
     _require(LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL), "prctl(PR_SET_PDEATHSIG)")
     try:

@@ -65,7 +65,6 @@ def listen(place: Place) -> tuple[SharedListener, int]:
 
 
 def say(address: str, browser: bool) -> None:
-    """Tell where the page is, and open it where there is a browser of the user's own."""
     print(f"{SAID}: {address}", flush=True)
     if browser and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         try:

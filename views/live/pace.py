@@ -18,7 +18,6 @@ Times = tuple[int, int]  # of all processors since the machine has started: idle
 
 
 def processor_times() -> Times:
-    """Return what the kernel has counted, in its clocks."""
     with STAT.open() as file:
         clocks = [int(each) for each in file.readline().split()[1:9]]
     idle, waiting = clocks[3:5]
@@ -29,14 +28,12 @@ class Pace:
     """Knows how much of the machine is in use, as of the last seconds."""
 
     def __init__(self, times: Callable[[], Times] = processor_times) -> None:
-        """Begin with telling often."""
         self.pause_s = LIVE_LIST_S  # between two lists of messages
         self._times = times
         self._before = times()
         self._looked_s = time.monotonic()
 
     def look(self) -> float:
-        """Return the pause, which is chosen anew from time to time."""
         now_s = time.monotonic()
         if now_s - self._looked_s < LIVE_LOOK_S:
             return self.pause_s

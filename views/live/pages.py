@@ -75,7 +75,6 @@ class Pages:
         return str(self.folder / str(number) / SOCKET)
 
     def runs(self, number: int) -> bool:
-        """Return whether the page of a network is served now."""
         with socket.socket(socket.AF_UNIX) as asking:
             try:
                 asking.connect(self.socket(number))

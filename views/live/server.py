@@ -112,7 +112,6 @@ class Guarded(RequestHandler):
             raise HTTPError(403, reason="asked by another page")
 
     def set_default_headers(self) -> None:
-        """Let the page load nothing from elsewhere, and nobody keep a copy."""
         self.set_header("Content-Security-Policy", POLICY)
         self.set_header("Referrer-Policy", "no-referrer")
         self.set_header("X-Content-Type-Options", "nosniff")

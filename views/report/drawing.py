@@ -58,7 +58,6 @@ LEFT_INCHES, RIGHT_INCHES, BOTTOM_INCHES, TOP_INCHES, LEGEND_INCHES = 0.76, 0.15
 def figure(
     width: float, height: float, left: float = LEFT_INCHES, top: float = TOP_INCHES
 ) -> tuple[Figure, Axes]:
-    """Return an empty figure of inches, and its axes, with room for labels around them."""
     made = Figure(figsize=(width, height))
     inches = left, BOTTOM_INCHES, width - left - RIGHT_INCHES, height - BOTTOM_INCHES - top
     shares = [part / whole for part, whole in zip(inches, 2 * (width, height), strict=True)]

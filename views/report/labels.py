@@ -76,7 +76,6 @@ def _upright(ends: tuple[Place, Place]) -> bool:
 
 
 def _extent(ends: tuple[Place, Place], share: float, text: str) -> list[Place]:
-    """Return points along a label, about a letter's height apart."""
     (x1, y1), (x2, y2) = ends
     length = dist(*ends)
     half = LETTER_INCHES * max(map(len, text.split("\n"))) / 2

@@ -73,7 +73,6 @@ class _Plant:
         self._switches = {switch.name: switch for switch in network.switches}
 
     def paths(self, ways: dict[FiberEnd, str]) -> Iterator[LightPath]:
-        """Yield the paths from host to host, if these are the cross-connects."""
         for begin in self._fibers:
             if begin.node not in self._switches:
                 path = self._follow(begin, ways)
@@ -100,7 +99,6 @@ class _Plant:
 
 
 def fiber_name(fiber: Fiber) -> str:
-    """Return what a person calls a fibre."""
     ends = [
         end.port if end.port.startswith(end.node) else f"{end.node}:{end.port}"
         for end in (fiber.a, fiber.b)
@@ -116,7 +114,6 @@ def _switch_loss_db(switch: QuantumSwitch, place: FiberEnd, out_port: str) -> fl
 
 
 def photons_by_port(events: Iterable[Event]) -> dict[str, tuple[int, int]]:
-    """Return how many photons came to each host's port, and how many were lost on their way."""
     counts: dict[str, tuple[int, int]] = defaultdict(lambda: (0, 0))
     for event in events:
         if event.kind == "arrive" and event.port:

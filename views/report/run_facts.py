@@ -86,7 +86,6 @@ def read_run(folder: Path) -> RunFacts:
 
 
 def _floats(value: Any) -> Iterator[float]:
-    """Yield the floats in lists, dictionaries and objects."""
     if isinstance(value, float):
         yield value
     elif isinstance(value, list | tuple):

@@ -49,7 +49,6 @@ class Step:
 
 
 def together(steps: Iterable[Step]) -> list[Step]:
-    """Return the steps, what was said or done at one time as often as that in one step."""
     found: list[Step] = []
     for (step, text), same in groupby(steps, lambda each: (replace(each, text=""), _kind(each))):
         texts = [each.text for each in same]

@@ -15,7 +15,6 @@ Waited = dict[tuple[str, str], float]  # seconds, by who waited, and for whom
 
 
 def waited(waits: Sequence[LoadWait]) -> Waited:
-    """Return how long sessions of each host waited for those of each, of the hosts shown."""
     shares: defaultdict[str, float] = defaultdict(float)
     for each in waits:
         for host in {each.opener, each.after_opener}:

@@ -73,7 +73,6 @@ class Block(Message):
     frames: tuple[Frame, ...] = ()
 
     def encode(self) -> bytes:
-        """Return the message as it goes onto the wire."""
         fixed = self.FIELDS.pack(
             self.block, self.pairs, self.refills, self.emitted_ns, len(self.frames)
         )

@@ -45,7 +45,6 @@ def evaluate(expression: Expression, parameters: Parameters) -> float:
 
 
 def read_arguments(tokens: Tokens, parameters: Collection[str]) -> tuple[Expression, ...]:
-    """Read the angles in brackets that come next, if any, which may use these parameters."""
     start = tokens.next.position
     if not tokens.accept("(") or tokens.accept(")"):
         return ()
@@ -76,7 +75,6 @@ class _Reader:
     def _chain(
         self, operand: Callable[[], Expression], operations: Mapping[str, Operation]
     ) -> Expression:
-        """Read operands of the same rank, which bind to the left."""
         first = operand()
         rest: list[tuple[Operation, Expression]] = []
         while operation := operations.get(self._tokens.next.text):

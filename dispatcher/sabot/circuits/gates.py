@@ -145,7 +145,6 @@ class Gates:
 
 
 def _read_heading(tokens: Tokens) -> tuple[str, list[str], list[str]]:
-    """Read the name of a gate, its parameters and its qubits."""
     name = tokens.new_name()
     parameters: list[str] = []
     if tokens.accept("(") and not tokens.accept(")"):

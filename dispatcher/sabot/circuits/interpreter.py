@@ -198,7 +198,6 @@ class _Batch:
             yield branch, outcomes
 
     def _selected(self, where: Mask | None) -> list[_Branch]:
-        """Return the branches of the shots of a mask, divided off where they were with others."""
         if where is None:
             return self._branches
         selected, branches = [], []

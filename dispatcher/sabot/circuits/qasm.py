@@ -58,7 +58,6 @@ class _Reader:
         self._statement_position = 0
 
     def read(self) -> Circuit:
-        """Return the circuit."""
         self._read_version()
         operations: list[Operation] = []
         while self._tokens.next.kind != "end":
@@ -208,7 +207,6 @@ class _Reader:
         return If(register, value, tuple(map(self._counted, self._operations())))
 
     def _operands(self) -> list[Operand]:
-        """Read operands up to the end of the statement."""
         operands = [self._operand()]
         while self._tokens.accept(","):
             operands.append(self._operand())

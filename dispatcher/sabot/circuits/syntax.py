@@ -39,7 +39,6 @@ class Tokens:
         self.next = next(self._rest)
 
     def take(self) -> Token:
-        """Return the next token and go past it."""
         token = self.next
         if token.kind == "number" and len(token.text) > LONGEST_NUMBER:
             self.fail("a number has thousands of digits; shorten it", token.position)
@@ -66,7 +65,6 @@ class Tokens:
         return self.take()
 
     def new_name(self) -> str:
-        """Return the name that comes next, if a program may define it."""
         name = self.name()
         if name.text in RESERVED:
             problem = f"{name.text!r} is a word of OpenQASM 2.0; take another name"

@@ -116,7 +116,6 @@ class RemoteSabot:
         target: Register | None = None,
         angle_rad: Angle = 0.0,
     ) -> None:
-        """Apply a gate to every qubit, or to every pair of which both are there."""
         step = GateStep(name, target, angle_rad)
         self._apply(register, gates=[_gate(step)])
         if _needs_vectors(step):
@@ -178,7 +177,6 @@ class RemoteSabot:
             self._done = self._call(self._stub.Kraus, request)
 
     def drop(self, register: Register, draws: PhotonDraws) -> None:
-        """Discard a register whatever its state, as measuring it unseen does."""
         request = messages.DropRequest(
             workspace=self._workspace, register=_number(register), draws=_draws(draws)
         )
@@ -231,7 +229,6 @@ class RemoteSabot:
         """
 
     def unite(self, register: Register, other: Register) -> None:
-        """Move the qubits of another part of the same register into this one."""
         request = messages.UniteRequest(
             workspace=self._workspace, register=_number(register), other=_number(other)
         )

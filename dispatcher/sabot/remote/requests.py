@@ -85,7 +85,6 @@ def _step(workspace: Workspace, register: Register, gate: messages.Gate) -> Gate
 
 
 def _angle(name: str, gate: messages.Gate, register: Register) -> Angle:
-    """Return the angle of a rotation, or that of each qubit."""
     angles = np.array(gate.angles_rad or [gate.angle_rad])
     if not np.isfinite(angles).all():
         wrong = angles[~np.isfinite(angles)][0]

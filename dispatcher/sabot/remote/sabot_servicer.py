@@ -27,8 +27,6 @@ MAX_DUMPED_REGISTERS = 64
 def call(
     method: Callable[["SabotService", Request], Reply],
 ) -> Callable[["SabotService", Request, Any], Reply]:
-    """Turn a refusal into the call's status."""
-
     @functools.wraps(method)
     def answer(service: "SabotService", request: Request, context: Any) -> Reply:
         try:
@@ -52,7 +50,6 @@ class SabotService(SabotServicer):
 
     @call
     def Begin(self, request: messages.BeginRequest) -> messages.BeginReply:
-        """Give a client a workspace."""
         if request.backend not in BACKENDS:
             raise invalid(
                 f"backend {request.backend!r} is unknown; use one of {', '.join(sorted(BACKENDS))}"
@@ -67,7 +64,6 @@ class SabotService(SabotServicer):
 
     @call
     def Create(self, request: messages.CreateRequest) -> messages.CreateReply:
-        """Make registers."""
         workspace = self._workspaces.require(request.workspace)
         limits.require_count(request.count)
         if request.state not in messages.CreateRequest.State.values():
@@ -82,7 +78,6 @@ class SabotService(SabotServicer):
 
     @call
     def Apply(self, request: messages.ApplyRequest) -> messages.Done:
-        """Apply Paulis and gates, or say whether there is room for these."""
         workspace = self._workspaces.require(request.workspace)
         register = workspace.require(request.register)
         paulis = requests.paulis(request.paulis, register)
@@ -108,7 +103,6 @@ class SabotService(SabotServicer):
 
     @call
     def BellMeasure(self, request: messages.BellMeasureRequest) -> messages.Outcomes:
-        """Measure two registers in the Bell basis."""
         workspace = self._workspaces.require(request.workspace)
         first, second = (workspace.require(n) for n in (request.first, request.second))
         requests.require_pair(first, second)
@@ -144,7 +138,6 @@ class SabotService(SabotServicer):
 
     @call
     def Lose(self, request: messages.LoseRequest) -> messages.Done:
-        """Mark qubits as lost."""
         workspace = self._workspaces.require(request.workspace)
         register = workspace.require(request.register)
         workspace.sabot.lose(register, requests.mask(request.mask, register))
@@ -152,7 +145,6 @@ class SabotService(SabotServicer):
 
     @call
     def Part(self, request: messages.PartRequest) -> messages.CreateReply:
-        """Move qubits into a register of their own."""
         workspace = self._workspaces.require(request.workspace)
         register = workspace.require(request.register)
         mask = requests.mask(request.mask, register)
@@ -162,7 +154,6 @@ class SabotService(SabotServicer):
 
     @call
     def Unite(self, request: messages.UniteRequest) -> messages.Done:
-        """Move the qubits of another part into a register."""
         workspace = self._workspaces.require(request.workspace)
         register, other = (workspace.require(n) for n in (request.register, request.other))
         requests.require_parts(register, other)
@@ -172,7 +163,6 @@ class SabotService(SabotServicer):
 
     @call
     def Gather(self, request: messages.GatherRequest) -> messages.CreateReply:
-        """Move qubits of some registers into a register of their own."""
         workspace = self._workspaces.require(request.workspace)
         picks = requests.picks(workspace, request.picks)
         workspace.require_place(1)
@@ -181,7 +171,6 @@ class SabotService(SabotServicer):
 
     @call
     def Drop(self, request: messages.DropRequest) -> messages.Done:
-        """Discard a register whatever its state."""
         workspace = self._workspaces.require(request.workspace)
         register = workspace.require(request.register)
         workspace.sabot.drop(register, requests.draws(request.draws, register))

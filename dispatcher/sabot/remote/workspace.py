@@ -14,7 +14,6 @@ class Workspace:
     """Quantum states on one backend, and the numbers of their registers."""
 
     def __init__(self, sabot: Sabot) -> None:
-        """Begin with no registers."""
         self.sabot = sabot
         self._registers: dict[int, Register] = {}
         self._numbers: dict[Register, int] = {}
@@ -55,7 +54,6 @@ class Workspaces:
         self._next = count(1)
 
     def begin(self, sabot: Sabot) -> int:
-        """Give a client a workspace."""
         if len(self._all) >= MAX_WORKSPACES:
             raise exhausted(f"{MAX_WORKSPACES} workspaces are in use; end one, or this server")
         number = next(self._next)

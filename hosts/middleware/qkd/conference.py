@@ -257,7 +257,6 @@ class Member:
         return proved(self.raw, proof[:HASH_KEY_BYTES]) == proof
 
     def amplified(self, length: int, seed: Bits) -> Bits:
-        """Return the key."""
         if length > self.raw.size or seed.size != seed_bits(self.raw.size):
             raise Contradiction(f"{length} bits of {self.raw.size} by a seed of {seed.size}")
         self._transcript.add(*_of_end(*self._told, length, seed))

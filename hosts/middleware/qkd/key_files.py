@@ -26,7 +26,6 @@ def names(folder: Path) -> list[str]:
 
 
 def clean(folder: Path) -> None:
-    """Remove what a process that crashed has left unfinished."""
     for name in os.listdir(folder):
         if not name.endswith(_UNFINISHED):
             continue

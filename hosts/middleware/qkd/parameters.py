@@ -75,14 +75,12 @@ class Parameters:
         return None if self.bound is Bound.ASYMPTOTIC else self.eps_sec
 
     def decoy_key_length(self, decoys: Decoys, counts: Sifted, leaked_bits: int) -> int:
-        """Return the same of pulses of three intensities."""
         leaked = leaked_bits + TAG_BITS
         if self.bound is Bound.ASYMPTOTIC:
             return max(0, floor(bounds(decoys, counts, None).secret - leaked))
         return key_length(decoys, counts, leaked, self.eps_sec, self.eps_cor)
 
     def relayed_key_length(self, ends: Ends, counts: PairSifted, leaked_bits: int) -> int:
-        """Return the same of pulses of three intensities from either end of a relay."""
         leaked = leaked_bits + TAG_BITS
         if self.bound is Bound.ASYMPTOTIC:
             return max(0, floor(relayed_decoys.bounds(ends, counts, None).secret - leaked))

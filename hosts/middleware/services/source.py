@@ -100,7 +100,6 @@ def _herald(side: Side, request: Emit) -> Steps[int]:
 
 
 def _announce(side: Side, request: Emit, known: frozenset[int]) -> Steps[None]:
-    """Measure the pulses of both ends in pairs, and tell of each what was found."""
     session, number, pulses = request.session, request.block, request.pairs
     first, second = side.ports[:2]
     light = yield from begin(

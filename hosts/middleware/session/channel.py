@@ -44,7 +44,6 @@ class MetadataChannel:
 
     @classmethod
     async def connect(cls, host: str, address: str) -> "MetadataChannel":
-        """Connect to the stack of a host."""
         try:
             async with asyncio.timeout(CONNECT_TIMEOUT_S):
                 channel = cls(*await _connection(address))

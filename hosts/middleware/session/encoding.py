@@ -59,7 +59,6 @@ def _sending(encoding: int) -> bytes:
 
 @lru_cache(maxsize=64)
 def _reading(encoding: int, rotation: int, symbols: int) -> bytes:
-    """Return the symbol of each Bell state behind a rotation, as a table."""
     symbol_of = np.full(256, NO_COINCIDENCE, dtype=np.uint8)
     states = _operators(encoding)[:symbols] ^ rotation
     symbol_of[states] = np.arange(symbols, dtype=np.uint8)

@@ -45,7 +45,6 @@ def _estimate(summary: Mapping[str, Any], name: str) -> Interval | None:
 
 
 def _share(value: float | None, number: int) -> Interval | None:
-    """Return the wrong share of a total, with its interval."""
     if value is None or not number:
         return None
     low, high = Estimate(round(value * number), number).interval()
@@ -77,7 +76,6 @@ class Estimates:
                 self._told.pop((session, quantity), None)
 
     def take(self) -> list[SessionEstimate]:
-        """Return the estimates that are due."""
         untold, self._untold = self._untold, {}
         return [
             SessionEstimate(0, session, quantity, *interval)

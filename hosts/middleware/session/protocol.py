@@ -469,7 +469,6 @@ def saying(message: Say) -> Steps[None]:
 
 
 def together(one: "Steps[A]", other: "Steps[B]") -> "Steps[tuple[A, B]]":
-    """Return the results of both, which are carried out at the same time."""
     found: list[B] = []
     yield Concurrently(_into(found, other))
     first = yield from one

@@ -110,7 +110,6 @@ def heralds_of(counts: Values, reply: Values, block: int, most: int) -> Heralds:
 
 
 def announcement(session: int, block: int, outcomes: Symbols) -> tuple[Values, Values]:
-    """Return what tells the Bell states that a relay has found, or NO_COINCIDENCE."""
     seen = outcomes != NO_COINCIDENCE
     return (
         values(session, Topic.ARRIVED, block, seen, 1),

@@ -125,7 +125,6 @@ class ConfinedNode(ShellWatcher):
         return super().shell_stopped or (process is not None and process.stopped)
 
     def popen(self, *arguments: Any, **options: Any) -> "subprocess.Popen[Any]":
-        """Start a program where the shell is, as Mininet does."""
         if self._confined:
             enter = self._enter(options.get("cwd") or os.curdir)
             options.setdefault("mncmd", ["mnexec", "-d", *enter])
@@ -147,7 +146,6 @@ class ConfinedNode(ShellWatcher):
         return [*enter, *limited]
 
     def start_program(self, program: Program, command: Sequence[str]) -> None:
-        """Start a program that people have written, where the shell is."""
         if not self._confined:
             program.start(command, self.pid)
             return
@@ -160,7 +158,6 @@ class ConfinedNode(ShellWatcher):
             return subprocess.Popen(command, **options)
 
     def hang_up(self) -> None:
-        """Tell all programs on the node, and its shell, that the terminal has gone."""
         if self._confined and not self.shell_ended:
             programs = [each for pid in descendants(self._confined) if (each := owner(pid))]
             end_by_hanging_up(programs)

@@ -121,7 +121,6 @@ class MemoryGroup:
 
 
 def groups_of_gone() -> Iterator[Path]:
-    """Yield the groups that runs have left which are gone."""
     below = parent()
     for folder in below[0].glob(f"{PREFIX}.*") if below else ():
         _prefix, *keeper, _host = folder.name.split(".", 3)

@@ -32,7 +32,6 @@ def held(pid: int) -> Iterator[None]:
 
 
 def taken(pid: int) -> list[int]:
-    """Return descriptors, of this process, of the packet sockets that a process has."""
     try:
         process = os.pidfd_open(pid)
     except OSError:

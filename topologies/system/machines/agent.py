@@ -109,7 +109,6 @@ class Agent(AgentFiles):
         return None, b""
 
     async def do_pair(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
-        """Make both ends of a link on this machine."""
         interfaces.make_pair(
             [
                 (name, address, SimpleNamespace(pid=pid, inNamespace=True))
@@ -202,7 +201,6 @@ class Agent(AgentFiles):
         return None, b""
 
     async def do_signal(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
-        """Send a signal to a program and what it has started, if it still runs."""
         process = self._processes.get(header["process"])
         if process is not None and process.returncode is None:
             with suppress(ProcessLookupError):  # it has just ended
@@ -302,7 +300,6 @@ def trust(certificates: dict[str, str]) -> ssl.SSLContext:
 
 
 async def run(name: str, runner: str, certificates: dict[str, str]) -> None:
-    """Connect to the runner, introduce this machine, and serve."""
     host, _, port = runner.rpartition(":")
     context = trust(certificates)
 

@@ -24,7 +24,6 @@ class AgentFiles:
         return None, b""
 
     async def do_get(self, header: Header, _body: bytes) -> tuple[Any, bytes]:
-        """Send what a file has from somewhere on."""
         path = Path(header["path"])
         if not path.exists():
             return False, b""

@@ -11,7 +11,6 @@ class Errand:
     """A command, and the files that go there with it and come back."""
 
     def __init__(self, machine: Machine, folder: Path, command: Sequence[str]) -> None:
-        """Keep what it writes in a folder there, for one that it is to write here."""
         self._machine, self._back = machine, dict[Path, Path]()
         self._ours = [*command[:1]] == [python()]
         words = command[1:] if self._ours else command

@@ -18,7 +18,6 @@ class Relays:
     """The sockets here that are in the place of those of one machine; of one event loop."""
 
     def __init__(self, ask: Callable[[str, int], None]) -> None:
-        """Keep what asks the agent to connect to a path there, and then here with a number."""
         self._ask = ask
         self._numbers = itertools.count(1)
         self._expected: dict[int, asyncio.Future[Stream]] = {}
@@ -56,7 +55,6 @@ class Relays:
             coming.set_result(stream)
 
     def close(self) -> None:
-        """End all connections."""
         for server in self._servers:
             server.close()
         for task in self._serving:

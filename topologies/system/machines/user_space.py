@@ -70,7 +70,6 @@ def make(name: str, mtu: int, identifier: int, ends: tuple[str, str], for_host: 
 
 
 def remove() -> None:
-    """Remove what all links of this machine go by."""
     _lay_under.cache_clear()
     _lead_to.cache_clear()
     openvswitch.delete(*BRIDGES)
@@ -107,7 +106,6 @@ def _lay_under(local: str) -> None:
 
 @cache
 def _lead_to(remote: str) -> None:
-    """Let what is for another machine go there, or to the gateway on the way."""
     appctl = "ovs-appctl", "-t", openvswitch.SWITCH_DAEMON
     for words in (
         ("ovs/route/add", f"{remote}/32", UNDER),

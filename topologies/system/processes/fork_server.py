@@ -147,7 +147,6 @@ def become(request: dict[str, Any], files: Sequence[int]) -> None:
 
 
 def follow_runner(runner: int) -> None:
-    """Ask for a signal when the runner, the parent of this process, dies."""
     if LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGTERM):
         raise OSError(ctypes.get_errno(), "prctl(PR_SET_PDEATHSIG)")
     if os.getppid() != runner:
@@ -155,7 +154,6 @@ def follow_runner(runner: int) -> None:
 
 
 def enter_namespaces(pid: int | None) -> None:
-    """Enter the network and the files of a process, if there is one, as `mnexec -a` does."""
     if pid is None:
         return
     for kind in NAMESPACES:
@@ -182,7 +180,6 @@ def keep_files(files: Sequence[int], descriptors: Sequence[int]) -> None:
 
 
 def name_process(name: str, command: Sequence[str]) -> None:
-    """Let `ps` show the command, as far as there is room, and `top` the name."""
     Path("/proc/self/comm").write_text(name[:15])
     fields = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
     begin, end = int(fields[COMMAND_BEGIN]), int(fields[COMMAND_END])

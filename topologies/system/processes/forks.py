@@ -97,7 +97,6 @@ class ForkServer:
         self._channel.close()
 
     def serves(self, command: Sequence[str]) -> bool:
-        """Whether a command starts one of the modules with this interpreter."""
         return [*command[:2]] == [python(), "-m"] and command[2] in self._modules
 
     def start(
@@ -162,7 +161,6 @@ class ThisProcess:
     """Forks a fork server off this process: with all that this has loaded."""
 
     def serves(self, command: Sequence[str]) -> bool:
-        """Whether a command starts a fork server."""
         return command[2] == SERVER
 
     def start(
@@ -173,7 +171,6 @@ class ThisProcess:
         namespace_pid: int | None,
         descriptors: Sequence[int],
     ) -> Forked:
-        """Start it, as Program.start says."""
         asked = request(name, command, namespace_pid, descriptors)
         pid = os.fork()
         if not pid:

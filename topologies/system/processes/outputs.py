@@ -109,7 +109,6 @@ def open_closed() -> None:
 
 
 def _stream(output: Output, before: TextIO | None) -> TextIO:
-    """Return a stream of text as the interpreter has made it."""
     unbuffered = isinstance(before, io.TextIOWrapper) and before.write_through
     return io.TextIOWrapper(
         output if unbuffered else io.BufferedWriter(output),

@@ -47,7 +47,6 @@ class Owner(NamedTuple):
         return state if (start, _boot()) == (self.start, self.boot) else None
 
     def signal(self, number: int) -> None:
-        """Send it a signal, if it is still there."""
         if self.alive:
             try:
                 os.kill(self.pid, number)

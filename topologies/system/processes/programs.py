@@ -269,7 +269,6 @@ class Program:
         return not self._told_to_end and (self.status or 0) < 0
 
     def ask_to_stop(self) -> None:
-        """Send the signal that ends it politely, and let it go on if it was stopped."""
         self._told_to_end = True
         if self._process is not None and self._process.poll() is None:
             self._process.send_signal(signal.SIGTERM)

@@ -85,7 +85,6 @@ class ShellWatcher:
     def _run_shell(
         self, where: Sequence[str], descriptors: Sequence[int] = ()
     ) -> "subprocess.Popen[bytes]":
-        """Start the shell by a command that runs another somewhere, or where this thread is."""
         return subprocess.Popen(
             [*where, *shell_command(self.name)],
             stdin=self.slave,

@@ -162,7 +162,6 @@ def budget(limit_s: float, what: str) -> Iterator[None]:
 
 
 def _free() -> Iterator[int]:
-    """Yield the signals that nobody ignores, or has another use for."""
     for number in Signals.NUMBERS:
         if signal.getsignal(number) is not signal.SIG_IGN:
             yield number

@@ -46,7 +46,6 @@ def _of_stack(network: Runtime, name: str, config: HostConfig, machine: Machine)
 
 
 def _bring_keys(network: Runtime, host: str, there: Path, machine: Machine) -> None:
-    """Bring a host's keys here when it has ended, if keys are to stay."""
     here = network.kept_keys(host)
 
     def bring() -> None:

@@ -65,7 +65,6 @@ class Follower(line.Follower):
                 self.keys.withdraw(terms, self.ids)
 
     def figures(self) -> ConferenceFollowerFigures:
-        """Return the results for this host's application."""
         return ConferenceFollowerFigures(
             **vars(super().figures()),
             key_bits=self.key_bits,
@@ -164,7 +163,6 @@ class Follower(line.Follower):
         yield from self._pass_on(self.side.say(Topic.KEPT, NO_BLOCK, [], 1))
 
     def _pass_on(self, *reports: Say) -> Steps[None]:
-        """Tell those behind what was heard, under the session with the next one."""
         if self.right is None:
             return
         session = self.right.side.setup.session

@@ -65,7 +65,6 @@ class Leader(line.Leader):
         return {}
 
     def use(self, number: int, states: int) -> Steps[None]:
-        """Say what each state is for, and measure them."""
         right, fraction = self.right, self.options.test_fraction
         yield from self._see_receipts(number, states)
         drawn = self.side.draws.random(states)

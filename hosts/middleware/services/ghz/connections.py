@@ -30,7 +30,6 @@ from wire.metadata.vocabulary import Reason, Service
 
 
 async def lead(end: OpenerEnd, options: GhzOptions, kind: Callable[..., Leader]) -> None:
-    """Do what the first host of the line does."""
     most = await end.perform(introduce(end.side, options.names[2:]))
     most = min(most, end.setup.pairs, most_states(len(options.names) - 1))
     leader = kind(end.side, Right(end, end.side), options, most)

@@ -82,7 +82,6 @@ def introduce(side: Side, names: list[str]) -> Steps[int]:
 
 
 def introduced() -> Steps[list[str]]:
-    """Hear who comes behind this host."""
     message = yield Hear(Envelope)
     if message.topic != Topic.HOSTS or len(message.content) > MAX_NAMES_BYTES:
         raise SessionError(Reason.PROTOCOL, "a GHZ state does not begin so")

@@ -64,7 +64,6 @@ class Graph:
             raise ValueError(f"no host of {self.hosts} is hub {self.hub}")
 
     def _joined(self) -> set[int]:
-        """Return the hosts to which edges lead from the first."""
         found, left = {0}, {0}
         while left:
             left = {there for here in left for there in self.neighbours(here)} - found
@@ -123,7 +122,6 @@ class Graph:
         return any(a <= place < b for a, b in self.layers[layer])
 
     def halves(self, place: int) -> list[Half]:
-        """Return the halves at a host that are ends of edges."""
         return [
             Half(layer, came=place == b, far=a if place == b else b)
             for layer, edges in enumerate(self.layers)
@@ -132,7 +130,6 @@ class Graph:
         ]
 
     def swaps(self, place: int) -> list[Swap]:
-        """Return what a host swaps."""
         return [
             Swap(layer, (a, b))
             for layer, edges in enumerate(self.layers)
@@ -152,7 +149,6 @@ class Graph:
         return tuple(found[place] for place in range(self.hosts))
 
     def _two_colours(self) -> dict[int, int]:
-        """Return colours by how many edges away the first host is."""
         found, left, colour = {0: 0}, {0}, 0
         while left:
             colour ^= 1

@@ -64,7 +64,6 @@ class Leader(protocol.Leader):
         return self.fusion.qubits(number)
 
     def bases(self, states: int) -> Table:
-        """Return in which basis each host measures each state."""
         graph = self.fusion.graph
         bases = np.zeros((graph.hosts, states), dtype=np.uint8)  # of a hub, too, which has measured
         bases[graph.members] = self.tally.bases(self.side.draws, states)
@@ -92,7 +91,6 @@ class Leader(protocol.Leader):
             yield from self.use(number, states)
 
     def figures(self) -> dict[str, Any]:
-        """Return how good the states are."""
         graph = self.fusion.graph
         return {
             **super().figures(),
@@ -109,7 +107,6 @@ class Follower(protocol.Follower):
     expected: tuple[int, int, int] | None = None  # behind the first layer: number, layer, size
 
     def heard(self, message: Values) -> Steps[None]:
-        """Hear the graph, or take part in a layer of pairs."""
         if self.fusion is None:
             yield from self._introduced(message)
             return

@@ -90,7 +90,6 @@ class InterceptResend:
         yield from ()
 
     def _choose(self, block: BlockName, photons: int) -> Symbols:
-        """Return a basis for each photon."""
         random = choices(self._seeds, block)
         chosen = random.random(photons) < self._fraction
         bases = random.integers(0, len(BASES), photons, dtype=np.uint8)

@@ -188,7 +188,6 @@ class AcceptorOfKeys:
             raise SessionError(Reason.PROTOCOL, "the other end ended it before there was a key")
 
     def _begin(self, key: int) -> Steps[None]:
-        """Take part in the next key."""
         if key != self._begun or len(self.keys.numbers) > MAX_UNDER_WAY:
             raise SessionError(Reason.PROTOCOL, f"a message about key {key}, not {self._begun}")
         self._begun += 1

@@ -67,7 +67,6 @@ async def accept_e91(end: AcceptorEnd) -> None:
 
 
 async def open_mdi(end: OpenerEnd, options: KeyOptions) -> None:
-    """Make a key with the acceptor, of decoy states if the sources can make them."""
     decoys, several = _decoys(end.resources.intensities), end.resources.multi_photon
     parameters = replace(options.parameters(), multi_photon=either(several, several))
     light = partial(send_to_relay, decoys=decoys is not None)

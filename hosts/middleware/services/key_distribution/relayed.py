@@ -101,7 +101,6 @@ class Pulses:
 
 
 def unlike(side: HostSide, theirs: int, own: int) -> str:
-    """Return what is wrong with sources of which one makes decoys."""
     return (
         f"mdi of pulses of {theirs} and of {own} intensities: give the sources of {side.peer} and "
         f"{side.host} decoys, or neither of them"

@@ -156,7 +156,6 @@ def summary(progress: Progress, ends: Iterable[End], now_s: float) -> KeyFigures
 
 
 def some_only(counts: Counts) -> dict[str, Any]:
-    """Return results of decoys and the CHSH test, by name, of sessions that have them."""
     decoys = {"intensities": list(counts.means)} if counts.means else {}
     bell = counts.bell
     if not bell.pairs:

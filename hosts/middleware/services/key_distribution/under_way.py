@@ -105,7 +105,6 @@ class KeysUnderWay:
     def hear_message(
         self, data: bytes, begin: Callable[[int], Steps[None]] | None = None
     ) -> Steps[None]:
-        """Hand on one message."""
         number = (unframe(data).session - self._side.setup.session) % NUMBERS
         if number not in self._makings and begin is not None:
             yield from begin(number)

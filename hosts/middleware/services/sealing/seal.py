@@ -22,7 +22,6 @@ from wire.metadata.vocabulary import Reason, Service
 
 
 async def watch(end: OpenerEnd, options: SealOptions) -> None:
-    """Do what the opener does."""
     seen = Watch(end.side, options, lambda: end.wanted_back)
     ended = Reason.PROTOCOL
     try:

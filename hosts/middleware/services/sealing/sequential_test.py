@@ -54,7 +54,6 @@ class SequentialTest:
     """Tests one after the other, until one ends in an alarm."""
 
     def __init__(self, question: Question) -> None:
-        """Begin the first test."""
         self.question = question
         self.score = 0.0
         self.compared = 0  # pairs of all tests, up to the alarm if there is one

@@ -194,7 +194,6 @@ class Inbox:
         return numbers
 
     def _judge(self, touched: list[int], on_their_way: Slots) -> tuple[list[int], list[int]]:
-        """Return which frames are accepted, and which are to be repeated as a whole."""
         accepted: list[int] = []
         failed: list[int] = []
         for number in set(touched).difference(on_their_way.tolist()):

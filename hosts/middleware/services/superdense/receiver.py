@@ -88,7 +88,6 @@ class Receiver:
     """Turns Bell states into bytes, and says what must come again."""
 
     def __init__(self, setup: Setup, symbols: int, peer: str) -> None:
-        """Receive from a peer by an analyser that distinguishes `symbols` Bell states."""
         self._setup, self._symbols, self._peer = setup, symbols, peer
         self._format = agreed_format(setup, symbols)
         self._inbox = Inbox(setup.frame_bytes, self._format)
@@ -118,7 +117,6 @@ class Receiver:
         )
 
     def counts(self) -> Mapping[str, int]:
-        """Return what was used so far, as the device reports it."""
         return {
             "pairs_received": self._inbox.symbols_seen,
             "pairs_lost": self._inbox.symbols_lost,

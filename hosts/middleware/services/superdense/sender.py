@@ -143,7 +143,6 @@ class Sender:
         return answer.encoding
 
     def lit(self, emitted_ns: int) -> Block:
-        """Return what tells the receiver of light that has left this host, first at this time."""
         first = self._first_unannounced()
         block = first.block
         if first.why_dark is not None:

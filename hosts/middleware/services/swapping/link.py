@@ -228,7 +228,6 @@ def to_the_left_of(place: int) -> set[int]:
 
 
 def setup_of_link(order: SwapOrder, asked: Setup, address: str) -> Setup:
-    """Return what a host at this address asks the next node for, as it was asked itself."""
     return unanswered(
         asked,
         session=order.outgoing,

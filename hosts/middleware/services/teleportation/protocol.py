@@ -146,7 +146,6 @@ def _take_in(side: HostSide, number: int, size: int) -> Steps[tuple[int, int, in
 
 
 def _told(number: int, size: int) -> Steps[States]:
-    """Return the states that the other end has sent."""
     heard, states = Heard(number, size), None
     while states is None:
         message: Values = yield Hear(Values, ANSWER_TIMEOUT_S, number)

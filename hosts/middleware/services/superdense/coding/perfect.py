@@ -56,7 +56,6 @@ class PerfectCode:
         return encoded
 
     def decode(self, bits: Bits, erased: Mask, data_bits: int) -> Bits:
-        """Return the data of the codewords nearest to what was received."""
         words, holes = bits.reshape(-1, self.n), erased.reshape(-1, self.n)
         data = self._nearest(words)
         some = np.flatnonzero(holes.any(axis=1))
