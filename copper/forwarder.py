@@ -20,6 +20,7 @@ from ipaddress import IPv4Address
 from itertools import count
 
 from wire.config import CopperConfig
+from wire.network_time import NEVER, GateClient, SteppedTime
 
 MOST_BYTES = 1 << 16
 AT_ONCE = 64  # frames read from one end before the next is served
@@ -39,14 +40,14 @@ class Direction:
     delay_ns: int
     loss: float
     ns_per_byte: float = 0.0
-    free_ns: float = 0.0  # when the queue is empty
+    free_ns: int = 0  # when the queue is empty
 
     def due_ns(self, length: int, now_ns: int) -> int | None:
         """Return when a frame that enters now comes out; None if the queue is full."""
         if self.free_ns - now_ns > QUEUE_BYTES * self.ns_per_byte:
             return None
-        self.free_ns = max(self.free_ns, now_ns) + length * self.ns_per_byte
-        return round(self.free_ns) + self.delay_ns
+        self.free_ns = max(self.free_ns, now_ns) + round(length * self.ns_per_byte)
+        return self.free_ns + self.delay_ns
 
 
 class Forwarder:
@@ -66,6 +67,11 @@ class Forwarder:
                 os.set_blocking(into, False)
                 self._directions[into] = Direction(into, out_of, delay_ns, cable.loss, ns_per_byte)
                 self._readable.register(into, select.EPOLLIN)
+        time_ = config.time
+        self._gate = GateClient(time_) if isinstance(time_, SteppedTime) else None
+        self._now_ns = time_.now_ns if self._gate else time.monotonic_ns
+        if self._gate:
+            self._readable.register(self._gate, select.EPOLLIN)
         self._draws = random.Random(config.seed)  # noqa: S311
         self._under_way: list[tuple[int, int, int, bytes]] = []  # when due, number, where to, frame
         self._numbers = count()
@@ -83,6 +89,9 @@ class Forwarder:
             for file, _events in self._readable.poll(0):
                 if file == self._wake_reader:
                     return
+                if self._gate and file == self._gate.fileno():
+                    self._gate.take_notice()
+                    continue
                 if not self._take_in(self._directions[file]):
                     self._readable.unregister(file)
             self._give_out()
@@ -90,10 +99,15 @@ class Forwarder:
     def close(self) -> None:
         """Close all ends at once: the kernel waits some 15 ms for each."""
         self._readable.close()
+        if self._gate:
+            self._gate.close()
         with ThreadPoolExecutor(CLOSED_AT_ONCE) as pool:
             list(pool.map(os.close, self._directions))
 
     def _wait_s(self) -> float | None:
+        if self._gate:
+            self._gate.wait_for(self._under_way[0][0] if self._under_way else NEVER)
+            return None
         if not self._under_way:
             return None
         return max(0, self._under_way[0][0] - time.monotonic_ns()) / 1e9
@@ -117,7 +131,7 @@ class Forwarder:
 
     def _hold(self, direction: Direction, frame: bytes) -> None:
         lost = direction.loss and self._draws.random() < direction.loss
-        due_ns = None if lost else direction.due_ns(len(frame), time.monotonic_ns())
+        due_ns = None if lost else direction.due_ns(len(frame), self._now_ns())
         if due_ns is None:
             self.lost += 1
             return
@@ -125,7 +139,7 @@ class Forwarder:
         self.held += 1
 
     def _give_out(self) -> None:
-        now_ns = time.monotonic_ns()
+        now_ns = self._now_ns()
         while self._under_way and self._under_way[0][0] <= now_ns:
             _due_ns, _number, out_of, frame = heapq.heappop(self._under_way)
             self._write(out_of, frame)

@@ -8,7 +8,8 @@ import asyncio
 import time
 from typing import Protocol
 
-from wire.network_time import REAL_TIME, NetworkTime
+from programs.network_timers import sleep_until
+from wire.network_time import REAL_TIME, NetworkTime, SteppedTime
 
 READINGS = 8  # of both clocks at the start, of which the fastest counts
 # The event loop sleeps in steps of a millisecond; a shorter wait here than this yields instead.
@@ -42,6 +43,24 @@ class NetworkClock:
         while (remaining_ns := time_ns - self.now_ns()) >= 0:
             wall_ns = self._time.wall_s(remaining_ns)
             await asyncio.sleep(wall_ns / 1e9 if wall_ns > SHORT_WAIT_NS else 0)
+
+
+class SteppedClock:
+    """Stepped time of the network, which stands while a program runs."""
+
+    def __init__(self, time: SteppedTime) -> None:
+        """Read this time."""
+        self._time = time
+        self.now_ns = time.now_ns
+
+    async def wait_until(self, time_ns: int) -> None:
+        """Return once the time has passed."""
+        await sleep_until(self._time, time_ns + 1)
+
+
+def clock_of(time: NetworkTime) -> Clock:
+    """Return the clock of a network's time."""
+    return SteppedClock(time) if isinstance(time, SteppedTime) else NetworkClock(time)
 
 
 def _reading() -> tuple[int, int]:

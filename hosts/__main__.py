@@ -6,11 +6,13 @@ import os
 import signal
 import socket
 import sys
+from asyncio import FIRST_COMPLETED
 from pathlib import Path
 
 from hosts import network_loop
 from hosts.hardware.announce import announce
 from hosts.hardware.choice import chosen_qnic
+from hosts.hardware.simulated import SimulatedQnic
 from hosts.node_agent import start_node_agent
 from hosts.stack import Stack
 from programs.config_argument import config_path
@@ -34,13 +36,17 @@ async def run(config: HostConfig) -> None:
     local = await asyncio.start_unix_server(stack.applications.serve, config.socket)
     announcing = announce(config, lambda: stack.device.subscribed)
     speaking = [asyncio.create_task(announcing)]
+    stopping = asyncio.create_task(stopped.wait())
     if config.device_key:
         parts = stack.device, stack.swaps, stack.seals
         agent = await start_node_agent(config, *parts, stack.takes_part)
         speaking.append(asyncio.create_task(agent.run()))
+        if config.time_folder and isinstance(qnic, SimulatedQnic):
+            connecting = asyncio.create_task(connect(qnic, agent.found))
+            await asyncio.wait([connecting, stopping, *speaking], return_when=FIRST_COMPLETED)
+            connecting.cancel()
     print("ready", flush=True)
-    stopping = asyncio.create_task(stopped.wait())
-    await asyncio.wait([stopping, *speaking], return_when=asyncio.FIRST_COMPLETED)
+    await asyncio.wait([stopping, *speaking], return_when=FIRST_COMPLETED)
     for task in speaking:
         if task.done():
             task.result()
@@ -50,6 +56,15 @@ async def run(config: HostConfig) -> None:
     local.close()
     await qnic.close()
     Path(config.socket).unlink(missing_ok=True)
+
+
+async def connect(qnic: SimulatedQnic, found: asyncio.Event) -> None:
+    """Connect to the dispatcher before time is stepped, which would leap meanwhile.
+
+    Nothing passes the switches until the controller has found this host.
+    """
+    await found.wait()
+    await qnic.connect()
 
 
 def main() -> int:

@@ -1,19 +1,19 @@
 """The event loop of a host: its clock, pauses and time-outs count the time of the network.
 
-So every protocol of a host keeps to the time scale, and none needs to know of it. What finds and
+So every protocol of a host keeps to it, and none needs to know how it passes. What finds and
 watches the network, before and beside its sessions, goes by the wall: `wall_sleep`.
 """
 
 import asyncio
-import math
-import time
-from collections.abc import Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import asynccontextmanager
 from contextvars import Context
 from typing import Any, TypeVar, TypeVarTuple, Unpack
 
 import uvloop
 
-from wire.network_time import NetworkTime
+from programs.network_timers import close_timers, timers_of
+from wire.network_time import NetworkTime, SteppedTime
 
 T = TypeVar("T")
 Ts = TypeVarTuple("Ts")
@@ -30,7 +30,7 @@ class NetworkLoop(uvloop.Loop):
 
     def time(self) -> float:
         """Return the time of the network."""
-        return self.network_time.network_s(time.monotonic())
+        return self.network_time.now_s()
 
     def call_later(
         self,
@@ -40,8 +40,20 @@ class NetworkLoop(uvloop.Loop):
         context: Context | None = None,
     ) -> asyncio.TimerHandle:
         """Call back after a time of the network; `call_at` and all time-outs come to here."""
-        wall_s = self.network_time.wall_s(delay)
-        return super().call_later(wall_s, callback, *arguments, context=context)
+        time = self.network_time
+        if isinstance(time, SteppedTime):
+            due_ns = time.now_ns() + round(delay * 1e9)
+            return timers_of(self, time).call_at(due_ns, callback, *arguments, context=context)
+        return super().call_later(time.wall_s(delay), callback, *arguments, context=context)
+
+    def close(self) -> None:
+        """Close the loop, and its connection to the gate."""
+        close_timers(self)
+        super().close()
+
+    def wall_call_later(self, delay: float, callback: Callable[[], object]) -> asyncio.TimerHandle:
+        """Call back after seconds of the wall, for which stepped time does not wait."""
+        return super().call_later(delay, callback)
 
 
 def now_s() -> float:
@@ -49,19 +61,40 @@ def now_s() -> float:
     return asyncio.get_running_loop().time()
 
 
-async def wall_sleep(seconds: float, most_s: float = math.inf) -> None:
-    """Pause for seconds of the wall clock, but for no more than so many of the network."""
-    await asyncio.sleep(min(_network_s(seconds), most_s))
-
-
-def wall_timeout(seconds: float) -> asyncio.Timeout:
-    """Return a time-out of seconds of the wall clock."""
-    return asyncio.timeout(_network_s(seconds))
-
-
-def _network_s(wall_s: float) -> float:
+async def retry_pause(seconds: float, most_s: float) -> None:
+    """Pause before a retry: seconds of the wall if that paces time, and at most `most_s` of it."""
     loop = asyncio.get_running_loop()
-    return loop.network_time.network_s(wall_s) if isinstance(loop, NetworkLoop) else wall_s
+    if isinstance(loop, NetworkLoop):
+        seconds = loop.network_time.network_s(seconds)
+    await asyncio.sleep(min(seconds, most_s))
+
+
+async def wall_sleep(seconds: float) -> None:
+    """Pause for seconds of the wall clock."""
+    passed = asyncio.Event()
+    timer = _wall_call_later(seconds, passed.set)
+    try:
+        await passed.wait()
+    finally:
+        timer.cancel()
+
+
+@asynccontextmanager
+async def wall_timeout(seconds: float) -> AsyncIterator[None]:
+    """Limit a wait to seconds of the wall clock; raise TimeoutError then."""
+    loop = asyncio.get_running_loop()
+    async with asyncio.timeout(None) as limit:
+        timer = _wall_call_later(seconds, lambda: limit.reschedule(loop.time()))
+        try:
+            yield
+        finally:
+            timer.cancel()
+
+
+def _wall_call_later(seconds: float, callback: Callable[[], object]) -> asyncio.TimerHandle:
+    loop = asyncio.get_running_loop()
+    call_later = loop.wall_call_later if isinstance(loop, NetworkLoop) else loop.call_later
+    return call_later(seconds, callback)
 
 
 def run(main: Coroutine[Any, Any, T], network_time: NetworkTime = WALL) -> T:

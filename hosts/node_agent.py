@@ -69,6 +69,7 @@ class NodeAgent(asyncio.DatagramProtocol):
         self._last = device.report()
         self._changed = asyncio.Event()
         self._alarmed = asyncio.Event()
+        self.found = asyncio.Event()  # the controller knows where this host is
         device.changed, device.alarmed = self._changed.set, self._alarmed.set
         self._sent_s = self._asked_s = 0.0
         self._began_s = time.monotonic()
@@ -89,6 +90,7 @@ class NodeAgent(asyncio.DatagramProtocol):
             self._set(message)
         elif isinstance(message, Subscribe):
             self._device.subscription = message
+            self.found.set()
             self._report(message.session)
         elif isinstance(message, SwapOrder):
             self._swaps.take(message)

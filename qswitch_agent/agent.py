@@ -40,6 +40,8 @@ class Agent:
         if config.programs:
             programs = Programs(config.management, self._switch, hold_s)
             self._servers.append((programs, config.programs))
+        for server, _listen in self._servers:
+            server.batches = not config.time_folder  # time would leap meanwhile
 
     async def run(self, stop: asyncio.Event) -> None:
         """Serve until stop is set, and say `ready` on stdout when the light paths stand.

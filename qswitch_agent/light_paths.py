@@ -180,7 +180,7 @@ class LightPaths:
                     delete(entry)
 
     def _now_ns(self) -> int:
-        return self._time.network_ns(time.time_ns())
+        return self._time.now_ns()
 
     def _answer(self, request: int, refused: Mapping[CrossConnect, str]) -> None:
         self._answered, self._refused = request, refused

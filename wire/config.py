@@ -12,7 +12,7 @@ from typing import Any, Self
 from wire.announcement import PERIOD_S
 from wire.credentials import Credentials
 from wire.features import NodeFeatures
-from wire.network_time import NetworkTime
+from wire.network_time import NetworkTime, SteppedTime
 from wire.parameters.checks import check_choice
 from wire.parameters.fiber import Fiber, FiberEnd
 from wire.parameters.network import ControllerSettings, DispatcherSettings
@@ -32,6 +32,7 @@ __all__ = [
     "EntranceConfig",
     "Fiber",
     "FiberEnd",
+    "GateConfig",
     "HostConfig",
     "MeasuredConfig",
     "PathOptics",
@@ -52,10 +53,14 @@ class Config:
 
     time_scale: float = field(default=1.0, kw_only=True)  # seconds here for one of the network
     time_since_ns: int = field(default=0, kw_only=True)  # when both clocks said the same
+    time_folder: str = field(default="", kw_only=True)  # of the gate that steps time; empty: paced
+    time_slot: int = field(default=0, kw_only=True)  # of this program, among all
 
     @property
     def time(self) -> NetworkTime:
-        """Return how time of the network and of the wall belong together; or raise ValueError."""
+        """Return the time of the network; raise ValueError for a scale out of range."""
+        if self.time_folder:
+            return SteppedTime(1.0, self.time_since_ns, self.time_folder, self.time_slot)
         return NetworkTime(self.time_scale, self.time_since_ns)
 
     def write(self, path: Path) -> None:
@@ -258,6 +263,11 @@ class CopperConfig(Config):
     def from_dict(cls, fields: dict[str, Any]) -> "CopperConfig":
         """Build the configuration from decoded JSON."""
         return cls(**{**fields, "cables": [Cable(**cable) for cable in fields["cables"]]})
+
+
+@dataclass(frozen=True)
+class GateConfig(Config):
+    """What steps the time of a network: all that it needs is what every program has."""
 
 
 @dataclass(frozen=True)

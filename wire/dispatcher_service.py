@@ -1,9 +1,13 @@
 """The parts of the dispatcher's service beside its messages: limits, tokens, sockets."""
 
 import hmac
+from collections.abc import Iterable
+
+from wire.network_time import NetworkTime, SteppedTime
 
 TOKEN_KEY = "qmn-token"  # noqa: S105 - the name of the metadata entry
 NONCE_KEY, PROOF_KEY = "qmn-nonce", "qmn-proof"  # of a call over a network
+SLOT_KEY = "qmn-time-slot"  # of the caller, where time is stepped
 NONCE_BYTES = 16
 RUNNER = "runner"  # the node that the runner is
 MAX_MESSAGE_BYTES = 8 << 20  # of either side
@@ -28,6 +32,16 @@ def proof(token: str, nonce: bytes, method: str) -> str:
 
 def proving(token: str, nonce: bytes, method: str) -> tuple[tuple[str, str], ...]:
     return (NONCE_KEY, nonce.hex()), (PROOF_KEY, proof(token, nonce, method))
+
+
+def slot_of(time: NetworkTime) -> tuple[tuple[str, str], ...]:
+    """Return the metadata of a call whose messages stepped time waits for."""
+    return ((SLOT_KEY, str(time.slot)),) if isinstance(time, SteppedTime) else ()
+
+
+def slot(metadata: Iterable[tuple[str, str | bytes]] | None) -> int:
+    """Return the slot that a call's metadata names, 0 if it names none."""
+    return int(dict(metadata or ()).get(SLOT_KEY, 0))
 
 
 def cross_connects_socket(dispatcher: str) -> str:

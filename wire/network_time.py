@@ -1,16 +1,31 @@
-"""Time of the network and of the wall: one second of the network takes `scale` seconds here.
+"""Time of the network: paced by the wall clock, or stepped while no program runs.
+
+Paced, one second of the network takes `scale` seconds here.
 
           network   0        1        2        3
     scale 1         |--------|--------|--------|
     scale 2         |-----------------|-----------------|----  wall
 
-What is physical, and every time-out of a protocol, counts network time. Captures, events and logs
-carry the wall clock. Each process converts by one of these, from its configuration.
+Stepped, the clock stands while programs run, and leaps to the next instant that one waits for
+(gate/). Physics, and every time-out of a protocol, counts network time. Captures and logs
+carry the wall clock. Each process has one of these from its configuration.
 """
 
+import mmap
+import socket
+import struct
+import time
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 
 LEAST_SCALE, MOST_SCALE = 1.0, 1e9
+PAGE, GATE = "page", "gate"  # in the folder of stepped time: its clock, and the gate's socket
+INSTANT = struct.Struct("=q")  # what the gate and its clients send each other, in nanoseconds
+PAGE_BYTES = 1 << 16
+TAKEN = PAGE_BYTES // 16  # of the page, which has the clock, counts of messages sent, then taken
+NEVER = (1 << 63) - 1  # the deadline of a program that waits for no instant
+WITH_WALL = -1  # in place of a deadline: the clock is to go with the wall
 
 
 @dataclass(frozen=True)
@@ -31,6 +46,18 @@ class NetworkTime:
                 "for one second of the network"
             )
 
+    def now_ns(self) -> int:
+        """Return the time of the network in nanoseconds since 1970."""
+        return self.network_ns(time.time_ns())
+
+    def now_s(self) -> float:
+        """Return the time of the network in seconds, to measure by."""
+        return self.network_s(time.monotonic())
+
+    def switch_timeout_s(self, seconds: int) -> int:
+        """Return the idle time-out of an entry that Open vSwitch counts by the wall; 0: never."""
+        return seconds
+
     def network_ns(self, wall_ns: int) -> int:
         """Return what the clock of the network says at a time of the wall clock."""
         if self.scale == 1:
@@ -50,6 +77,100 @@ class NetworkTime:
     def wall_s(self, network_s: float) -> float:
         """Return how long a time of the network takes here."""
         return network_s * self.scale
+
+
+@dataclass(frozen=True)
+class SteppedTime(NetworkTime):
+    """Time that the gate steps; the clock is in a page of memory that all programs read.
+
+    Its seconds are not those of the wall: what is converted between both stays as it is.
+    """
+
+    folder: str = ""
+    slot: int = 0  # of this program's link
+
+    def now_ns(self) -> int:
+        """Return the time of the network in nanoseconds since 1970, at the start of the run."""
+        return page(self.folder)[0]
+
+    def now_s(self) -> float:
+        """Return the seconds of the network since the run began, exact to the nanosecond."""
+        return (self.now_ns() - self.since_ns) / 1e9
+
+    def switch_timeout_s(self, seconds: int) -> int:
+        """Return 0: what takes its place could need the time that waits for it."""
+        return 0
+
+
+@cache
+def page(folder: str) -> memoryview:
+    """Return the memory that all programs share: the clock, and the counts of links."""
+    with (Path(folder) / PAGE).open("r+b") as file:
+        return memoryview(mmap.mmap(file.fileno(), PAGE_BYTES)).cast("q")
+
+
+class LinkCounts:
+    """Counts of messages on a link that no cable delays: time stands while one is under way.
+
+    What carries them may rest for milliseconds of the wall, as gRPC does, while nothing runs.
+    """
+
+    def __init__(self, time: NetworkTime, far_slot: int | None = None) -> None:
+        """Count at this program's end, or at the far one of the program that has a slot."""
+        self._page: memoryview | None = None
+        slot, far = 0, far_slot is not None
+        if isinstance(time, SteppedTime):
+            self._page = page(time.folder)
+            slot = time.slot if far_slot is None else far_slot
+        self._sent = 1 + 2 * slot + far
+        self._taken = TAKEN + 1 + 2 * slot + (not far)
+
+    def sent(self) -> None:
+        """Count a message, before it is sent."""
+        if self._page is not None:
+            self._page[self._sent] += 1
+
+    def taken(self) -> None:
+        """Count a message that has come."""
+        if self._page is not None:
+            self._page[self._taken] += 1
+
+    def ended(self) -> None:
+        """Count all that the other end has sent as taken: no more will come."""
+        if self._page is not None:
+            self._page[self._taken] = self._page[self._taken - TAKEN]
+
+
+class GateClient:
+    """This program's connection to the gate: the next instant that it waits for.
+
+    The clock cannot leap beyond that instant before the program has named a later one.
+    """
+
+    def __init__(self, time: SteppedTime) -> None:
+        """Connect; raise OSError if there is no gate."""
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._socket.connect(f"{time.folder}/{GATE}")
+        self._deadline_ns = NEVER
+
+    def fileno(self) -> int:
+        """Return the descriptor that is readable once the clock has reached the deadline."""
+        return self._socket.fileno()
+
+    def wait_for(self, deadline_ns: int) -> None:
+        """Set the deadline: an instant, NEVER, or WITH_WALL."""
+        if deadline_ns != self._deadline_ns:
+            self._deadline_ns = deadline_ns
+            self._socket.send(INSTANT.pack(deadline_ns))
+
+    def take_notice(self) -> None:
+        """Read the gate's notice; raise EOFError if the gate has ended."""
+        if not self._socket.recv(INSTANT.size):
+            raise EOFError("the gate of the network's time has ended")
+
+    def close(self) -> None:
+        """Disconnect: the clock does not wait for this program any more."""
+        self._socket.close()
 
 
 REAL_TIME = NetworkTime()  # one second of the network takes one here

@@ -21,6 +21,7 @@ from applications.keys.request import KeysRequest
 from applications.keys.scheduled_eavesdropper import PassingEavesdropper, check_passing
 from qmn.jobs import eavesdropping
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
+from qmn.jobs.stepped import refuse_stepped
 from qmn.network.checks import check_network
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.felt_settings import checked_settings, everything, felt_by
@@ -50,6 +51,7 @@ def checked(request: KeysRequest) -> tuple[KeysRequest, NetworkDescription]:
     network = describe_network(request.network)
     check_network(request.network)
     check_ranges(request.run)
+    refuse_stepped(request.run, "key managers have not been tried with it")
     check_ranges(request)
     service = service_of(request, network)
     for pair in service.pairs:

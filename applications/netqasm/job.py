@@ -21,6 +21,7 @@ from applications.netqasm.folder import check_inputs, left_out, read_yaml
 from applications.netqasm.request import NetqasmRequest
 from qmn.jobs.in_the_way import lost_light
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
+from qmn.jobs.stepped import refuse_stepped
 from qmn.jobs.transfer import TransferError, follow_all
 from qmn.network.checks import check_network
 from qmn.network.description import describe_network
@@ -100,6 +101,7 @@ def checked(request: NetqasmRequest, hosts: Sequence[str]) -> Application:
     """Return the application on some of these hosts; raise BadInput before anything is started."""
     check_network(request.network)
     check_ranges(request.run)
+    refuse_stepped(request.run, "programs sleep and wait by the wall")
     check_ranges(request)
     roles, folder = roles_of(request.path, request.ranks), request.path.resolve()
     if request.path.is_file():

@@ -152,7 +152,7 @@ class DeviceMonitor(App):
 
     def _now(self) -> float:
         """Return the time of the network, by which orders go; reports and polls go by the wall."""
-        return self.time.network_s(time.monotonic())
+        return self.time.now_s()
 
     def _poll_switch(self, datapath: Datapath) -> None:
         anything = ofproto.OFPP_ANY, ofproto.OFPG_ANY, 0, 0, parser.OFPMatch()

@@ -19,6 +19,7 @@ from controller_apps.openflow.framework import (
 )
 from controller_apps.openflow.mac_table import MacTable
 from controller_apps.timeouts import STATION_TIMEOUT_S
+from wire.config import ControllerConfig
 
 LINK_LOCAL = bytes.fromhex("0180c20000")  # and one byte below 0x10: never forwarded (802.1D)
 
@@ -28,8 +29,9 @@ class LearningSwitch(App):
 
     OFP_VERSIONS = (ofproto.OFP_VERSION,)
 
-    def __init__(self, mac_table: MacTable, **contexts: Any) -> None:
+    def __init__(self, config: ControllerConfig, mac_table: MacTable, **contexts: Any) -> None:
         super().__init__(**contexts)
+        self.time = config.time
         self.mac_table = mac_table
 
     @on(ofp_event.EventOFPStateChange, MAIN, DEAD)
@@ -78,7 +80,7 @@ class LearningSwitch(App):
             1,
             match,
             flow_entries.output(port),
-            idle_timeout=STATION_TIMEOUT_S,
+            idle_timeout=self.time.switch_timeout_s(STATION_TIMEOUT_S),
         )
         datapath.send_msg(entry)
 

@@ -141,7 +141,7 @@ class QuantumMetadata(App):
 
     def _now(self) -> float:
         """Return the time of the network, by which sessions go; discovery goes by the wall."""
-        return self.time.network_s(time.monotonic())
+        return self.time.now_s()
 
     @on(EventTick)
     def time_passed(self, event: Any) -> None:

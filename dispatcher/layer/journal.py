@@ -5,12 +5,12 @@ the end of a wait until the next wait. The order of these stretches, and what th
 them, decide all that happens; a journal is told of each. This one does not listen.
 """
 
-import asyncio
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractAsyncContextManager, AbstractContextManager, nullcontext
 from contextvars import ContextVar
 from typing import Any, NamedTuple
 
 from dispatcher.layer.ownership import BlockName
+from programs.network_timers import timeout
 from wire.dispatcher_pb2 import BlockId
 from wire.network_time import REAL_TIME, NetworkTime
 
@@ -31,9 +31,9 @@ class Journal:
     async def resumed(self) -> None:
         """Go on after a wait that is not the clock's."""
 
-    def timeout(self, limit_s: float) -> asyncio.Timeout:
+    def timeout(self, limit_s: float) -> AbstractAsyncContextManager[object]:
         """Return the time-out of a wait, in seconds of the network."""
-        return asyncio.timeout(self._time.wall_s(limit_s))
+        return timeout(self._time, limit_s)
 
 
 class Origin(NamedTuple):

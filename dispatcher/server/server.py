@@ -11,7 +11,7 @@ from pathlib import Path
 import grpc
 
 from dispatcher.build import open_layer
-from dispatcher.clock import NetworkClock
+from dispatcher.clock import clock_of
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.server.callers import Callers
 from dispatcher.server.cross_connects import CrossConnects, bind
@@ -114,7 +114,7 @@ async def serve(config: DispatcherConfig) -> None:
         event_log = (
             stack.enter_context(Path(config.event_log).open("a")) if config.event_log else None
         )
-        layer = open_layer(config, NetworkClock(config.time), event_log, stack)
+        layer = open_layer(config, clock_of(config.time), event_log, stack)
         service = build_service(config, layer, failed)
         server = build_server(config, service)
         async with metrics(config, service):

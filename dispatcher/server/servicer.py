@@ -20,6 +20,8 @@ from dispatcher.server.orders import Orders
 from dispatcher.timeouts import MAX_PAUSE_S
 from wire import dispatcher_pb2 as messages
 from wire.dispatcher_pb2_grpc import DispatcherServicer
+from wire.dispatcher_service import slot
+from wire.network_time import LinkCounts
 
 Request = TypeVar("Request")
 Reply = TypeVar("Reply")
@@ -72,11 +74,24 @@ class Service(DispatcherServicer):
     ) -> None:
         self.callers.require_host(node)
         act = functools.partial(self.change, node)
-        await Orders(act, context.write, self.table.transport.settled).run(self._asked(orders))
+        counts = LinkCounts(self.layer.time, slot(context.invocation_metadata()))
 
-    async def _asked(self, orders: AsyncIterator[messages.Order]) -> AsyncIterator[messages.Order]:
+        async def write(outcome: messages.Outcome) -> None:
+            counts.sent()
+            await context.write(outcome)
+
+        try:
+            asked = self._asked(orders, counts)
+            await Orders(act, write, self.table.transport.settled).run(asked)
+        finally:
+            counts.ended()
+
+    async def _asked(
+        self, orders: AsyncIterator[messages.Order], counts: LinkCounts
+    ) -> AsyncIterator[messages.Order]:
         """Write the arrival time of each order into its steps."""
         async for order in orders:
+            counts.taken()
             now_ns = self.layer.clock.now_ns()
             for step in order.steps:
                 name = step.WhichOneof("operation")

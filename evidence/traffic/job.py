@@ -16,6 +16,7 @@ from evidence.traffic.summary import summary
 from hosts.middleware.services import NAMES
 from hosts.middleware.session.errors import SessionError
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
+from qmn.jobs.stepped import refuse_stepped
 from qmn.network.checks import check_network
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.felt_settings import Felt, checked_settings, felt_by
@@ -57,6 +58,7 @@ def checked(
     """Return the network and what will be asked for; raise BadInput before anything is started."""
     check_network(request.network)
     check_ranges(request.run)
+    refuse_stepped(request.run, "its driver counts the time of the wall")
     check_ranges(request)
     traffic = traffic_of(request, network)
     if not request.source:

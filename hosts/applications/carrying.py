@@ -1,7 +1,6 @@
 """Bytes from a file, or to one, through a quantum socket, and what is said of them as JSON."""
 
 import json
-import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from hashlib import sha256
@@ -34,10 +33,10 @@ def send(
     The first chunk has so many bytes; those behind it are larger if the light is good. Times are
     said in seconds of the network, whose clock it is.
     """
-    digest, started, size = sha256(), time.monotonic(), chunk_bytes
+    digest, started, size = sha256(), clock.now_s(), chunk_bytes
 
     def used(event: str, **fields: str) -> None:
-        told = sent_figures(sending.statistics, clock.network_s(time.monotonic() - started))
+        told = sent_figures(sending.statistics, clock.now_s() - started)
         say(event, {**vars(told), **fields})
 
     try:

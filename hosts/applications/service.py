@@ -14,7 +14,7 @@ from typing import Any, BinaryIO
 from hosts.applications.carrying import first_chunk, receive, say, send
 from hosts.quantum_socket import QuantumSocket
 from hosts.stack_socket import QuantumSocketError
-from wire.network_time import NetworkTime
+from wire.network_time import NetworkTime, SteppedTime
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,7 @@ class Part:
     file: BinaryIO | None = None  # to send, if the service carries bytes
     output: Path | BinaryIO | None = None  # for the bytes that come
     time_scale: float = 1.0  # of the network, whose seconds are said
+    time_folder: str = ""  # of the gate that steps its time; empty: paced
 
 
 def ask(part: Part) -> None:
@@ -38,10 +39,17 @@ def ask(part: Part) -> None:
         for result in asking.request(part.service, (part.host, part.port), **part.options):
             say("result", result)
         if part.file is not None:
-            send(asking, part.file, first_chunk(part.options), NetworkTime(part.time_scale))
+            send(asking, part.file, first_chunk(part.options), time_of(part))
         else:
             asking.shutdown()
             say("done", asking.summary)
+
+
+def time_of(part: Part) -> NetworkTime:
+    """Return the time of the network; stepped, its seconds count from now."""
+    if not part.time_folder:
+        return NetworkTime(part.time_scale)
+    return SteppedTime(1.0, SteppedTime(folder=part.time_folder).now_ns(), part.time_folder)
 
 
 def wait(part: Part, listening: Callable[[], None] | None = None) -> None:
@@ -100,6 +108,7 @@ def main() -> int:
     parser.add_argument("--output", type=Path, default=None, help=text)
     text = "seconds here for one of the network; times of bytes are the network's (1)"
     parser.add_argument("--time-scale", type=float, default=1.0, help=text)
+    parser.add_argument("--time-folder", default="", help="of the gate that steps time")
     part = Part(**vars(parser.parse_args()))
     work = wait if part.host is None else ask
     return ended_well("service", lambda: work(part))

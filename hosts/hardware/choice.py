@@ -24,6 +24,8 @@ def chosen_qnic(config: HostConfig) -> Qnic:
         made: Qnic = kind(*made_with, **config.qnic_parameters)
     except (TypeError, ValueError) as error:
         raise BadConfig(f"qnic {config.qnic} with {config.qnic_parameters}: {error}") from error
+    if config.time_folder and not isinstance(made, SimulatedQnic):
+        raise BadConfig(f"qnic {config.qnic} counts a time of its own: leave --time stepped out")
     return with_credentials(made, config)
 
 
@@ -38,5 +40,5 @@ def _problem(kind: type) -> str:
 def with_credentials(qnic: Qnic, config: HostConfig) -> Qnic:
     """Let a QNIC that asks the dispatcher do so by TLS, if hosts do."""
     if isinstance(qnic, SimulatedQnic):
-        qnic.credentials = config.credentials
+        qnic.credentials, qnic.network_time = config.credentials, config.time
     return qnic

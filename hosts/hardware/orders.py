@@ -12,7 +12,8 @@ from hosts.hardware.replies import HardwareError, NoLight, NotHere
 from hosts.timeouts import DISPATCHER_TIMEOUT_S
 from wire.dispatcher_pb2 import BlockId, ChallengeRequest, Feedback, Order, Outcome, Step
 from wire.dispatcher_pb2_grpc import DispatcherStub
-from wire.dispatcher_service import proving
+from wire.dispatcher_service import proving, slot_of
+from wire.network_time import REAL_TIME, LinkCounts, NetworkTime, SteppedTime
 
 
 class Waiting(NamedTuple):
@@ -77,8 +78,12 @@ class Standing:
 class Orders:
     """Sends orders and hands each outcome to whoever waits for it."""
 
-    def __init__(self, stub: DispatcherStub, token: str) -> None:
+    def __init__(
+        self, stub: DispatcherStub, token: str, network_time: NetworkTime = REAL_TIME
+    ) -> None:
         self._stub = stub
+        self._time = network_time
+        self._counts = LinkCounts(network_time)
         self._token = token
         self._numbers = count(1)
         self._waiting: dict[int, Waiting] = {}  # the oldest first
@@ -86,6 +91,7 @@ class Orders:
         self._repeated: dict[int, Standing] = {}
         self._watch: asyncio.TimerHandle | None = None  # of the oldest, or of one before it
         self._closed = False
+        self.connected = asyncio.Event()  # the dispatcher has answered
         self._outgoing: asyncio.Queue[Order] = asyncio.Queue()
         self._stream: asyncio.Task[None] | None = None
 
@@ -140,6 +146,9 @@ class Orders:
             raise
         finally:
             del self._waiting[number]
+            if not self._waiting and isinstance(self._time, SteppedTime) and self._watch:
+                self._watch.cancel()  # else time would leap to it
+                self._watch = None
 
     def give_up(self, blocks: Collection[BlockId]) -> None:
         """Say that light of these blocks which orders still wait for is lost.
@@ -186,18 +195,25 @@ class Orders:
         """Send an order; raise HardwareError if there is no way any more."""
         if self._closed:
             raise HardwareError("the QNIC is closed")
+        self.open()
+        self._outgoing.put_nowait(order)
+
+    def open(self) -> None:
+        """Begin the stream, if there is none."""
         if not self._open:
             self._outgoing = asyncio.Queue()
             self._stream = asyncio.create_task(self._run(self._outgoing))
-        self._outgoing.put_nowait(order)
 
     async def _run(self, outgoing: asyncio.Queue[Order]) -> None:
         """Hand out outcomes; when the stream ends, nobody may go on waiting."""
         problem, call = "it has ended", None
         try:
             proof = await proved(self._stub, self._token, "Perform")
-            call = self._stub.Perform(_each(outgoing), metadata=proof, wait_for_ready=True)
+            self.connected.set()
+            proof = (*proof, *slot_of(self._time))
+            call = self._stub.Perform(self._each(outgoing), metadata=proof, wait_for_ready=True)
             async for outcome in call:
+                self._counts.taken()
                 if outcome.code and (chain := self._chains.get(outcome.number)) is not None:
                     chain.fault = chain.fault or _fault(outcome, ())
                 waiting = self._waiting.get(outcome.number)
@@ -208,6 +224,7 @@ class Orders:
         except grpc.aio.AioRpcError as error:
             problem = problem_of(error)
         finally:
+            self._counts.ended()
             if call is not None:
                 call.cancel()
             for answer, *_rest in self._waiting.values():
@@ -216,6 +233,13 @@ class Orders:
             for repeated in self._repeated.values():
                 code = grpc.StatusCode.UNAVAILABLE.value[0]
                 repeated.came(Outcome(code=code, text=problem))
+
+    async def _each(self, orders: asyncio.Queue[Order]) -> AsyncIterator[Order]:
+        """Give orders as they come, for ever."""
+        while True:
+            order = await orders.get()
+            self._counts.sent()
+            yield order
 
 
 async def proved(stub: DispatcherStub, token: str, method: str) -> tuple[tuple[str, str], ...]:
@@ -231,11 +255,6 @@ def problem_of(error: grpc.aio.AioRpcError) -> str:
     if error.code() == grpc.StatusCode.DEADLINE_EXCEEDED:
         return f"no answer in {DISPATCHER_TIMEOUT_S:g} s"
     return f"{error.code().name}: {error.details()}"
-
-
-async def _each(orders: asyncio.Queue[Order]) -> AsyncIterator[Order]:
-    while True:
-        yield await orders.get()
 
 
 def _fault(outcome: Outcome, steps: tuple[Step, ...]) -> HardwareError:

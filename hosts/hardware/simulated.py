@@ -1,7 +1,6 @@
 """The simulated QNIC: it performs steps by orders to the dispatcher, over the host's own CNIC."""
 
 import math
-import time
 from collections.abc import AsyncIterator
 from functools import cached_property
 
@@ -20,6 +19,7 @@ from wire.dispatcher_pb2 import Feedback, LookRequest, Step, WatchRequest
 from wire.dispatcher_pb2_grpc import DispatcherStub
 from wire.dispatcher_service import CHANNEL_OPTIONS
 from wire.events import decode_record, encode_record
+from wire.network_time import REAL_TIME
 
 TIMES = 16  # blocks that one order measures, and outcomes that it buffers, at most
 
@@ -33,6 +33,7 @@ class SimulatedQnic(Qnic):
         self._begun: dict[int, Chain] = {}  # pairs, by session
         self._standing: dict[int, Standing] = {}  # orders to measure pairs, likewise
         self.credentials: Credentials | None = None  # without, it speaks plainly
+        self.network_time = REAL_TIME
 
     @cached_property
     def _stub(self) -> DispatcherStub:
@@ -49,7 +50,12 @@ class SimulatedQnic(Qnic):
 
     @cached_property
     def _orders(self) -> Orders:
-        return Orders(self._stub, self._token)
+        return Orders(self._stub, self._token, self.network_time)
+
+    async def connect(self) -> None:
+        """Connect to the dispatcher before the first order."""
+        self._orders.open()
+        await self._orders.connected.wait()
 
     async def perform(self, *order: Step) -> list[Feedback]:
         return await self._orders.perform(*order)
@@ -80,7 +86,8 @@ class SimulatedQnic(Qnic):
             await self._begun[session].over()
 
     def arrivals(self, port: str) -> AsyncIterator[BlockName]:
-        return self._arrivals(port, time.time_ns())
+        now_ns = self.network_time.wall_ns(self.network_time.now_ns())  # as events are stamped
+        return self._arrivals(port, now_ns)
 
     async def _arrivals(self, port: str, since_ns: int) -> AsyncIterator[BlockName]:
         # With the history, or arrivals before the watch begins would be missed.

@@ -27,7 +27,7 @@ from hosts.middleware.session.blocks import PAIRS
 from hosts.middleware.session.ends import Answerer
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.session import OpeningSession
-from hosts.network_loop import now_s, wall_sleep
+from hosts.network_loop import now_s, retry_pause
 from hosts.pauses import growing_pauses
 from hosts.processing_unit.agreement import Agreement, reported_light_us
 from hosts.processing_unit.qubits import Qubits
@@ -166,7 +166,7 @@ class PairMaking:
                     left_s = deadline_s - now_s()
                     if error.reason != Reason.BUSY or left_s <= 0:
                         raise
-                await wall_sleep(next(pauses), left_s)
+                await retry_pause(next(pauses), left_s)
 
     async def receive(
         self, key: Key, pairs: int, can_keep: bool, qubits: Qubits

@@ -25,6 +25,7 @@ from topologies.networks.network import Network
 from topologies.system.machines.machine import Machine
 from topologies.system.processes.programs import NetworkError, Program, python
 from wire.application_lines import Line, figures
+from wire.network_time import NetworkTime, SteppedTime
 from wire.results.figures import Figures, KeyProgress
 from wire.results.run_result import Message, ServiceJob
 
@@ -103,8 +104,7 @@ def _use(
     del options["port"]
     address = [host, "--options", json.dumps(options)]
     output = ["--output", str(folder / result.RECEIVED)] if job.file else []
-    scale = str(network.runtime.time.scale)
-    source = ["--file", str(job.file), "--time-scale", scale] if job.file else []
+    source = ["--file", str(job.file), *_time(network.runtime.time)] if job.file else []
     try:
         asked = _start(network, job, job.acceptor, "asked", output)
         others = [_start(network, job, host, f"asked-{host}", output) for host in job.others]
@@ -118,6 +118,12 @@ def _use(
     except (TransferError, NetworkError):
         network.explain()
         raise
+
+
+def _time(network_time: NetworkTime) -> list[str]:
+    if isinstance(network_time, SteppedTime):
+        return ["--time-folder", network_time.folder]
+    return ["--time-scale", str(network_time.scale)]
 
 
 def _start(network: Network, job: Job, host: str, role: str, words: list[str]) -> Program:

@@ -14,6 +14,7 @@ from hosts.middleware.services.superdense.options import SuperdenseOptions
 from hosts.middleware.session.options import MAX_BLOCK_PAIRS
 from qmn.jobs import runner
 from qmn.jobs.run_context import RunContext
+from qmn.jobs.stepped import check_stepped
 from qmn.network.checks import FROM_TO, check_network, check_two_hosts
 from qmn.network.custom_topology import short_name
 from qmn.network.description import describe_network
@@ -113,6 +114,7 @@ def check_input(
         )
     check_network(request.network)
     check_ranges(request.run)
+    check_stepped(request.run, request.network)
     check_ranges(options)
     check_coding(options)
     return size

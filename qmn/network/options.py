@@ -135,6 +135,7 @@ def settings(
     record: bool = False,
     qasm: bool = False,
     events: bool = True,
+    stepped: bool = False,
 ) -> Runtime:
     """Return the settings of a network that leaves its logs in a folder; None: leaves none."""
     paths = {name: getattr(options, name) for name in ("sabot", "policy", "keys", "tls_from")}
@@ -148,4 +149,5 @@ def settings(
         record=record,
         qasm=qasm,
         events=events,
+        stepped=stepped,
     )

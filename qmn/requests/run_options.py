@@ -7,9 +7,10 @@ from typing import ClassVar
 from qmn.machines.options import MACHINES, MachineOptions
 from topologies.networks.captures import HEADERS_BYTES, MAX_PACKET_BYTES
 from wire.parameters.network import LEAST_MBPS, MOST_MBPS
-from wire.parameters.option import CONTROL, option
+from wire.parameters.option import CONTROL, SIMULATION, option
 
 # Bytes of each packet at most.
+PACED, STEPPED = "paced", "stepped"
 CAPTURES = {"full": MAX_PACKET_BYTES, "headers": HEADERS_BYTES, "none": 0}
 
 
@@ -27,7 +28,7 @@ class RunOptions(LiveOptions, MachineOptions):
     """What every run can be told beside its network and its job."""
 
     NOT_KEPT: ClassVar = (
-        *("runs", "qasm", "captures", "capture", "events", "record", "report", "live"),
+        *("runs", "time", "qasm", "captures", "capture", "events", "record", "report", "live"),
         *MACHINES,
     )
     runs: Path = option(Path("runs"), "folder for what runs leave (runs)", metavar="DIR")
@@ -37,6 +38,12 @@ class RunOptions(LiveOptions, MachineOptions):
         metavar="MBPS",
         range=(LEAST_MBPS, MOST_MBPS),
         group=CONTROL,
+    )
+    time: str = option(
+        PACED,
+        f"{PACED} by the wall, or {STEPPED}: it stands while software runs ({PACED}; docs/time.md)",
+        choices=(PACED, STEPPED),
+        group=SIMULATION,
     )
     qasm: bool = option(False, "write what is done to qubits to quantum.qasm")
     captures: str = option(

@@ -13,6 +13,7 @@ from typing import Any
 from qmn.network.options import NetworkOptions
 from qmn.requests.keeping import kept
 from qmn.requests.request import Request
+from qmn.requests.run_options import PACED
 from wire.parameters.fiber import FiberOptics
 from wire.parameters.network import NetworkSettings
 from wire.parameters.physics import Device
@@ -56,6 +57,7 @@ class NetworkResult:
     machines: dict[str, MachineFacts] = field(default_factory=dict)
     metrics: dict[str, str] = field(default_factory=dict)  # program to URL
     gnmi: dict[str, str] = field(default_factory=dict)  # quantum switch to address
+    time: str = PACED  # or stepped
     time_scale: float | None = None  # seconds here for one of the network; None: it did not start
     time_scale_because: str | None = None
     acausal: EarlyNews | None = None  # what can outrun light most; None: nothing can

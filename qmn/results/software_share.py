@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from math import inf
 
 from qmn.network.time_scale import SHARE, Scale
+from qmn.requests.run_options import STEPPED
 from qmn.results.run_result import NetworkResult
 from wire.dispatcher_pb2 import SoftwareTime
 from wire.parameters.physics import Device
@@ -36,7 +37,9 @@ def note_software(
 def rows(facts: NetworkResult) -> dict[str, str]:
     """Return the rows about time, for a person to read; a scale of 1 needs none."""
     scale, lines = facts.time_scale, {}
-    if scale != 1.0:
+    if facts.time == STEPPED:
+        lines["time"] = "stepped: it stood while software ran"
+    elif scale != 1.0:
         lines["time"] = f"1 s of the network took {scale:g} s here"
     share = facts.software_share
     if share is not None:

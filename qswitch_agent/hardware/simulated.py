@@ -1,12 +1,12 @@
 """The simulated switch: every call is a request to the dispatcher."""
 
 import asyncio
-import time
 from collections.abc import Awaitable, Callable, Iterable
 from typing import TypeVar
 
 import grpc
 
+from programs.network_timers import sleep_until
 from qswitch_agent.hardware.dispatcher_link import DispatcherLink
 from qswitch_agent.hardware.optics import (
     Channel,
@@ -163,14 +163,13 @@ class SimulatedSwitch:
             raise self._meaning(error.code(), error.details()) from error
 
     async def _wait_until(self, ready_ns: int) -> None:
-        remaining_s = (ready_ns - self._time.network_ns(time.time_ns())) / 1e9
+        remaining_s = (ready_ns - self._time.now_ns()) / 1e9
         if remaining_s > CALL_DEADLINE_S:
             raise HardwareFault(
                 f"dispatcher at {self._socket} says that {self._switch} needs {remaining_s:.1f} s "
                 f"to switch; lower its switching time to {CALL_DEADLINE_S} s at most"
             )
-        if remaining_s > 0:
-            await asyncio.sleep(self._time.wall_s(remaining_s))
+        await sleep_until(self._time, ready_ns)
 
     def _meaning(self, code: grpc.StatusCode, details: str | None) -> Exception:
         cause = f"{code.name}: {details}"

@@ -51,7 +51,10 @@ class Said(NamedTuple):
 class Link:
     """Sends to both ends, and keeps account of what the bridge still owes."""
 
-    def __init__(self, bridge: StreamWriter, controller: StreamWriter) -> None:
+    def __init__(
+        self, bridge: StreamWriter, controller: StreamWriter, batches: bool = True
+    ) -> None:
+        self._batches = batches
         self.bridge = bridge
         self.controller = controller
         self.said: asyncio.Queue[Said] = asyncio.Queue(MAX_SAID)
@@ -94,7 +97,8 @@ class Link:
     def show_soon(self) -> None:
         """Write what there is for the controller in a moment, with what comes until then."""
         if self._shown and self._soon is None:
-            self._soon = asyncio.get_running_loop().call_later(SHOW_SOON_S, self.show)
+            soon_s = SHOW_SOON_S if self._batches else 0.0
+            self._soon = asyncio.get_running_loop().call_later(soon_s, self.show)
 
     def show(self) -> None:
         """Write what there is for the controller."""

@@ -43,6 +43,7 @@ class Server:
         """Hold each barrier's reply until the switch is ready, or the deadline has passed."""
         self._switch = switch
         self._hold_deadline_s = hold_deadline_s
+        self.batches = True  # replies wait for others, to go in one write
         self._server: asyncio.Server | StreamServer | None = None
         self._connections: set[asyncio.Task[None]] = set()
         self._links: set[Link] = set()
@@ -82,7 +83,7 @@ class Server:
     async def _pass_on(self, bridge: Ends, controller: Ends, greeting: bytes = b"") -> None:
         """Pass messages on until one side ends; the bridge has begun with a greeting."""
         (reader, writer), (controller_reader, controller_writer) = bridge, controller
-        link = Link(writer, controller_writer)
+        link = Link(writer, controller_writer, self.batches)
         self._switch.connections.add(link)
         self._links.add(link)
         try:

@@ -40,6 +40,7 @@ ROLES = (  # a pattern of the command line, and the name that a run gives to wha
     (r"^wireguard-go .*wg-(\w+)", r"wireguard-\1"),
     (r"-m hosts --config \S*/(\w+)\.json", r"\1"),
     (r"-m copper ", "copper"),
+    (r"-m gate ", "gate"),
     (r"-m topologies\.system\.processes\.fork_server ", "fork-server"),
     (r"-m hosts\.applications\.service .*--options", "asking"),
     (r"-m hosts\.applications\.service ", "asked"),

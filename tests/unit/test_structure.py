@@ -20,6 +20,7 @@ PRODUCT = (
     "controller_apps",
     "qswitch_agent",
     "copper",
+    "gate",
     "topologies",
 )
 RINGS = ("applications", "evidence", "views")  # around the core

@@ -3,7 +3,7 @@
 from typing import Any, NamedTuple
 
 from programs.ways import Ways, shortest
-from topologies.links.copper_link import LEAST_DELAY_S
+from topologies.links.copper_link import least_delay_s
 from topologies.system.runs.runtime import Runtime
 
 
@@ -26,7 +26,7 @@ def worst(network: Runtime) -> Early | None:
     light that is less than any packet takes here is not news that is early.
     """
     light, news = ways_of_light(network), ways_of_news(network)
-    least_s = network.time.network_s(LEAST_DELAY_S)
+    least_s = least_delay_s(network.time)
     found: list[Early] = []
     for origin in (node for node in light if node not in network.switches):
         by_light, by_news = shortest(light, origin), shortest(news, origin)

@@ -21,6 +21,7 @@ from topologies.system.processes.programs import NetworkError
 from topologies.system.runs import runtime
 from topologies.timeouts import COMMAND_TIMEOUT_S
 from wire.config import Cable
+from wire.network_time import NetworkTime, SteppedTime
 from wire.parameters.checks import check_number
 from wire.parameters.fiber import SPEED_IN_FIBER_M_PER_S
 from wire.parameters.network import LEAST_MBPS, MOST_KM, MOST_MBPS
@@ -32,6 +33,11 @@ LEAST_DELAY_S = 10e-6
 TUNSETIFF, IFF_TAP, IFF_NO_PI = 0x400454CA, 0x0002, 0x1000
 QUEUED_FRAMES = 10_000
 ARP_TRIES = 3
+
+
+def least_delay_s(time: NetworkTime) -> float:
+    """Return from which delay on packets are held back; stepped time counts any."""
+    return 1e-9 if isinstance(time, SteppedTime) else time.network_s(LEAST_DELAY_S)
 
 
 def delay_s(length_km: float) -> float:
@@ -65,6 +71,8 @@ class CopperLink(Link):
         check_number(f"{where}: length_km", length_km, 0.0, float(MOST_KM), BadParameter)
         if not isinstance(loss, int | float) or not 0 <= loss < 1:
             raise BadParameter(f"{where}: loss {loss!r} is not 0 to below 1")
+        if loss and isinstance(runtime.current().time, SteppedTime):
+            raise BadParameter(f"{where}: TCP repeats by the wall what is lost: no stepped time")
         if mbps is not None:
             check_number(f"{where}: mbps", mbps, LEAST_MBPS, MOST_MBPS, BadParameter)
         self.length_km, self.loss = float(length_km), float(loss)
@@ -81,7 +89,7 @@ class CopperLink(Link):
     def _is_held(self) -> bool:
         if self.loss or self.mbps is not None:
             return True
-        return runtime.current().time.wall_s(delay_s(self.length_km)) >= LEAST_DELAY_S
+        return delay_s(self.length_km) >= least_delay_s(runtime.current().time)
 
     def makeIntfPair(  # noqa: N802 (Mininet's name)
         self,

@@ -25,6 +25,7 @@ from topologies.networks.switch_watch import SwitchWatch
 from topologies.nodes import DispatcherHost, OpticalSwitch, QuantumController, QuantumHost
 from topologies.nodes.controller import is_copper_switch
 from topologies.nodes.copper import COPPER
+from topologies.nodes.gate import GATE, Start
 from topologies.nodes.tls import OPEN_VSWITCH, OPERATOR
 from topologies.system.kernel import interfaces
 from topologies.system.machines import user_space
@@ -135,6 +136,8 @@ class Network:
         self.runtime.forks()  # what it loads takes longest
         self._cleanup.callback(openvswitch.end)
         openvswitch.start(self.runtime.daemon)
+        start = Start(self.runtime)
+        self._cleanup.callback(start.close)
         self._disk = self._cleanup.enter_context(
             DiskKeeper(
                 (self.runtime.logs, self.runtime.folder), self._programs, self.captures.bound
@@ -164,6 +167,7 @@ class Network:
         self._wait_until_ready()
         self._switches = SwitchWatch(self.net.switches)
         self.runtime.time_limited = False
+        start.end()
 
     def _build_and_start(self) -> None:
         """Let Mininet start all nodes; where it fails because of another's end, name that."""
@@ -202,10 +206,13 @@ class Network:
         return [*openvswitch.programs(), *self.runtime.programs]
 
     def _stop_programs(self) -> None:
-        """End the dispatcher and the copper to it last: to all others their end is a fault."""
+        """End the dispatcher and the copper to it, and then the gate, last.
+
+        To all others their end is a fault.
+        """
         programs = self.runtime.programs
-        stop_all([program for program in programs if program.name not in (DISPATCHER, COPPER)])
-        stop_all(programs)
+        for last in ((DISPATCHER, COPPER, GATE), (GATE,), ()):
+            stop_all([program for program in programs if program.name not in last])
 
     def _wait_until_ready(self) -> None:
         for program in list(self.runtime.programs):

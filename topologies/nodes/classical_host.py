@@ -11,15 +11,17 @@ from mininet.node import Host
 from topologies.links.keywords import refuse_unknown
 from topologies.nodes.node import QuantumNode
 from topologies.system.confinement.confinement import ConfinedNode
-from topologies.system.kernel.interfaces import finish_checksums, set_mtu, within
+from topologies.system.kernel.interfaces import finish_checksums, repeat_nothing, set_mtu, within
 from topologies.system.kernel.memory_share import checked_mib
 from topologies.system.kernel.user_namespace import NoUserNamespace, without_user_namespaces
 from topologies.system.open_vswitch import openvswitch
-from topologies.system.processes.programs import Program
+from topologies.system.processes.programs import NetworkError, Program
 from topologies.system.runs import runtime
 from topologies.system.runs.runtime import Runtime
+from wire.network_time import SteppedTime
 
 DEFAULT_PREFIX_LENGTH = 8  # Mininet's
+RTO_MIN = "100s"  # of the wall, until TCP repeats what nobody has acknowledged; 120 s at most
 # What a folder of runs has.
 OF_RUNS = re.compile(r"\d{8}T\d{6}-.+|\.?latest.*|\.index\.sqlite.*|\.cache")
 
@@ -77,6 +79,8 @@ class ClassicalHost(QuantumNode, ConfinedNode, Host):
         result: dict[str, object] = super().config(**params)
         if openvswitch.datapath() == "user":
             within(self, finish_checksums, str(self.defaultIntf()))
+        if isinstance(self.network.time, SteppedTime):
+            self._wait_for_stepped_time()
         if self.network.mtu:
             within(self, set_mtu, str(self.defaultIntf()), self.network.mtu)
         if self.confined:
@@ -84,6 +88,14 @@ class ClassicalHost(QuantumNode, ConfinedNode, Host):
             covered = covered_folders(self.network)
             self.confine(self.shown_folders(), covered, table, self.memory_mib)
         return result
+
+    def _wait_for_stepped_time(self) -> None:
+        """Have TCP wait for answers while time stands: it would repeat what is on its way."""
+        within(self, repeat_nothing)
+        interface = self.defaultIntf()
+        route = self.cmd(f"ip route show dev {interface}").strip()
+        if refusal := self.cmd(f"ip route change {route} dev {interface} rto_min {RTO_MIN}"):
+            raise NetworkError(f"{self.name}: ip route change {route}: {refusal.strip()}")
 
     def shown_folders(self) -> dict[Path, str]:
         return {}

@@ -15,6 +15,7 @@ from topologies.nodes.node import QuantumNode
 from topologies.nodes.optical_switch import OpticalSwitch
 from topologies.nodes.reached import ManagedController
 from topologies.nodes.tls import ENTRANCE, certify_bridges, entrance
+from topologies.system.kernel.interfaces import repeat_nothing, within
 from topologies.system.processes.programs import Program
 from topologies.system.runs import runtime
 from topologies.system.runs.launching import EarlyStart, launch
@@ -23,6 +24,7 @@ from topologies.timeouts import READY_TIMEOUT_S
 from wire.announcement import period_s
 from wire.config import ControllerConfig, Station
 from wire.controller_lines import RECORD
+from wire.network_time import SteppedTime
 from wire.parameters.network import ControllerSettings, part
 
 LOOPBACK, ANYWHERE = "127.0.0.1", "0.0.0.0"  # noqa: S104 (of its own namespace)
@@ -62,6 +64,8 @@ class QuantumController(QuantumNode, ManagedController):
         }
         settings["protocol"] = "ssl" if self.network.settings.tls else "tcp"
         super().__init__(name, **{**params, **settings})
+        if isinstance(network.time, SteppedTime):
+            within(self, repeat_nothing)
         self._early: EarlyStart | None = self._begin()
         self._launched = False
         self._entrance: Program | None = None  # before it, for switches that come by TLS

@@ -11,7 +11,7 @@ from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.offers import at_wavelength
 from hosts.middleware.session.values import announced, heralds_of
-from hosts.network_loop import now_s, wall_sleep
+from hosts.network_loop import now_s, retry_pause
 from hosts.pauses import growing_pauses
 from hosts.timeouts import (
     ANSWER_TIMEOUT_S,
@@ -83,7 +83,7 @@ class Arrangement:
                 left_s = deadlines_s.get(error.reason, -math.inf) - now_s()
                 if left_s <= 0:
                     raise
-                await wall_sleep(next(pauses), left_s)
+                await retry_pause(next(pauses), left_s)
             else:
                 self.channel = channel
                 return answer

@@ -14,6 +14,7 @@ from pathlib import Path
 from threading import Thread
 
 import pytest
+from stepping import stepping
 
 from copper.forwarder import QUEUE_BYTES, Direction, Forwarder
 from wire.config import Cable, CopperConfig
@@ -34,7 +35,11 @@ def arp(sender: bytes, target: bytes) -> bytes:
 
 @contextmanager
 def cables(
-    *delays_s: float, scale: float = 1.0, loss: float = 0.0, mbps: float | None = None
+    *delays_s: float,
+    scale: float = 1.0,
+    loss: float = 0.0,
+    mbps: float | None = None,
+    time_folder: str = "",
 ) -> Iterator[list[tuple[socket.socket, ...]]]:
     """Run copper; yield the far sides of both ends of each cable, which are packet sockets."""
     kind = socket.AF_UNIX, socket.SOCK_SEQPACKET
@@ -43,7 +48,7 @@ def cables(
         Cable("a", "b", one[0].detach(), other[0].detach(), delay_s, loss, mbps)
         for (one, other), delay_s in zip(pairs, delays_s, strict=True)
     ]
-    forwarder = Forwarder(CopperConfig(laid, "10.0.0.4", time_scale=scale))
+    forwarder = Forwarder(CopperConfig(laid, "10.0.0.4", time_scale=scale, time_folder=time_folder))
     thread = Thread(target=forwarder.run)
     thread.start()
     try:
@@ -82,6 +87,13 @@ def test_the_delay_is_of_the_network() -> None:
         near.send(ip(ALICE, BOB))
         comes(far)
         assert time.monotonic() - sent_s >= 80 * 0.001
+
+
+def test_a_packet_takes_stepped_time_to_the_nanosecond_and_none_of_the_wall() -> None:
+    with stepping() as gate, cables(3_600.0, time_folder=gate.time.folder) as [(near, far)]:
+        near.send(ip(ALICE, BOB))
+        assert comes(far) == ip(ALICE, BOB)
+        assert gate.time.now_s() == 3_600
 
 
 def test_packets_come_out_in_order_and_none_is_lost() -> None:

@@ -55,7 +55,7 @@ def pauses(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     async def pause(seconds: float, most_s: float) -> None:
         made.append(min(seconds, most_s))
 
-    monkeypatch.setattr(arrangement, "wall_sleep", pause)
+    monkeypatch.setattr(arrangement, "retry_pause", pause)
     monkeypatch.setattr(arrangement, "now_s", lambda: sum(made))
     return made
 

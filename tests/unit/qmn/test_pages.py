@@ -17,7 +17,16 @@ from qmn.__main__ import described
 QMN = ROOT / "bin" / "qmn"
 MAKEFILE = (ROOT / "Makefile").read_text()
 FOLDERS = (
-    *("wire", "programs", "hosts", "controller_apps", "qswitch_agent", "dispatcher", "copper"),
+    *(
+        "wire",
+        "programs",
+        "hosts",
+        "controller_apps",
+        "qswitch_agent",
+        "dispatcher",
+        "copper",
+        "gate",
+    ),
     *(
         "topologies",
         "qmn",

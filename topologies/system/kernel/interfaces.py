@@ -44,7 +44,15 @@ ETHTOOL_SRXCSUM, ETHTOOL_STXCSUM, ETHTOOL_SGRO = 0x15, 0x17, 0x2C
 IFF_UP = 0x1
 TUN = "/dev/net/tun"  # by which programs make interfaces
 Result = TypeVar("Result")
-IPV6 = Path("/proc/sys/net/ipv6/conf")
+IPV6, IPV4 = Path("/proc/sys/net/ipv6/conf"), Path("/proc/sys/net/ipv4")
+# No probe for lost tails, no slow start after a pause, nothing held back to be sent with more.
+STEPPED_TCP = {
+    "tcp_early_retrans": 0,
+    "tcp_slow_start_after_idle": 0,
+    "tcp_congestion_control": "reno",
+    "tcp_autocorking": 0,
+    "tcp_tso_win_divisor": 255,
+}
 INTERFACES = Path("/sys/class/net")
 
 
@@ -94,6 +102,12 @@ def write_ipv6_off(*interfaces: str) -> None:
     for name in interfaces:
         with suppress(FileNotFoundError):  # of a kernel without IPv6
             (IPV6 / name / "disable_ipv6").write_text("1")
+
+
+def repeat_nothing() -> None:
+    """Have TCP of this thread's namespace neither repeat nor hold anything back by the wall."""
+    for name, value in STEPPED_TCP.items():
+        (IPV4 / name).write_text(str(value))
 
 
 def make_pair(ends: list[tuple[str, str | None, Node]]) -> None:

@@ -16,6 +16,7 @@ from topologies.system.processes.programs import NetworkError, Program, python
 from topologies.system.runs.elsewhere import carried
 from topologies.system.runs.runtime import Runtime, loopback_listener
 from wire.config import AgentConfig, Config, ControllerConfig, MeasuredConfig
+from wire.network_time import SteppedTime
 
 
 def launch(
@@ -84,8 +85,15 @@ class EarlyStart:
 def write(network: Runtime, name: str, config: Config, descriptors: dict[str, int]) -> Path:
     """Write the file of a program's configuration, with the network's time and its own sockets."""
     path = network.folder / f"{name}.json"
-    scale, since_ns = network.time.scale, network.time.since_ns
-    replace(config, time_scale=scale, time_since_ns=since_ns, **descriptors).write(path)
+    time = network.time
+    words: dict[str, Any] = {
+        **descriptors,
+        "time_scale": time.scale,
+        "time_since_ns": time.since_ns,
+    }
+    if isinstance(time, SteppedTime):
+        words |= {"time_folder": time.folder, "time_slot": next(network.time_slots)}
+    replace(config, **words).write(path)
     return path
 
 

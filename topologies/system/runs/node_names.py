@@ -6,7 +6,7 @@ from wire.parameters.physics import BadParameter
 
 # `-` and `.` divide names from what is behind them: s1-eth1, q1-agent, --fiber q1-q2.length_km.
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-PROGRAMS = {"c0", "dispatcher", "copper", "asked", "asking"}
+PROGRAMS = {"c0", "dispatcher", "copper", "gate", "asked", "asking"}
 SOCKETS = {"console"}
 FILES = {"quantum", "hosts", "ca"}  # NAME.log, NAME.json or NAME.pem
 FOLDERS = {"tls", "keys", "written", "certificates"}

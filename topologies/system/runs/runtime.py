@@ -14,6 +14,7 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any
@@ -27,7 +28,7 @@ from topologies.system.processes.programs import NetworkError, Program
 from topologies.timeouts import END_TIMEOUT_S
 from wire.config import Cable, Fiber, QuantumSwitch
 from wire.dispatcher_service import RUNNER
-from wire.network_time import NetworkTime
+from wire.network_time import NetworkTime, SteppedTime
 from wire.parameters.network import NetworkSettings
 from wire.parameters.physics import Device
 
@@ -39,6 +40,7 @@ DISPATCHER = "dispatcher"  # the program, and its socket
 FIRST_PORT = 10_000
 EPHEMERAL_PORTS = Path("/proc/sys/net/ipv4/ip_local_port_range")  # of connections
 ATTEMPTS = 100
+TIME = "time"  # the folder of the gate that steps it
 CONSOLE = "console"  # the controller's socket
 REST_TOKEN = "rest-token"  # noqa: S105 (the name of a file in the private folder)
 RECORD = "dispatcher.record"  # what the dispatcher was asked
@@ -53,6 +55,7 @@ class Runtime:
 
     settings: NetworkSettings = field(default_factory=NetworkSettings)
     time_scale: float = 1.0  # seconds here for one second of the network
+    stepped: bool = False  # whether time stands while programs run
     record: bool = False  # whether the dispatcher records what it is asked, for a replay
     events: bool = True  # whether the dispatcher writes what happens to qubits
     qasm: bool = False  # whether the dispatcher dumps what is done to qubits
@@ -85,13 +88,16 @@ class Runtime:
 
     def __post_init__(self) -> None:
         self._hosts_written = 0
+        self.time_slots = count()  # of programs
         self._making = Lock()  # what all share is made for the first who asks; hosts ask at once
         self._begun: set[str] = set()  # private files
         self._authority: CertificateAuthority | GivenCertificates | None = None
-        self.time = NetworkTime(self.time_scale, time.time_ns())
         self.name = str(this_process())
         self.folder = RUNTIME_ROOT / self.name
         self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        self.time = NetworkTime(self.time_scale, time.time_ns())
+        if self.stepped:
+            self.time = SteppedTime(1.0, self.time.since_ns, str(self.own_folder(TIME)))
         self.logs = self.log_folder or self.folder
         self.logs.mkdir(mode=0o700, parents=True, exist_ok=True)
         self.token(RUNNER)

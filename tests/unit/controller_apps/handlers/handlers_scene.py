@@ -162,7 +162,7 @@ class Scene:
             addresses={name: {"bob": BOB, "charlie": CHARLIE}[name] for name in keys or {}},
         )
         mac_table, record = MacTable(), Record(str(self.record_path))
-        self.learning = LearningSwitch(mac_table, record=record)
+        self.learning = LearningSwitch(config, mac_table, record=record)
         self.quantum = QuantumMetadata(config, mac_table, record, StateFolder(state))
         self.s1, self.q1 = Datapath(S1), Datapath(Q1)
         self.connect(self.s1)

@@ -69,7 +69,8 @@ class Scene:
         )
         self.now = 100.0
         clock = SimpleNamespace(monotonic=lambda: self.now, time_ns=lambda: 5_000)
-        monkeypatch.setattr("controller_apps.apps.device_monitor.time", clock)
+        for module in ("controller_apps.apps.device_monitor", "wire.network_time"):
+            monkeypatch.setattr(f"{module}.time", clock)
         self.monitor = DeviceMonitor(config, Record(str(self.record_path)))
         self.s1, self.q1 = Datapath(S1), Datapath(Q1)
         self.number = 0

@@ -103,10 +103,9 @@ def test_an_alarm_of_a_seal_whose_light_was_taken_says_nothing(
 ) -> None:
     """Its last photons may have gone by another way than its receiver was told of."""
     now = [100.0]
-    monkeypatch.setattr(
-        "controller_apps.apps.quantum_metadata.time",
-        SimpleNamespace(monotonic=lambda: now[0], time_ns=lambda: 1),
-    )
+    clock = SimpleNamespace(monotonic=lambda: now[0], time_ns=lambda: 1)
+    for module in ("controller_apps.apps.quantum_metadata", "wire.network_time"):
+        monkeypatch.setattr(f"{module}.time", clock)
     file = tmp_path / "policy.toml"
     file.write_text('[seal]\nalarm = "close"\n' + UNFILTERED)
     ready.quantum.policy_path = str(file)
@@ -140,10 +139,9 @@ def test_why_a_way_is_not_watched_is_recorded_of_no_session(
     ready: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = [100.0]
-    monkeypatch.setattr(
-        "controller_apps.apps.quantum_metadata.time",
-        SimpleNamespace(monotonic=lambda: now[0], time_ns=lambda: 1),
-    )
+    clock = SimpleNamespace(monotonic=lambda: now[0], time_ns=lambda: 1)
+    for module in ("controller_apps.apps.quantum_metadata", "wire.network_time"):
+        monkeypatch.setattr(f"{module}.time", clock)
     file = tmp_path / "policy.toml"
     file.write_text('[[watch]]\nbetween = ["alice", "zoe"]\n' + UNFILTERED)
     ready.quantum.policy_path = str(file)

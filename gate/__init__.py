@@ -1,0 +1,1 @@
+"""Steps the time of a network: the clock stands while a program runs, then leaps."""

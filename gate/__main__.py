@@ -1,0 +1,30 @@
+"""`python -m gate --config FILE`: step the time of a network."""
+
+import signal
+import sys
+from pathlib import Path
+
+from gate.gate import Gate
+from programs.config_argument import config_path
+from wire.config import BadConfig, GateConfig
+
+
+def main() -> int:
+    """Step the clock until SIGTERM or SIGINT; return the exit status."""
+    path = config_path("gate", __doc__)
+    try:
+        config = GateConfig.read(path)
+        gate = Gate(Path(config.time_folder), config.time_since_ns)
+    except (BadConfig, OSError) as error:
+        print(f"gate: {error}", file=sys.stderr)
+        return 1
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: gate.stop())
+    print("ready", flush=True)
+    gate.run()
+    print(f"stopped: {gate.leaps:,} leaps, {gate.wrong:,} wrong")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,105 @@
+"""Whether any task of this process namespace runs, or can run, by what the kernel counts of each.
+
+Nothing has run between two looks if each task sleeps in both, and has had as many time slices in
+the second as in the first. Packets that the kernel has not handed on yet count as running.
+"""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple, Self
+
+STAT_BYTES = 512
+RUNS = b"RD"  # states of a task: on a processor or waiting for one, and waiting for a disk
+SLICES = 2  # field of schedstat
+BACKLOG = 11  # field of softnet_stat, in hexadecimal
+
+
+class Task(NamedTuple):
+    """The kernel's files of one thread."""
+
+    stat: int
+    schedstat: int
+
+    @classmethod
+    def opened(cls, folder: str) -> Self:
+        """Open the files; raise OSError if the thread has ended."""
+        stat = os.open(f"{folder}/stat", os.O_RDONLY)
+        try:
+            return cls(stat, os.open(f"{folder}/schedstat", os.O_RDONLY))
+        except OSError:
+            os.close(stat)
+            raise
+
+    def close(self) -> None:
+        """Close the files."""
+        os.close(self.stat)
+        os.close(self.schedstat)
+
+    @property
+    def runs(self) -> bool:
+        """Whether the thread runs or could; raise OSError if it has ended."""
+        stat = os.pread(self.stat, STAT_BYTES, 0)
+        return stat[stat.rindex(b")") + 2] in RUNS
+
+    @property
+    def slices(self) -> int:
+        """How many time slices the thread has had; raise OSError if it has ended."""
+        return int(os.pread(self.schedstat, STAT_BYTES, 0).split()[SLICES])
+
+
+class Quiescence:
+    """Looks at all tasks of the namespace except those of this process."""
+
+    def __init__(self, proc: str = "/proc") -> None:
+        self._proc = proc
+        self._tasks: list[Task] = []
+        self._newest = b""  # process id of the newest task when the list was made
+        self._load = os.open("/proc/loadavg", os.O_RDONLY)
+        self._softnet = os.open("/proc/net/softnet_stat", os.O_RDONLY)
+
+    def __bool__(self) -> bool:
+        """Return whether nothing runs now."""
+        before = self._look()
+        return before is not None and not self._backlog() and before == self._look()
+
+    def _look(self) -> list[int] | None:
+        """Return the time slices of each task; None if one runs."""
+        if (newest := os.pread(self._load, STAT_BYTES, 0).split()[-1]) != self._newest:
+            self._find_tasks()
+            self._newest = newest
+        try:
+            return self._slices()
+        except ProcessLookupError:
+            self._newest = b""
+            return None
+
+    def _slices(self) -> list[int] | None:
+        slices = []
+        for position, task in enumerate(self._tasks):
+            if task.runs:
+                self._tasks.insert(0, self._tasks.pop(position))  # it may run for a while
+                return None
+            slices.append(task.slices)
+        return slices
+
+    def _backlog(self) -> bool:
+        lines = os.pread(self._softnet, 1 << 16, 0).splitlines()
+        return any(int(line.split()[BACKLOG], 16) for line in lines)
+
+    def _find_tasks(self) -> None:
+        for task in self._tasks:
+            task.close()
+        self._tasks = list(_tasks(self._proc))
+
+
+def _tasks(proc: str) -> Iterator[Task]:
+    own = str(os.getpid())
+    for process in os.listdir(proc):
+        if not process.isdecimal() or process == own:
+            continue
+        try:
+            for thread in os.listdir(f"{proc}/{process}/task"):
+                yield Task.opened(str(Path(proc, process, "task", thread)))
+        except (FileNotFoundError, ProcessLookupError):
+            continue  # it has ended meanwhile

@@ -1,0 +1,3 @@
+"""The waits of the gate: seconds of the wall clock."""
+
+PAUSE_S = 1e-4  # between two looks while programs run

@@ -1,0 +1,144 @@
+"""Timers of an event loop that count stepped time of the network."""
+
+import asyncio
+import heapq
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from contextvars import Context
+from itertools import count
+from typing import Any
+from weakref import WeakKeyDictionary
+
+from wire.network_time import NEVER, GateClient, NetworkTime, SteppedTime
+
+
+class Timer(asyncio.TimerHandle):
+    """A callback that is due at an instant, unless it is cancelled before."""
+
+    def __init__(
+        self,
+        timers: "NetworkTimers",
+        due_ns: int,
+        callback: Callable[..., object],
+        arguments: tuple[Any, ...],
+        context: Context | None,
+    ) -> None:
+        when = (due_ns - timers.time.since_ns) / 1e9
+        super().__init__(when, callback, arguments, timers.loop, context)
+        self.due_ns = due_ns
+        self._timers = timers
+
+    def cancel(self) -> None:
+        """Do not call back; the clock does not wait for this instant."""
+        if not self.cancelled():
+            asyncio.Handle.cancel(self)
+            self._timers.changed()
+
+
+class NetworkTimers:
+    """The timers of one event loop, of which the gate knows the earliest."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, time: SteppedTime) -> None:
+        """Connect to the gate; raise OSError if there is none."""
+        self.loop, self.time = loop, time
+        self._gate = GateClient(time)
+        self._queue: list[tuple[int, int, Timer]] = []
+        self._numbers = count()
+        self._is_changing = False
+        loop.add_reader(self._gate.fileno(), self._notified)
+
+    def call_at(
+        self,
+        due_ns: int,
+        callback: Callable[..., object],
+        *arguments: Any,
+        context: Context | None = None,
+    ) -> Timer:
+        """Call back once the clock has reached an instant."""
+        timer = Timer(self, due_ns, callback, arguments, context)
+        heapq.heappush(self._queue, (due_ns, next(self._numbers), timer))
+        self.changed()
+        return timer
+
+    async def wait_until(self, time_ns: int) -> None:
+        """Return once the clock has reached an instant."""
+        if self.time.now_ns() >= time_ns:
+            return
+        reached = self.loop.create_future()
+        timer = self.call_at(time_ns, reached.set_result, None)
+        try:
+            await reached
+        finally:
+            timer.cancel()
+
+    def changed(self) -> None:
+        """Tell the gate the earliest instant before the loop waits."""
+        if not self._is_changing:
+            self._is_changing = True
+            self.loop.call_soon(self._tell)
+
+    def close(self) -> None:
+        """Disconnect from the gate."""
+        self.loop.remove_reader(self._gate.fileno())
+        self._gate.close()
+
+    def _notified(self) -> None:
+        try:
+            self._gate.take_notice()
+        except EOFError:
+            self.close()
+            raise
+        self.changed()
+
+    def _tell(self) -> None:
+        """Run what is due, and tell the gate what is next."""
+        self._is_changing = False
+        now_ns = self.time.now_ns()
+        while self._queue and (self._queue[0][0] <= now_ns or self._queue[0][2].cancelled()):
+            timer = heapq.heappop(self._queue)[2]
+            if not timer.cancelled():
+                timer._run()
+        if not self._is_changing:  # else once more, behind what these have done
+            self._gate.wait_for(self._queue[0][0] if self._queue else NEVER)
+
+
+_timers: WeakKeyDictionary[asyncio.AbstractEventLoop, NetworkTimers] = WeakKeyDictionary()
+
+
+def timers_of(loop: asyncio.AbstractEventLoop, time: SteppedTime) -> NetworkTimers:
+    """Return the timers of an event loop; the first time, connect to the gate."""
+    if loop not in _timers:
+        _timers[loop] = NetworkTimers(loop, time)
+    return _timers[loop]
+
+
+def close_timers(loop: asyncio.AbstractEventLoop) -> None:
+    """Disconnect the timers of a loop from the gate, if there are any."""
+    if (timers := _timers.pop(loop, None)) is not None:
+        timers.close()
+
+
+def timeout(time: NetworkTime, seconds: float) -> AbstractAsyncContextManager[object]:
+    """Return the time-out of a wait, in seconds of the network."""
+    if isinstance(time, SteppedTime):
+        return _stepped_timeout(timers_of(asyncio.get_running_loop(), time), seconds)
+    return asyncio.timeout(time.wall_s(seconds))
+
+
+@asynccontextmanager
+async def _stepped_timeout(timers: NetworkTimers, seconds: float) -> AsyncIterator[object]:
+    async with asyncio.timeout(None) as limit:
+        due_ns = timers.time.now_ns() + round(seconds * 1e9)
+        timer = timers.call_at(due_ns, lambda: limit.reschedule(timers.loop.time()))
+        try:
+            yield limit
+        finally:
+            timer.cancel()
+
+
+async def sleep_until(time: NetworkTime, time_ns: int) -> None:
+    """Return once the clock of the network has reached an instant."""
+    if isinstance(time, SteppedTime):
+        await timers_of(asyncio.get_running_loop(), time).wait_until(time_ns)
+    elif (remaining_ns := time_ns - time.now_ns()) > 0:
+        await asyncio.sleep(time.wall_s(remaining_ns / 1e9))

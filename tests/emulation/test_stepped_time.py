@@ -1,0 +1,56 @@
+"""Time that stands while software runs: physics of microseconds, whatever the machine does."""
+
+import json
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from loaded import run_qmn
+
+STATES, RATE_HZ, T2_S, KM = 10_000, 50_000_000, 0.01, 20.0
+LIGHT_M_PER_S = 2.04e8
+TELEPORT = (
+    *("teleport", "--count", str(STATES), "--rate-hz", str(RATE_HZ)),
+    *("--length-km", str(KM), "--device", f"bob.memory.t2_s={T2_S}", "--time", "stepped"),
+)
+
+
+def result_of(folder: Path, *words: str) -> dict[str, Any]:
+    """Run to the end, without a wrong leap; return the result."""
+    done = run_qmn("run", *words, "--no-report", "--runs", str(folder))
+    assert not done.returncode, done.stdout + done.stderr
+    leaps = re.search(r"stopped: ([\d,]+) leaps, 0 wrong", (folder / "latest/gate.log").read_text())
+    assert leaps is not None
+    result: dict[str, Any] = json.loads((folder / "latest/result.json").read_text())
+    assert result["time"] == "stepped"
+    return result
+
+
+def test_teleportation_into_a_memory_of_10_ms_has_the_fidelity_of_its_closed_form(
+    tmp_path: Path,
+) -> None:
+    """Dephasing for t flips four of the six states with probability (1 - exp(-t / T2)) / 2.
+
+    The wait of photon i of n is exact: until the last of them is there, and then for alice's bits
+    over two cables of 20 km, at the speed of light in a fibre.
+    """
+    asking = result_of(tmp_path, *TELEPORT)["job"]["asking"]
+    wait_s = np.arange(STATES)[::-1] / RATE_HZ + 2 * KM * 1e3 / LIGHT_M_PER_S
+    assert asking["waited_ms"] == pytest.approx(1e3 * wait_s.mean(), abs=1e-3)
+    fidelity = 1 - (1 - np.exp(-wait_s / T2_S).mean()) / 3
+    error = math.sqrt(fidelity * (1 - fidelity) / STATES)
+    assert abs(asking["fidelity"] - fidelity) < 5 * error
+
+
+def test_the_same_seed_gives_the_same_result_again(tmp_path: Path) -> None:
+    one, other = (result_of(tmp_path / name, *TELEPORT)["job"] for name in ("one", "other"))
+    assert one == other
+
+
+def test_what_the_wall_paces_is_refused_with_the_reason(tmp_path: Path) -> None:
+    done = run_qmn("run", *TELEPORT, "--control-loss", "0.1", "--runs", str(tmp_path))
+    assert done.returncode == 1
+    assert "TCP repeats by the wall what --control-loss loses" in done.stderr

@@ -1,0 +1,80 @@
+"""A gate in a process of its own, which looks at a test and at what that starts."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from wire.network_time import SteppedTime
+
+DEADLINE_S = 60.0
+SINCE_NS = 1_700_000_000_000_000_000
+# Counts a leap as wrong, too, if work has begun that is not over (file `work`: pairs of counts).
+GATE = """
+import mmap, signal, sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from gate.gate import Gate
+from gate.quiescence import Quiescence
+
+with open(sys.argv[1] + "/work", "w+b") as file:
+    file.truncate(mmap.PAGESIZE)
+    work = memoryview(mmap.mmap(file.fileno(), mmap.PAGESIZE)).cast("q")
+
+class Counting(Gate):
+    def _set(self, now_ns):
+        self.wrong += sum(work[::2]) != sum(work[1::2])
+        super()._set(now_ns)
+
+gate = Counting(Path(sys.argv[1]), int(sys.argv[2]), Quiescence(sys.argv[3]))
+signal.signal(signal.SIGTERM, lambda *_: gate.stop())
+print("ready", flush=True)
+gate.run()
+print(gate.leaps, gate.wrong)
+"""
+
+
+class Stepping:
+    """A running gate."""
+
+    def __init__(self, folder: Path) -> None:
+        self.time = SteppedTime(1.0, SINCE_NS, str(folder))
+        self._proc = folder / "proc"
+        self._proc.mkdir()
+        command = [sys.executable, "-c", GATE, str(folder), str(SINCE_NS), str(self._proc)]
+        self._gate = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        assert self._gate.stdout is not None
+        assert self._gate.stdout.readline() == "ready\n"
+
+    def watch(self, pid: int) -> None:
+        """Have the gate look at a process from now on."""
+        (self._proc / str(pid)).symlink_to(f"/proc/{pid}")
+        subprocess.run(["true"], check=True)  # a new process: the gate makes its list again
+
+    def end(self) -> tuple[int, int]:
+        """End the gate; return how often it leapt, and how often wrongly for all that it knows."""
+        self._gate.send_signal(signal.SIGTERM)
+        said, _nothing = self._gate.communicate(timeout=DEADLINE_S)
+        leaps, wrong = said.split()
+        return int(leaps), int(wrong)
+
+    def kill(self) -> None:
+        """End the gate, however it is."""
+        self._gate.kill()
+        self._gate.communicate(timeout=DEADLINE_S)
+
+
+@contextmanager
+def stepping() -> Iterator[Stepping]:
+    """Run a gate that looks at this process, and at others that it is told of."""
+    with TemporaryDirectory(dir="/tmp") as folder:  # sockets need a short path
+        gate = Stepping(Path(folder))
+        try:
+            gate.watch(os.getpid())
+            yield gate
+        finally:
+            gate.kill()

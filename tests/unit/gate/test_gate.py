@@ -1,0 +1,185 @@
+"""The clock of the network stands while a program runs, and leaps when none does."""
+
+import select
+import socket
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+from stepping import DEADLINE_S, SINCE_NS, Stepping, stepping
+
+from wire.network_time import NEVER, WITH_WALL, GateClient, LinkCounts, SteppedTime
+
+LEAPS = 300
+# Works when a message or a deadline comes: computes, and then sends a message or waits. Who sends
+# counts work that begins, and who has done it that it is over.
+PARTY = """
+import mmap, random, select, socket, sys, time
+from wire.network_time import NEVER, GateClient, SteppedTime
+
+folder, since, number, descriptor = sys.argv[1], *map(int, sys.argv[2:])
+clock = SteppedTime(1.0, since, folder)
+with open(folder + "/work", "r+b") as file:
+    cells = memoryview(mmap.mmap(file.fileno(), mmap.PAGESIZE)).cast("q")
+begun, over = 2 * number, 2 * number + 1
+other, gate, draws = socket.socket(fileno=descriptor), GateClient(clock), random.Random(number)
+due = since + 1 if number == 0 else NEVER
+
+def work():
+    global due
+    until = time.perf_counter() + draws.choice([0, 0, 1e-4, 1e-3]) * draws.random()
+    while time.perf_counter() < until:
+        pass
+    if draws.random() < 0.5:
+        cells[begun] += 1
+        other.sendall(bytes(100))
+    else:
+        due = clock.now_ns() + draws.randrange(1, 10**9)
+
+while True:
+    gate.wait_for(due)
+    ready = select.select([other, gate], [], [])[0]
+    if gate in ready:
+        gate.take_notice()
+        if due <= clock.now_ns():
+            due = NEVER
+            work()
+    if other in ready:
+        if not other.recv(100, socket.MSG_WAITALL):
+            break
+        work()
+        cells[over] += 1
+"""
+
+
+@pytest.fixture
+def gate() -> Iterator[Stepping]:
+    with stepping() as running:
+        yield running
+
+
+def soon(client: GateClient) -> None:
+    """Wait until the client's deadline has come."""
+    assert select.select([client], [], [], DEADLINE_S)[0]
+    client.take_notice()
+
+
+def stands(time_: SteppedTime) -> bool:
+    """Return whether the clock stands for a while of the wall."""
+    before_ns = time_.now_ns()
+    time.sleep(0.05)
+    return time_.now_ns() == before_ns
+
+
+def test_the_clock_leaps_to_the_earliest_deadline_and_no_further(gate: Stepping) -> None:
+    hour, day = GateClient(gate.time), GateClient(gate.time)
+    day.wait_for(SINCE_NS + 86_400 * 10**9)
+    hour.wait_for(SINCE_NS + 3_600 * 10**9)
+    soon(hour)
+    assert gate.time.now_ns() == SINCE_NS + 3_600 * 10**9
+    assert gate.time.now_s() == 3_600
+    assert stands(gate.time)  # until who waited for the hour says what is next
+    hour.wait_for(NEVER)
+    soon(day)
+    assert gate.time.now_s() == 86_400
+    hour.close()
+    day.close()
+
+
+def test_a_program_that_ends_is_not_waited_for(gate: Stepping) -> None:
+    ended, other = GateClient(gate.time), GateClient(gate.time)
+    ended.wait_for(SINCE_NS)
+    other.wait_for(SINCE_NS + 1)
+    assert stands(gate.time)
+    ended.close()
+    soon(other)
+    other.close()
+
+
+def test_the_clock_stands_while_a_process_runs(gate: Stepping) -> None:
+    with (
+        GateClientOf(gate) as client,
+        subprocess.Popen([sys.executable, "-c", "while True: pass"]) as busy,
+    ):
+        gate.watch(busy.pid)
+        client.wait_for(SINCE_NS + 1)
+        assert stands(gate.time)
+        busy.kill()
+        soon(client)
+
+
+def test_the_clock_stands_while_a_message_is_under_way(gate: Stepping) -> None:
+    near = LinkCounts(SteppedTime(1.0, SINCE_NS, gate.time.folder, slot=7))
+    far = LinkCounts(gate.time, far_slot=7)
+    with GateClientOf(gate) as client:
+        for sender, taker in ((near, far), (far, near)):
+            sender.sent()
+            client.wait_for(gate.time.now_ns() + 1)
+            assert stands(gate.time)
+            taker.taken()
+            soon(client)
+        near.sent()
+        far.ended()
+        client.wait_for(gate.time.now_ns() + 1)
+        soon(client)
+
+
+def test_the_clock_goes_with_the_wall_while_a_program_asks_for_it(gate: Stepping) -> None:
+    starting, client = GateClient(gate.time), GateClient(gate.time)
+    began_s = time.monotonic()
+    starting.wait_for(WITH_WALL)
+    client.wait_for(SINCE_NS + 50_000_000)
+    soon(client)
+    assert 0.05 <= gate.time.now_s() <= time.monotonic() - began_s
+    starting.close()
+    client.wait_for(SINCE_NS + 3_600 * 10**9)
+    soon(client)
+    assert gate.time.now_s() == 3_600
+    client.close()
+
+
+def test_a_deadline_that_has_passed_shows_a_wrong_leap(gate: Stepping) -> None:
+    with GateClientOf(gate) as client:
+        client.wait_for(SINCE_NS + 10)
+        soon(client)
+        client.wait_for(SINCE_NS + 5)
+        soon(client)
+    assert gate.end() == (1, 1)
+
+
+def test_no_leap_is_wrong_while_two_processes_exchange_messages(gate: Stepping) -> None:
+    """Each piece of work begins with a message or a deadline, and is counted until it is over."""
+    ends = socket.socketpair()
+    with ExitStack() as parties:
+        for number, end in enumerate(ends):
+            words = [gate.time.folder, str(SINCE_NS), str(number), str(end.fileno())]
+            party = subprocess.Popen([sys.executable, "-c", PARTY, *words], pass_fds=[end.fileno()])
+            parties.enter_context(party)
+            parties.callback(party.kill)
+            gate.watch(party.pid)
+            end.close()
+        until_s = time.monotonic() + DEADLINE_S
+        while gate.time.now_ns() < SINCE_NS + LEAPS * 10**9 and time.monotonic() < until_s:
+            time.sleep(0.05)
+    leaps, wrong = gate.end()
+    assert leaps > LEAPS
+    assert not wrong
+    assert sum(struct.unpack("=4q", Path(gate.time.folder, "work").read_bytes()[:32])) > LEAPS
+
+
+class GateClientOf:
+    """A client of the gate that is closed at the end."""
+
+    def __init__(self, gate: Stepping) -> None:
+        self._client = GateClient(gate.time)
+
+    def __enter__(self) -> GateClient:
+        return self._client
+
+    def __exit__(self, *_error: object) -> None:
+        self._client.close()
