@@ -59,7 +59,7 @@ def making(service: Service, opener: str, source: str, parts: Description) -> Ma
 
 def _refuse_source(service: str, ends: Collection[str], source: str, named: bool) -> None:
     """Raise BadInput for no source, and for one that is an end of the session."""
-    other = ", or name another (--source)" if named else ""
+    other = ", or name another, --source" if named else ""
     needed = THIRD.get(Service[service.upper()], SOURCE)
     remedy = f"source=True and two fibres, on a map by --sources-at{other}"
     if not source:
