@@ -1,4 +1,4 @@
-"""Reports and live pages of runs; VERBS has the verbs by heading, each with its module and help."""
+"""Views of runs: reports, live pages, dissectors; VERBS: verbs by heading, with module and help."""
 
 VERBS = {
     "look at a network, or at a run": {

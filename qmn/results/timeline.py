@@ -18,7 +18,7 @@ from typing import IO, NamedTuple
 
 from topologies.nodes.tls import KEY_LOGS
 from topologies.system.runs.runtime import EVENT_CAPTURE
-from wire.dissection.dissectors import install
+from views.dissection.dissectors import install
 from wire.malformed import MalformedPacket
 from wire.pcapng import TRAILER_BYTES, Interface, Packet, PcapReader, Reader, Writer
 

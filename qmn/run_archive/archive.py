@@ -13,7 +13,7 @@ from qmn.results.run_folder import PRIVATE, REPORT, give, give_tree
 from qmn.run_archive.named_run import is_name
 from qmn.run_archive.shared_copy import FILE_MODE, CannotShare, share
 from topologies.networks.disk import has_room
-from wire.dissection.dissectors import PROTOCOL, SCRIPT
+from views.dissection.dissectors import PROTOCOL, SCRIPT
 from wire.results.run_result import RESULT
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,99}")

@@ -12,7 +12,7 @@ from typing import Any
 from qmn.results.run_folder import PRIVATE, give, give_tree
 from qmn.results.timeline import TIMELINE, NoCaptures, merge
 from qmn.run_archive.named_run import add_run
-from wire.dissection.dissectors import install, search_path
+from views.dissection.dissectors import install, search_path
 from wire.malformed import MalformedPacket
 
 COLUMNS = {

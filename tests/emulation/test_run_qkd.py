@@ -14,11 +14,11 @@ from fabric_scene import facts
 from loaded import run_qmn
 from scapy.utils import rdpcap
 
-import wire.dissection.scapy_layers  # noqa: F401 (binds the layers)
+import views.dissection.scapy_layers  # noqa: F401 (binds the layers)
 from evidence.curves.relay_theory import diagonal, rectilinear
 from hosts.service_socket import ServiceSocket
 from topologies.networks.network import Network
-from wire.dissection.scapy_keys import QKey, key_messages
+from views.dissection.scapy_keys import QKey, key_messages
 from wire.qkd import Confirm, Proposal
 
 # That two correlated outcomes have passed together.

@@ -13,7 +13,7 @@ from conftest import ROOT, TSHARK, in_runs, qmn, typed, verb, wait_until
 from limits import SOON_S
 from loaded import read, running_qmn
 
-from wire.dissection.dissectors import search_path
+from views.dissection.dissectors import search_path
 
 
 def tshark(run: Path, *options: str) -> list[str]:

@@ -13,8 +13,8 @@ from scapy.utils import rdpcap
 
 from qmn.scripting.network import start
 from topologies.system.kernel.interfaces import network_of
+from views.dissection.dissectors import SCRIPT
 from wire.config import DISPATCHER_PORT
-from wire.dissection.dissectors import SCRIPT
 from wire.parameters.network import OPENFLOW_PORT
 
 HANDSHAKE = 22  # first byte of a record in TLS (RFC 8446, 5.1)

@@ -413,5 +413,4 @@ TARGETS |= of_programs.TARGETS
 
 EXCUSED = {  # what decodes or parses in wire/ and is not fed, and why
     "wire.results.schema.decoded": "a file, spoiled in tests/unit/qmn/test_runs.py",
-    "wire.dissection.scapy_layers.decode_layers": "for people, who look at captures of their own",
 }

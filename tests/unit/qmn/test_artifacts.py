@@ -12,10 +12,10 @@ from qmn.results.artifacts import artifacts_of
 from qmn.results.timeline import TIMELINE
 from topologies.system.processes.programs import NetworkError
 from topologies.system.runs.runtime import EVENT_CAPTURE
+from views.dissection.dissectors import SCRIPT, script
 from views.report.report_file import NoReport, made_report
 from wire.controller_lines import EARLIER, RECORD
 from wire.dispatcher_pb2 import Event
-from wire.dissection.dissectors import SCRIPT, script
 from wire.results.network_facts import NetworkFacts
 from wire.results.run_result import RESULT
 

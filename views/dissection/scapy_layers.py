@@ -1,12 +1,12 @@
 """scapy layers of quantum metadata, of node-agent messages and of quantum events.
 
     >>> from scapy.all import *
-    >>> import wire.dissection.scapy_layers
+    >>> import views.dissection.scapy_layers
     >>> rdpcap("runs/latest/s1-eth1.pcap").filter(lambda p: "QMetaSetup" in p)[0].show()
 
 Messages of key distribution, which travel in envelopes of quantum metadata:
 
-    >>> from wire.dissection.scapy_keys import key_messages
+    >>> from views.dissection.scapy_keys import key_messages
     >>> key_messages(rdpcap("runs/latest/s1-eth1.pcap"), "10.0.0.1")[0].show()
 
 Their fields are those of the classes in wire/, which know the sizes, too. scapy reads
@@ -32,12 +32,12 @@ from scapy.fields import (
 from scapy.layers.inet import TCP, UDP
 from scapy.packet import Packet, bind_layers
 
+from views.dissection import layout
+from views.dissection.layout import Layout, Tail
+from views.dissection.scapy_fields import Framed, scapy_field
+from views.dissection.scapy_keys import KEY_LAYERS
 from wire import device, events
 from wire.dispatcher_pb2 import Event
-from wire.dissection import layout
-from wire.dissection.layout import Layout, Tail
-from wire.dissection.scapy_fields import Framed, scapy_field
-from wire.dissection.scapy_keys import KEY_LAYERS
 from wire.malformed import MalformedPacket
 from wire.metadata import header
 from wire.metadata.decoding import KINDS

@@ -1,7 +1,7 @@
 """The layout of a message's fields, read off the classes that encode and decode it.
 
 What is generated from here cannot drift apart from them: the tables of the Wireshark
-dissectors (wire/dissection/dissectors.py) and the scapy layers (wire/dissection/scapy_layers.py).
+dissectors (views/dissection/dissectors.py) and the scapy layers (views/dissection/scapy_layers.py).
 """
 
 import re

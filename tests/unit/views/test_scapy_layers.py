@@ -13,9 +13,9 @@ from test_dissectors import DEVICES, EVENT, KEY, METADATA, SEED, SETUP
 from test_key_dissectors import MESSAGES, cut, envelope
 from test_qkd import SEQUENCE, SESSION, TAG, whole
 
+from views.dissection.scapy_keys import KEY_LAYERS, QKey, key_messages, split
+from views.dissection.scapy_layers import LAYERS, QDevice, QEvent, QMeta, QMetaStream, decode_layers
 from wire.device import DEVICE_PORT, Datagram, DeviceSettings
-from wire.dissection.scapy_keys import KEY_LAYERS, QKey, key_messages, split
-from wire.dissection.scapy_layers import LAYERS, QDevice, QEvent, QMeta, QMetaStream, decode_layers
 from wire.events import encode_record
 from wire.malformed import MalformedPacket
 from wire.metadata.decoding import decode

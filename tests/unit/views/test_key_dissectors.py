@@ -13,7 +13,7 @@ from dissection import found, segment, shown, tshark
 from test_dissectors import SEED, SETUP, mutated, plain
 from test_qkd import GOLDEN, SEQUENCE, SESSION, TAG, WRONG, whole
 
-from wire.dissection.layout import Layout, key_layouts
+from views.dissection.layout import Layout, key_layouts
 from wire.malformed import MalformedPacket
 from wire.metadata.header import Message
 from wire.metadata.setup import Answer

@@ -1,4 +1,4 @@
-"""The fields of messages as scapy has them, from wire.dissection.layout; their frame."""
+"""The fields of messages as scapy has them, from views.dissection.layout; their frame."""
 
 from typing import Any
 
@@ -18,7 +18,7 @@ from scapy.fields import (
 )
 from scapy.packet import Packet
 
-from wire.dissection import layout
+from views.dissection import layout
 from wire.metadata.vocabulary import PAPER_ENCODING
 
 _NUMBERS = {1: ByteField, 2: ShortField, 4: IntField, 8: LongField}

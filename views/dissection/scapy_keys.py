@@ -16,10 +16,10 @@ from scapy.fields import (
 from scapy.layers.inet import IP, TCP
 from scapy.packet import Packet, bind_layers
 
+from views.dissection import layout
+from views.dissection.layout import Layout, Tail
+from views.dissection.scapy_fields import Framed, scapy_field
 from wire import qkd
-from wire.dissection import layout
-from wire.dissection.layout import Layout, Tail
-from wire.dissection.scapy_fields import Framed, scapy_field
 from wire.metadata.decoding import decode, message_length
 from wire.metadata.header import METADATA_PORT
 from wire.metadata.values import Envelope, Topic

@@ -13,7 +13,7 @@ from typing import Any
 from scapy.layers.inet import IP, TCP, UDP
 from scapy.layers.l2 import Ether
 
-from wire.dissection.dissectors import script
+from views.dissection.dissectors import script
 from wire.metadata.header import METADATA_PORT
 from wire.pcapng import LINKTYPE_ETHERNET, LINKTYPE_USER0, Interface, Packet, Writer
 

@@ -12,6 +12,8 @@ from typing import Any
 import pytest
 from dissection import datagram, found, segment, shown, tshark
 
+from views.dissection.dissectors import lua
+from views.dissection.layout import COUNTED, Layout, device_layouts, metadata_layouts
 from wire import optical
 from wire.device import (
     DEVICE_PORT,
@@ -27,8 +29,6 @@ from wire.device import (
     open_sealed,
 )
 from wire.dispatcher_pb2 import BlockId, Event
-from wire.dissection.dissectors import lua
-from wire.dissection.layout import COUNTED, Layout, device_layouts, metadata_layouts
 from wire.events import decode_record, encode_record
 from wire.key_routes import Hop, KeyLinks, KeyRoute, KeyRouteRequest, LinkState
 from wire.malformed import MalformedPacket
