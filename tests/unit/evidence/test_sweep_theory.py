@@ -168,3 +168,10 @@ def test_two_pairs_within_one_attempt_come_one_behind_the_other() -> None:
     assert theory.kept_over_gap(1 / 8, 1, 0.9) == pytest.approx(0.9)
     gaps = (1 / 8 * 0.9, 7 / 64 * 0.81)
     assert theory.kept_over_gap(1 / 8, 2, 0.9) == pytest.approx(sum(gaps) / (1 / 8 + 7 / 64))
+
+
+def test_two_clicks_herald_half_of_the_pairs_of_which_both_photons_are_seen() -> None:
+    """Barrett and Kok, Phys. Rev. A 71, 060310: P = eta^2 / 2, by enumeration of four outcomes."""
+    eta, visibility = 0.4, 0.9
+    seen = [eta * eta * apart for apart in (0, 1, 1, 0)]  # |00>, |01>, |10>, |11>: apart, or not
+    assert theory.two_clicks(eta, visibility) == pytest.approx((sum(seen) / 4, 0.95))
