@@ -23,7 +23,7 @@ from wire.netqasm.pair_requests import PAIRS_PORT
 
 
 async def run(config: HostConfig) -> None:
-    """Serve until told to stop; if one part fails, all end."""
+    """Serve until a signal to stop; if one part fails, all end."""
     qnic = chosen_qnic(config)
     stack = Stack(config, qnic)
     stopped = asyncio.Event()

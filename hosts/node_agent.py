@@ -174,7 +174,7 @@ class NodeAgent(asyncio.DatagramProtocol):
 
     @property
     def _period_s(self) -> float:
-        """How often to report: as the controller has said, until then ever more rarely."""
+        """How often to report: as the controller wants, until then ever more rarely."""
         if self._device.subscription.period_ms:
             return self._device.subscription.period_ms / 1e3
         waited_s = time.monotonic() - self._began_s

@@ -11,7 +11,7 @@ def growing_pauses(asker: str) -> Iterator[float]:
 
     Random, so that hosts that were refused together do not ask together again (exponential back-off
     with jitter); by the name of who asks, so that each asker's are its own, and can be had again.
-    Who has waited long asks as often as others that have: the longest is the same for all.
+    Long waits end in equal pauses: the longest is the same for all.
     """
     chance = Random(asker)  # noqa: S311
     most_s = RETRY_PAUSE_S

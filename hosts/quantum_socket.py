@@ -36,7 +36,7 @@ class QuantumSocket(ServiceSocket):
 
     @property
     def statistics(self) -> dict[str, Any]:
-        """What the session has used so far."""
+        """Resources that the session has used so far."""
         return self.summary
 
     def connect(self, address: tuple[str, int], **options: Any) -> None:

@@ -5,7 +5,7 @@
             print(result)
         print(asking.summary["fidelity"])
 
-What a service leaves at a host can be used until the one that asked for it ends the session:
+Results of a service at a host can be used until the one that asked for it ends the session:
 
         for result in asking.request("distribute", ("bob", 9), count=1000):
             print(result)
@@ -28,7 +28,7 @@ from wire.socket_calls import Call, decode_fields, encode, encode_fields
 
 
 class ServiceSocket(StackSocket):
-    """One end of a service; both ends are told results while it goes on, and a summary."""
+    """One end of a service; both ends get results while it goes on, and a summary."""
 
     def __init__(self, stack: Path | str | None = None) -> None:
         super().__init__(stack)
@@ -51,7 +51,7 @@ class ServiceSocket(StackSocket):
     def results(self) -> Iterator[dict[str, Any]]:
         """Yield what the stack tells of the service until it is over or may be asked.
 
-        `summary` is there then; `over` says whether it is over. Called again: wait until it is.
+        `summary` is complete then; `over` says whether it is over. Called again: wait until it is.
         """
         while not self.over:
             call, payload = self._read()
@@ -69,7 +69,7 @@ class ServiceSocket(StackSocket):
         then expected_db and onward_db are what light loses from here to a click.
 
         It has begun when this returns. Yield what was seen of each block, until `shutdown`;
-        `summary` is there then. Raise QuantumSocketError with the reason if it cannot be.
+        `summary` is complete then. Raise QuantumSocketError with the reason if it cannot be.
         """
         self._send(encode_fields(Call.INTERCEPT, fraction=fraction, **options))
         self._done()
@@ -103,8 +103,8 @@ class ServiceSocket(StackSocket):
     def close(self) -> None:
         """Close; a session that this end has asked for and not ended is broken off.
 
-        The stack has done so when this returns, unless that takes too long: whoever asks for the
-        same light next is not refused for the sake of this session.
+        The stack has done so when this returns, unless that takes too long: a next request for the
+        same light is not refused for the sake of this session.
         """
         if self._asked and not self.over:
             self._wait_until_broken_off()

@@ -56,7 +56,7 @@ Attending = Incoming | Arriving | NoApplication  # who takes part, at the end th
 
 
 class Stack:
-    """What one host knows: its QNIC, its neighbours, its sessions."""
+    """The stack of one host: its QNIC, its neighbours, its sessions."""
 
     def __init__(self, config: HostConfig, qnic: Qnic) -> None:
         self._config = config

@@ -1,4 +1,4 @@
-"""The waits of a host's stack and applications: seconds of the network, if nothing else is said.
+"""The waits of a host's stack and applications: seconds of the network by default.
 
 The same wait has the same time-out in every service. Those that build on others say so.
 """
@@ -23,9 +23,9 @@ GRACE_S = (
     0.3  # from the source's word that it has left until the QNIC is asked whether the light is lost
 )
 KEY_GRACE_S = 1.0  # the same, from when its last photon is due to be measured
-ARRIVED_TIMEOUT_S = 0.1  # for light of which the other end has said that it has sent it
+ARRIVED_TIMEOUT_S = 0.1  # for light that the other end reports as sent
 OUTCOME_TIMEOUT_S = 0.02  # the same, where its measurement was ordered: its outcome is on its way
-EXPECTED_TIMEOUT_S = 10.0  # for light of which nobody has said that it comes
+EXPECTED_TIMEOUT_S = 10.0  # for light that nobody has announced
 RESENT_TIMEOUT_S = 1.0  # for light that has come to an interceptor; its session may be over
 DARK_LIMIT_S = 10.0  # without a single pair; the last few symbols of a message are small blocks
 PAIR_TIMEOUT_S = 30.0  # until a pair with a handshake of its own is over
@@ -41,10 +41,10 @@ RETRY_PAUSE_S = 0.1  # by the wall: between the first two requests for a light p
 LONGEST_RETRY_PAUSE_S = 0.8  # by the wall: between two later ones
 ORDER_TIMEOUT_S = 5.0  # until the controller's order for a chain is here
 LINK_TIMEOUT_S = 60.0  # until all links of a chain are open, each of which waits for the next one
-BITS_TIMEOUT_S = 30.0  # until swaps are told: they may pass many nodes over a slow network
+BITS_TIMEOUT_S = 30.0  # until swaps are reported: they may pass many nodes over a slow network
 UNUSED_S = LINK_TIMEOUT_S + 30.0  # an order that nobody has asked for so long is of one that broke
 
-# Until the dispatcher answers an order, which may wait for light as long as said above; by the wall
+# Until the dispatcher answers an order, which may wait for light as long as above; by the wall
 # what waits for none: a challenge, and a look.
 DISPATCHER_TIMEOUT_S = 20.0
 
@@ -53,7 +53,7 @@ FASTEST_ANNOUNCEMENTS_S = 0.2  # between two at first
 ANNOUNCEMENTS_HELD = 6  # until who has heard one may forget it, in the pauses between two
 CHECK_PERIOD_S = 0.2  # between two looks at a device at work, whose changes are reported then
 IDLE_CHECK_PERIOD_S = 5.0  # the same, of one that says itself when something changes
-FIRST_REPORTS_S = 1.0  # between two to a controller that has not said how often, at first
+FIRST_REPORTS_S = 1.0  # between two to a controller without a subscription, at first
 UNSUBSCRIBED_PERIOD_S = 10.0  # the same, in the end
 SLOWER = 0.25  # a pause to the time that has passed, of what a host repeats until it is found
 
@@ -69,10 +69,10 @@ TUNNEL_TIMEOUT_S = 10.0  # until a tunnel's daemon is ready, or the other end's 
 TUNNEL_POLL_S = 0.02  # between two looks whether it is
 TLS_KEY_S = 86_400  # whole ones, that a key of a tunnel of TLS waits for the other end to begin
 KEY_MANAGER_TIMEOUT_S = 15.0  # until a key manager has answered
-JOIN_TIMEOUT_S = 60.0  # until the other program of a NetQASM application is there
+JOIN_TIMEOUT_S = 60.0  # until the other program of a NetQASM application connects
 ROUND_TIMEOUT_S = 600.0  # until all of its programs have ended a round
 TEXT_TIMEOUT_S = 5.0  # until its place for texts takes a connection
-GREETING_TIMEOUT_S = 1.0  # until who connects has said who it is
+GREETING_TIMEOUT_S = 1.0  # until the peer has introduced itself
 TEXT_PAUSE_S = 0.05  # between two attempts to connect
 
 DOWNLOAD_TIMEOUT_S = 120.0  # without a byte of a download

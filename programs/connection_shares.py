@@ -21,8 +21,8 @@ from programs.local_users import LocalUsers
 from programs.timeouts import HANDSHAKE_TIMEOUT_S, SHARES_LOOK_S, SILENT_S
 
 MOST = 1024  # connections of a listener
-FILES = 4  # of all files that its process may have open, it takes one of so many
-PEERS = 4  # of its connections, a peer has one of so many,
+FILES = 4  # of all files that its process may have open, it takes one in this number
+PEERS = 4  # of its connections, a peer has one in this number,
 MOST_OF_ONE = 128  # and no more than these
 AT_ONCE = 100  # connections accepted before the process does something else
 LINE_BYTES = 1 << 16  # of a stream, as asyncio's own default

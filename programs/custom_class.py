@@ -1,6 +1,6 @@
 """Classes of a user's own, each from a file that is named as "path/to/file.py:ClassName".
 
-The file is on this machine's disk and its name comes from whoever starts the network, as the
+The file is on this machine's disk and its name comes from the user who starts the network, as the
 topology itself does; nothing that comes over the network ever names one.
 """
 

@@ -10,7 +10,8 @@ MOST_WORDS = 2500
 # A folder, or a page beside them, enters when it is clean.
 CLEAN = [
     *("docs", "README.md", "SECURITY.md", "CONTRIBUTING.md"),
-    *("hosts/middleware", "hosts/serving", "copper"),
+    *("hosts/middleware", "hosts/serving", "hosts/stack.py", "hosts/timeouts.py"),
+    *("hosts/service_socket.py", "hosts/quantum_socket.py", "programs", "copper"),
     *("topologies/catalogue", "topologies/description", "topologies/links"),
     *("topologies/system/open_vswitch", "topologies/system/processes", "topologies/system/runs"),
     *("topologies/system/confinement", "topologies/fabric.py", "topologies/mapped.py"),
