@@ -302,7 +302,7 @@ async def expiring(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Expiry]:
     paths = LightPaths([1, 2], optics)
     expiry = Expiry(paths, optics)
     clock = SimpleNamespace(time_ns=lambda: round(expiry.now_s * SECOND_NS))
-    monkeypatch.setattr(light_paths, "time", clock)
+    monkeypatch.setattr("wire.network_time.time", clock)
     task = asyncio.create_task(paths.expire(expiry.delete))
     yield expiry
     task.cancel()
