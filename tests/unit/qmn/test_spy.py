@@ -40,8 +40,10 @@ from pathlib import Path
 from qmn import __main__
 from qmn.running import network as running
 from qmn.verbs import spy
+from topologies.system import namespaces
 root = Path(sys.argv.pop(1))
 find = running.dispatcher_of_running_network
+namespaces.running = list  # runs of this machine, which have no part in it
 spy.dispatcher_of_running_network = lambda: find(root)
 sys.exit(__main__.main())
 """
