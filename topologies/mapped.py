@@ -13,7 +13,7 @@ from typing import Any
 
 from mininet.log import warn
 
-from programs.ways import Ways, shortest
+from programs.shortest_paths import Distances, shortest
 from topologies.catalogue.map_parts import spelling
 from topologies.catalogue.maps import Map, Place, Position, positions, read_map
 from topologies.catalogue.node_kinds import node_device
@@ -61,7 +61,7 @@ class MapTopo(FabricTopo):
         self.add_dispatcher(self.next_address())
         names = self.add_quantum_switches(len(read.places))
         switches = {place.name: q for place, q in zip(read.places, names, strict=True)}
-        ways: Ways = {place.name: {} for place in read.places}
+        ways: Distances = {place.name: {} for place in read.places}
         for way in read.ways:
             own = {"length_km": way.length_km}
             if way.loss_db_per_km is not None and "loss_db_per_km" not in fiber:
@@ -74,7 +74,7 @@ class MapTopo(FabricTopo):
         self.positions = positions_of(read, switches, sources)
 
     def _add_sources(
-        self, read: Map, places: Sequence[Place], ways: Ways, switches: dict[str, str]
+        self, read: Map, places: Sequence[Place], ways: Distances, switches: dict[str, str]
     ) -> dict[str, str]:
         """Add a pair source at each of these places, or at the centre; return which is where."""
         at = [place.name for place in places]
@@ -90,7 +90,7 @@ class MapTopo(FabricTopo):
         read: Map,
         places: Sequence[Place],
         sources: dict[str, str],
-        ways: Ways,
+        ways: Distances,
         switches: dict[str, str],
         repeaters_at: str,
     ) -> None:

@@ -24,7 +24,7 @@ one transaction for all switches, and the request is held until each has answere
 chain of repeaters is held until each node has answered (`ordering`).
 
 **Waiting.** `light_queue` serves requests in the policy's order each time that light becomes free;
-one that still has to wait keeps no other from light. With slots (`slot_grants`) a request has the
+one that still has to wait keeps no other from light. With slots (`slots`) a request has the
 light of a reserved slot. Link monitors only borrow light: they never wait, and give it back
 (`preempted`).
 
@@ -64,7 +64,7 @@ from controller_apps.sessions.recovery import Recovery
 from controller_apps.sessions.repairs import Repairs
 from controller_apps.sessions.sessions import Arrival, Session, Sessions, read_setup
 from controller_apps.sessions.setups import Setups
-from controller_apps.sessions.slot_grants import SlotGrants
+from controller_apps.sessions.slots import SlotGrants
 from controller_apps.sessions.terms import UNFILTERED, Terms
 from controller_apps.sessions.verdicts import Verdicts
 from controller_apps.timeouts import DISCOVERY_S

@@ -17,7 +17,7 @@ from controller_apps.sessions.sessions import (
     new_request,
     read_setup,
 )
-from controller_apps.sessions.slot_grants import SlotGrants
+from controller_apps.sessions.slots import SlotGrants
 from controller_apps.sessions.terms import Terms
 from controller_apps.sessions.verdicts import Verdicts
 from wire.metadata.header import session_of

@@ -17,7 +17,7 @@ from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import NamedTuple, TypeVar
 
-from programs.ways import shortest
+from programs.shortest_paths import shortest
 from wire import dispatcher_pb2 as messages
 
 MOST_INTERVALS = 100_000  # that are remembered; of waits that began before, less is known

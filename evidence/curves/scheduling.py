@@ -17,7 +17,7 @@ from evidence.curves.estimates import Estimate
 from evidence.curves.experiment import Experiment, Measure, Outcome, SweepError, number
 from evidence.curves.parameters import Parameter, Values
 from evidence.traffic.counted import Asked, CountedTime, Told
-from programs.ways import Ways, shortest
+from programs.shortest_paths import Distances, shortest
 from topologies.catalogue.maps import BadMap, Map, read_map
 from topologies.links.copper_lengths import centre
 from wire.optical import ANY_PORT, PathOptics
@@ -59,7 +59,7 @@ def address(dpid: int) -> str:
 
 def away(read: Map, switches: dict[str, int]) -> dict[str | int, float]:
     """Return how long a message takes between the controller and each host or switch."""
-    ways: Ways = {place.name: {} for place in read.places}
+    ways: Distances = {place.name: {} for place in read.places}
     for way in read.ways:
         for one, other in ((way.one, way.other), (way.other, way.one)):
             ways[one][other] = min(way.length_km, ways[one].get(other, way.length_km))

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from hosts.middleware.services.interception.passing import RESEND, SPLIT
-from programs.ways import Ways, shortest
+from programs.shortest_paths import Distances, shortest
 from qmn.network.description import NetworkDescription
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput
@@ -50,7 +50,7 @@ def splitting(hides_db: float, receiver: str, parts: Description) -> Attack:
 
 def loss_to_click(begin: str, end: str, parts: Description) -> float:
     """Return what light loses at least by fibres, switches and detectors, from host to host."""
-    ways: Ways = {}
+    ways: Distances = {}
     for fiber in parts.fibers:
         optics = fiber.optics
         fiber_db = optics.length_km * optics.loss_db_per_km + optics.connectors_db

@@ -7,7 +7,7 @@ charlie ===== q1 ===== bob      sdc: a source that is neither end, two fibres at
 from collections.abc import Collection, Sequence
 from itertools import pairwise
 
-from programs.ways import Ways, shortest
+from programs.shortest_paths import Distances, shortest
 from qmn.options import BadInput
 from topologies.description.description import Description
 from wire.features import HERALD
@@ -84,7 +84,7 @@ def _refuse_dark(
     service: str, one: str, other: str, parts: Description, passing: Collection[str]
 ) -> None:
     """Raise BadInput if light cannot come from one host to another over nodes that pass it on."""
-    ways: Ways = {}
+    ways: Distances = {}
     for fiber in parts.fibers:
         for near, far in ((fiber.a, fiber.b), (fiber.b, fiber.a)):
             if near == one or near in passing:

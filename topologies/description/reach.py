@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from mininet.topo import Topo
 
-from programs.ways import Ways, shortest
+from programs.shortest_paths import Distances, shortest
 from topologies.description.checked_graph import is_ours
 from topologies.description.clashes import interface_of
 from topologies.description.description import is_made
@@ -129,8 +129,8 @@ def _first_links(topo: Topo) -> dict[str, FirstLink]:
     return found
 
 
-def _copper_that_passes(topo: Topo, infos: Infos) -> Ways:
-    ways: Ways = {}
+def _copper_that_passes(topo: Topo, infos: Infos) -> Distances:
+    ways: Distances = {}
     for one, other, info in topo.links(withInfo=True):
         if not is_made(info, FiberLink) and _passes(infos[one]) and _passes(infos[other]):
             ways.setdefault(one, {})[other] = ways.setdefault(other, {})[one] = 0.0

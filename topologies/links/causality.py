@@ -2,7 +2,7 @@
 
 from typing import Any, NamedTuple
 
-from programs.ways import Ways, shortest
+from programs.shortest_paths import Distances, shortest
 from topologies.links.copper_link import least_delay_s
 from topologies.system.runs.runtime import Runtime
 
@@ -40,24 +40,24 @@ def worst(network: Runtime) -> Early | None:
     return max(found, key=lambda each: each.early_s, default=None)
 
 
-def ways_of_light(network: Runtime) -> Ways:
+def ways_of_light(network: Runtime) -> Distances:
     """Return the fastest fibre between neighbours."""
-    found: Ways = {}
+    found: Distances = {}
     for fiber in network.fibers:
         _join(found, fiber.a.node, fiber.b.node, fiber.delay_s)
     return found
 
 
-def ways_of_news(network: Runtime) -> Ways:
+def ways_of_news(network: Runtime) -> Distances:
     """Return the copper between neighbours, also that to the controller."""
-    found: Ways = {}
+    found: Distances = {}
     for link, delay_s in network.copper.items():
         one, other = sorted(link)
         _join(found, one, other, delay_s)
     return found
 
 
-def _join(ways: Ways, one: str, other: str, delay_s: float) -> None:
+def _join(ways: Distances, one: str, other: str, delay_s: float) -> None:
     for near, far in ((one, other), (other, one)):
         known = ways.setdefault(near, {})
         known[far] = min(delay_s, known.get(far, delay_s))

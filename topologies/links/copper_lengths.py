@@ -13,7 +13,7 @@ from typing import Any
 
 from mininet.topo import Topo
 
-from programs.ways import Ways, shortest
+from programs.shortest_paths import Distances, shortest
 from topologies.links.copper_link import CopperLink, delay_s
 from topologies.links.fiber import FiberLink
 from wire.parameters.fiber import FiberOptics
@@ -59,7 +59,7 @@ def longest_way_s(topo: Topo) -> float:
     return max((max(shortest(ways, node).values()) for node in ways), default=0.0)
 
 
-def fibers_of(topo: Topo) -> Ways:
+def fibers_of(topo: Topo) -> Distances:
     """Return the length (km) of the shortest fibre between neighbours."""
     found: defaultdict[str, dict[str, float]] = defaultdict(dict)
     for one, other, info in topo.links(withInfo=True):
@@ -77,7 +77,7 @@ def copper_of(topo: Topo) -> list[tuple[str, str, dict[str, Any]]]:
 
 
 def places_of(
-    topo: Topo, fibers: Ways, copper: list[tuple[str, str, dict[str, Any]]]
+    topo: Topo, fibers: Distances, copper: list[tuple[str, str, dict[str, Any]]]
 ) -> dict[str, str]:
     """Return the node of the fibres at which each node is; its own name if it is at none."""
     places = {name: name for name in topo.nodes()}
@@ -93,7 +93,7 @@ def places_of(
     return places
 
 
-def centre(fibers: Ways, nodes: list[str]) -> str | None:
+def centre(fibers: Distances, nodes: list[str]) -> str | None:
     """Return the node from which the farthest of these is nearest, None if there are none.
 
     Few need be looked at: from each it is known how far the others have to go at least, to itself

@@ -13,7 +13,7 @@ from ipaddress import IPv4Address
 
 from mininet.node import Node
 
-from programs.ways import shortest
+from programs.shortest_paths import shortest
 from topologies.links.copper_link import CopperLink, delay_s, length_km
 from topologies.system.kernel.interfaces import network_of, switch_ipv6_off
 from topologies.system.processes.commands import ip

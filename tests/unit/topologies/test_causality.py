@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from programs.ways import Ways, shortest
+from programs.shortest_paths import Distances, shortest
 from topologies.links import causality
 from topologies.links.causality import ways_of_news, worst
 from topologies.links.copper_link import delay_s
@@ -88,7 +88,7 @@ def test_ways_are_sought_twice_for_each_host_and_not_for_each_two(
         lay(network, **{host: 1.0})
     sought: list[str] = []
 
-    def counted(ways: Ways, start: str) -> dict[str, float]:
+    def counted(ways: Distances, start: str) -> dict[str, float]:
         sought.append(start)
         return shortest(ways, start)
 

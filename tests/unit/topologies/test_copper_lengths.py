@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from mininet.topo import Topo
 
-from programs.ways import shortest
+from programs.shortest_paths import shortest
 from topologies.chain import ChainTopo
 from topologies.leaf_spine import LeafSpineTopo
 from topologies.links.copper_lengths import assign_copper_lengths, centre
