@@ -34,7 +34,9 @@ def installed(
     for role in placement.hosts:
         if len(role.encode()) > NAME_BYTES:
             raise ValueError(f"role {role!r}: at most {NAME_BYTES} bytes")
-    exchanges = {role: Exchange(role, placement.addresses[role]) for role in placement.stacks}
+    places = placement.addresses
+    peers = frozenset(places.values())
+    exchanges = {role: Exchange(role, places[role], peers) for role in placement.stacks}
     module = ModuleType(NAME, __doc__)
     sockets = {"placement": placement, "exchanges": exchanges}
     module.Socket = own = type("Socket", (Socket,), sockets)  # type: ignore[attr-defined]

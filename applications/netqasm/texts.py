@@ -10,7 +10,7 @@ import threading
 import time
 import weakref
 from collections import Counter, defaultdict, deque
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 from netqasm.sdk.classical_communication.broadcast_channel import BroadcastChannelBySockets
@@ -20,6 +20,7 @@ from netqasm.sdk.classical_communication.socket import Socket as BaseSocket
 from applications.netqasm.outcomes import resolved
 from applications.netqasm.placement import Placement
 from hosts.timeouts import GREETING_TIMEOUT_S, JOIN_TIMEOUT_S, TEXT_PAUSE_S, TEXT_TIMEOUT_S
+from programs.connection_shares import NO_FILES
 from wire.malformed import MalformedPacket
 from wire.netqasm.texts import (
     GREETING,
@@ -46,9 +47,9 @@ def any_ready(sockets: Sequence["Socket"], timeout_s: float | None) -> bool:
 class Exchange:
     """Where a program listens for those of others."""
 
-    def __init__(self, role: str, address: str) -> None:
-        """Listen from now on, until close."""
-        self._role = role
+    def __init__(self, role: str, address: str, peers: Collection[str]) -> None:
+        """Listen from now on, until close, to programs at the addresses of the application."""
+        self._role, self._peers = role, peers
         self._joined: defaultdict[tuple[str, int], deque[socket.socket]] = defaultdict(deque)
         self._changed = threading.Condition()
         self._listener = socket.create_server((address, TEXTS_PORT), backlog=64)
@@ -73,10 +74,16 @@ class Exchange:
     def _listen(self) -> None:
         while True:
             try:
-                connection, _address = self._listener.accept()
-            except OSError:  # closed
-                return
-            self._greet(connection)  # one by one: in the order in which they have come
+                connection, (host, _port) = self._listener.accept()
+            except OSError as error:
+                if error.errno not in NO_FILES:
+                    return  # closed
+                time.sleep(TEXT_PAUSE_S)
+                continue
+            if host in self._peers:
+                self._greet(connection)  # one by one: in the order in which they have come
+            else:
+                connection.close()
 
     def _greet(self, connection: socket.socket) -> None:
         """Take in a connection whose greeting is right; close any other."""
@@ -181,10 +188,11 @@ class Socket(BaseSocket):
     def _connect(self, limit_s: float) -> socket.socket:
         """Connect to a program that may not have begun yet."""
         address = self.placement.addresses[self.remote_app_name], TEXTS_PORT
+        own = self.placement.addresses[self.app_name], 0
         deadline = time.monotonic() + limit_s
         while True:
             try:
-                connection = socket.create_connection(address, TEXT_TIMEOUT_S)
+                connection = socket.create_connection(address, TEXT_TIMEOUT_S, own)
             except OSError as error:
                 if time.monotonic() > deadline:
                     text = f"{self.remote_app_name} did not listen at {address} in {limit_s:g} s"

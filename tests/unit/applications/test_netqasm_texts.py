@@ -1,0 +1,28 @@
+"""Where programs of a NetQASM application listen for each other."""
+
+import socket
+from contextlib import ExitStack
+
+from applications.netqasm.texts import Exchange
+from wire.netqasm.texts import TEXTS_PORT, Greeting, encode_greeting
+
+BOB, ALICE, STRANGER = "127.0.0.1", "127.0.0.2", "127.0.0.3"
+STRANGERS = 20  # silent, each for GREETING_TIMEOUT_S if it were waited for
+DEADLINE_S = 5.0
+
+
+def test_silent_connections_of_other_hosts_do_not_delay_a_program() -> None:
+    exchange = Exchange("bob", BOB, {ALICE, BOB})
+    with ExitStack() as stack:
+        stack.callback(exchange.close)
+
+        def connected(host: str) -> socket.socket:
+            place = BOB, TEXTS_PORT
+            return stack.enter_context(socket.create_connection(place, DEADLINE_S, (host, 0)))
+
+        for _ in range(STRANGERS):
+            connected(STRANGER)
+        alice = connected(ALICE)
+        alice.sendall(encode_greeting(Greeting("alice", "bob", 0)))
+        with exchange.wait_for("alice", 0, DEADLINE_S) as taken:
+            assert taken.getpeername() == alice.getsockname()
