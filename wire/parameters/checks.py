@@ -41,7 +41,7 @@ def nearest(name: str, known: Collection[str]) -> str:
 
 def _edits(one: str, other: str) -> int:
     """Return how many letters are added, left out or changed at least (Levenshtein)."""
-    row = [*range(len(other) + 1)]
+    row: list[int] = [*range(len(other) + 1)]
     for i, letter in enumerate(one, 1):
         before, row = row, [i]
         for j, instead in enumerate(other, 1):
