@@ -16,6 +16,7 @@ from typing import Any
 
 from controller_apps.policy.reading import BadPolicy, read_policy
 from controller_apps.timeouts import READY_POLL_S, READY_TIMEOUT_S
+from programs.faults import report_fault
 from wire.config import BadConfig, ControllerConfig
 
 APPS = ("learning_switch", "quantum_metadata", "device_monitor", "key_relays")
@@ -49,8 +50,7 @@ def main() -> int:
                 held.read()
         run(ControllerConfig.read(arguments.config))
     except (BadConfig, BadPolicy, Fatal) as error:
-        print(f"controller: {error}", file=sys.stderr)
-        return 1
+        return report_fault("controller", error)
     return 0
 
 

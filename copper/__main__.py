@@ -5,6 +5,7 @@ import sys
 
 from copper.forwarder import Forwarder
 from programs.config_argument import config_path
+from programs.faults import report_fault
 from wire.config import BadConfig, CopperConfig
 
 
@@ -14,8 +15,7 @@ def main() -> int:
     try:
         forwarder = Forwarder(CopperConfig.read(path))
     except (BadConfig, OSError) as error:
-        print(f"copper: {error}", file=sys.stderr)
-        return 1
+        return report_fault("copper", error)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: forwarder.stop())
     print("ready", flush=True)

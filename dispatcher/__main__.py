@@ -11,6 +11,7 @@ import uvloop
 
 from dispatcher.server.server import serve
 from programs.config_argument import config_path
+from programs.faults import report_fault
 from wire.config import BadConfig, DispatcherConfig
 from wire.parameters.physics import BadParameter
 
@@ -24,8 +25,7 @@ def main() -> int:
     try:
         uvloop.run(serve(DispatcherConfig.read(path)))
     except (BadConfig, BadParameter, OSError) as error:
-        print(f"dispatcher: {error}", file=sys.stderr)
-        return 1
+        return report_fault("dispatcher", error)
     return 0
 
 

@@ -17,6 +17,7 @@ from hosts.node_agent import start_node_agent
 from hosts.stack import Stack
 from programs.config_argument import config_path
 from programs.connection_shares import StreamServer
+from programs.faults import report_fault
 from wire.config import BadConfig, HostConfig
 from wire.metadata.header import METADATA_PORT
 from wire.netqasm.pair_requests import PAIRS_PORT
@@ -75,8 +76,7 @@ def main() -> int:
         config = HostConfig.read(path)
         network_loop.run(run(config), config.time)
     except (BadConfig, OSError) as error:
-        print(f"host stack: {error}", file=sys.stderr)
-        return 1
+        return report_fault("host stack", error)
     return 0
 
 

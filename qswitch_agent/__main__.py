@@ -11,6 +11,7 @@ from contextlib import asynccontextmanager
 import uvloop
 
 from programs.config_argument import config_path
+from programs.faults import report_fault
 from qswitch_agent.agent import Agent
 from qswitch_agent.bridge import BridgeFault
 from qswitch_agent.hardware.choice import hardware
@@ -60,9 +61,7 @@ def main() -> int:
         uvloop.run(serve(AgentConfig.read(path)))
     except* (BadConfig, BridgeFault, HardwareFault) as group:
         faults = [str(fault) for fault in group.exceptions]
-    if faults:
-        print(f"qswitch_agent: {faults[0]}", file=sys.stderr)
-    return 1 if faults else 0
+    return report_fault("qswitch_agent", faults[0]) if faults else 0
 
 
 if __name__ == "__main__":

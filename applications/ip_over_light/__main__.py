@@ -10,6 +10,7 @@ from applications.ip_over_light.format import INTERFACE, IpOverLightConfig
 from applications.ip_over_light.interface import Interface
 from applications.ip_over_light.tun import Tun, TunError
 from programs.config_argument import config_path
+from programs.faults import report_fault
 from wire.config import BadConfig
 
 
@@ -28,8 +29,8 @@ def run(config: IpOverLightConfig) -> int:
     error = ended.get()
     interface.close()
     if error is not None:
-        print(f"q0: {error}", file=sys.stderr)
-    return 0 if error is None else 1
+        return report_fault("q0", error)
+    return 0
 
 
 def main() -> int:
@@ -39,8 +40,7 @@ def main() -> int:
     try:
         return run(IpOverLightConfig.read(path))
     except (BadConfig, TunError, OSError) as error:  # QuantumSocketError is an OSError
-        print(f"q0: {error}", file=sys.stderr)
-        return 1
+        return report_fault("q0", error)
 
 
 if __name__ == "__main__":

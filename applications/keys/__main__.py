@@ -16,6 +16,7 @@ from applications.keys.web import serve
 from hosts import network_loop
 from hosts.middleware.qkd.key_files import KeyStoreError
 from programs.config_argument import config_path
+from programs.faults import report_fault
 from wire.config import BadConfig
 from wire.key_manager import KeyManagerConfig
 
@@ -58,8 +59,7 @@ def main() -> int:
         config = KeyManagerConfig.read(path)
         network_loop.run(run(config), config.time)
     except (BadConfig, KeyStoreError, StackGone, OSError) as error:  # ssl.SSLError is an OSError
-        print(f"key manager: {error}", file=sys.stderr)
-        return 1
+        return report_fault("key manager", error)
     return 0
 
 

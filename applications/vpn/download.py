@@ -15,6 +15,7 @@ from urllib.error import URLError
 from urllib.request import urlopen
 
 from hosts.timeouts import DOWNLOAD_TELL_S, DOWNLOAD_TIMEOUT_S
+from programs.faults import report_fault
 from wire.network_time import NetworkTime
 
 CHUNKS_PER_S = 20
@@ -63,8 +64,7 @@ def main() -> int:
         clock = NetworkTime(arguments.time_scale)
         download(arguments.url, arguments.output, arguments.bytes_per_s, clock)
     except (OSError, URLError, HTTPException) as error:
-        print(f"download: {error}", file=sys.stderr)
-        return 1
+        return report_fault("download", error)
     return 0
 
 

@@ -35,6 +35,7 @@ from applications.vpn.tls import Tls
 from applications.vpn.tunnel_commands import Tunnel, TunnelError
 from applications.vpn.wireguard import WireGuard
 from hosts.timeouts import NEXT_KEY_PAUSE_S, TUNNEL_HANDSHAKE_S, TUNNEL_POLL_S, TUNNEL_TIMEOUT_S
+from programs.faults import report_fault
 from wire.config import BadConfig
 from wire.key_delivery import KeyRequest, decode_key_ids, encode_key_ids
 from wire.malformed import MalformedPacket
@@ -229,8 +230,7 @@ def main() -> int:
         in_use = KeyInUse(tunnel, config.lifetime_s, config.time)
         (lead if config.leads else follow)(config, keys, in_use)
     except (BadConfig, TunnelError, TunError, OSError) as error:
-        print(f"vpn: {error}", file=sys.stderr)
-        return 1
+        return report_fault("vpn", error)
     return 0
 
 

@@ -7,7 +7,6 @@ Both have the same interface under different package names; neither has types.
 import logging
 import os
 import socket
-import sys
 import warnings
 from collections.abc import Callable, Iterable
 from functools import cache, partial, wraps
@@ -17,6 +16,7 @@ from typing import Any, Protocol, TypeVar, cast
 
 from controller_apps.openflow.connection import Connection, SharedAccept
 from controller_apps.openflow.speakers import Speakers, owner
+from programs.faults import report_fault
 
 VARIABLE = "QMN_CONTROLLER_FRAMEWORK"
 PACKAGES = {"ryu": "ryu", "os-ken": "os_ken"}
@@ -165,8 +165,7 @@ class EndOnFault:
         """End the process if the block has failed; leave what ends a thread alone."""
         if isinstance(error, Exception):
             logging.getLogger(self.name).critical("fault in a handler", exc_info=error)
-            print(f"controller: fault in {self.name}, see above: {error!r}", file=sys.stderr)
-            sys.stderr.flush()
+            report_fault("controller", f"fault in {self.name}, see above: {error!r}")
             os._exit(1)
 
 

@@ -9,6 +9,7 @@ import uvloop
 
 from controller_apps.tls.entrance import Entrance
 from programs.config_argument import config_path
+from programs.faults import report_fault
 from wire.config import BadConfig, EntranceConfig
 
 
@@ -33,8 +34,7 @@ def main() -> int:
     try:
         uvloop.run(serve(EntranceConfig.read(path)))
     except (BadConfig, OSError) as error:
-        print(f"entrance: {error}", file=sys.stderr)
-        return 1
+        return report_fault("entrance", error)
     return 0
 
 

@@ -8,6 +8,7 @@ import sys
 os.environ.setdefault("GRPC_VERBOSITY", "NONE")
 
 from dispatcher.sabot.remote.server import serve
+from programs.faults import report_fault
 from wire.config import BadConfig
 
 MAX_LIVE_QUBITS = 8_000_000
@@ -32,8 +33,7 @@ def main() -> int:
     try:
         serve(arguments.socket, arguments.max_live_qubits)
     except (BadConfig, OSError) as error:
-        print(f"sabot: {error}", file=sys.stderr)
-        return 1
+        return report_fault("sabot", error)
     return 0
 
 

@@ -63,9 +63,9 @@ def left_in(folder: Path) -> Run:
 
 
 def _why(said: str) -> str:
-    """Return why a run has failed: what `qmn` says of it, or its last words."""
-    told = [line.removeprefix(TOLD) for line in said.splitlines() if line.startswith(TOLD)]
-    return (told or [cause(said)])[0] or "failed without a word"
+    """Return why a run has failed: what `qmn` reports, or the error that it did not handle."""
+    reports = [line.removeprefix(TOLD) for line in said.splitlines() if line.startswith(TOLD)]
+    return (reports or [cause(said)])[0] or "failed without a word"
 
 
 def _wait(process: "subprocess.Popen[bytes]", name: str, check: Callable[[], None]) -> None:

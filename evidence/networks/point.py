@@ -9,6 +9,7 @@ from pathlib import Path
 
 from evidence.curves.experiment import SweepError
 from evidence.networks.catalogue import MEASURED_BY
+from programs.faults import report_fault
 from topologies.networks.network import Interrupted, Signals
 
 
@@ -19,8 +20,7 @@ def main() -> int:
         with Signals() as signals:
             outcome = measure(asked["values"], asked["seed"], Path(asked["runs"]), signals)
     except (SweepError, Interrupted) as error:
-        print(error, file=sys.stderr)
-        return 1
+        return report_fault("network", error)
     json.dump({name: (each.value, each.error) for name, each in outcome.items()}, sys.stdout)
     return 0
 

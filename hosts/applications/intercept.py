@@ -18,6 +18,7 @@ from typing import Any
 from hosts.applications.carrying import say
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
+from programs.faults import report_fault
 
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
@@ -73,8 +74,7 @@ def main() -> int:
         intercept(attack)
     except QuantumSocketError as error:
         print(json.dumps({"event": "failed", "reason": error.reason.name, "text": str(error)}))
-        print(f"intercept: {error}", file=sys.stderr)
-        return 1
+        return report_fault("intercept", error)
     return 0
 
 

@@ -14,6 +14,7 @@ from typing import Any, BinaryIO
 from hosts.applications.carrying import first_chunk, receive, say, send
 from hosts.quantum_socket import QuantumSocket
 from hosts.stack_socket import QuantumSocketError
+from programs.faults import report_fault
 from wire.network_time import NetworkTime, SteppedTime
 
 
@@ -79,8 +80,7 @@ def ended_well(name: str, work: Callable[[], None]) -> int:
         work()
     except QuantumSocketError as error:
         say("failed", {"reason": error.reason.name, "text": str(error)})
-        print(f"{name}: {error}", file=sys.stderr)
-        return 1
+        return report_fault(name, error)
     return 0
 
 

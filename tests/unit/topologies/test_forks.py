@@ -178,7 +178,7 @@ def test_it_ends_when_told_and_its_status_is_that_of_the_program(dispatcher: Pro
     assert dispatcher.status == 0
 
 
-def test_one_that_fails_is_named_with_its_last_words(server: ForkServer, tmp_path: Path) -> None:
+def test_one_that_fails_is_named_with_its_fault(server: ForkServer, tmp_path: Path) -> None:
     broken = Program("alice", tmp_path / "alice.log")
     broken.start([python(), "-m", "hosts", "--config", f"{tmp_path}/none"], forks=server)
     with pytest.raises(NetworkError, match=r"alice ended at its start: host stack: .*none"):
@@ -192,7 +192,7 @@ def test_one_that_gets_no_namespace_says_why(server: ForkServer, tmp_path: Path)
     lost = Program("alice", tmp_path / "alice.log")
     lost.start(dispatcher_command(tmp_path), gone.pid, forks=server)
     wait_until(lambda: not lost.running, "the program has ended")
-    assert lost.end() == f"process {gone.pid}, the shell of its node, was ended"
+    assert lost.end() == f"start: process {gone.pid}, the shell of its node, was ended"
 
 
 def test_one_that_is_killed_is_said_to_be(dispatcher: Program) -> None:
@@ -246,7 +246,8 @@ def test_what_fails_in_a_server_forked_off_a_runner_does_not_clean_up_there(tmp_
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as runner:
         said, _ = runner.communicate(timeout=DEADLINE_S)
     assert said.splitlines() == ["1", f"clean-up of {runner.pid}"]
-    assert log.read_text() == f"process {gone.pid}, the shell of its node, was ended\n"
+    fault = f"fault: start: process {gone.pid}, the shell of its node, was ended\n"
+    assert log.read_text() == fault
 
 
 def test_a_server_that_was_killed_is_named_and_what_it_has_forked_goes_on(tmp_path: Path) -> None:

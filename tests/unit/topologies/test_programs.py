@@ -33,9 +33,12 @@ def test_what_it_prints_is_waited_for_and_it_ends_when_told(tmp_path: Path) -> N
     assert sleeper.status == -15
 
 
-def test_one_that_ends_at_its_start_is_named_with_its_last_words(tmp_path: Path) -> None:
-    broken = program(tmp_path, "import sys; sys.exit('the spring is broken')")
-    with pytest.raises(NetworkError, match="clock ended at its start: the spring is broken"):
+FAULT = "import sys; from programs.faults import report_fault; sys.exit(report_fault({!r}, {!r}))"
+
+
+def test_one_that_ends_at_its_start_is_named_with_its_fault(tmp_path: Path) -> None:
+    broken = program(tmp_path, FAULT.format("clock", "the spring is broken"))
+    with pytest.raises(NetworkError, match="clock ended at its start: clock: the spring is broken"):
         broken.wait_for("ready", 10)
 
 
@@ -99,7 +102,8 @@ def fails(folder: Path, code: str) -> str:
     [
         ("raise ValueError('the cat is dead')", "ValueError: the cat is dead"),
         ("raise RuntimeError", "RuntimeError"),
-        ("import sys; sys.exit('no light')", "no light"),
+        (FAULT.format("lamp", "no light"), "lamp: no light"),
+        ("print('fault: lamp: no light'); print('later'); exit(1)", "lamp: no light"),
         (
             "raise ExceptionGroup('unhandled', [OSError('one'), ValueError('the last')])",
             "ValueError: the last",
@@ -117,9 +121,10 @@ def test_the_cause_of_an_end_is_the_error_and_no_frame_around_it(
     assert fails(tmp_path, code) == cause
 
 
-def test_what_it_said_when_all_was_well_is_no_cause(tmp_path: Path) -> None:
+def test_any_other_line_of_a_log_is_no_cause(tmp_path: Path) -> None:
     log = tmp_path / "clock.log"
     assert fails(tmp_path, "import sys; sys.exit(3)") == f"status 3; its log: {log}"
+    assert fails(tmp_path, "import sys; sys.exit('all is well')") == f"status 1; its log: {log}"
     told = f"it ended by itself or by SIGTERM; its log: {log}"
     assert fails(tmp_path, "") == told
 
@@ -149,8 +154,8 @@ def test_a_program_that_is_started_again_is_ready_when_it_says_so_again(tmp_path
     clock = program(tmp_path, "print('ready', flush=True)")
     clock.wait_for("ready", 10)
     clock.stop()
-    clock.start([sys.executable, "-c", "import sys; sys.exit('rusty')"])
-    with pytest.raises(NetworkError, match="clock ended at its start: rusty"):
+    clock.start([sys.executable, "-c", FAULT.format("clock", "rusty")])
+    with pytest.raises(NetworkError, match="clock ended at its start: clock: rusty"):
         clock.wait_for("ready", 10)
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Protocol
 
+from programs.faults import reported_fault
 from topologies.system.processes.owners import owner
 from topologies.timeouts import POLL_S, STOP_TIMEOUT_S
 
@@ -33,7 +34,6 @@ NOT_SEEN = "0"  # process id of a parent in another namespace of processes: pid_
 TRACEBACK = "Traceback (most recent call last)"
 FRAME = re.compile(r"^[ |]*[|+][-+ |]*(\d+ -+)?(?=\S|$)")  # around errors of a group
 ERROR = re.compile(r"[A-Za-z_][\w.]*(:|$)")
-WELL = ("ready", "listening")
 
 
 def find_tools() -> None:
@@ -117,7 +117,6 @@ class Program:
         self.log = log
         self._process: Process | None = None
         self._told_to_end = False
-        self._is_python = False
         self._begins = 0  # where in the log this start of it does
 
     def start(
@@ -135,7 +134,7 @@ class Program:
         signal when the runner dies, so that nothing is left behind. It keeps the open files
         with these descriptors.
         """
-        self._told_to_end, self._is_python = False, command[0] in (python(), sys.executable)
+        self._told_to_end = False
         self._begins = self.log.stat().st_size if self.log.exists() else 0
         with self.log.open("ab") as log:
             if forks is not None and forks.serves(command):
@@ -171,7 +170,6 @@ class Program:
         self, machine: Elsewhere, command: Sequence[str], pid: int, python: bool = True
     ) -> None:
         """Start the command, or one of our modules, on another machine; its log is here."""
-        self._is_python = python
         self._begins = self.log.stat().st_size if self.log.exists() else 0
         self.log.touch()
 
@@ -244,8 +242,7 @@ class Program:
             return f"killed by {signal.Signals(-status).name}"
         if status == 0:
             return f"it ended by itself or by SIGTERM; its log: {self.log}"
-        ours = cause(self.output()) if self._is_python else ""  # the log of any other is no cause
-        return ours or f"status {status}; its log: {self.log}"
+        return cause(self.output()) or f"status {status}; its log: {self.log}"
 
     def crash(self) -> str:
         """Return the error that it did not handle, "" if it has not ended by one."""
@@ -300,18 +297,16 @@ class Program:
 
 
 def cause(output: str) -> str:
-    """Return why a program failed, from its output: its last words, "" without any.
+    """Return why a program failed, from its output: its error or the fault it reports, or "".
 
-    Of a Python traceback, also of one of many errors at once, these are the line of the error; a
-    frame around it, or output from when all was well, is not a cause.
+    Of a Python traceback, also of one of many errors at once, that is the line of the error.
     """
     lines = [FRAME.sub("", line) for line in output.splitlines()]
-    lines = [line for line in lines if line and line not in WELL]
-    tracebacks = [number for number, line in enumerate(lines) if line.startswith(TRACEBACK)]
-    if tracebacks:
-        errors = [line for line in lines[tracebacks[-1] :] if ERROR.match(line)]
-        return errors[-1] if errors else ""
-    return lines[-1] if lines else ""
+    tracebacks = [number for number, line in enumerate(lines) if TRACEBACK in line]
+    if not tracebacks:
+        return reported_fault(output)
+    errors = [line for line in lines[tracebacks[-1] :] if ERROR.match(line)]
+    return errors[-1] if errors else ""
 
 
 def stop_all(programs: Sequence[Program]) -> None:
