@@ -1,4 +1,4 @@
-"""Tests take signals as a program at a terminal does, however their own runner was started."""
+"""Tests take signals as a program at a terminal does, however pytest was started: a plug-in."""
 
 import signal
 
