@@ -50,7 +50,7 @@ def main() -> int:
                 held.read()
         run(ControllerConfig.read(arguments.config))
     except (BadConfig, BadPolicy, Fatal) as error:
-        return report_fault("controller", error)
+        return report_fault(f"controller: {error}")
     return 0
 
 

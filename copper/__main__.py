@@ -15,7 +15,7 @@ def main() -> int:
     try:
         forwarder = Forwarder(CopperConfig.read(path))
     except (BadConfig, OSError) as error:
-        return report_fault("copper", error)
+        return report_fault(f"copper: {error}")
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: forwarder.stop())
     print("ready", flush=True)

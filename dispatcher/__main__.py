@@ -25,7 +25,7 @@ def main() -> int:
     try:
         uvloop.run(serve(DispatcherConfig.read(path)))
     except (BadConfig, BadParameter, OSError) as error:
-        return report_fault("dispatcher", error)
+        return report_fault(f"dispatcher: {error}")
     return 0
 
 

@@ -76,7 +76,7 @@ def main() -> int:
         config = HostConfig.read(path)
         network_loop.run(run(config), config.time)
     except (BadConfig, OSError) as error:
-        return report_fault("host stack", error)
+        return report_fault(f"host stack: {error}")
     return 0
 
 

@@ -8,9 +8,9 @@ import sys
 MARK = "fault: "
 
 
-def report_fault(program: str, fault: object) -> int:
+def report_fault(fault: str) -> int:
     """Print the fault of a program; return its exit status."""
-    print(f"{MARK}{program}: {fault}", file=sys.stderr, flush=True)
+    print(f"{MARK}{fault}", file=sys.stderr, flush=True)
     return 1
 
 

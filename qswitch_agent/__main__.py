@@ -61,7 +61,7 @@ def main() -> int:
         uvloop.run(serve(AgentConfig.read(path)))
     except* (BadConfig, BridgeFault, HardwareFault) as group:
         faults = [str(fault) for fault in group.exceptions]
-    return report_fault("qswitch_agent", faults[0]) if faults else 0
+    return report_fault(f"qswitch_agent: {faults[0]}") if faults else 0
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ def run(config: IpOverLightConfig) -> int:
     error = ended.get()
     interface.close()
     if error is not None:
-        return report_fault("q0", error)
+        return report_fault(f"q0: {error}")
     return 0
 
 
@@ -40,7 +40,7 @@ def main() -> int:
     try:
         return run(IpOverLightConfig.read(path))
     except (BadConfig, TunError, OSError) as error:  # QuantumSocketError is an OSError
-        return report_fault("q0", error)
+        return report_fault(f"q0: {error}")
 
 
 if __name__ == "__main__":

@@ -59,7 +59,7 @@ def main() -> int:
         config = KeyManagerConfig.read(path)
         network_loop.run(run(config), config.time)
     except (BadConfig, KeyStoreError, StackGone, OSError) as error:  # ssl.SSLError is an OSError
-        return report_fault("key manager", error)
+        return report_fault(f"key manager: {error}")
     return 0
 
 

@@ -64,7 +64,7 @@ def main() -> int:
         clock = NetworkTime(arguments.time_scale)
         download(arguments.url, arguments.output, arguments.bytes_per_s, clock)
     except (OSError, URLError, HTTPException) as error:
-        return report_fault("download", error)
+        return report_fault(f"download: {error}")
     return 0
 
 

@@ -230,7 +230,7 @@ def main() -> int:
         in_use = KeyInUse(tunnel, config.lifetime_s, config.time)
         (lead if config.leads else follow)(config, keys, in_use)
     except (BadConfig, TunnelError, TunError, OSError) as error:
-        return report_fault("vpn", error)
+        return report_fault(f"vpn: {error}")
     return 0
 
 

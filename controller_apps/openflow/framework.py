@@ -165,7 +165,7 @@ class EndOnFault:
         """End the process if the block has failed; leave what ends a thread alone."""
         if isinstance(error, Exception):
             logging.getLogger(self.name).critical("fault in a handler", exc_info=error)
-            report_fault("controller", f"fault in {self.name}, see above: {error!r}")
+            report_fault(f"controller: fault in {self.name}, see above: {error!r}")
             os._exit(1)
 
 

@@ -34,7 +34,7 @@ def main() -> int:
     try:
         uvloop.run(serve(EntranceConfig.read(path)))
     except (BadConfig, OSError) as error:
-        return report_fault("entrance", error)
+        return report_fault(f"entrance: {error}")
     return 0
 
 

@@ -33,7 +33,7 @@ def main() -> int:
     try:
         serve(arguments.socket, arguments.max_live_qubits)
     except (BadConfig, OSError) as error:
-        return report_fault("sabot", error)
+        return report_fault(f"sabot: {error}")
     return 0
 
 

@@ -20,7 +20,7 @@ def main() -> int:
         with Signals() as signals:
             outcome = measure(asked["values"], asked["seed"], Path(asked["runs"]), signals)
     except (SweepError, Interrupted) as error:
-        return report_fault("network", error)
+        return report_fault(str(error))
     json.dump({name: (each.value, each.error) for name, each in outcome.items()}, sys.stdout)
     return 0
 

@@ -74,7 +74,7 @@ def main() -> int:
         intercept(attack)
     except QuantumSocketError as error:
         print(json.dumps({"event": "failed", "reason": error.reason.name, "text": str(error)}))
-        return report_fault("intercept", error)
+        return report_fault(f"intercept: {error}")
     return 0
 
 

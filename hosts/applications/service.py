@@ -80,7 +80,7 @@ def ended_well(name: str, work: Callable[[], None]) -> int:
         work()
     except QuantumSocketError as error:
         say("failed", {"reason": error.reason.name, "text": str(error)})
-        return report_fault(name, error)
+        return report_fault(f"{name}: {error}")
     return 0
 
 

@@ -44,7 +44,9 @@ PAULIS: Settings = frozenset(
 ) | {"gates.noise_parameters"}
 KEEPING = _of("memory", "detectors") | GATES | READOUT  # what is kept is measured, too
 LOOKING = _of("detectors", "memory")  # light that comes before its order waits in the memory
-EMITTING = _of("emitter") | {"source.bandwidth_nm", "source.jitter_ps", "source.encoding"}
+EMITTING = _of("emitter") | {
+    f"source.{name}" for name in ("statistics", "bandwidth_nm", "jitter_ps", "encoding")
+}
 STATION = _of("analyser", "detectors") | {"source.statistics"}  # a station has no pairs
 RATE: Settings = frozenset({"source.max_rate_hz"})  # the slowest source limits every session
 PREPARED = frozenset({Service.BB84, Service.MDI})  # services without pairs
@@ -111,7 +113,7 @@ def felt_by(
             for begin, end in beams(asked, by):
                 found |= Felt({}, _between(roles[begin.role], roles[end.role], parts))
     if asked == Service.SWAP:
-        found |= _repeaters(parts, hosts)
+        found |= _heralding_ends(parts, hosts) | _repeaters(parts, hosts)
     if separate:
         found = replace(
             found, devices={host: felt - PAIRS | STATES for host, felt in found.devices.items()}
@@ -141,6 +143,18 @@ def _bell(device: Device) -> Settings:
     if device.analyser.kind == "gates":
         return _of("detectors") | GATES | READOUT | {"analyser.kind"}
     return _of("analyser", "detectors")
+
+
+def _heralding_ends(parts: Description, ends: Sequence[str]) -> Felt:
+    """Return what ends of a chain feel that emit to a station between them and a repeater."""
+    roles = {ends[0]: Role.OPENER, ends[-1]: Role.ACCEPTOR}
+    return Felt(
+        {
+            host: _of_role(Service.SWAP, role, Making.STATION, parts.hosts[host])
+            for host, role in roles.items()
+            if HERALD in parts.hosts[host].features
+        }
+    )
 
 
 def _repeaters(parts: Description, ends: Sequence[str]) -> Felt:

@@ -130,9 +130,12 @@ def test_photons_whose_ways_differ_by_less_than_a_nanosecond_interfere_less(
 def test_pairs_in_time_bins_swap_by_the_overlap_of_their_polarisations(tmp_path: Path) -> None:
     """Scrambled for each photon anew, it is 1/2 on average: F = (1 + V) / 2."""
     words = ["swap", "--count", "400", "--sample", "0.8", *SCRAMBLED]
-    for host in ("alice", "r1", "bob"):
-        encodings = {"source__encoding": "time-bin", "detectors__encoding": "time-bin"}
-        words += devices(**{f"{host}__{name}": encoding for name, encoding in encodings.items()})
+    for part in (
+        "alice__source",
+        "r1__source",
+        *(f"{h}__detectors" for h in ("alice", "r1", "bob")),
+    ):
+        words += devices(**{f"{part}__encoding": "time-bin"})
     require_estimate(result_of(tmp_path, *words)["job"]["asking"], polarised(0.75), 0.0)
 
 

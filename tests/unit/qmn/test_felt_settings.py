@@ -101,6 +101,8 @@ def test_a_setting_that_does_nothing_in_a_job_is_refused(
         ("sense", f"bob.{WRONG}", {"probes": "separate"}),
         ("ghz", f"alice.{FIDELITY}", {}),
         ("swap", f"alice.{FIDELITY}", {}),
+        ("swap", "bob.emitter.scheme=two-click", {"stations": True}),
+        ("distribute", "bob.source.statistics=none", {"node": ["ion-trap", "charlie=station"]}),
         ("bb84", f"charlie.{FIDELITY}", {"policy": str(POLICY)}),  # that may have fibres watched
     ],
 )

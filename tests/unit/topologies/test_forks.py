@@ -192,7 +192,7 @@ def test_one_that_gets_no_namespace_says_why(server: ForkServer, tmp_path: Path)
     lost = Program("alice", tmp_path / "alice.log")
     lost.start(dispatcher_command(tmp_path), gone.pid, forks=server)
     wait_until(lambda: not lost.running, "the program has ended")
-    assert lost.end() == f"start: process {gone.pid}, the shell of its node, was ended"
+    assert lost.end() == f"process {gone.pid}, the shell of its node, was ended"
 
 
 def test_one_that_is_killed_is_said_to_be(dispatcher: Program) -> None:
@@ -246,7 +246,7 @@ def test_what_fails_in_a_server_forked_off_a_runner_does_not_clean_up_there(tmp_
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as runner:
         said, _ = runner.communicate(timeout=DEADLINE_S)
     assert said.splitlines() == ["1", f"clean-up of {runner.pid}"]
-    fault = f"fault: start: process {gone.pid}, the shell of its node, was ended\n"
+    fault = f"fault: process {gone.pid}, the shell of its node, was ended\n"
     assert log.read_text() == fault
 
 

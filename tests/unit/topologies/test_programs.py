@@ -33,12 +33,12 @@ def test_what_it_prints_is_waited_for_and_it_ends_when_told(tmp_path: Path) -> N
     assert sleeper.status == -15
 
 
-FAULT = "import sys; from programs.faults import report_fault; sys.exit(report_fault({!r}, {!r}))"
+FAULT = "import sys; from programs.faults import report_fault; sys.exit(report_fault({!r}))"
 
 
 def test_one_that_ends_at_its_start_is_named_with_its_fault(tmp_path: Path) -> None:
-    broken = program(tmp_path, FAULT.format("clock", "the spring is broken"))
-    with pytest.raises(NetworkError, match="clock ended at its start: clock: the spring is broken"):
+    broken = program(tmp_path, FAULT.format("the spring is broken"))
+    with pytest.raises(NetworkError, match="clock ended at its start: the spring is broken"):
         broken.wait_for("ready", 10)
 
 
@@ -102,8 +102,8 @@ def fails(folder: Path, code: str) -> str:
     [
         ("raise ValueError('the cat is dead')", "ValueError: the cat is dead"),
         ("raise RuntimeError", "RuntimeError"),
-        (FAULT.format("lamp", "no light"), "lamp: no light"),
-        ("print('fault: lamp: no light'); print('later'); exit(1)", "lamp: no light"),
+        (FAULT.format("no light"), "no light"),
+        ("print('fault: no light'); print('later'); exit(1)", "no light"),
         (
             "raise ExceptionGroup('unhandled', [OSError('one'), ValueError('the last')])",
             "ValueError: the last",
@@ -154,8 +154,8 @@ def test_a_program_that_is_started_again_is_ready_when_it_says_so_again(tmp_path
     clock = program(tmp_path, "print('ready', flush=True)")
     clock.wait_for("ready", 10)
     clock.stop()
-    clock.start([sys.executable, "-c", FAULT.format("clock", "rusty")])
-    with pytest.raises(NetworkError, match="clock ended at its start: clock: rusty"):
+    clock.start([sys.executable, "-c", FAULT.format("rusty")])
+    with pytest.raises(NetworkError, match="clock ended at its start: rusty"):
         clock.wait_for("ready", 10)
 
 

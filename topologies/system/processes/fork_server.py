@@ -105,7 +105,7 @@ def fork(programs: dict[str, Main], request: dict[str, Any], files: Sequence[int
     try:
         pid = fork_sibling()
     except OSError as error:
-        sys.exit(report_fault("fork server", f"it cannot fork: {error.strerror}"))
+        sys.exit(report_fault(f"fork server: it cannot fork: {error.strerror}"))
     if not pid:
         become(request, files)
         status = programs[request["module"]]()
@@ -151,7 +151,7 @@ def follow_runner(runner: int) -> None:
     if LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGTERM):
         raise OSError(ctypes.get_errno(), "prctl(PR_SET_PDEATHSIG)")
     if os.getppid() != runner:
-        sys.exit(report_fault("start", f"process {runner}, the runner, has ended"))
+        sys.exit(report_fault(f"process {runner}, the runner, has ended"))
 
 
 def enter_namespaces(pid: int | None) -> None:
@@ -163,7 +163,7 @@ def enter_namespaces(pid: int | None) -> None:
                 if LIBC.setns(namespace.fileno(), 0):
                     raise OSError(ctypes.get_errno(), f"setns to the {kind} namespace of {pid}")
         except FileNotFoundError:
-            sys.exit(report_fault("start", f"process {pid}, the shell of its node, was ended"))
+            sys.exit(report_fault(f"process {pid}, the shell of its node, was ended"))
 
 
 def keep_files(files: Sequence[int], descriptors: Sequence[int]) -> None:
