@@ -19,6 +19,7 @@ from wire.results.run_result import RESULT
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,99}")
 OWN_MODE = 0o600
 MOST_FILES, MOST_BYTES = 10_000, 64 << 30  # of a file that somebody else has made
+FREE_BYTES, MOST_RATIO = 256 << 20, 100  # unpacked, and beyond that times the archive's own bytes
 
 
 MADE = (SCRIPT, PROTOCOL.name, REPORT)  # from the rest, by qmn itself
@@ -111,6 +112,12 @@ def _checked(file: Path, members: list[zipfile.ZipInfo]) -> str:
     (name,) = folders
     if not is_name(name):
         raise BadArchive(f"{file}: {name} is not the name of a run, such as 20261128T150600-sdc")
-    if len(members) > MOST_FILES or sum(member.file_size for member in members) > MOST_BYTES:
+    size = sum(member.file_size for member in members)
+    if len(members) > MOST_FILES or size > MOST_BYTES:
         raise BadArchive(f"{file} holds more than {MOST_FILES} files or {MOST_BYTES >> 30} GiB")
+    if size > max(FREE_BYTES, MOST_RATIO * file.stat().st_size):
+        raise BadArchive(
+            f"{file} holds {size / 1e6:,.0f} MB, over {MOST_RATIO} times its own size, as no run "
+            "does: if you trust it, unpack it into the folder of runs yourself"
+        )
     return name

@@ -462,6 +462,21 @@ def test_the_reserve_of_the_disk_stays_free_of_an_import(
             assert list(folder.iterdir()) == []
 
 
+def test_an_archive_that_unpacks_to_over_a_hundred_times_its_size_is_refused(
+    tmp_path: Path,
+) -> None:
+    """Deflate writes zeros in a thousandth of their size (RFC 1951: 258 bytes in 2 bits)."""
+    file = tmp_path / "bomb.zip"
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(f"{OLD}/result.json", "{}")
+        for number in range(3):
+            archive.writestr(f"{OLD}/zeros{number}", bytes(100 << 20))
+    folder = tmp_path / "runs"
+    with pytest.raises(BadArchive, match="holds 315 MB, over 100 times its own size"):
+        imported(file, folder)
+    assert not folder.exists() or list(folder.iterdir()) == []
+
+
 @pytest.mark.nightly  # by day: a spoiled result, and archives that lack something
 def test_a_spoiled_archive_is_refused_in_one_line(
     runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
