@@ -153,7 +153,8 @@ def start_apps(framework: Any, config: ControllerConfig) -> Any:
         raise Fatal(f"cannot use the state folder {config.state!r}: {error.strerror}") from error
     metrics = open_metrics(config)
     try:
-        record = metrics.record(config.record) if metrics else Record(config.record)
+        kind = metrics.record if metrics else Record
+        record = kind(config.record, config.time)
     except OSError as error:
         raise Fatal(f"cannot write the record {config.record!r}: {error.strerror}") from error
     try:

@@ -5,6 +5,7 @@ import threading
 from typing import Any
 
 from wire.controller_lines import EARLIER, fact_line
+from wire.network_time import REAL_TIME, NetworkTime
 
 MOST_BYTES = 32 << 20  # twice: in the file, and before that in the one with the earlier facts
 
@@ -16,9 +17,11 @@ class Record:
     without end do not fill the disk.
     """
 
-    def __init__(self, path: str, most_bytes: int = MOST_BYTES) -> None:
+    def __init__(
+        self, path: str, time: NetworkTime = REAL_TIME, most_bytes: int = MOST_BYTES
+    ) -> None:
         """Open the file; an empty path records nothing."""
-        self._path, self._most_bytes = path, most_bytes
+        self._path, self._most_bytes, self._time = path, most_bytes, time
         self._lock = threading.Lock()
         self._bytes = 0  # in the file, which nobody else writes
         self._file = self._opened() if path else None
@@ -31,7 +34,7 @@ class Record:
     def write(self, event: str, **fields: Any) -> None:
         if self._file is None:
             return
-        line = fact_line(event, **fields)
+        line = fact_line(self._time.stamp_ns(), event, **fields)
         with self._lock:
             if self._bytes + len(line) > self._most_bytes:
                 os.close(self._file)

@@ -8,7 +8,6 @@ The lines of the controller's console: a request of JSON, and its answer, one a 
 
 import json
 import os
-import time
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -59,8 +58,8 @@ def decode_answer(line: bytes) -> Any:
     raise MalformedPacket("the answer has neither a result nor an error")
 
 
-def fact_line(event: str, **fields: Any) -> bytes:
-    return json.dumps({"time_ns": time.time_ns(), "event": event, **fields}).encode() + b"\n"
+def fact_line(time_ns: int, event: str, **fields: Any) -> bytes:
+    return json.dumps({"time_ns": time_ns, "event": event, **fields}).encode() + b"\n"
 
 
 class NewFacts:

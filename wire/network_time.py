@@ -54,6 +54,10 @@ class NetworkTime:
         """Return the time of the network in seconds, to measure by."""
         return self.network_s(time.monotonic())
 
+    def stamp_ns(self) -> int:
+        """Return what events and records are stamped with: the wall clock, as captures are."""
+        return time.time_ns()
+
     def switch_timeout_s(self, seconds: int) -> int:
         """Return the idle time-out of an entry that Open vSwitch counts by the wall; 0: never."""
         return seconds
@@ -96,6 +100,10 @@ class SteppedTime(NetworkTime):
     def now_s(self) -> float:
         """Return the seconds of the network since the run began, exact to the nanosecond."""
         return (self.now_ns() - self.since_ns) / 1e9
+
+    def stamp_ns(self) -> int:
+        """Return the time of the network."""
+        return self.now_ns()
 
     def switch_timeout_s(self, seconds: int) -> int:
         """Return 0: what takes its place could need the time that waits for it."""

@@ -27,6 +27,7 @@ from programs.metrics import (
     unavailable,
 )
 from programs.timeouts import METRICS_TIMEOUT_S
+from wire.network_time import REAL_TIME, NetworkTime
 
 COUNTS = {
     "pairs_made": "Bell pairs that the host has made.",
@@ -42,9 +43,11 @@ log = logging.getLogger("metrics")
 class MeasuredRecord(Record):
     """A record that also counts its facts, and measures the set-up of light paths."""
 
-    def __init__(self, path: str, registry: CollectorRegistry) -> None:
+    def __init__(
+        self, path: str, registry: CollectorRegistry, time: NetworkTime = REAL_TIME
+    ) -> None:
         """Open the file; keep the metrics in the registry."""
-        super().__init__(path)
+        super().__init__(path, time)
         self._facts = Counter(
             "qmn_controller_facts", "What has happened, by kind.", ["event"], registry=registry
         )
@@ -102,9 +105,9 @@ class Metrics:
         self.registry = CollectorRegistry()
         self._listener = inherited(descriptor)
 
-    def record(self, path: str) -> Record:
+    def record(self, path: str, time: NetworkTime) -> Record:
         """Return a record whose facts are counted; an empty path records nothing else."""
-        return MeasuredRecord(path, self.registry)
+        return MeasuredRecord(path, self.registry, time)
 
     def start(self, facts: Facts) -> None:
         self.registry.register(CurrentMetrics(facts))

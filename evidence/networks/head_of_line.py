@@ -8,7 +8,6 @@ of the holding time, and with it the wait of all: M/G/1, whose mean wait is
 lambda E[S^2] / (2 (1 - rho)) (Pollaczek and Khinchine; L. Kleinrock, Queueing Systems I, 5.6).
 """
 
-import asyncio
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from random import Random
@@ -22,6 +21,7 @@ from evidence.networks.using import network_for
 from evidence.traffic.driver import Driver
 from evidence.traffic.plan import Planned
 from evidence.traffic.session import Wanted
+from hosts.network_loop import run
 from topologies.fabric import FabricTopo
 from topologies.networks.network import Signals
 from wire.controller_lines import read_record
@@ -64,8 +64,8 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
     with network_for(HEAD_OF_LINE, values, runs, OneFiber, **options) as network:
         stacks = {host: network.runtime.socket(host) for host in network.runtime.devices}
         groups = sides[0], sides[1]
-        driver = Driver(planned(values, seed), wanted, stacks, groups, seed, scale)
-        asyncio.run(driver.run(network.check))
+        driver = Driver(planned(values, seed), wanted, stacks, groups, seed, network.runtime.time)
+        run(driver.run(network.check), network.runtime.time)
         folder = network.runtime.logs
     others = [each.reason for each in driver.outcomes if each.outcome != ACCEPTED]
     if others:

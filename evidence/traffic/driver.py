@@ -1,13 +1,14 @@
 """The driver of heavy traffic: every planned session at its time, none forgotten."""
 
 import asyncio
-import time
 from collections.abc import Callable, Mapping, Sequence
 from random import Random
 
 from evidence.traffic.plan import Planned
 from evidence.traffic.session import NO_IDLE_HOST, Outcome, SessionRun, Wanted
+from hosts.network_loop import now_s, wall_sleep
 from qmn.timeouts import LOAD_CHECK_S
+from wire.network_time import NetworkTime
 from wire.results.run_result import BLOCKED
 
 FIRST_PORT = 10_000
@@ -24,14 +25,14 @@ class Driver:
         stacks: Mapping[str, str],
         groups: tuple[Sequence[str], Sequence[str]],
         seed: int,
-        scale: float,
+        time: NetworkTime,
     ) -> None:
         """`stacks` are the sockets of the hosts; `groups` the openers and acceptors there are."""
         self._plan, self._wanted, self._stacks = plan, wanted, stacks
-        self._groups, self._random, self._scale = groups, Random(seed), scale  # noqa: S311
+        self._groups, self._random, self._time = groups, Random(seed), time  # noqa: S311
         self._busy: set[str] = set()
         self.outcomes: list[Outcome] = []
-        self.began_ns = 0  # on the clock of the captures
+        self.began_ns = 0  # on the clock of events
 
     @property
     def under_way(self) -> int:
@@ -39,7 +40,10 @@ class Driver:
         return sum(not each.outcome for each in self.outcomes)
 
     async def run(self, check: Callable[[], None]) -> None:
-        """Drive all sessions to their ends; `check` is called meanwhile, and may raise."""
+        """Drive all sessions to their ends, on a loop of the network's time.
+
+        `check` is called meanwhile, and may raise.
+        """
         checking = asyncio.create_task(_checking(check))
         driving = asyncio.create_task(self._all())
         try:
@@ -53,31 +57,25 @@ class Driver:
             await asyncio.gather(checking, driving, return_exceptions=True)
 
     async def _all(self) -> None:
-        loop = asyncio.get_running_loop()
-        began, self.began_ns = loop.time(), time.time_ns()
+        began_s, self.began_ns = now_s(), self._time.stamp_ns()
         async with asyncio.TaskGroup() as group:
             for number, planned in enumerate(self._plan):
-                await asyncio.sleep(began + planned.at_s * self._scale - loop.time())
-                group.create_task(self._one(number, planned, began))
+                await asyncio.sleep(began_s + planned.at_s - now_s())
+                group.create_task(self._one(number, planned, began_s))
 
-    async def _one(self, number: int, planned: Planned, began: float) -> None:
-        loop = asyncio.get_running_loop()
-
-        def now_s() -> float:
-            return (loop.time() - began) / self._scale
-
+    async def _one(self, number: int, planned: Planned, began_s: float) -> None:
         ends = self._ends(planned)
         opener, acceptor, *others = ends or ("", "")
-        outcome = Outcome(planned, opener, acceptor, now_s(), others=tuple(others))
+        outcome = Outcome(planned, opener, acceptor, now_s() - began_s, others=tuple(others))
         self.outcomes.append(outcome)
         if ends is None:
             outcome.outcome, outcome.reason = BLOCKED, NO_IDLE_HOST
         else:
             self._busy.update(ends)
             port = FIRST_PORT + number % PORTS
-            await SessionRun(outcome, self._wanted, self._stacks, port, self._scale).run()
+            await SessionRun(outcome, self._wanted, self._stacks, port).run()
             self._busy.difference_update(ends)
-        outcome.ended_s = now_s()
+        outcome.ended_s = now_s() - began_s
 
     def _ends(self, planned: Planned) -> Sequence[str] | None:
         """Return who takes part: as planned, or hosts that are idle now; None if too few are."""
@@ -96,4 +94,4 @@ class Driver:
 async def _checking(check: Callable[[], None]) -> None:
     while True:
         check()
-        await asyncio.sleep(LOAD_CHECK_S)
+        await wall_sleep(LOAD_CHECK_S)

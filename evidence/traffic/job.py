@@ -1,6 +1,5 @@
 """The job of heavy traffic: qmn run load. Many hosts ask for many sessions at a time."""
 
-import asyncio
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,8 +14,9 @@ from evidence.traffic.session import PAIR, Wanted
 from evidence.traffic.summary import summary
 from hosts.middleware.services import NAMES
 from hosts.middleware.session.errors import SessionError
+from hosts.network_loop import run as run_loop
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
-from qmn.jobs.stepped import refuse_stepped
+from qmn.jobs.stepped import check_stepped
 from qmn.network.checks import check_network
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.felt_settings import Felt, checked_settings, felt_by
@@ -58,7 +58,7 @@ def checked(
     """Return the network and what will be asked for; raise BadInput before anything is started."""
     check_network(request.network)
     check_ranges(request.run)
-    refuse_stepped(request.run, "its driver counts the time of the wall")
+    check_stepped(request.run, request.network)
     check_ranges(request)
     traffic = traffic_of(request, network)
     if not request.source:
@@ -186,7 +186,7 @@ def _drive(
             {host: network.runtime.socket(host) for host in network.runtime.devices},
             (traffic.openers, traffic.acceptors),
             request.network.seed,
-            network.runtime.time.scale,
+            network.runtime.time,
         )
         before_s = controller_s(network)
         try:
@@ -218,7 +218,7 @@ def _follow(driver: Driver, total: int, network: Network, console: Console) -> N
             refused = sum(each.outcome != ACCEPTED for each in over)
             bar.update(task, completed=len(over), held=driver.under_way, refused=refused)
 
-        asyncio.run(driver.run(check))
+        run_loop(driver.run(check), network.runtime.time)
         check()
 
 

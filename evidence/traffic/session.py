@@ -8,6 +8,7 @@ from typing import Any
 
 from evidence.traffic.plan import Planned
 from evidence.traffic.stack_calls import Refused, StackCalls, calls
+from hosts.network_loop import now_s
 from qmn.timeouts import LOAD_LIMIT_S
 from wire.metadata.vocabulary import Reason, Service
 from wire.results.run_result import ACCEPTED, BLOCKED, BROKEN, LATE
@@ -63,19 +64,17 @@ class SessionRun:
     """A session that is under way."""
 
     def __init__(
-        self, outcome: Outcome, wanted: Wanted, stacks: Mapping[str, str], port: int, scale: float
+        self, outcome: Outcome, wanted: Wanted, stacks: Mapping[str, str], port: int
     ) -> None:
-        """`scale` is how long a second of the network takes here."""
         self._outcome, self._wanted = outcome, wanted
-        self._stacks, self._port, self._scale = stacks, port, scale
-        self._loop = asyncio.get_running_loop()
-        self._began = self._loop.time()
+        self._stacks, self._port = stacks, port
+        self._began_s = now_s()
 
     async def run(self) -> None:
         """Ask, hold, end; the outcome says how that went, whatever it was."""
         planned, told = self._outcome.planned, self._outcome
         try:
-            async with asyncio.timeout((planned.holding_s + LOAD_LIMIT_S) * self._scale):
+            async with asyncio.timeout(planned.holding_s + LOAD_LIMIT_S):
                 await self._take_part()
             told.outcome = ACCEPTED
         except Refused as error:
@@ -142,7 +141,7 @@ class SessionRun:
     async def _by_deadline(self, asking: StackCalls) -> tuple[Call, dict[str, Any]]:
         """Return what comes of the request; raise _TooLateError unless it does by the deadline."""
         deadline_s = self._outcome.planned.deadline_s
-        left_s = None if deadline_s is None else (deadline_s - self._since()) * self._scale
+        left_s = None if deadline_s is None else deadline_s - self._since()
         try:
             async with asyncio.timeout(left_s) as deadline:
                 return await asking.read()
@@ -164,17 +163,17 @@ class SessionRun:
         if wanted.data:
             asking.send(wanted.data)
             call, fields = await asking.read()
-        there = self._loop.time()
-        await asyncio.sleep(planned.holding_s * self._scale)
+        there_s = now_s()
+        await asyncio.sleep(planned.holding_s)
         if wanted.measures:
             both = asking, await hearing[0]
-            told.age_s = (self._loop.time() - there) / self._scale
+            told.age_s = now_s() - there_s
             await _measure(told, both, int(fields["pairs"]))
         asking.say(Call.CLOSE)
         told.summary = await _over(asking, hearing)
 
     def _since(self) -> float:
-        return (self._loop.time() - self._began) / self._scale
+        return now_s() - self._began_s
 
 
 class _TooLateError(Exception):

@@ -52,6 +52,26 @@ def test_the_same_seed_gives_the_same_result_again(tmp_path: Path) -> None:
         assert one[end] == pytest.approx(other[end], rel=1e-9, abs=0)
 
 
+def test_sessions_of_traffic_hold_light_as_long_as_planned_and_the_same_again(
+    tmp_path: Path,
+) -> None:
+    """Light and messages take microseconds in this ring; requests that have to wait try again."""
+    runs = []
+    for name in ("one", "other"):
+        words = ("load", "--time", "stepped", "--sessions", "8", "--no-report")
+        done = run_qmn("run", *words, "--runs", str(tmp_path / name))
+        assert not done.returncode, done.stdout + done.stderr
+        runs.append(json.loads((tmp_path / name / "latest/result.json").read_text()))
+    one, other = (run["job"]["load"]["sessions"] for run in runs)
+    assert any(session["outcome"] == "accepted" for session in one)
+    for session, again in zip(one, other, strict=True):
+        assert session["outcome"] == again["outcome"]
+        if session["outcome"] == "accepted":
+            assert session["setup_s"] == pytest.approx(again["setup_s"], abs=1e-8)
+            held_s = session["ended_s"] - session["asked_s"] - session["setup_s"]
+            assert held_s == pytest.approx(session["holding_s"], abs=1e-5)
+
+
 def test_what_the_wall_paces_is_refused_with_the_reason(tmp_path: Path) -> None:
     done = run_qmn("run", *TELEPORT, "--control-loss", "0.1", "--runs", str(tmp_path))
     assert done.returncode == 1

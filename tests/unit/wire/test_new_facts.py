@@ -15,9 +15,9 @@ def append(folder: Path, data: bytes) -> None:
 
 
 def test_each_fact_comes_once_and_whole(tmp_path: Path) -> None:
-    facts, third = NewFacts(tmp_path), fact_line("x", number=3)
+    facts, third = NewFacts(tmp_path), fact_line(1, "x", number=3)
     assert numbers(facts) == []  # there is no file yet
-    append(tmp_path, fact_line("x", number=1) + fact_line("x", number=2) + third[:7])
+    append(tmp_path, fact_line(1, "x", number=1) + fact_line(1, "x", number=2) + third[:7])
     assert numbers(facts) == [1, 2]
     assert numbers(facts) == []
     append(tmp_path, third[7:])
@@ -27,10 +27,10 @@ def test_each_fact_comes_once_and_whole(tmp_path: Path) -> None:
 
 def test_what_was_written_last_before_a_new_file_comes_as_well(tmp_path: Path) -> None:
     facts = NewFacts(tmp_path)
-    append(tmp_path, fact_line("x", number=1))
+    append(tmp_path, fact_line(1, "x", number=1))
     assert numbers(facts) == [1]
-    append(tmp_path, fact_line("x", number=2))
+    append(tmp_path, fact_line(1, "x", number=2))
     (tmp_path / RECORD).rename(tmp_path / (RECORD + EARLIER))
-    append(tmp_path, fact_line("x", number=3))
+    append(tmp_path, fact_line(1, "x", number=3))
     assert numbers(facts) == [2, 3]
     facts.close()
