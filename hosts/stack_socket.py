@@ -50,9 +50,7 @@ class StackSocket:
             connection.connect(self._stack)
         except OSError as error:
             connection.close()
-            raise QuantumSocketError(
-                f"no host stack answers at {self._stack} ({error.strerror}); is the network up?"
-            ) from error
+            raise no_stack(self._stack, error) from error
         return connection
 
     def settimeout(self, seconds: float | None) -> None:
@@ -108,9 +106,9 @@ class StackSocket:
         payload = self._exactly(length)
         if call == Call.FAILED:
             fields = decode_fields(payload)
-            text, reason = fields.pop("text"), Reason(fields.pop("reason"))
+            error = failure(fields)
             self.summary = fields or self.summary
-            raise QuantumSocketError(text, reason)
+            raise error
         return call, payload
 
     def _exactly(self, size: int) -> bytes:
@@ -154,6 +152,17 @@ class StackSocket:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+
+def no_stack(stack: str, error: OSError) -> QuantumSocketError:
+    return QuantumSocketError(
+        f"no host stack answers at {stack} ({error.strerror}); is the network up?"
+    )
+
+
+def failure(fields: dict[str, Any]) -> QuantumSocketError:
+    """Return the error of a FAILED message; what is left in its fields is the summary."""
+    return QuantumSocketError(fields.pop("text"), Reason(fields.pop("reason")))
 
 
 def not_refused(answer: dict[str, Any]) -> dict[str, Any]:

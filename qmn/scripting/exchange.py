@@ -1,14 +1,14 @@
-"""One message between two hosts of a running network, by sockets that this process opens there."""
+"""One message between two hosts of a running network, sent and received by this process."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 from hosts.applications.carrying import CHUNK_BYTES
-from hosts.quantum_socket import QuantumSocket, QuantumSocketError
+from hosts.client import BlockingSession, blocking_session
+from hosts.stack_socket import BYTES, QuantumSocketError
 from qmn.jobs.transfer import TransferError, with_elements
 from qmn.requests.service_verbs import APPLICATION_PORT
 from qmn.scripting.tables import Tabular
@@ -16,8 +16,6 @@ from qmn.timeouts import STALL_TIMEOUT_S
 from topologies.networks.network import Network
 from wire.network_time import NetworkTime
 
-READ_BYTES = 1 << 16
-Ends = tuple[QuantumSocket, QuantumSocket]  # the sender's, the receiver's
 COUNTS = ("bell_pairs", "lost_pairs", "received_symbols", "symbol_errors", "repeated_frames")
 
 
@@ -27,9 +25,7 @@ class Exchange(Tabular):
 
     data: bytes  # as it was received; empty if it was not kept
     size: int  # bytes received, each of which was verified
-    setup_s: (
-        float  # of the network, from the request to the open light path, as the application sees it
-    )
+    setup_s: float  # of the network, from the request to the open light path, for applications
     elapsed_s: float  # of the network, from the open light path until every byte was verified
     bell_pairs: int
     lost_pairs: int
@@ -65,20 +61,25 @@ def exchange(
 
     Raise TransferError if not all arrived, NetworkError if the network failed.
     """
-    opening = connection(network, sender, receiver, **options)
-    chunk = CHUNK_BYTES[options.get("handshake", "framed")]
-    return carried(opening, parts, keep, network.runtime.time, chunk)
+    with explained(network, sender, receiver):
+        stacks, time_ = network.runtime.socket, network.runtime.time
+        return carried(stacks, (sender, receiver), parts, keep, time_, **options)
 
 
 def carried(
-    opening: AbstractContextManager[Ends],
+    stacks: Callable[[str], str],
+    ends: tuple[str, str],
     parts: Iterable[bytes],
     keep: bool,
     network_time: NetworkTime,
-    chunk: int = CHUNK_BYTES["framed"],
+    **options: Any,
 ) -> Exchange:
-    """Open a session, and send the parts in pieces of at most `chunk` bytes."""
+    """Send the parts over a session, in pieces that its handshake takes at a time.
+
+    Raise QuantumSocketError if it is refused or breaks, TimeoutError without progress.
+    """
     received, size = bytearray(), 0
+    chunk = CHUNK_BYTES[options.get("handshake", "framed")]
 
     def take(data: bytes) -> None:
         nonlocal size
@@ -87,62 +88,44 @@ def carried(
             received.extend(data)
 
     asked = time.monotonic()
-    with ThreadPoolExecutor(1) as pool, opening as (sending, receiving):
-        opened = time.monotonic()
-        reading = pool.submit(_read, receiving, take)
+    with opened(stacks, ends, network_time, take=take, **options) as session:
+        ready = time.monotonic()
         for part in parts:
             for start in range(0, len(part), chunk):
-                sending.sendall(part[start : start + chunk])
-        sending.shutdown()
-        reading.result(network_time.wall_s(STALL_TIMEOUT_S))
+                session.sendall(part[start : start + chunk])
+        session.end()
         ended = time.monotonic()
-    used = sending.statistics
     return Exchange(
         bytes(received),
         size,
-        setup_s=network_time.network_s(opened - asked),
-        elapsed_s=network_time.network_s(ended - opened),
-        **{name: used[name] for name in COUNTS},
+        setup_s=network_time.network_s(ready - asked),
+        elapsed_s=network_time.network_s(ended - ready),
+        **{name: session.summary[name] for name in COUNTS},
     )
 
 
-def _read(receiving: QuantumSocket, take: Callable[[bytes], None]) -> None:
-    while data := receiving.recv(READ_BYTES):
-        take(data)
+@contextmanager
+def opened(
+    stacks: Callable[[str], str], ends: tuple[str, str], network_time: NetworkTime, **options: Any
+) -> Iterator[BlockingSession]:
+    """Open a session that carries bytes; `stacks` gives the socket of a host's stack."""
+    limit_s = network_time.wall_s(STALL_TIMEOUT_S)
+    with blocking_session(
+        stacks, BYTES, ends, APPLICATION_PORT, limit_s=limit_s, **options
+    ) as session:
+        session.results()
+        yield session
 
 
 @contextmanager
-def ends(
-    stack: Callable[[str], str], sender: str, receiver: str, limit_s: float, **options: Any
-) -> Iterator[Ends]:
-    """Open a session, and yield both its ends; `stack` says where that of a host listens.
-
-    Raise QuantumSocketError if it is refused or breaks, TimeoutError without progress.
-    """
-    with QuantumSocket(stack(receiver)) as listener, QuantumSocket(stack(sender)) as sending:
-        for each in (listener, sending):
-            each.settimeout(limit_s)
-        listener.listen(APPLICATION_PORT)
-        sending.connect((receiver, APPLICATION_PORT), **options)
-        receiving, _peer = listener.accept()
-        with receiving:  # what waits for it, waits no more
-            yield sending, receiving
-
-
-@contextmanager
-def connection(network: Network, sender: str, receiver: str, **options: Any) -> Iterator[Ends]:
-    """Open a session, and yield both its ends.
-
-    Raise TransferError if it is refused or breaks, NetworkError if the network failed.
-    """
-    limit_s = network.runtime.time.wall_s(STALL_TIMEOUT_S)
+def explained(network: Network, sender: str, receiver: str) -> Iterator[None]:
+    """Raise TransferError for a session that fails, NetworkError if the network has failed."""
     try:
-        with ends(network.runtime.socket, sender, receiver, limit_s, **options) as both:
-            yield both
-    except (QuantumSocketError, TimeoutError) as error:
+        yield
+    except TimeoutError as error:
         network.explain()
-        if isinstance(error, TimeoutError):
-            text = f"{sender} to {receiver}: no progress for {limit_s:g} s"
-        else:
-            text = with_elements(network, str(error))
-        raise TransferError(text) from error
+        limit_s = network.runtime.time.wall_s(STALL_TIMEOUT_S)
+        raise TransferError(f"{sender} to {receiver}: no progress for {limit_s:g} s") from error
+    except QuantumSocketError as error:
+        network.explain()
+        raise TransferError(with_elements(network, str(error))) from error

@@ -33,7 +33,7 @@ from qmn.running.controller_console import ask
 from qmn.running.dispatcher_calls import held_blocks, status, switch_conditions, switch_statistics
 from qmn.running.metrics_targets import announce
 from qmn.running.network import announce_network
-from qmn.scripting.exchange import Exchange, connection, exchange
+from qmn.scripting.exchange import Exchange, exchange, explained, opened
 from qmn.scripting.light import FiberState, LightPath, fiber_state, light_path
 from qmn.scripting.tables import SIMPLE, Row, TableOf, Tabular, drawn, row_of
 from topologies.links.causality import worst
@@ -151,9 +151,10 @@ class QuantumNetwork(Network):
         """Open a session that sends nothing, and return the light paths that it gets."""
         check_two_hosts(sender, receiver, self.quantum_hosts)
         before = {path["session"] for path in ask("paths")["paths"]}
-        with connection(self, sender, receiver):
+        ends = sender, receiver
+        with explained(self, *ends), opened(self.runtime.socket, ends, self.runtime.time):
             paths = [path for path in ask("paths")["paths"] if path["session"] not in before]
-            mine = [path for path in paths if (path["from"], path["to"]) == (sender, receiver)]
+            mine = [path for path in paths if (path["from"], path["to"]) == ends]
             return self._light_paths(mine)
 
     def _light_paths(self, paths: list[dict[str, Any]]) -> TableOf[LightPath]:

@@ -7,7 +7,7 @@ from typing import Any
 from hosts.quantum_socket import QuantumSocketError
 from qmn.needs import Needs
 from qmn.running.network import announced_network
-from qmn.scripting.exchange import carried, ends
+from qmn.scripting.exchange import carried
 from qmn.timeouts import STALL_TIMEOUT_S
 from topologies.system.processes.programs import NetworkError
 from wire.network_time import NetworkTime
@@ -44,8 +44,7 @@ def sent(sender: str, receiver: str, text: str) -> str:
             raise NetworkError(f"unknown host {host!r}: {remedy(host, network.stacks)}")
     if sender == receiver:
         raise NetworkError(f"{sender} to itself: choose two hosts")
-    scale = NetworkTime(network.time_scale)
-    opening = ends(network.stacks.__getitem__, sender, receiver, scale.wall_s(STALL_TIMEOUT_S))
-    done = carried(opening, [text.encode()], True, scale)
+    stacks, scale = network.stacks.__getitem__, NetworkTime(network.time_scale)
+    done = carried(stacks, (sender, receiver), [text.encode()], True, scale)
     received = done.data.decode()
     return f"{receiver} received {received!r} from {sender} with {done.bell_pairs} pairs"

@@ -2,15 +2,12 @@
 
 import asyncio
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from stacks_scene import DEADLINE_S, live_qubits, network, taken_part
+from stacks_scene import live_qubits, network, requested
 
 from hosts import network_loop
-from hosts.service_socket import ServiceSocket
 from wire.metadata.header import Message
 from wire.metadata.values import Topic, Values
 from wire.parameters.physics import Device, Memory
@@ -36,24 +33,9 @@ def summaries(
 
     async def run() -> list[dict[str, Any]]:
         async with network(folder, paths=PATHS[: len(line) - 1], **physics):
-            found = await asyncio.to_thread(_asked, folder, service, line, words)
+            options = {"line": ",".join(line), **words}
+            found = await asyncio.to_thread(requested, folder, service, line, **options)
             assert await live_qubits(folder) == 0
             return found
 
     return network_loop.run(run())
-
-
-def _asked(
-    folder: Path, service: str, line: Sequence[str], words: dict[str, Any]
-) -> list[dict[str, Any]]:
-    first, *others = (folder / f"{name}.sock" for name in line)
-    with ThreadPoolExecutor(len(line)) as pool, ExitStack() as sockets:
-        asking, *listeners = (sockets.enter_context(ServiceSocket(at)) for at in (first, *others))
-        for each in (asking, *listeners):
-            each.settimeout(DEADLINE_S)
-        for listener in listeners:
-            listener.listen(9, service)
-        parts = [pool.submit(taken_part, listener) for listener in listeners]
-        list(asking.request(service, (line[1], 9), line=",".join(line), **words))
-        asking.shutdown()
-        return [asking.summary, *(part.result(DEADLINE_S) for part in parts)]

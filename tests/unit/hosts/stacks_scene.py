@@ -9,7 +9,7 @@ import asyncio
 import json
 import os
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from dataclasses import replace
 from functools import partial
@@ -24,12 +24,12 @@ from dispatcher.build import build_layer
 from dispatcher.clock import NetworkClock
 from dispatcher.server.server import build_server, build_service
 from hosts import network_loop
+from hosts.client import blocking_session, session
 from hosts.hardware.simulated import SimulatedQnic
 from hosts.middleware.session.channel import MetadataChannel
-from hosts.quantum_socket import QuantumSocket
 from hosts.service_socket import ServiceSocket
 from hosts.stack import Stack
-from hosts.stack_socket import QuantumSocketError
+from hosts.stack_socket import BYTES, QuantumSocketError
 from qswitch_agent.hardware.optics import CrossConnect
 from qswitch_agent.hardware.simulated import SimulatedSwitch
 from wire import dispatcher_service
@@ -405,24 +405,18 @@ async def live_qubits(folder: Path) -> int:
 
 def transfer(folder: Path, data: bytes, **options: Any) -> tuple[bytes, dict[str, Any]]:
     """Send data from alice to bob; return what bob got and alice's statistics."""
-    with (
-        QuantumSocket(folder / "bob.sock") as listener,
-        QuantumSocket(folder / "alice.sock") as sender,
-    ):
-        for one in (listener, sender):
-            one.settimeout(DEADLINE_S)
-        listener.listen(7)
-        sender.connect(("bob", 7), **options)
-        receiver, peer = listener.accept()
-        assert peer.startswith("127.")
-        with receiver:
-            sender.sendall(data)
-            got = b""
-            while len(got) < len(data):
-                got += receiver.recv(1 << 16)
-            sender.shutdown()
-            assert receiver.recv(1) == b""
-        return got, sender.statistics
+    got = bytearray()
+    options |= {"limit_s": DEADLINE_S, "take": got.extend}
+    with blocking_session(stacks_in(folder), BYTES, ("alice", "bob"), 7, **options) as session:
+        session.results()
+        session.sendall(data)
+        session.end()
+    return bytes(got), session.summary
+
+
+def stacks_in(folder: Path) -> Callable[[str], str]:
+    """Return what gives the socket of a host's stack."""
+    return lambda host: str(folder / f"{host}.sock")
 
 
 def accepted(folder: Path, service: str, listening: "Future[None]") -> dict[str, Any]:
@@ -443,23 +437,19 @@ def taken_part(listener: ServiceSocket) -> dict[str, Any]:
         return connection.summary
 
 
-def requested(folder: Path, service: str, **options: Any) -> list[dict[str, Any]]:
-    """Ask for a service at alice; return the summaries of alice and bob.
+def requested(
+    folder: Path, service: str, hosts: Sequence[str] = ("alice", "bob"), **options: Any
+) -> list[dict[str, Any]]:
+    """Ask for a service at the first host; return the summary of each."""
 
-    Where alice is refused, bob waits no longer.
-    """
-    with (
-        ThreadPoolExecutor(1) as pool,
-        ServiceSocket(folder / "alice.sock") as asking,
-        ServiceSocket(folder / "bob.sock") as listener,
-    ):
-        for either in (asking, listener):
-            either.settimeout(DEADLINE_S)
-        listener.listen(9, service)
-        bob = pool.submit(taken_part, listener)
-        list(asking.request(service, ("bob", 9), **options))
-        asking.shutdown()
-        return [asking.summary, bob.result(DEADLINE_S)]
+    async def run() -> list[dict[str, Any]]:
+        stacks = stacks_in(folder)
+        async with session(stacks, service, hosts, 9, limit_s=DEADLINE_S, **options) as asked:
+            await asked.results()
+            await asked.end()
+            return [end.summary for end in (asked.opener, *await asked.heard())]
+
+    return asyncio.run(run())
 
 
 def ask(
