@@ -18,8 +18,7 @@ from typing import Any
 from mininet.topo import Topo
 
 from topologies.description.checked_graph import check_new
-from topologies.description.clashes import interface_of
-from topologies.description.description import is_made
+from topologies.description.content import interface_of, is_made
 from topologies.links.copper_lengths import assign_copper_lengths
 from topologies.links.fiber import FiberLink
 from topologies.nodes import ClassicalSwitch, DispatcherHost, OpticalSwitch

@@ -19,9 +19,8 @@ from qmn.network.time_scale import AUTO, Scale, scale_of
 from qmn.network.topologies import builder
 from topologies.catalogue.map_parts import spelling
 from topologies.catalogue.presets import preset
-from topologies.description.clashes import refuse_clashes
+from topologies.description.content import content_of
 from topologies.description.description import Description, describe
-from topologies.description.reach import refuse_unreachable
 from topologies.fabric import fiber_of
 from topologies.links.copper_lengths import assign_copper_lengths, longest_way_s
 from topologies.links.copper_link import delay_s
@@ -94,10 +93,11 @@ def _described(
     words: PartOptions,
     every: FiberOptics | None,
 ) -> NetworkDescription:
-    topo = words.built(build)
-    parts = describe(topo)
-    refuse_clashes(topo)
-    refuse_unreachable(topo)
+    topo = build()
+    content = content_of(topo)
+    words.set_parts(content)
+    assign_copper_lengths(topo)
+    parts = describe(content)
     own = every is None or is_custom(options.topology)
     base = base_device(options.node, words.preset)
     named = {host: parts.hosts[host] for host in words.named_hosts}

@@ -5,19 +5,16 @@
 
 import json
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
 
-from mininet.topo import Topo
-
 from qmn.network.custom_topology import BadTopology
 from qmn.network.device_options import devices, nodes
-from topologies.description.description import is_made, switch_of
-from topologies.links.copper_lengths import assign_copper_lengths
+from topologies.description.content import Content, Info
 from topologies.links.fiber import OPTICS as FIBER_OPTICS
-from topologies.links.fiber import FiberLink, resolved
+from topologies.links.fiber import resolved
 from topologies.nodes import OpticalSwitch, QuantumHost
 from topologies.nodes.quantum_host import PARTS as DEVICE_PARTS
 from topologies.nodes.quantum_host import device_of
@@ -27,7 +24,6 @@ from wire.parameters.physics import Device
 from wire.parameters.switch import OPTICS as SWITCH_OPTICS
 from wire.parameters.switch import QuantumSwitch
 
-Info = dict[str, Any]  # keywords of a node or link, as Mininet keeps them
 FIBER = {each.name: getattr(FiberOptics(), each.name) for each in fields(FiberOptics)}
 SWITCH = {
     each.name: getattr(QuantumSwitch(""), each.name)
@@ -66,26 +62,24 @@ class PartOptions:
         kinds = [word.partition("=")[0] for word in self.node if "=" in word]
         return list(dict.fromkeys([*kinds, *(word.partition(".")[0] for word in self.device)]))
 
-    def built(self, build: Callable[[], Topo]) -> Topo:
-        """Return a topology with what is said of its parts; raise BadTopology, or ValueError."""
-        topo = build()
-        self._set_fibers(topo)
-        self._set_switches(topo)
-        self._set_devices(topo)
-        assign_copper_lengths(topo)
-        return topo
+    def set_parts(self, content: Content) -> None:
+        """Change the parts of a topology as the words say; raise BadTopology, or ValueError."""
+        self._set_fibers(content)
+        self._set_switches(content)
+        if self.named_hosts:
+            self._set_devices(content)
 
-    def _set_devices(self, topo: Topo) -> None:
-        hosts = [name for name in topo.hosts() if is_made(topo.nodeInfo(name), QuantumHost)]
+    def _set_devices(self, content: Content) -> None:
+        hosts = {host.name: host.info for host in content.of(QuantumHost)}
         named = nodes(self.node, self.preset)
-        others = {host: device_of(host, topo.nodeInfo(host)) for host in hosts}
+        others = {host: device_of(host, info) for host, info in hosts.items()}
         given = devices(self.device, Device(), others | named)
         for host in self.named_hosts:
             _require("--node or --device", host, hosts)
-            _set_device(topo.nodeInfo(host), given[host])
+            _set_device(hosts[host], given[host])
 
-    def _set_fibers(self, topo: Topo) -> None:
-        by_place = _fibers_by_place(topo)
+    def _set_fibers(self, content: Content) -> None:
+        by_place = _fibers_by_place(content)
         given: defaultdict[str, Info] = defaultdict(dict)
         for word, place, name, value in self._fibers:
             if place:
@@ -99,15 +93,13 @@ class PartOptions:
                 own = {name: info[name] for name in FIBER_OPTICS & info.keys()}
                 resolved(optics(f"fibre {place}", **own))
 
-    def _set_switches(self, topo: Topo) -> None:
-        switches = [name for name in topo.switches() if is_made(topo.nodeInfo(name), OpticalSwitch)]
+    def _set_switches(self, content: Content) -> None:
+        switches = {switch.name: switch.info for switch in content.of(OpticalSwitch)}
         for word, place, name, value in _said("switch", self.switch, SWITCH):
             if place:
                 _require(f"--switch {word}: no quantum switch", place, switches)
             for switch in [place] if place else switches:
-                topo.nodeInfo(switch)[name] = value
-        for switch in switches:
-            switch_of(switch, topo.nodeInfo(switch))
+                switches[switch][name] = value
 
 
 def _set_device(info: Info, device: Device) -> None:
@@ -149,12 +141,12 @@ def _value(option: str, word: str, text: str, default: Any) -> Any:
         raise BadTopology(f"--{option} {word}: {error}") from error
 
 
-def _fibers_by_place(topo: Topo) -> dict[str, list[Info]]:
+def _fibers_by_place(content: Content) -> dict[str, list[Info]]:
     """Return the fibres between two nodes by A-B, names in order."""
     found: defaultdict[str, list[Info]] = defaultdict(list)
-    for one, other, info in topo.links(withInfo=True):
-        if is_made(info, FiberLink):
-            found["-".join(sorted((one, other)))].append(info)
+    for link in content.links:
+        if link.is_fiber:
+            found["-".join(sorted((link.a.name, link.b.name)))].append(link.info)
     return dict(sorted(found.items()))
 
 

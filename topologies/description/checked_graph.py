@@ -7,15 +7,16 @@
 Nodes and links of a user's own classes are checked when they are made.
 """
 
-import string
-from collections.abc import Container, Mapping
+from collections.abc import Container
 from functools import wraps
 from typing import Any
 
 from mininet.link import Intf
 from mininet.topo import MultiGraph, Topo
 
-from topologies.description.description import is_made, switch_of
+from topologies.catalogue.switch_presets import optics_of
+from topologies.description.checks import refuse_self_link
+from topologies.description.content import Info, dpid_of, is_made, is_ours
 from topologies.links.copper_link import CopperLink
 from topologies.links.fiber import OPTICS as FIBER_OPTICS
 from topologies.links.fiber import FiberLink, resolved
@@ -27,8 +28,6 @@ from wire.parameters.fiber import optics
 from wire.parameters.physics import BadParameter
 from wire.parameters.switch import OPTICS as SWITCH_OPTICS
 
-Info = Mapping[str, Any]  # keywords of a node or link, as Mininet keeps them
-DPID_DIGITS = 16  # of OpenFlow's 64 bits
 OF_LINKS = {"node1", "node2", "port1", "port2"}  # that Topo itself adds
 
 
@@ -88,25 +87,14 @@ def check_node(name: str, info: Info) -> None:
     """Raise BadParameter for a node that cannot be made."""
     kind: Any = info.get("cls")
     if is_made(info, ClassicalSwitch):
-        check_dpid(name, info.get("dpid") or kind.dpid_of(name))
+        dpid_of(name, info)
     if not is_ours(kind):
         return
     refuse_unknown(name, info, kind, also=SWITCH_OPTICS if is_made(info, OpticalSwitch) else ())
     if is_made(info, QuantumHost):
         device_of(name, info)
     if is_made(info, OpticalSwitch):
-        switch_of(name, info)
-
-
-def check_dpid(name: str, dpid: object) -> None:
-    """Raise BadParameter for what is not a datapath ID."""
-    if not dpid:
-        raise BadParameter(f'{name} has no dpid: give one of its own, as dpid="1"')
-    digits = dpid.replace(":", "") if isinstance(dpid, str) else ""
-    if not 0 < len(digits) <= DPID_DIGITS or not set(digits) <= set(string.hexdigits):
-        raise BadParameter(
-            f"{name}: dpid {dpid!r} is not 1 to {DPID_DIGITS} hexadecimal digits in quotes"
-        )
+        optics_of(name, info)
 
 
 def check_link(one: str, other: str, info: Info) -> None:
@@ -122,14 +110,3 @@ def check_link(one: str, other: str, info: Info) -> None:
         resolved(optics(where, **{name: info[name] for name in FIBER_OPTICS & given}))
     else:
         refuse_unknown(f"copper {one} to {other}", given, kind, Intf)
-
-
-def refuse_self_link(one: str, other: str) -> None:
-    """Raise BadParameter for a link that ends where it begins."""
-    if one == other:
-        raise BadParameter(f"a link from {one} to {one} leads nowhere: join two different nodes")
-
-
-def is_ours(kind: object) -> bool:
-    """Whether a class of nodes or links is of this program, and not of a user or of Mininet."""
-    return isinstance(kind, type) and kind.__module__.split(".")[0] == "topologies"

@@ -1,17 +1,12 @@
-"""The content of a topology: hosts with light, quantum switches, fibres, and who makes pairs.
-
-Ours, one of a user's own file and what `mn --custom` is given are Mininet's Topo, all alike.
-"""
+"""The quantum part of a topology: hosts with light, quantum switches, fibres, who makes pairs."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
-
-from mininet.topo import Topo
 
 from topologies.catalogue.switch_presets import optics_of
+from topologies.description.checks import check_clashes, check_reach
+from topologies.description.content import Content
 from topologies.links.fiber import OPTICS as FIBER_OPTICS
-from topologies.links.fiber import FiberLink
 from topologies.nodes import OpticalSwitch, QuantumHost
 from topologies.nodes.quantum_host import device_of
 from wire.parameters.fiber import FiberOptics, optics
@@ -26,9 +21,6 @@ class LaidFiber:
     a: str
     b: str
     optics: FiberOptics
-
-    def __str__(self) -> str:
-        return f"fibre {self.a} to {self.b}"
 
 
 @dataclass(frozen=True)
@@ -46,33 +38,20 @@ class Description:
         return self.pairs_from.get(host) or next(reversed(self.sources), "")
 
 
-def describe(topo: Topo) -> Description:
+def describe(content: Content) -> Description:
     """Return what a topology describes; raise BadParameter for what cannot be."""
-    nodes = {name: topo.nodeInfo(name) for name in topo.nodes()}
-    hosts = [name for name in topo.hosts() if is_made(nodes[name], QuantumHost)]
-    switches = [name for name in topo.switches() if is_made(nodes[name], OpticalSwitch)]
-    return Description(
-        hosts={name: device_of(name, nodes[name]) for name in hosts},
-        switches={name: switch_of(name, nodes[name]) for name in switches},
+    hosts = content.of(QuantumHost)
+    described = Description(
+        hosts={host.name: device_of(host.name, host.info) for host in hosts},
+        switches={each.name: optics_of(each.name, each.info) for each in content.of(OpticalSwitch)},
         fibers=tuple(
-            LaidFiber(one, other, optics(f"fibre {one} to {other}", **_own(info, FIBER_OPTICS)))
-            for one, other, info in topo.links(withInfo=True)
-            if is_made(info, FiberLink)
+            LaidFiber(link.a.name, link.b.name, optics(str(link), **link.given(FIBER_OPTICS)))
+            for link in content.links
+            if link.is_fiber
         ),
-        sources=tuple(name for name in hosts if nodes[name].get("source")),
-        pairs_from={name: nodes[name].get("pairs_from", "") for name in hosts},
+        sources=tuple(host.name for host in hosts if host.info.get("source")),
+        pairs_from={host.name: host.info.get("pairs_from", "") for host in hosts},
     )
-
-
-def switch_of(name: str, info: Mapping[str, Any]) -> QuantumSwitch:
-    """Return the optics of a quantum switch; raise BadParameter if a value is out of range."""
-    return optics_of(name, info)
-
-
-def is_made(info: Mapping[str, Any], kind: type) -> bool:
-    made = info.get("cls")
-    return isinstance(made, type) and issubclass(made, kind)
-
-
-def _own(info: Mapping[str, Any], names: frozenset[str]) -> dict[str, Any]:
-    return {name: info[name] for name in names & info.keys()}
+    check_clashes(content)
+    check_reach(content)
+    return described

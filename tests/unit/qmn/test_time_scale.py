@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import partial
 
 import pytest
+from mininet.topo import Topo
 from recorded_run import service_run
 
 from qmn.network.description import describe_network
@@ -13,7 +14,8 @@ from qmn.network.time_scale import SHARE, SOFTWARE_S, Scale, scale, scale_of
 from qmn.options import add_options, read
 from qmn.results.run_result import RunResult
 from qmn.results.software_share import note_software, rows
-from topologies.description.description import describe
+from topologies.description.content import content_of
+from topologies.description.description import Description, describe
 from topologies.sdc import SdcTopo
 from wire.dispatcher_pb2 import SoftwareTime
 from wire.parameters.physics import Device, Memory
@@ -35,20 +37,24 @@ def test_what_is_no_scale_is_refused(text: str) -> None:
 
 def test_a_scale_that_is_named_is_taken_as_it_is() -> None:
     assert scale("40") == 40.0
-    assert scale_of(40.0, describe(SdcTopo())).scale == 40.0
+    assert scale_of(40.0, described(SdcTopo())).scale == 40.0
 
 
 def test_auto_goes_by_the_shortest_time_of_the_network() -> None:
     long = partial(SdcTopo, length_km=100.0)
     delay_s = 100e3 / LIGHT_M_PER_S
-    chosen = scale_of("auto", describe(long()))
+    chosen = scale_of("auto", described(long()))
     assert chosen.scale == pytest.approx(SOFTWARE_S / (SHARE * delay_s), rel=0.005)
     assert "the fibre from alice to q1" in chosen.reason
     decays = partial(long, devices={"bob": Device(memory=Memory(t2_s=1e-5))})
-    chosen = scale_of("auto", describe(decays()))
+    chosen = scale_of("auto", described(decays()))
     assert chosen.scale == pytest.approx(SOFTWARE_S / (SHARE * 1e-5), rel=0.005)
     assert "T2 of bob" in chosen.reason
     assert "cannot be reached" not in chosen.reason
+
+
+def described(topo: Topo) -> Description:
+    return describe(content_of(topo))
 
 
 def chosen_for(*words: str) -> Scale:
@@ -91,14 +97,14 @@ def test_no_load_of_the_machine_leads_auto_beyond_what_tcp_lives_through(
 
 
 def test_auto_is_slower_on_a_machine_that_is_busy(monkeypatch: pytest.MonkeyPatch) -> None:
-    idle = scale_of("auto", describe(SdcTopo())).scale
+    idle = scale_of("auto", described(SdcTopo())).scale
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     monkeypatch.setattr("os.getloadavg", lambda: (6.0, 1.0, 1.0))
-    assert scale_of("auto", describe(SdcTopo())).scale == pytest.approx(3 * idle, rel=0.01)
+    assert scale_of("auto", described(SdcTopo())).scale == pytest.approx(3 * idle, rel=0.01)
 
 
 def test_a_network_without_a_time_of_its_own_runs_in_real_time() -> None:
-    assert scale_of("auto", describe(SdcTopo(length_km=0.0))).scale == 1.0
+    assert scale_of("auto", described(SdcTopo(length_km=0.0))).scale == 1.0
 
 
 NAMED = Scale(1.0)

@@ -6,6 +6,7 @@ import pytest
 from mininet.node import Host
 from mininet.topo import Topo
 
+from topologies.description.content import content_of
 from topologies.description.description import describe
 from topologies.links.fiber import FiberLink
 from topologies.nodes import ClassicalSwitch, DispatcherHost, OpticalSwitch, QuantumHost
@@ -28,14 +29,14 @@ class OwnTopo(Topo):  # type: ignore[misc]
         source = PairSource(fidelity=0.9)
         self.addHost("right", cls=QuantumHost, ip="10.0.0.2/24", source=source)
         self.addSwitch("q1", cls=OpticalSwitch, paths=(PathOptics(1, 2, 0.5),), **optics)
-        self.addLink("left", "q1", cls=FiberLink, length_km=3.0, kind="smf")
-        self.addLink("q1", "right", cls=FiberLink)
         for name in ("ed", "plain", "left", "right", "q1"):
             self.addLink(name, "s1")
+        self.addLink("left", "q1", cls=FiberLink, length_km=3.0, kind="smf")
+        self.addLink("q1", "right", cls=FiberLink)
 
 
 def test_hosts_switches_and_fibres_are_as_the_topology_says() -> None:
-    found = describe(OwnTopo(crosstalk_db=40.0))
+    found = describe(content_of(OwnTopo(crosstalk_db=40.0)))
     assert found.hosts == {
         "left": Device(memory=Memory(t2_s=0.5)),
         "right": Device(source=PairSource(fidelity=0.9)),
@@ -51,4 +52,4 @@ def test_hosts_switches_and_fibres_are_as_the_topology_says() -> None:
 
 def test_a_switch_that_cannot_be_is_refused() -> None:
     with pytest.raises(BadParameter, match="q1: rotation 7: choose 0 to 3"):
-        describe(OwnTopo(rotation=7))
+        describe(content_of(OwnTopo(rotation=7)))

@@ -9,7 +9,8 @@ from mininet.topo import Topo
 
 from applications.keys.key_managers import CERTIFICATES
 from topologies.description.checked_graph import checked
-from topologies.description.clashes import refuse_clashes
+from topologies.description.checks import check_clashes
+from topologies.description.content import content_of
 from topologies.links.fiber import FiberLink
 from topologies.networks.network import FIRST_CONTROLLER
 from topologies.nodes import (
@@ -146,7 +147,7 @@ def test_what_is_said_is_left_as_it_is() -> None:
     assert topo.linkInfo("h1", "wing")["length_km"] == 5.0
     addresses = {name: topo.nodeInfo(name)["ip"] for name in topo.hosts()}
     assert addresses == {"sim": "192.168.5.2/24", "h1": "192.168.5.1/24", "plain": None}
-    refuse_clashes(topo)
+    check_clashes(content_of(topo))
 
 
 def test_numbers_in_the_names_of_switches_are_their_datapath_ids() -> None:
@@ -156,7 +157,7 @@ def test_numbers_in_the_names_of_switches_are_their_datapath_ids() -> None:
 
 
 def test_a_quantum_switch_and_one_of_copper_of_one_number_do_not_clash() -> None:
-    refuse_clashes(Bare())
+    check_clashes(content_of(Bare()))
 
     class Clash(QuantumTopo):
         def build(self) -> None:
@@ -164,7 +165,7 @@ def test_a_quantum_switch_and_one_of_copper_of_one_number_do_not_clash() -> None
             self.addSwitch("left1", cls=OpticalSwitch)
 
     with pytest.raises(BadParameter, match="left1 and q1 have one datapath ID, 1001: give each"):
-        refuse_clashes(Clash())
+        check_clashes(content_of(Clash()))
 
 
 def test_a_name_that_is_needed_for_another_is_refused() -> None:
@@ -204,13 +205,13 @@ def test_a_switch_of_mininets_own_class_is_refused_with_what_works() -> None:
 def test_a_loop_of_copper_is_refused(copper: list[tuple[str, str]]) -> None:
     topo = joined(copper)
     with pytest.raises(BadParameter, match=r"copper \w+ to \w+ closes a loop of switches"):
-        refuse_clashes(topo)
-    refuse_clashes(joined(copper[:-1]))
+        check_clashes(content_of(topo))
+    check_clashes(content_of(joined(copper[:-1])))
 
 
 def test_a_loop_with_a_spanning_tree_or_through_a_host_is_none() -> None:
-    refuse_clashes(joined([("s1", "s2"), ("s2", "s3"), ("s3", "s1")], stp=True))
-    refuse_clashes(joined([("s1", "h1"), ("h1", "s2"), ("s1", "s2")]))
+    check_clashes(content_of(joined([("s1", "s2"), ("s2", "s3"), ("s3", "s1")], stp=True)))
+    check_clashes(content_of(joined([("s1", "h1"), ("h1", "s2"), ("s1", "s2")])))
 
 
 def joined(copper: list[tuple[str, str]], **params: bool) -> Topo:
@@ -230,7 +231,7 @@ def test_a_name_that_files_or_interfaces_need_is_refused_wherever_it_is_from(nam
     topo = Topo()
     topo.addHost(name, cls=Host)
     with pytest.raises(BadParameter, match="cannot be a node's name"):
-        refuse_clashes(topo)
+        check_clashes(content_of(topo))
 
 
 def test_the_names_that_programs_have_are_no_nodes() -> None:

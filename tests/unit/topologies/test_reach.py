@@ -8,7 +8,8 @@ from mininet.node import Host
 from mininet.topo import Topo
 
 from topologies.chain import ChainTopo
-from topologies.description.reach import refuse_unreachable
+from topologies.description.checks import check_reach
+from topologies.description.content import content_of
 from topologies.leaf_spine import LeafSpineTopo
 from topologies.links.fiber import FiberLink
 from topologies.mapped import MapTopo
@@ -83,19 +84,19 @@ def spelt_out(*left_out: str, fibers_first: bool = False) -> Topo:
     ],
 )
 def test_networks_whose_parts_reach_each_other_are_not_refused(made: Callable[[], Topo]) -> None:
-    refuse_unreachable(made())
+    check_reach(content_of(made()))
 
 
 def test_a_fibre_from_host_to_host_is_refused() -> None:
     words = r"^fibre h1 to h2: both are hosts; lay it by way of a quantum switch, as addFibers"
     with pytest.raises(BadParameter, match=words):
-        refuse_unreachable(two_hosts(lambda topo: topo.addFibers("h1", "h2")))
+        check_reach(content_of(two_hosts(lambda topo: topo.addFibers("h1", "h2"))))
 
 
 def test_copper_from_host_to_host_is_refused_where_it_is_all_that_one_has() -> None:
     words = r'^copper h1 to h2: both are hosts.*join h1 to a switch before.*\("h1", "s1"\)$'
     with pytest.raises(BadParameter, match=words):
-        refuse_unreachable(two_hosts(lambda topo: topo.addLink("h1", "h2")))
+        check_reach(content_of(two_hosts(lambda topo: topo.addLink("h1", "h2"))))
 
 
 def test_further_copper_between_hosts_is_their_own_affair() -> None:
@@ -105,7 +106,7 @@ def test_further_copper_between_hosts_is_their_own_affair() -> None:
             topo.addLink(name, "s1")
         topo.addLink("h1", "h2")
 
-    refuse_unreachable(two_hosts(also))
+    check_reach(content_of(two_hosts(also)))
 
 
 def addressed(*addresses: str, last: type = QuantumHost) -> Topo:
@@ -135,12 +136,12 @@ def test_hosts_in_several_networks_are_refused_by_them(
 ) -> None:
     words = rf"10\.0\.0\.0/24, and \w+ in {re.escape(network)}: give all hosts an ip in one network"
     with pytest.raises(BadParameter, match=words):
-        refuse_unreachable(addressed("10.0.0.1/24", second, last=kind))
+        check_reach(content_of(addressed("10.0.0.1/24", second, last=kind)))
 
 
 def test_hosts_in_one_network_and_mininets_own_anywhere_are_not_refused() -> None:
-    refuse_unreachable(addressed("192.168.7.1/28", "192.168.7.9/28"))
-    refuse_unreachable(addressed("10.0.0.1/24", "10.0.0.2/24", "172.16.0.1/24", last=Host))
+    check_reach(content_of(addressed("192.168.7.1/28", "192.168.7.9/28")))
+    check_reach(content_of(addressed("10.0.0.1/24", "10.0.0.2/24", "172.16.0.1/24", last=Host)))
 
 
 def islands(topo: QuantumTopo) -> None:
@@ -153,7 +154,7 @@ def islands(topo: QuantumTopo) -> None:
 def test_parts_that_no_copper_joins_are_refused_by_name() -> None:
     words = r'^no copper leads from h2 to ed, .*: join the switches, as addLink\("s2", "s1"\)$'
     with pytest.raises(BadParameter, match=words):
-        refuse_unreachable(two_hosts(islands))
+        check_reach(content_of(two_hosts(islands)))
 
 
 def test_a_switch_of_mininets_own_is_refused_with_the_class_that_works() -> None:
@@ -165,7 +166,7 @@ def test_a_switch_of_mininets_own_is_refused_with_the_class_that_works() -> None
         r'^no copper leads from h1 to ed, .*: make s3, .* addSwitch\("s3", cls=ClassicalSwitch\)$'
     )
     with pytest.raises(BadParameter, match=words):
-        refuse_unreachable(two_hosts(stock))
+        check_reach(content_of(two_hosts(stock)))
 
 
 @pytest.mark.parametrize("kind", [ClassicalHost, QuantumHost])
@@ -177,7 +178,7 @@ def test_a_host_of_ours_joins_no_parts(kind: type) -> None:
             topo.addLink("h3", f"s{number}")
 
     with pytest.raises(BadParameter, match=r"^no copper leads from h2 to ed"):
-        refuse_unreachable(two_hosts(also))
+        check_reach(content_of(two_hosts(also)))
 
 
 def test_parts_that_a_router_of_a_users_own_joins_are_not_refused() -> None:
@@ -187,7 +188,7 @@ def test_parts_that_a_router_of_a_users_own_joins_are_not_refused() -> None:
         for number in (1, 2):
             topo.addLink("r", f"s{number}")
 
-    refuse_unreachable(two_hosts(also))
+    check_reach(content_of(two_hosts(also)))
 
 
 @pytest.mark.parametrize(
@@ -202,7 +203,7 @@ def test_parts_that_a_router_of_a_users_own_joins_are_not_refused() -> None:
 )
 def test_what_a_plain_topo_has_left_out_is_named(topo: Topo, words: str) -> None:
     with pytest.raises(BadParameter, match=words):
-        refuse_unreachable(topo)
+        check_reach(content_of(topo))
 
 
 def test_of_many_hosts_some_are_named() -> None:
@@ -214,4 +215,4 @@ def test_of_many_hosts_some_are_named() -> None:
             topo.addLink(f"h{number}", "s2")
 
     with pytest.raises(BadParameter, match="from h3, h4, h5, h6, h7, 4 more to ed"):
-        refuse_unreachable(two_hosts(also))
+        check_reach(content_of(two_hosts(also)))
