@@ -78,7 +78,7 @@ def felt_by_any(request: LoadRequest, traffic: Traffic, network: NetworkDescript
     in_line = Service[request.service.upper()] in LINES
     openers = set(hosts if in_line else traffic.openers)
     acceptors = hosts if in_line else sorted(traffic.acceptors)
-    felt = Felt({}, None)
+    felt = Felt()
     for host in hosts:  # as opener, as acceptor
         pairs = (
             [(host, next(each for each in acceptors if each != host))] if host in openers else []
@@ -88,8 +88,8 @@ def felt_by_any(request: LoadRequest, traffic: Traffic, network: NetworkDescript
         for opener, acceptor in pairs:
             source = opener if request.source == OWN else request.source
             ends = opener, acceptor
-            felt |= felt_by(request.service, ends, network.parts, source, anywhere=True)
-    return felt
+            felt |= felt_by(request.service, ends, network.parts, source)
+    return felt.any_to_any()
 
 
 def traffic_of(request: LoadRequest, network: NetworkDescription) -> Traffic:

@@ -4,10 +4,11 @@ They follow from the roles of hosts in a session, and from what a host in a role
 (wire.services). Presets and topologies serve many jobs: what they set is never refused.
 """
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
-from itertools import pairwise
-from typing import Any
+from itertools import pairwise, product
+from typing import Any, NamedTuple
 
 import networkx
 
@@ -63,6 +64,9 @@ BESIDES = {
     (Service.SENSE, Role.OPENER): _of("sensor"),
     (Service.SENSE, Role.ACCEPTOR): _of("sensor"),
 }
+FIBERS_OF_REPEATER = 2  # also of a station
+EVE = "eve"  # passes light on
+NODES = {"fiber": "fibre", "switch": "quantum switch"}
 INSTEAD = {**dict.fromkeys(OF_PAIRS, "preparation_error"), "source.preparation_error": "fidelity"}
 
 
@@ -71,19 +75,34 @@ class Felt:
     """The settings that a job can feel."""
 
     devices: dict[str, Settings] = field(default_factory=dict)  # of the hosts that take part
-    ways: frozenset[frozenset[str]] | None = frozenset()  # neighbours with light; None: all
+    beams: frozenset["HostBeams"] = frozenset()
 
     def __or__(self, other: "Felt") -> "Felt":
         hosts = [*self.devices, *other.devices]
         nothing: Settings = frozenset()
         return Felt(
             {h: self.devices.get(h, nothing) | other.devices.get(h, nothing) for h in hosts},
-            None if self.ways is None or other.ways is None else self.ways | other.ways,
+            self.beams | other.beams,
         )
+
+    def any_to_any(self) -> "Felt":
+        """Return the same with light from each host that emits to each that receives."""
+        emitters = frozenset[str]().union(*(each.emitters for each in self.beams))
+        receivers = frozenset[str]().union(*(each.receivers for each in self.beams))
+        return replace(self, beams=frozenset({HostBeams(emitters, receivers)}))
+
+
+class HostBeams(NamedTuple):
+    """Light from each of some hosts to each of others."""
+
+    emitters: frozenset[str]
+    receivers: frozenset[str]
 
 
 def everything(hosts: Iterable[str]) -> Felt:
-    return Felt(dict.fromkeys(hosts, EVERY), None)
+    """Return every setting of these hosts, with light between all of them."""
+    named = frozenset(hosts)
+    return Felt(dict.fromkeys(named, EVERY), frozenset({HostBeams(named, named)}))
 
 
 def felt_by(
@@ -92,15 +111,14 @@ def felt_by(
     parts: Description,
     source: str = "",
     separate: bool = False,
-    anywhere: bool = False,
 ) -> Felt:
     """Return what a session of these hosts, each with the next, can feel.
 
     `source` makes the pairs, if a user names it; separate: each host makes probes of its own, and
-    sends no light. Anywhere: light can go through all fibres.
+    sends no light.
     """
     asked = Service[service.upper()]
-    found = Felt({}, None if separate or anywhere else frozenset())
+    found = Felt()
     for opener, acceptor in pairwise(hosts):
         maker = source or parts.source_for(opener)
         by = making(asked, opener, maker, parts)
@@ -109,9 +127,9 @@ def felt_by(
             roles[Role.SOURCE] = maker
         for role, host in roles.items():
             found |= Felt({host: _of_role(asked, role, by, parts.hosts[host])})
-        if found.ways is not None:
-            for begin, end in beams(asked, by):
-                found |= Felt({}, _between(roles[begin.role], roles[end.role], parts))
+        for start, end in () if separate or asked == Service.SWAP else beams(asked, by):
+            light = HostBeams(frozenset({roles[start.role]}), frozenset({roles[end.role]}))
+            found |= Felt({}, frozenset({light}))
     if asked == Service.SWAP:
         found |= _heralding_ends(parts, hosts) | _repeaters(parts, hosts)
     if separate:
@@ -119,7 +137,7 @@ def felt_by(
             found, devices={host: felt - PAIRS | STATES for host, felt in found.devices.items()}
         )
     if asked in RETURNS:
-        found |= felt_by(RETURNS[asked].name, hosts[::-1], parts, source, anywhere=anywhere)
+        found |= felt_by(RETURNS[asked].name, hosts[::-1], parts, source)
     return found
 
 
@@ -158,26 +176,50 @@ def _heralding_ends(parts: Description, ends: Sequence[str]) -> Felt:
 
 
 def _repeaters(parts: Description, ends: Sequence[str]) -> Felt:
-    found = Felt({}, None)
+    """Return what repeaters and stations feel, and the light between them and the ends."""
+    fibers = Counter(end for fiber in parts.fibers for end in (fiber.a, fiber.b))
+    devices: dict[str, Settings] = {}
     for host in parts.hosts.keys() - {*ends}:
         device = parts.hosts[host]
-        stated = STATION if device.is_station else frozenset[str]()
-        for by in (Making.SOURCE, Making.STATION)[: 1 + (HERALD in device.features)]:
-            stated |= _of_role(Service.SWAP, Role.REPEATER, by, device)
-        found |= Felt({host: stated})
-    return found
+        if fibers[host] < FIBERS_OF_REPEATER:
+            continue
+        felt = STATION if device.is_station else frozenset[str]()
+        for by in (Making.SOURCE, Making.STATION):
+            if needs(Service.SWAP, Role.REPEATER, by) in device.features:
+                felt |= _of_role(Service.SWAP, Role.REPEATER, by, device)
+        if felt:
+            devices[host] = felt
+    joined = frozenset({*ends, *devices})
+    return Felt(devices, frozenset({HostBeams(joined, joined)}))
 
 
-def _between(one: str, other: str, parts: Description) -> frozenset[frozenset[str]]:
-    """Return the neighbours on any path of quantum switches between two hosts."""
-    graph = networkx.Graph([(one, other)])
-    passing = {one, other, *parts.switches, "eve"}
-    graph.add_edges_from((f.a, f.b) for f in parts.fibers if {f.a, f.b} <= passing)
+def _lit_fibers(light: HostBeams, parts: Description) -> frozenset[frozenset[str]]:
+    """Return the neighbours on any path of quantum switches from an emitter to a receiver.
+
+    A host that does both is two nodes: paths end at hosts. A fibre is on a path from the start to
+    the goal if it shares a cycle with an edge between these two.
+    """
+    start, goal = ("start", ""), ("goal", "")
+    passing = {*parts.switches, EVE}
+
+    def nodes(name: str) -> list[tuple[str, str]]:
+        if name in passing:
+            return [("passing", name)]
+        kinds = {"emitter": light.emitters, "receiver": light.receivers}
+        return [(kind, name) for kind, hosts in kinds.items() if name in hosts]
+
+    graph = networkx.Graph([(start, goal)])
+    graph.add_edges_from((start, ("emitter", host)) for host in light.emitters)
+    graph.add_edges_from((("receiver", host), goal) for host in light.receivers)
+    for fiber in parts.fibers:
+        ends = product(nodes(fiber.a), nodes(fiber.b))
+        graph.add_edges_from((a, b) for a, b in ends if a[0] != b[0] or a[0] == "passing")
     for edges in networkx.biconnected_component_edges(graph):
-        ways = frozenset(map(frozenset, edges))
-        if {one, other} in ways:
-            return ways
-    raise AssertionError(f"no path from {one} to {other}")  # there is an edge
+        joined = frozenset(map(frozenset, edges))
+        if {start, goal} in joined:
+            named = (frozenset(name for _kind, name in edge) for edge in joined)
+            return frozenset(edge for edge in named if "" not in edge)
+    raise AssertionError("an edge is in some component")
 
 
 def checked_settings(job: str, felt: Felt, network: NetworkDescription) -> NetworkDescription:
@@ -187,7 +229,8 @@ def checked_settings(job: str, felt: Felt, network: NetworkDescription) -> Netwo
     """
     options, parts = network.options, network.parts
     if options.policy:  # which may have any host watch any fibre
-        felt |= Felt(dict.fromkeys(parts.hosts, PAIRS | LOOKING), None)
+        watching = replace(everything(parts.hosts), devices={})
+        felt |= Felt(dict.fromkeys(parts.hosts, PAIRS | LOOKING)) | watching
     for word in options.node:
         host, equals, _kind = word.partition("=")
         if equals and host not in felt.devices:
@@ -196,7 +239,7 @@ def checked_settings(job: str, felt: Felt, network: NetworkDescription) -> Netwo
         host, _dot, setting = word.partition("=")[0].partition(".")
         if setting not in felt.devices.get(host, ()):
             raise BadInput(f"--device {word}: {_unfelt(job, host, setting, felt)}")
-    _check_ways(job, felt, network)
+    _check_fibers_and_switches(job, felt, network)
     unused = (
         f"{host}.{part}.{name}"
         for host, settings in felt.devices.items()
@@ -222,20 +265,35 @@ def _unfelt(job: str, host: str, setting: str, felt: Felt) -> str:
     return f"{text}: give it for {others}" if others else f"{text}: leave it out"
 
 
-def _check_ways(job: str, felt: Felt, network: NetworkDescription) -> None:
+def _check_fibers_and_switches(job: str, felt: Felt, network: NetworkDescription) -> None:
     """Raise BadInput for a fibre, or a quantum switch, through which no light of the job goes."""
-    if felt.ways is None:
+    options, parts = network.options, network.parts
+    shorthands = [
+        f"--{name.replace('_', '-')}"
+        for name in ("loss_db_per_km", "depolarizing", "kind")
+        if getattr(options, name) is not None
+    ]
+    if not (options.fiber or options.switch or shorthands):
         return
-    lit = {f"{a}-{b}" for way in felt.ways for a in way for b in way if a != b}
-    nodes = frozenset().union(*felt.ways)
-    taking_part = {*felt.devices, *network.parts.switches}
+    lit = frozenset[frozenset[str]]().union(*(_lit_fibers(light, parts) for light in felt.beams))
+    taking_part = {*felt.devices, *parts.switches}
     copper = {f"{a}-{b}" for a in taking_part for b in taking_part}  # is as long as fibres there
+    fibers = {f"{a}-{b}" for edge in lit for a in edge for b in edge if a != b}
+    switches = frozenset[str]().union(*lit) & {*parts.switches}
     for option, words, known in (
-        ("fiber", network.options.fiber, lit),
-        ("switch", network.options.switch, nodes),
+        ("fiber", options.fiber, fibers),
+        ("switch", options.switch, switches),
     ):
         for word in words:
             place, _dot, name = word.partition("=")[0].rpartition(".")
-            if place and place not in known and not (name == "length_km" and place in copper):
+            if name == "length_km" and (not place or place in copper):
+                continue
+            if place and place not in known:
                 text = f"no light of {job} goes through {place}"
-                raise BadInput(f"--{option} {word}: {text}: leave it out")
+            elif not known:
+                text = f"no light of {job} goes through any {NODES[option]}"
+            else:
+                continue
+            raise BadInput(f"--{option} {word}: {text}: leave it out")
+    if shorthands and not fibers:
+        raise BadInput(f"{shorthands[0]}: no light of {job} goes through any fibre: leave it out")

@@ -1,5 +1,6 @@
 """Settings of devices that a job would not feel are refused by name, with the one that acts."""
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +16,28 @@ from qmn.jobs.counted_service import checked
 from qmn.network.description import describe_network
 from qmn.options import BadInput, from_keywords
 from qmn.requests.service import service_request
+from topologies.nodes.optical_switch import OpticalSwitch
+from topologies.repeaters import RepeatersTopo
 
 POLICY = Path(policy.__file__).with_name("demo.toml")
 FIDELITY, WRONG = "source.fidelity=0.9", "source.preparation_error=0.1"
 MADE_WRONG = "gates.initialization_error=0.1"
+SEPARATE = {"probes": "separate"}
 DIAGONAL = "source.bell_diagonal=[0.7, 0.1, 0.1, 0.1]"
+
+BLIND_ALLEYS = {"topology": f"{__file__}:BlindAlleys"}
+
+
+class BlindAlleys(RepeatersTopo):
+    """Of charlie, with one fibre, and of the quantum switch q3."""
+
+    def build(self, **parameters: Any) -> None:
+        super().build(**parameters)
+        self.add_host("charlie", "10.0.0.30")
+        self.join("charlie", "q1", 1)
+        self.addSwitch("q3", cls=OpticalSwitch)
+        self.addLink("s1", "q3")
+        self.join("q3", "q2", 1)
 
 
 def check(service: str, *words: str, **options: Any) -> None:
@@ -160,6 +178,13 @@ def check_load(word: str, **options: Any) -> None:
             {"topology": "tree", "switch": ["q5.rotation=1"]},
             "no light of bb84 goes through q5",
         ),
+        ("sense", {**SEPARATE, "fiber": ["alice-q1.pauli_x=1"]}, "goes through alice-q1"),
+        ("sense", {**SEPARATE, "fiber": ["pauli_x=1"]}, "goes through any fibre"),
+        ("sense", {**SEPARATE, "switch": ["rotation=1"]}, "goes through any quantum switch"),
+        ("sense", {**SEPARATE, "depolarizing": 0.1}, "--depolarizing: no light of sense"),
+        ("swap", {**BLIND_ALLEYS, "fiber": ["charlie-q1.pauli_x=1"]}, "goes through charlie-q1"),
+        ("swap", {**BLIND_ALLEYS, "device": ["charlie.memory.t2_s=1"]}, "charlie takes no part"),
+        ("swap", {**BLIND_ALLEYS, "switch": ["q3.rotation=1"]}, "goes through q3"),
     ],
 )
 def test_parts_without_light_of_a_job_are_refused(
@@ -176,10 +201,32 @@ def test_parts_without_light_of_a_job_are_refused(
         {"fiber": ["depolarizing=0.1"], "switch": ["rotation=1", "q1.insertion_loss_db=1"]},
         {"node": ["bob=photonic"]},
         {"topology": "ring", "fiber": ["q3-q4.pauli_x=0.1"]},
+        {"service": "sense", "fiber": ["charlie-q1.pauli_x=1"], "switch": ["rotation=1"]},
+        {"service": "sense", **SEPARATE, "fiber": ["length_km=1", "alice-q1.length_km=2"]},
+        {"service": "swap", **BLIND_ALLEYS, "fiber": ["alice-q1.pauli_x=1", "r1-q1.pauli_x=1"]},
+        {"service": "swap", "stations": True, "fiber": ["m1-q1.pauli_x=1"]},
     ],
 )
 def test_parts_with_light_of_a_job_are_taken(options: dict[str, Any]) -> None:
-    checked(service_request("bb84", **options))
+    checked(service_request(**{"service": "bb84", **options}))
+
+
+@pytest.mark.parametrize(
+    ("options", "refusal"),
+    [
+        ({"fiber": ["charlie-q2.pauli_x=1"]}, "no light of bb84 goes through charlie-q2"),
+        ({"fiber": ["alice-q1.pauli_x=0.1", "q3-q4.pauli_x=0.1", "depolarizing=0.1"]}, None),
+    ],
+)
+def test_traffic_of_two_hosts_has_no_light_at_a_third(
+    options: dict[str, Any], refusal: str | None
+) -> None:
+    """In the ring of q1 to q4 light of alice (q1) and bob (q3) can go both ways round."""
+    traffic = {"service": "bb84", "senders": "alice", "receivers": "bob", **options}
+    request = from_keywords(LoadRequest, traffic, topology="ring")
+    network = describe_network(request.network)
+    with pytest.raises(BadInput, match=refusal) if refusal else nullcontext():
+        load.checked(request, network)
 
 
 def test_settings_of_presets_that_a_job_does_not_feel_are_named() -> None:
