@@ -6,19 +6,22 @@ import secrets
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import pytest
-from fabric_scene import STANDING, light_paths, started
+from fabric_scene import NOISE, STANDING, TurningRingTopo, light_paths, started
 from fabric_scene import running as running_here
 from limits import SOON_S
 from loaded import forks, run_qmn, serving
+from mininet.topo import Topo
 
 from topologies.networks.network import Network
+from topologies.repeaters import RepeatersTopo
 from topologies.sdc import SdcTopo
 from topologies.system.kernel.interfaces import delete
 from topologies.system.namespaces import MACHINE_NETWORK, are_own, running
@@ -33,7 +36,15 @@ TSHARK = [
     *("--inh-caps=+dac_override", "--ambient-caps=+dac_override"),
     *("env", "HOME=/nonexistent", "tshark"),
 ]
-SHARED = "shared_network"  # the fixture
+# What tests share, by the fixture that gives it; tests of each are next to each other.
+STANDS: dict[str, tuple[Callable[[], Topo], dict[str, Any]]] = {
+    "shared_network": (SdcTopo, {}),
+    "noisy_network": (partial(SdcTopo, depolarizing=NOISE), {}),
+    "ring_network": (TurningRingTopo, {}),
+    "chain_network": (partial(RepeatersTopo, repeaters=2), {}),
+    "queueing_network": (SdcTopo, {"contention": "queue"}),
+}
+POLICY = "policy.toml"
 # What all programs that these tests start inherit, and no other program on this machine has.
 MARK = ("QMN_TESTS", secrets.token_hex(8))
 os.environ.update([MARK])
@@ -47,7 +58,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     Together they use the processors as well as they can; those that have nothing left to do take
     over what others have, from its end. The first of n workers gets the first nth of all tests.
     """
-    items.sort(key=lambda item: SHARED not in item.fixturenames)  # type: ignore[attr-defined]
+    shared = [*STANDS, ""]
+    items.sort(key=lambda item: shared.index(stands_for(item.fixturenames)))  # type: ignore[attr-defined]
     workers = getattr(config, "workerinput", {}).get("workercount", 1)
     waiting = [item for item in items if item.get_closest_marker("waits")]
     busy = [item for item in items if item not in waiting]
@@ -64,9 +76,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.hookimpl(tryfirst=True)  # before fixtures
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """End the network that stands before a test that does not share it."""
-    if SHARED not in item.fixturenames:  # type: ignore[attr-defined]
+    """End the network that stands before a test that shares none."""
+    if not stands_for(item.fixturenames):  # type: ignore[attr-defined]
         STANDING.end()
+
+
+def stands_for(fixtures: Sequence[str]) -> str:
+    """Return which of STANDS a test with these fixtures shares, "" if none."""
+    return next((name for name in STANDS if name in fixtures), "")
 
 
 def wait_until(condition: Callable[[], object], what: str, timeout_s: float = SOON_S) -> None:
@@ -191,17 +208,26 @@ def _standing(_programs_loaded: None, tmp_path_factory: pytest.TempPathFactory) 
 
 
 @contextmanager
-def standing(folder: Path) -> Iterator[Network]:
-    """Start the network that stands."""
-    with nothing_left(), TemporaryDirectory(dir=folder) as own, started(SdcTopo, Path(own)) as sdc:
-        yield sdc
+def standing(name: str, folder: Path) -> Iterator[Network]:
+    """Start a network that stands, with a policy that tests change: see `policy`."""
+    topo, settings = STANDS[name]
+    with nothing_left(), TemporaryDirectory(dir=folder) as own:
+        policy = Path(own, POLICY)
+        policy.touch()
+        with started(topo, Path(own), policy=str(policy), **settings) as network:
+            yield network
+
+
+def lent(name: str, folder: Path) -> Network:
+    """Return the network of this name."""
+    return STANDING.take(name, partial(standing, name, folder))
 
 
 @pytest.fixture(autouse=True)
 def _nothing_is_left(request: pytest.FixtureRequest, _standing: Path) -> Iterator[None]:
     """Hold each test to account for what it leaves."""
-    if SHARED in request.fixturenames:
-        STANDING.take(partial(standing, _standing))
+    if name := stands_for(request.fixturenames):
+        lent(name, _standing)
     with nothing_left():
         yield
 
@@ -213,17 +239,50 @@ def network(tmp_path: Path) -> Iterator[Network]:
         yield network
 
 
-@pytest.fixture
-def shared_network(_nothing_is_left: None, _standing: Path) -> Iterator[Network]:
-    """Give the network that stands, dark as a new one; a test mends what it has broken."""
-    network = STANDING.take(partial(standing, _standing))
+@contextmanager
+def shared(name: str, folder: Path) -> Iterator[Network]:
+    """Give a network that stands, dark as a new one; a test mends what it has broken."""
+    network = lent(name, folder)
     try:
         yield network
         network.check()
-        wait_until(lambda: not light_paths("q1"), "the light is free for the next test")
+        for switch in network.runtime.switches:
+            wait_until(lambda: not light_paths(switch), "the light is free for the next test")  # noqa: B023
     except BaseException:
         STANDING.end()
         raise
+
+
+def sharing(name: str) -> Callable[..., Iterator[Network]]:
+    """Return the fixture that gives a network that stands."""
+
+    @pytest.fixture(name=name)
+    def given(_nothing_is_left: None, _standing: Path) -> Iterator[Network]:
+        with shared(name, _standing) as network:
+            yield network
+
+    return given
+
+
+shared_network, noisy_network, ring_network, chain_network, queueing_network = map(sharing, STANDS)
+
+
+def policy_of(network: Network) -> Path:
+    """Return the policy file of a network that stands."""
+    return network.runtime.logs.parent / POLICY
+
+
+@contextmanager
+def policy(network: Network, text: str) -> Iterator[None]:
+    """Let a network that stands have a policy."""
+    file = policy_of(network)
+    file.write_text(text)
+    try:
+        verb("policy", "reload")
+        yield
+    finally:
+        file.write_text("")
+        verb("policy", "reload")
 
 
 def typed(page: str, number: int, run: Path) -> str:

@@ -4,42 +4,64 @@ import re
 import subprocess
 import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, TypeVar
 
 from loaded import forks
 from mininet.topo import Topo
 
 from hosts.quantum_socket import QuantumSocket
+from hosts.service_socket import ServiceSocket
 from topologies.networks.network import Network, Signals
+from topologies.ring import RingTopo
 from topologies.system.runs.runtime import Runtime
 from wire.controller_lines import read_record
 from wire.parameters.network import NetworkSettings
 
 TIMEOUT_S = 40.0
+SERVICE_PORT = 9
+NOISE = 0.02  # of each fibre of the noisy network
+T = TypeVar("T")
 
 
 class Standing:
-    """A network that stands for all tests that share it: in a process there is one at a time."""
+    """What stands for all tests that share it, by its name: in a process there is one at a time."""
 
     def __init__(self) -> None:
         self._stack = ExitStack()
-        self._network: Network | None = None
+        self._name = ""
+        self._shared: Any = None
 
-    def take(self, starting: Callable[[], AbstractContextManager[Network]]) -> Network:
-        """Return it; start it if it does not stand."""
-        if self._network is None:
-            self._network = self._stack.enter_context(starting())
-        return self._network
+    def take(self, name: str, starting: Callable[[], AbstractContextManager[T]]) -> T:
+        """Return it; start it if it does not stand, and end another."""
+        if self._name != name:
+            self.end()
+            self._shared = self._stack.enter_context(starting())
+            self._name = name
+        shared: T = self._shared
+        return shared
 
     def end(self) -> None:
-        """End it, if it stands."""
-        self._network = None
+        """End what stands."""
+        self._name, self._shared = "", None
         self._stack.close()
 
 
 STANDING = Standing()
+
+
+class TurningRingTopo(RingTopo):
+    """A ring whose switches turn light, what they do to pairs being alike both ways round."""
+
+    ROTATIONS: ClassVar = {"q1": 1, "q2": 2, "q3": 2, "q4": 2}
+
+    def build(self, switches: int = 4, fibers: int = 2, **fiber: float) -> None:
+        """Lay the ring."""
+        super().build(switches, fibers, **fiber)
+        for name, rotation in self.ROTATIONS.items():
+            self.setNodeInfo(name, {**self.nodeInfo(name), "rotation": rotation})
 
 
 @contextmanager
@@ -57,6 +79,16 @@ def started(topo: Callable[[], Topo], folder: Path, **settings: Any) -> Iterator
     runtime = Runtime(asked, log_folder=logs, fork_server=forks())
     with Signals() as signals, Network(topo, runtime, signals) as network:
         yield network
+
+
+@contextmanager
+def captured(network: Network, interface: str) -> Iterator[Path]:
+    """Give the capture of a link of a switch, which ends with this."""
+    try:
+        files = network.capture(interface.partition("-")[0])
+        yield next(file for file in files if file.stem == interface)
+    finally:
+        network.captures.end()
 
 
 def light_paths(switch: str) -> dict[int, int]:
@@ -84,6 +116,33 @@ def switches_on_the_way(network: Network, interface: str) -> list[str]:
         passed.append(end.node)
         end = far[end.node, str(light_paths(end.node)[int(end.port)])]
     return [*passed, end.node]
+
+
+def served(
+    network: Network, service: str, opener: str, *hosts: str, **options: object
+) -> dict[str, Any]:
+    """Ask the first of these hosts for a service while all take part; return what opener learns."""
+    with ThreadPoolExecutor(len(hosts)) as pool, ExitStack() as stack:
+        waiting = []
+        for host in hosts:
+            listener = stack.enter_context(ServiceSocket(network.runtime.socket(host)))
+            listener.settimeout(TIMEOUT_S)
+            listener.listen(SERVICE_PORT, service)
+            waiting.append(pool.submit(taken_part, listener))
+        asking = stack.enter_context(ServiceSocket(network.runtime.socket(opener)))
+        list(asking.request(service, (hosts[0], SERVICE_PORT), **options))
+        asking.shutdown()
+        for each in waiting:
+            each.result(TIMEOUT_S)
+        return asking.summary
+
+
+def taken_part(listener: ServiceSocket) -> None:
+    """Take part in one session until it is over."""
+    connection, _peer = listener.accept()
+    with connection:
+        while not connection.over:
+            list(connection.results())
 
 
 class Session:

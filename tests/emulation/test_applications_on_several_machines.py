@@ -121,6 +121,7 @@ def test_both_ends_of_a_key_link_between_machines_deliver_the_same_key_once(
         assert json.loads(bob.cmd(f"{web}/sae-alice/enc_keys"))["keys"]
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.waits
 @pytest.mark.parametrize(
     ("program", "places"), [("wireguard", ("bob=m2", "eve=m2")), ("tls", ("alice=m2",))]
@@ -289,6 +290,7 @@ LASTING = {  # runs, each with a program of bob's, and what its log says when it
 }
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize("job", LASTING)
 def test_a_worker_that_is_killed_ends_the_job_by_name_and_leaves_nothing(
     job: str, second: SecondMachine, tmp_path: Path

@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from conftest import wait_until
-from fabric_scene import facts, running, session
+from conftest import policy, wait_until
+from fabric_scene import captured, facts, running, session
 from limits import SOON_S
 from scapy.layers.inet import TCP
 from scapy.packet import Packet
@@ -62,17 +62,18 @@ def first_with_payload(capture: Path) -> Packet:
     return next(each for each in segments if each.dport == METADATA_PORT and bytes(each.payload))
 
 
-def test_a_segment_without_psh_is_arbitrated_like_any_other(network: Network) -> None:
-    capture = next(path for path in network.capture("s1") if path.name == "s1-eth1.pcap")
+def test_a_segment_without_psh_is_arbitrated_like_any_other(shared_network: Network) -> None:
+    network, before = shared_network, len(facts(shared_network, "granted"))
     granted = replace(SETUP, verdict=Verdict.GRANTED)
-    with listening(network, "teleport"):
+    with captured(network, "s1-eth1") as capture, listening(network, "teleport"):
         assert spoken(network, "alice", granted.encode() + BEHIND) is None
         own = replace(SETUP, session=session_number(ALICE, 1))
         asked = spoken(network, "alice", own.encode() + BEHIND)
         assert isinstance(asked, Answer)
         assert asked.reason == Reason.OK  # what follows is not a message, and ends it
         require_nothing_left(network)
-        assert [fact["session"] for fact in facts(network, "granted")] == ["0a00000100000080"]
+        (fact,) = facts(network, "granted")[before:]
+        assert fact["session"] == "0a00000100000080"
     assert first_with_payload(capture).flags == "A"
 
 
@@ -97,28 +98,30 @@ FOREIGN = (b"foreign MAC", b"foreign IP", b"foreign ARP", b"foreign ARP MAC", b"
 
 def pose_as_alice(network: Network) -> bytes:
     """Let charlie send frames as alice, then one of his own; return what bob's link has carried."""
-    capture = next(path for path in network.capture("s1") if path.name == "s1-eth2.pcap")
     script = network.runtime.logs.parent / "send.py"
     script.write_text(SEND)
     charlie, alice = network.host("charlie"), network.host("alice")
     words = f"{charlie.defaultIntf()} {charlie.MAC()} {alice.MAC()}"
-    said = charlie.cmd(f"{sys.executable} {script} {words}")
-    assert "Traceback" not in said, said
-    wait_until(lambda: b"own" in capture.read_bytes(), "own")
-    return capture.read_bytes()
+    with captured(network, "s1-eth2") as capture:
+        said = charlie.cmd(f"{sys.executable} {script} {words}")
+        assert "Traceback" not in said, said
+        wait_until(lambda: b"own" in capture.read_bytes(), "own")
+        return capture.read_bytes()
 
 
-def test_a_host_speaks_from_its_own_addresses_alone(network: Network) -> None:
-    carried = pose_as_alice(network)
+def test_a_host_speaks_from_its_own_addresses_alone(shared_network: Network) -> None:
+    carried = pose_as_alice(shared_network)
     assert not [words for words in FOREIGN if words in carried]
 
 
-def test_for_attack_studies_hosts_may_pose_as_others(tmp_path: Path) -> None:
-    policy = tmp_path / "open.toml"
-    policy.write_text("[filter]\naddresses = false\n")
-    with running(SdcTopo, tmp_path, policy=str(policy)) as network:
-        carried = pose_as_alice(network)
-        assert [words for words in FOREIGN if words in carried] == list(FOREIGN)
+def test_for_attack_studies_hosts_may_pose_as_others(shared_network: Network) -> None:
+    with policy(shared_network, "[filter]\naddresses = false\n"):
+        carried = pose_as_alice(shared_network)
+    assert [words for words in FOREIGN if words in carried] == list(FOREIGN)
+    hosts = [shared_network.host(name) for name in ("alice", "bob", "charlie")]
+    for host in hosts:
+        host.cmd("ip neigh flush all")  # bob and the switch have believed charlie
+    assert shared_network.net.ping(hosts, timeout="2") == 0
 
 
 HIDE = """
@@ -142,17 +145,18 @@ for layer in [
 """
 
 
-def test_nothing_passes_that_the_switch_cannot_see_into(network: Network) -> None:
+def test_nothing_passes_that_the_switch_cannot_see_into(shared_network: Network) -> None:
     """Linux takes off any number of VLAN tags of number 0, and puts pieces of TCP together."""
-    capture = next(path for path in network.capture("s1") if path.name == "s1-eth2.pcap")
+    network = shared_network
     script = network.runtime.logs.parent / "hide.py"
     script.write_text(HIDE)
     charlie, bob = network.host("charlie"), network.host("bob")
     words = f"{charlie.defaultIntf()} {charlie.MAC()} {bob.MAC()} {METADATA_PORT}"
-    said = charlie.cmd(f"{sys.executable} {script} {words}")
-    assert "Traceback" not in said, said
-    wait_until(lambda: b"own" in capture.read_bytes(), "what is in pieces, and no TCP")
-    carried = capture.read_bytes()
+    with captured(network, "s1-eth2") as capture:
+        said = charlie.cmd(f"{sys.executable} {script} {words}")
+        assert "Traceback" not in said, said
+        wait_until(lambda: b"own" in capture.read_bytes(), "what is in pieces, and no TCP")
+        carried = capture.read_bytes()
     assert b"under one tag" in carried
     assert b"hidden" not in carried
 
@@ -180,10 +184,9 @@ def test_nobody_takes_the_number_of_another_s_session(shared_network: Network) -
     assert f"{number:016x}" in {fact["session"] for fact in facts(network, "granted")}
 
 
-def test_for_attack_studies_hosts_may_take_others_numbers(tmp_path: Path) -> None:
-    policy = tmp_path / "open.toml"
-    policy.write_text("[filter]\nnumbers = false\n")
-    with running(SdcTopo, tmp_path, policy=str(policy)) as network:
+def test_for_attack_studies_hosts_may_take_others_numbers(shared_network: Network) -> None:
+    network = shared_network
+    with policy(network, "[filter]\nnumbers = false\n"):
         reason, number = take_the_next_number_of_alice(network)
         assert reason == Reason.OK
         with (

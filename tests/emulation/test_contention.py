@@ -7,7 +7,7 @@ from conftest import wait_until
 from fabric_scene import Session, facts, light_paths, running, session
 
 from topologies.leaf_spine import LeafSpineTopo
-from topologies.sdc import SdcTopo
+from topologies.networks.network import Network
 
 DATA = bytes(range(256)) * 64
 
@@ -42,16 +42,16 @@ def test_two_sessions_share_the_switches_and_no_path(tmp_path: Path) -> None:
         assert other.finish(len(DATA)) == DATA[::-1]
 
 
-def test_a_queued_session_begins_when_the_first_has_ended(tmp_path: Path) -> None:
-    with running(SdcTopo, tmp_path, contention="queue") as network:
-        first = Session(network, "alice", "bob", port=7).open()
-        second = Session(network, "alice", "bob", port=8)
-        opening = threading.Thread(target=second.open)
-        opening.start()
-        wait_until(lambda: facts(network, "queued"), "the second waits")
-        assert first.carry(DATA) == DATA
-        first.close()
-        opening.join(10)
-        assert not opening.is_alive()
-        assert second.carry(DATA) == DATA
-        second.close()
+def test_a_queued_session_begins_when_the_first_has_ended(queueing_network: Network) -> None:
+    network, before = queueing_network, len(facts(queueing_network, "queued"))
+    first = Session(network, "alice", "bob", port=7).open()
+    second = Session(network, "alice", "bob", port=8)
+    opening = threading.Thread(target=second.open)
+    opening.start()
+    wait_until(lambda: len(facts(network, "queued")) > before, "the second waits")
+    assert first.carry(DATA) == DATA
+    first.close()
+    opening.join(10)
+    assert not opening.is_alive()
+    assert second.carry(DATA) == DATA
+    second.close()

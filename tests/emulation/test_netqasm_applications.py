@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import netqasm.examples.apps
+import pytest
 from documentation import blocks
 from loaded import run_qmn
 from scapy.layers.inet import IP, TCP
@@ -107,6 +108,7 @@ def test_each_of_three_nodes_shares_pairs_with_the_others(tmp_path: Path) -> Non
     assert list(differing(tmp_path).values()) == [[False] * 4] * 3
 
 
+@pytest.mark.nightly
 def test_three_nodes_have_as_noisy_pairs_as_their_ways_are_long(tmp_path: Path) -> None:
     """Charlie makes the pairs: light to him passes no fibre, to another two, each with p."""
     p, rounds = 0.6, 40
@@ -175,6 +177,7 @@ def test_a_state_comes_over_and_nobody_knows_from_whom(tmp_path: Path) -> None:
         assert abs(fidelity - 1) < 1e-6  # the SDK meets an angle to 1e-4 of pi
 
 
+@pytest.mark.nightly
 def test_anonymous_transmission_is_as_good_as_the_pairs_of_its_ghz_states(tmp_path: Path) -> None:
     """Pairs of alice and bob pass four fibres, those that charlie makes of his own two: W1, W2, W3.
 

@@ -1,13 +1,14 @@
-"""`qmn run conference` from outside: three hosts get the same keys, over fibres that depolarise."""
+"""Conference keys: three hosts get the same ones, over fibres that depolarise."""
 
-import json
 import re
 from math import log2, sqrt
 from pathlib import Path
 
+from fabric_scene import NOISE, served
 from loaded import run_qmn
 
-NOISE = 0.005
+from topologies.networks.network import Network
+
 HOSTS = ("alice", "bob", "charlie")
 
 
@@ -15,24 +16,20 @@ def entropy(p: float) -> float:
     return -p * log2(p) - (1 - p) * log2(1 - p)
 
 
-def keys_of(folder: Path, host: str) -> dict[str, bytes]:
+def keys_of(network: Network, host: str) -> dict[str, bytes]:
     """Return the keys of all three in the store of a host."""
-    stored = (folder / host / "+".join(HOSTS)).glob("*/*-*")
+    stored = Path(network.runtime.key_folder(host), "+".join(HOSTS)).glob("*/*-*")
     return {file.name: file.read_bytes() for file in stored}
 
 
-def test_three_hosts_get_the_same_keys(tmp_path: Path) -> None:
+def test_three_hosts_get_the_same_keys(noisy_network: Network) -> None:
     """Q = (1 - (1 - p)^4)/2 of two links of two fibres each, in X and of the last host in Z."""
-    words = ["--depolarizing", str(NOISE), "--count", "15000", "--captures", "none", "--no-report"]
-    keys = tmp_path / "keys"
-    done = run_qmn("run", "conference", *words, "--keys", str(keys), "--runs", str(tmp_path))
-    assert done.returncode == 0, done.stdout + done.stderr
-    told = json.loads((tmp_path / "latest" / "result.json").read_text())["job"]["asking"]
+    told = served(noisy_network, "conference", *HOSTS, line=",".join(HOSTS), count=15_000)
     expected = (1 - (1 - NOISE) ** 4) / 2
     for found, tests in ((told["qber_x"], "tests_in_x"), (told["qber_z"][1], "tests_in_z")):
         assert abs(found - expected) < 5 * sqrt(expected / told[tests])
     assert 0 < told["key_bits"] < told["raw_bits"] * (1 - 2 * entropy(expected))
-    alice, *others = (keys_of(keys, host) for host in HOSTS)
+    alice, *others = (keys_of(noisy_network, host) for host in HOSTS)
     assert len(alice) == told["keys"] == told["key_bits"] // 256
     assert all(each == alice for each in others)
 

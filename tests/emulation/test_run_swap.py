@@ -9,11 +9,12 @@ from typing import Any
 
 import pytest
 from conftest import verb
-from fabric_scene import running
+from fabric_scene import facts, running, served
 from loaded import run_qmn
 
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
+from topologies.networks.network import Network
 from topologies.repeaters import RepeatersTopo
 from wire.controller_lines import read_record
 
@@ -37,9 +38,16 @@ def test_pairs_come_by_way_of_repeaters(tmp_path: Path, repeaters: int) -> None:
     assert result["path_setup_ms"]["n"] == repeaters + 1  # a path for each link
 
 
-def test_a_pair_source_host_with_two_fibres_can_be_the_repeater(tmp_path: Path) -> None:
-    result = run(tmp_path, "--topology", "sdc", "--count", "500")
-    assert (result["job"]["asking"]["pairs"], result["job"]["asking"]["fidelity"]) == (500, 1)
+def test_a_pair_source_host_with_two_fibres_can_be_the_repeater(shared_network: Network) -> None:
+    told = served(shared_network, "swap", "alice", "bob", count=500)
+    assert (told["pairs"], told["fidelity"]) == (500, 1)
+
+
+def test_pairs_of_a_chain_that_stands_come_by_way_of_two_repeaters(chain_network: Network) -> None:
+    before = len(facts(chain_network, "path_ready"))
+    told = served(chain_network, "swap", "alice", "bob", count=500)
+    assert (told["pairs"], told["fidelity"]) == (500, 1)
+    assert len(facts(chain_network, "path_ready")) == before + 3  # a path for each link
 
 
 def test_the_controller_has_the_repeaters_take_turns_and_a_noisy_run_is_replayed(
