@@ -188,14 +188,13 @@ def checked(request: ServiceRequest) -> tuple[ServiceRequest, NetworkDescription
 def with_beam_splitter(
     request: ServiceRequest, network: NetworkDescription
 ) -> tuple[ServiceRequest, NetworkDescription]:
-    """Return both with a beam splitter at the relay, if nothing is said of its analyser."""
+    """Return both with a beam splitter at the relay, if no option names its analyser."""
     relay = request.options.source or network.parts.source_for(request.sender)
-    said = f"{relay}.analyser.kind="
-    if relay not in network.hosts or any(word.startswith(said) for word in request.network.device):
-        return request, network
-    words = (*request.network.device, f"{said}{BEAM_SPLITTER}")
-    request = replace(request, network=replace(request.network, device=words))
-    return request, describe_network(request.network)
+    option = f"{relay}.analyser.kind="
+    named = any(word.startswith(option) for word in request.network.device)
+    if relay in network.hosts and not named:
+        network = network.with_analyser(relay, BEAM_SPLITTER)
+    return replace(request, network=network.options), network
 
 
 def check_source(options: ServiceOptions, hosts: Sequence[str]) -> None:

@@ -14,7 +14,7 @@ from dispatcher.fiber import fiber_noise
 from qmn.network.custom_topology import BadTopology, is_custom
 from qmn.network.device_options import base_device
 from qmn.network.options import MAP, NetworkOptions
-from qmn.network.part_options import PartOptions
+from qmn.network.part_options import PartOptions, set_device
 from qmn.network.time_scale import AUTO, Scale, scale_of
 from qmn.network.topologies import builder
 from topologies.catalogue.map_parts import spelling
@@ -59,6 +59,20 @@ class NetworkDescription:
 
     def with_policy(self, policy: Path) -> "NetworkDescription":
         return replace(self, options=replace(self.options, policy=str(policy)))
+
+    def with_analyser(self, host: str, kind: str) -> "NetworkDescription":
+        """Return the network with another Bell analyser of a host, as by --device."""
+        device = self.parts.hosts[host]
+        device = replace(device, analyser=replace(device.analyser, kind=kind))
+        device.check(host)
+        set_device(self.topo.nodeInfo(host), device)
+        words = *self.options.device, f"{host}.analyser.kind={kind}"
+        return replace(
+            self,
+            options=replace(self.options, device=words),
+            parts=replace(self.parts, hosts={**self.parts.hosts, host: device}),
+            stated_devices={**self.stated_devices, host: device},
+        )
 
     def build(self) -> Topo:
         return self.topo

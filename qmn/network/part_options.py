@@ -76,7 +76,7 @@ class PartOptions:
         given = devices(self.device, Device(), others | named)
         for host in self.named_hosts:
             _require("--node or --device", host, hosts)
-            _set_device(hosts[host], given[host])
+            set_device(hosts[host], given[host])
 
     def _set_fibers(self, content: Content) -> None:
         by_place = _fibers_by_place(content)
@@ -102,7 +102,7 @@ class PartOptions:
                 switches[switch][name] = value
 
 
-def _set_device(info: Info, device: Device) -> None:
+def set_device(info: Info, device: Device) -> None:
     """Give a host another device; a source stays one."""
     info["source"] = bool(info.get("source"))
     for part in DEVICE_PARTS:

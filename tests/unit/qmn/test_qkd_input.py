@@ -1,5 +1,6 @@
 """The input of `qmn run qkd`, and what it refuses before anything starts."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -7,6 +8,7 @@ import pytest
 from hosts.middleware.services.key_distribution.options import KeyOptions
 from qmn.__main__ import described
 from qmn.jobs.counted_service import checked
+from qmn.network.description import describe_network
 from qmn.options import BadInput
 from qmn.requests.service import ServiceRequest
 from qmn.verbs.run import service_request
@@ -82,3 +84,23 @@ def test_a_session_has_a_count_or_a_time(capsys: pytest.CaptureFixture[str]) -> 
     with pytest.raises(SystemExit):
         parse("qkd", "--seconds", "2.5", "--count", "5000")
     assert "not allowed with argument" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [(), ("--device", "charlie.detectors.efficiency=0.5")])
+def test_a_relay_has_a_beam_splitter_as_if_by_its_option(words: tuple[str, ...]) -> None:
+    asked = parse("qkd", "--protocol", "mdi", *words)
+    request, network = checked(asked)
+    option = "charlie.analyser.kind=beam-splitter"
+    stated = replace(asked.network, device=(*asked.network.device, option))
+    expected = describe_network(stated)
+    assert network.parts == expected.parts
+    assert network.stated_devices == expected.stated_devices
+    assert network.topo.nodeInfo("charlie") == expected.topo.nodeInfo("charlie")
+    assert request.network == network.options == expected.options == stated
+
+
+def test_a_named_analyser_of_a_relay_stays() -> None:
+    option = "charlie.analyser.kind=linear"
+    request, network = checked(parse("qkd", "--protocol", "mdi", "--device", option))
+    assert network.parts.hosts["charlie"].analyser.kind == "linear"
+    assert request.network.device == (option,)
