@@ -1,13 +1,13 @@
 """A network on a map (s1, ed and copper as in sdc.py): at each place a quantum switch and a host.
 
-  seattle            chicago          place     host, two fibres to its switch
+  seattle            chicago          place     host, one or two fibres to its switch
      ||                 ||            q1, q2    switches, two fibres for each way of the map
      q1 =============== q2 == src     src       the pair source, at the centre
 
 sudo PYTHONPATH=. mn --custom topologies/mapped.py --topo map,map=abilene
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,7 +16,6 @@ from mininet.log import warn
 from programs.shortest_paths import Distances, shortest
 from topologies.catalogue.map_parts import spelling
 from topologies.catalogue.maps import Map, Place, Position, positions, read_map
-from topologies.catalogue.node_kinds import node_device
 from topologies.fabric import FabricTopo, Mininet, controllers, findController
 from topologies.links.copper_lengths import centre
 from wire.parameters.physics import BellAnalyser, Device
@@ -69,41 +68,49 @@ class MapTopo(FabricTopo):
             self.join(switches[way.one], switches[way.other], int(fibers), **own)
             for one, other in ((way.one, way.other), (way.other, way.one)):
                 ways[one][other] = min(way.length_km, ways[one].get(other, way.length_km))
-        sources = self._add_sources(read, chosen(read, sources_at), ways, switches)
-        self._add_hosts(read, places, sources, ways, switches, repeaters_at)
+        repeaters = {place.name for place in chosen(read, repeaters_at)}
+        sources = self._add_sources(
+            read, chosen(read, sources_at), ways, switches, can_repeat=not repeaters
+        )
+        self._add_hosts(places, sources, ways, switches, repeaters)
         self.positions = positions_of(read, switches, sources)
 
     def _add_sources(
-        self, read: Map, places: Sequence[Place], ways: Distances, switches: dict[str, str]
+        self,
+        read: Map,
+        places: Sequence[Place],
+        ways: Distances,
+        switches: dict[str, str],
+        can_repeat: bool,
     ) -> dict[str, str]:
         """Add a pair source at each of these places, or at the centre; return which is where."""
         at = [place.name for place in places]
         at = at or [str(centre(ways, [place.name for place in read.places]))]
         found = {place: f"{SOURCE}{n if len(at) > 1 else ''}" for n, place in enumerate(at, 1)}
         for place, name in found.items():
-            self.add_host(name, self.next_address(), source=True)
+            device = self.device_of(name)
+            if not can_repeat:
+                device = replace(device, memory=replace(device.memory, capacity=0))
+            self.add_host(name, self.next_address(), source=True, device=device)
             self.join(name, switches[place], HOST_FIBERS)
         return found
 
     def _add_hosts(
         self,
-        read: Map,
         places: Sequence[Place],
         sources: dict[str, str],
         ways: Distances,
         switches: dict[str, str],
-        repeaters_at: str,
+        repeaters: Collection[str],
     ) -> None:
-        repeaters = {place.name for place in chosen(read, repeaters_at)}
+        """Add a host at each place; if some are repeaters, the others get one fibre."""
         for place in places:
             away = shortest(ways, place.name)
             nearest = min(sources, key=lambda source: away[source])
-            own = {}
-            if repeaters and place.name not in repeaters:
-                own["device"] = node_device("photonic", self.device_of(place.name))
             name = place.name
-            self.add_host(name, self.next_address(), pairs_from=sources[nearest], **own)
-            self.join(name, switches[name], HOST_FIBERS)
+            self.add_host(name, self.next_address(), pairs_from=sources[nearest])
+            one_fiber = repeaters and name not in repeaters
+            self.join(name, switches[name], 1 if one_fiber else HOST_FIBERS)
 
 
 def waiting_for_the_other_half(device: Device) -> Device:

@@ -102,10 +102,6 @@ def sources(told: Flat) -> set[str]:
     return {told[f"{host}.source"] for host in devices(told)}
 
 
-def gates(told: Flat, host: str) -> Any:
-    return told[f"dispatcher.devices.{host}.gates.kind"]
-
-
 DELAY_S = 20.4e3 / 2.04e8  # of 20.4 km
 # Words on the command line, and what is so of the configurations then, and else is not.
 CASES: dict[str, tuple[list[str], Callable[[Flat], bool]]] = {
@@ -163,7 +159,12 @@ CASES: dict[str, tuple[list[str], Callable[[Flat], bool]]] = {
     "repeaters_at": (
         [*MAP, "--repeaters-at", "dnvrng"],
         lambda told: (
-            {host for host in devices(told) if gates(told, host) == "any"} == {"dnvrng", "src"}
+            {
+                host
+                for host in devices(told)
+                if sum(fibers_between(told, host, f"q{number}") for number in range(1, 13)) == 2
+            }
+            == {"dnvrng", "src"}
         ),
     ),
     "fibers": (

@@ -17,6 +17,7 @@ from topologies.catalogue.maps import BadMap, positions, read_map
 from topologies.links.copper_link import CopperLink
 from topologies.links.fiber import FiberLink
 from topologies.mapped import MapTopo
+from wire.features import STORE
 from wire.parameters.physics import BellAnalyser
 
 MILE_KM = 1.609344  # the international mile
@@ -283,8 +284,9 @@ def test_hosts_sources_and_repeaters_are_where_they_are_wanted() -> None:
     assert set(topo.hosts()) == {"ed", "src1", "src2", "sttlng", "losang", "nycmng"}
     sources = {host: topo.nodeInfo(host)["pairs_from"] for host in ("sttlng", "losang", "nycmng")}
     assert sources == {"sttlng": "src1", "losang": "src1", "nycmng": "src2"}
-    gates = {host: topo.nodeInfo(host)["device"].gates.kind for host in sources}
-    assert gates == {"sttlng": "paulis", "losang": "any", "nycmng": "paulis"}
+    laid = {host: len(infos) for ends, infos in fibers(topo).items() for host in ends.split()}
+    assert {host: laid[host] for host in sources} == {"sttlng": 1, "losang": 2, "nycmng": 1}
+    assert STORE not in topo.nodeInfo("src1")["device"].features
 
 
 def test_halves_that_come_long_before_the_others_are_kept_unless_an_analyser_is_named() -> None:
