@@ -20,7 +20,7 @@ from ipaddress import IPv4Address
 from itertools import count
 
 from wire.config import CopperConfig
-from wire.network_time import NEVER, GateClient, SteppedTime
+from wire.network_time import CABLES, NEVER, GateClient, SteppedTime
 
 MOST_BYTES = 1 << 16
 AT_ONCE = 64  # frames read from one end before the next is served
@@ -68,7 +68,7 @@ class Forwarder:
                 self._directions[into] = Direction(into, out_of, delay_ns, cable.loss, ns_per_byte)
                 self._readable.register(into, select.EPOLLIN)
         time_ = config.time
-        self._gate = GateClient(time_) if isinstance(time_, SteppedTime) else None
+        self._gate = GateClient(time_, CABLES) if isinstance(time_, SteppedTime) else None
         self._now_ns = time_.now_ns if self._gate else time.monotonic_ns
         if self._gate:
             self._readable.register(self._gate, select.EPOLLIN)

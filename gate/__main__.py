@@ -22,7 +22,7 @@ def main() -> int:
         signal.signal(number, lambda *_: gate.stop())
     print("ready", flush=True)
     gate.run()
-    print(f"stopped: {gate.leaps:,} leaps, {gate.wrong:,} wrong")
+    print(f"stopped: {gate.leaps:,} leaps, {gate.wrong:,} wrong, at {gate.clock_s:,.9f} s")
     return 0
 
 

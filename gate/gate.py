@@ -3,8 +3,9 @@
     program --(deadline)--> gate --(clock, in a page that all read)--> programs
                                  --(notice)--> the programs whose deadline it is
 
-The clock leaps to the earliest deadline when nothing runs. While a client asks for that, it goes
-with the wall instead.
+When nothing runs, the clock leaps to the earliest deadline. Of those that wait for one instant the
+first turn is notified at once, and each other when all is quiet again, before the next leap. While
+a client asks for that, the clock goes with the wall instead.
 """
 
 import mmap
@@ -12,15 +13,43 @@ import os
 import select
 import socket
 import time
+from collections.abc import Iterable
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 from gate.quiescence import Quiescence
 from gate.timeouts import PAUSE_S
-from wire.network_time import GATE, INSTANT, NEVER, PAGE, PAGE_BYTES, TAKEN, WITH_WALL
+from wire.network_time import (
+    GATE,
+    INSTANT,
+    NEVER,
+    PAGE,
+    PAGE_BYTES,
+    PROGRAMS,
+    TAKEN,
+    WAIT,
+    WITH_WALL,
+)
 
 LISTEN = 1024
 NS = 1_000_000_000
+
+
+@dataclass(eq=False)
+class Client:
+    """What a program waits for."""
+
+    socket: socket.socket
+    deadline_ns: int = NEVER
+    background_ns: int = NEVER  # the clock does not leap for it
+    turn: int = PROGRAMS
+    is_notified: bool = False  # since it has named these
+
+    def is_due(self, now_ns: int) -> bool:
+        """Whether it is to be notified."""
+        first_ns = min(self.deadline_ns, self.background_ns)
+        return WITH_WALL < first_ns <= now_ns and not self.is_notified
 
 
 class Gate:
@@ -35,12 +64,11 @@ class Gate:
         self._clock = memoryview(mmap.mmap(page, PAGE_BYTES)).cast("q")
         self._sent, self._taken = self._clock[1:TAKEN], self._clock[TAKEN + 1 :]
         os.close(page)
-        self._clock[0] = since_ns
-        self._deadlines: dict[socket.socket, int] = {}  # of each client
+        self._clock[0] = self._since_ns = since_ns
         self._wall_ns = 0  # when the clock was set by the wall last; 0: it does not go with it
         self._stepped_since_ns = since_ns
         self._poller = select.epoll()
-        self._clients: dict[int, socket.socket] = {}
+        self._clients: dict[int, Client] = {}  # by descriptor
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._listener.bind(str(folder / GATE))
         self._listener.listen(LISTEN)
@@ -48,6 +76,11 @@ class Gate:
         self._stopped = False
         for file in (self._listener.fileno(), self._wake_reader):
             self._poller.register(file, select.EPOLLIN)
+
+    @property
+    def clock_s(self) -> float:
+        """Return how far the clock has gone."""
+        return float(self._clock[0] - self._since_ns) / NS
 
     def stop(self) -> None:
         """Let `run` return; a signal handler may call it."""
@@ -58,11 +91,10 @@ class Gate:
         """Step the clock until `stop`."""
         while not self._stopped:
             self._take(self._wait_s())
-            if self._wall_ns or WITH_WALL in self._deadlines.values():
+            if self._wall_ns or self._asks_for_wall:
                 self._go_with_wall()
-            elif self._can_leap and self._is_quiet:
-                self._set(min(self._deadlines.values()))
-                self.leaps += 1
+            elif self._is_awaited and self._is_quiet:
+                self._go_on()
 
     @property
     def _is_quiet(self) -> bool:
@@ -70,17 +102,44 @@ class Gate:
         return bool(self._quiet) and self._sent == self._taken and not self._take(0)
 
     @property
-    def _can_leap(self) -> bool:
-        """Whether all wait, and one of them for an instant to come."""
-        return self._clock[0] < min(self._deadlines.values(), default=NEVER) < NEVER
+    def _asks_for_wall(self) -> bool:
+        return any(client.deadline_ns == WITH_WALL for client in self._clients.values())
+
+    def _due(self) -> list[Client]:
+        now_ns = self._clock[0]
+        return [client for client in self._clients.values() if client.is_due(now_ns)]
+
+    @property
+    def _next_ns(self) -> int:
+        return min((client.deadline_ns for client in self._clients.values()), default=NEVER)
+
+    @property
+    def _is_awaited(self) -> bool:
+        """Whether one waits for the end of this instant, or all for an instant to come."""
+        return bool(self._due()) or self._clock[0] < self._next_ns < NEVER
+
+    def _go_on(self) -> None:
+        """Leap if nobody waits for this instant, and notify those whose turn is the first."""
+        due = self._due()
+        if not due:
+            self._clock[0] = self._next_ns
+            self.leaps += 1
+            due = self._due()
+        turn = min(client.turn for client in due)
+        self._notify(client for client in due if client.turn == turn)
 
     def _wait_s(self) -> float | None:
         """Return how long to wait for clients at most; None: until one says something."""
         if self._wall_ns:
             now_ns = self._clock[0]
-            to_come = [each for each in self._deadlines.values() if now_ns < each < NEVER]
+            to_come = [
+                each
+                for client in self._clients.values()
+                for each in (client.deadline_ns, client.background_ns)
+                if now_ns < each < NEVER
+            ]
             return (min(to_come) - now_ns) / NS if to_come else None
-        return PAUSE_S if self._can_leap else None
+        return PAUSE_S if self._is_awaited else None
 
     def _take(self, wait_s: float | None) -> bool:
         """Take what clients say; return whether one did."""
@@ -88,43 +147,40 @@ class Gate:
         for file, _event in events:
             if file == self._listener.fileno():
                 client = self._listener.accept()[0]
-                self._clients[client.fileno()], self._deadlines[client] = client, NEVER
+                self._clients[client.fileno()] = Client(client)
                 self._poller.register(client, select.EPOLLIN)
             elif file in self._clients:
                 self._hear(self._clients[file])
         return bool(events)
 
-    def _hear(self, client: socket.socket) -> None:
+    def _hear(self, client: Client) -> None:
         try:
-            message = client.recv(INSTANT.size)
+            message = client.socket.recv(WAIT.size)
         except ConnectionError:
             message = b""
         if not message:
-            self._poller.unregister(client)
-            del self._clients[client.fileno()], self._deadlines[client]
-            client.close()
+            self._poller.unregister(client.socket)
+            del self._clients[client.socket.fileno()]
+            client.socket.close()
             return
-        (deadline_ns,) = INSTANT.unpack(message)
-        self._deadlines[client] = deadline_ns
-        if deadline_ns != WITH_WALL and deadline_ns <= self._clock[0]:
-            self.wrong += self._stepped_since_ns < deadline_ns < self._clock[0]
-            self._notify(client)
+        client.deadline_ns, client.background_ns, client.turn = WAIT.unpack(message)
+        client.is_notified = False
+        now_ns = self._clock[0]
+        self.wrong += self._stepped_since_ns < client.deadline_ns < now_ns
+        if client.is_due(now_ns) and (client.turn <= PROGRAMS or self._wall_ns):
+            self._notify([client])
 
     def _go_with_wall(self) -> None:
         """Set the clock by the wall, as long as a client asks for it."""
         wall_ns = time.monotonic_ns()
         if self._wall_ns:
-            self._set(self._clock[0] + wall_ns - self._wall_ns)
-        self._wall_ns = wall_ns if WITH_WALL in self._deadlines.values() else 0
+            self._clock[0] += wall_ns - self._wall_ns
+        self._wall_ns = wall_ns if self._asks_for_wall else 0
         self._stepped_since_ns = self._clock[0]
+        self._notify(self._due())
 
-    def _set(self, now_ns: int) -> None:
-        """Set the clock, and notify those whose deadline has come."""
-        before_ns, self._clock[0] = self._clock[0], now_ns
-        for client, deadline_ns in self._deadlines.items():
-            if before_ns < deadline_ns <= now_ns:
-                self._notify(client)
-
-    def _notify(self, client: socket.socket) -> None:
-        with suppress(ConnectionError):  # it has ended, which is read next
-            client.send(INSTANT.pack(self._clock[0]))
+    def _notify(self, clients: Iterable[Client]) -> None:
+        for client in clients:
+            client.is_notified = True
+            with suppress(ConnectionError):  # it has ended, which is read next
+                client.socket.send(INSTANT.pack(self._clock[0]))

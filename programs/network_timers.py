@@ -9,7 +9,7 @@ from itertools import count
 from typing import Any
 from weakref import WeakKeyDictionary
 
-from wire.network_time import NEVER, GateClient, NetworkTime, SteppedTime
+from wire.network_time import NEVER, PROGRAMS, GateClient, NetworkTime, SteppedTime
 
 
 class Timer(asyncio.TimerHandle):
@@ -36,13 +36,19 @@ class Timer(asyncio.TimerHandle):
 
 
 class NetworkTimers:
-    """The timers of one event loop, of which the gate knows the earliest."""
+    """The timers of one event loop, of which the gate knows the earliest.
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, time: SteppedTime) -> None:
+    Where it is not this program's turn yet, those of this instant are due when the gate says so.
+    """
+
+    def __init__(
+        self, loop: asyncio.AbstractEventLoop, time: SteppedTime, turn: int = PROGRAMS
+    ) -> None:
         """Connect to the gate; raise OSError if there is none."""
         self.loop, self.time = loop, time
-        self._gate = GateClient(time)
-        self._queue: list[tuple[int, int, Timer]] = []
+        self._gate = GateClient(time, turn)
+        self._is_last = turn > PROGRAMS
+        self._queues: tuple[list[tuple[int, int, Timer]], ...] = [], []  # the background's behind
         self._numbers = count()
         self._is_changing = False
         loop.add_reader(self._gate.fileno(), self._notified)
@@ -53,10 +59,11 @@ class NetworkTimers:
         callback: Callable[..., object],
         *arguments: Any,
         context: Context | None = None,
+        in_background: bool = False,
     ) -> Timer:
-        """Call back once the clock has reached an instant."""
+        """Call back once the clock has reached an instant; it does not leap for the background."""
         timer = Timer(self, due_ns, callback, arguments, context)
-        heapq.heappush(self._queue, (due_ns, next(self._numbers), timer))
+        heapq.heappush(self._queues[in_background], (due_ns, next(self._numbers), timer))
         self.changed()
         return timer
 
@@ -88,27 +95,39 @@ class NetworkTimers:
         except EOFError:
             self.close()
             raise
+        if self._is_last:
+            self._run_due()
         self.changed()
 
     def _tell(self) -> None:
         """Run what is due, and tell the gate what is next."""
         self._is_changing = False
-        now_ns = self.time.now_ns()
-        while self._queue and (self._queue[0][0] <= now_ns or self._queue[0][2].cancelled()):
-            timer = heapq.heappop(self._queue)[2]
-            if not timer.cancelled():
-                timer._run()
+        if not self._is_last:
+            self._run_due()
         if not self._is_changing:  # else once more, behind what these have done
-            self._gate.wait_for(self._queue[0][0] if self._queue else NEVER)
+            self._gate.wait_for(*map(self._next_ns, self._queues))
+
+    def _run_due(self) -> None:
+        for queue in self._queues:
+            while self._next_ns(queue) <= self.time.now_ns():
+                heapq.heappop(queue)[2]._run()
+
+    def _next_ns(self, queue: list[tuple[int, int, Timer]]) -> int:
+        """Return when the first is due; forget those before it that were cancelled."""
+        while queue and queue[0][2].cancelled():
+            heapq.heappop(queue)
+        return queue[0][0] if queue else NEVER
 
 
 _timers: WeakKeyDictionary[asyncio.AbstractEventLoop, NetworkTimers] = WeakKeyDictionary()
 
 
-def timers_of(loop: asyncio.AbstractEventLoop, time: SteppedTime) -> NetworkTimers:
+def timers_of(
+    loop: asyncio.AbstractEventLoop, time: SteppedTime, turn: int = PROGRAMS
+) -> NetworkTimers:
     """Return the timers of an event loop; the first time, connect to the gate."""
     if loop not in _timers:
-        _timers[loop] = NetworkTimers(loop, time)
+        _timers[loop] = NetworkTimers(loop, time, turn)
     return _timers[loop]
 
 

@@ -26,9 +26,9 @@ with open(sys.argv[1] + "/work", "w+b") as file:
     work = memoryview(mmap.mmap(file.fileno(), mmap.PAGESIZE)).cast("q")
 
 class Counting(Gate):
-    def _set(self, now_ns):
+    def _go_on(self):
         self.wrong += sum(work[::2]) != sum(work[1::2])
-        super()._set(now_ns)
+        super()._go_on()
 
 gate = Counting(Path(sys.argv[1]), int(sys.argv[2]), Quiescence(sys.argv[3]))
 signal.signal(signal.SIGTERM, lambda *_: gate.stop())

@@ -21,11 +21,14 @@ from pathlib import Path
 
 LEAST_SCALE, MOST_SCALE = 1.0, 1e9
 PAGE, GATE = "page", "gate"  # in the folder of stepped time: its clock, and the gate's socket
-INSTANT = struct.Struct("=q")  # what the gate and its clients send each other, in nanoseconds
+INSTANT = struct.Struct("=q")  # a notice of the gate: its clock, in nanoseconds
+WAIT = struct.Struct("=qqb")  # of a client: its deadline, that in the background, its turn
 PAGE_BYTES = 1 << 16
 TAKEN = PAGE_BYTES // 16  # of the page, which has the clock, counts of messages sent, then taken
 NEVER = (1 << 63) - 1  # the deadline of a program that waits for no instant
 WITH_WALL = -1  # in place of a deadline: the clock is to go with the wall
+# Whose turn it is first if several wait for one instant; those behind wait until all is quiet.
+CABLES, PROGRAMS, DISPATCHER, CONTROLLER = range(4)
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,10 @@ class NetworkTime:
     def stamp_ns(self) -> int:
         """Return what events and records are stamped with: the wall clock, as captures are."""
         return time.time_ns()
+
+    def background_s(self) -> float:
+        """Return the seconds by which discovery, polls and reports go: those of the wall."""
+        return time.monotonic()
 
     def switch_timeout_s(self, seconds: int) -> int:
         """Return the idle time-out of an entry that Open vSwitch counts by the wall; 0: never."""
@@ -104,6 +111,10 @@ class SteppedTime(NetworkTime):
     def stamp_ns(self) -> int:
         """Return the time of the network."""
         return self.now_ns()
+
+    def background_s(self) -> float:
+        """Return the seconds of the network: what goes by the wall comes at any instant."""
+        return self.now_s()
 
     def switch_timeout_s(self, seconds: int) -> int:
         """Return 0: what takes its place could need the time that waits for it."""
@@ -155,26 +166,34 @@ class GateClient:
     The clock cannot leap beyond that instant before the program has named a later one.
     """
 
-    def __init__(self, time: SteppedTime) -> None:
+    def __init__(self, time: SteppedTime, turn: int = PROGRAMS) -> None:
         """Connect; raise OSError if there is no gate."""
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.connect(f"{time.folder}/{GATE}")
-        self._deadline_ns = NEVER
+        self._turn = turn
+        self._deadlines: tuple[int, ...] = (NEVER, NEVER)  # none: the gate waits for the next
 
     def fileno(self) -> int:
         """Return the descriptor that is readable once the clock has reached the deadline."""
         return self._socket.fileno()
 
-    def wait_for(self, deadline_ns: int) -> None:
-        """Set the deadline: an instant, NEVER, or WITH_WALL."""
-        if deadline_ns != self._deadline_ns:
-            self._deadline_ns = deadline_ns
-            self._socket.send(INSTANT.pack(deadline_ns))
+    def wait_for(self, deadline_ns: int, background_ns: int = NEVER) -> None:
+        """Set the deadline: an instant, NEVER, or WITH_WALL.
+
+        The clock does not leap to the deadline in the background: it is due once the clock has
+        passed it. A program whose turn is behind PROGRAMS may name this instant: it is notified at
+        its end, when all else is quiet.
+        """
+        deadlines = deadline_ns, background_ns
+        if deadlines != self._deadlines:
+            self._deadlines = deadlines
+            self._socket.send(WAIT.pack(*deadlines, self._turn))
 
     def take_notice(self) -> None:
         """Read the gate's notice; raise EOFError if the gate has ended."""
         if not self._socket.recv(INSTANT.size):
             raise EOFError("the gate of the network's time has ended")
+        self._deadlines = ()
 
     def close(self) -> None:
         """Disconnect: the clock does not wait for this program any more."""

@@ -65,6 +65,10 @@ class Activity:
         return sum(min(end, end_ns) - max(begin, begin_ns) for begin, end in parts)
 
     @property
+    def has_begun(self) -> bool:
+        return self._first_ns is not None
+
+    @property
     def idle_share(self) -> float:
         if self._first_ns is None:
             return 0.0
@@ -102,6 +106,11 @@ class SoftwareTime:
 
     def goes_on(self, begin_ns: int, end_ns: int) -> None:
         self._activity.note(begin_ns, end_ns)
+
+    def switches(self, begin_ns: int, end_ns: int) -> None:
+        """Note that paths are set, unless it is before the first light."""
+        if self._activity.has_begun:
+            self._activity.note(begin_ns, end_ns)
 
     def news(self, node: str, happened_ns: int) -> None:
         insort(_forgetting(self._deeds_ns[node]), happened_ns)

@@ -148,7 +148,7 @@ class Switching:
                 wanted[in_port], circuits[in_port] = out_port, connection.circuit
         now_ns = layer.clock.now_ns()
         ready_ns, opened, closed = switch.timeline.connect(wanted, now_ns, circuits)
-        layer.software.goes_on(now_ns, ready_ns)
+        layer.software.switches(now_ns, ready_ns)
         wall_ns = layer.time.wall_ns
         changes = (("close", closed, wall_ns(now_ns)), ("open", opened, wall_ns(ready_ns)))
         events = [

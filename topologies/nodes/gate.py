@@ -8,6 +8,7 @@ from wire.config import GateConfig
 from wire.network_time import NEVER, WITH_WALL, GateClient, SteppedTime
 
 GATE = "gate"
+ROUND_NS = 1_000_000_000_000  # longer than any network takes to start
 
 
 class Start:
@@ -15,6 +16,7 @@ class Start:
 
     def __init__(self, network: Runtime) -> None:
         """Start the gate, before all that waits."""
+        self._time = network.time
         self._client: GateClient | None = None
         if isinstance(network.time, SteppedTime):
             launch(network, GATE, "gate", GateConfig()).wait_for("ready", READY_TIMEOUT_S)
@@ -23,8 +25,14 @@ class Start:
             self._client.wait_for(WITH_WALL)
 
     def end(self) -> None:
-        """Step the time from now on."""
+        """Step the time from now on, and return at the same instant of each run.
+
+        What follows counts from there: seconds of the clock have the same last digits each time.
+        """
         if self._client is not None:
+            passed_ns = self._time.now_ns() - self._time.since_ns
+            self._client.wait_for(self._time.since_ns + (passed_ns // ROUND_NS + 1) * ROUND_NS)
+            self._client.take_notice()
             self._client.wait_for(NEVER)
 
     def close(self) -> None:

@@ -26,8 +26,9 @@ def test_intervals_in_any_order_cover_what_their_moments_cover() -> None:
 def test_a_wait_in_which_nothing_came_was_software() -> None:
     """And of the run all in which no light was under way: 200 to 400, of 100 to 500."""
     software = SoftwareTime()
+    software.switches(0, 10)  # before the first light
     software.goes_on(100, 200)
-    software.goes_on(400, 500)
+    software.switches(400, 500)
     software.light("charlie", 100, "bob", 200)
     software.waited("bob", 200, 300, decays=False)
     told = software.message()

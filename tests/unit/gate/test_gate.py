@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from stepping import DEADLINE_S, SINCE_NS, Stepping, stepping
 
-from wire.network_time import NEVER, WITH_WALL, GateClient, LinkCounts, SteppedTime
+from wire.network_time import CONTROLLER, NEVER, WITH_WALL, GateClient, LinkCounts, SteppedTime
 
 LEAPS = 300
 # Works when a message or a deadline comes: computes, and then sends a message or waits. Who sends
@@ -141,6 +141,41 @@ def test_the_clock_goes_with_the_wall_while_a_program_asks_for_it(gate: Stepping
     soon(client)
     assert gate.time.now_s() == 3_600
     client.close()
+
+
+def test_the_clock_does_not_leap_for_the_background(gate: Stepping) -> None:
+    polling, client = GateClient(gate.time), GateClient(gate.time)
+    polling.wait_for(NEVER, SINCE_NS + 5)
+    assert stands(gate.time)
+    client.wait_for(SINCE_NS + 10)
+    soon(client)
+    soon(polling)  # once the clock has passed it
+    assert gate.time.now_ns() == SINCE_NS + 10
+    polling.wait_for(NEVER, SINCE_NS + 15)
+    client.wait_for(NEVER)
+    assert stands(gate.time)
+    polling.close()
+    client.close()
+    assert gate.end() == (1, 0)
+
+
+def test_whose_turn_is_later_is_notified_at_the_end_of_the_instant(gate: Stepping) -> None:
+    last = GateClient(gate.time, CONTROLLER)
+    with GateClientOf(gate) as first:
+        for client in (last, first):
+            client.wait_for(SINCE_NS + 10)
+        soon(first)
+        until_s = time.monotonic() + 0.05
+        while time.monotonic() < until_s:  # this process runs: the instant is not over
+            assert not select.select([last], [], [], 0)[0]
+        soon(last)
+        last.wait_for(gate.time.now_ns())  # and once more, of the same instant
+        soon(last)
+        assert gate.time.now_ns() == SINCE_NS + 10
+        last.wait_for(NEVER)
+        first.wait_for(SINCE_NS + 20)
+        soon(first)
+    last.close()
 
 
 def test_a_deadline_that_has_passed_shows_a_wrong_leap(gate: Stepping) -> None:
