@@ -13,7 +13,6 @@ says what became of each.
 
 import asyncio
 import json
-import time
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
@@ -72,7 +71,7 @@ async def _keep(
         port, options = KEY_LINK_PORTS[link.protocol], link.options
         outcome = await hold(config.stack, link.protocol, link.peer, port, options)
         states.ended(link.peer, outcome)
-        note(delivery, link, outcome)
+        note(delivery, link, outcome, config.time.stamp_ns())
         pause_s = min(2 * pause_s, FILLING_PAUSE_S) if outcome.fault else link.pause_s
         await asyncio.sleep(pause_s)
 
@@ -83,18 +82,22 @@ async def _take_part(
     links = {config.hosts[link.peer]: link for link in config.links if not link.opens}
     async for address, session in offered(config.stack, KEY_LINK_PORTS[protocol]):
         if address in links:
-            session.add_done_callback(partial(_ended, delivery, states, links[address]))
+            session.add_done_callback(partial(_ended, config, delivery, states, links[address]))
 
 
 def _ended(
-    delivery: KeyDelivery, states: KeyLinkStates, link: KeyLink, session: asyncio.Task[Outcome]
+    config: KeyManagerConfig,
+    delivery: KeyDelivery,
+    states: KeyLinkStates,
+    link: KeyLink,
+    session: asyncio.Task[Outcome],
 ) -> None:
     if not session.cancelled() and session.exception() is None:
         states.ended(link.peer, session.result())
-        note(delivery, link, session.result())
+        note(delivery, link, session.result(), config.time.stamp_ns())
 
 
-def note(delivery: KeyDelivery, link: KeyLink, outcome: Outcome) -> None:
+def note(delivery: KeyDelivery, link: KeyLink, outcome: Outcome, stamp_ns: int) -> None:
     """Say what a session came to; too many errors close the way to the peer until one has few."""
     most = link.options.get("max_qber", KeyOptions.max_qber)
     alarmed = outcome.fault and outcome.qber is not None and outcome.qber > most
@@ -105,7 +108,7 @@ def note(delivery: KeyDelivery, link: KeyLink, outcome: Outcome) -> None:
     store = delivery.stores[link.peer]
     fields = {
         "event": "session" if not outcome.fault else "alarm" if alarmed else "failed",
-        "at": time.time(),
+        "at": stamp_ns / 1e9,
         "peer": link.peer,
         "opened": link.opens,
         "keys": outcome.keys,

@@ -1,5 +1,6 @@
 """qmn run keys: hosts keep their key stores filled, and deliver keys by ETSI GS QKD 014."""
 
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -19,9 +20,10 @@ from applications.keys.moments import Moments
 from applications.keys.options import key_service
 from applications.keys.request import KeysRequest
 from applications.keys.scheduled_eavesdropper import PassingEavesdropper, check_passing
+from programs.network_waits import NetworkWaits
 from qmn.jobs import eavesdropping
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
-from qmn.jobs.stepped import refuse_stepped
+from qmn.jobs.stepped import check_stepped
 from qmn.network.checks import check_network
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.felt_settings import checked_settings, everything, felt_by
@@ -51,7 +53,7 @@ def checked(request: KeysRequest) -> tuple[KeysRequest, NetworkDescription]:
     network = describe_network(request.network)
     check_network(request.network)
     check_ranges(request.run)
-    refuse_stepped(request.run, "key managers have not been tried with it")
+    check_stepped(request.run, request.network)
     check_ranges(request)
     service = service_of(request, network)
     for pair in service.pairs:
@@ -84,12 +86,16 @@ def run(request: KeysRequest, signals: Signals, console: Console) -> int:
     kept = KeysJob()
     facts = known_facts(context, NAME, hosts, kept, request)
     with ending(folder, facts, result.complete, context.options.report) as ended:
-        with running_network(context, facts) as network:
+        with (
+            running_network(context, facts) as network,
+            NetworkWaits(network.runtime.time) as waits,
+        ):
+            waits.hold()
             managers = start_key_managers(network, service)
             introduce(console, managers)
             noted = moments_of(network, managers.programs, console)
             kept.moments = noted.all
-            watch(network, noted, eve, request.seconds)
+            watch(network, noted, eve, waits, request.seconds)
             kept.asking = told = moments.summary(noted.all, noted.now_s)
         facts.delivered = told.keys > 0
     result.show(console, facts, folder, ended.report)
@@ -103,7 +109,11 @@ def moments_of(network: Network, programs: Mapping[str, Program], console: Conso
 
 
 def watch(
-    network: Network, noted: Moments, eve: PassingEavesdropper, seconds: float | None
+    network: Network,
+    noted: Moments,
+    eve: PassingEavesdropper,
+    waits: NetworkWaits,
+    seconds: float | None,
 ) -> None:
     """Gather what happens until the time is over, or somebody ends a run that has no end."""
     try:
@@ -111,6 +121,8 @@ def watch(
             network.check()
             noted.gather()
             eve.look(network, noted)
+            due_s = min(eve.due_s, math.inf if seconds is None else seconds)
+            waits.pass_until(noted.stepped_ns(due_s))
             time.sleep(POLL_S)
     except Interrupted:
         if seconds is not None:

@@ -1,6 +1,6 @@
 """The words of key managers and tunnels on one time line: seconds since the run could begin."""
 
-import time
+import math
 from collections.abc import Callable, Iterable, Mapping
 from operator import itemgetter
 from typing import Any
@@ -8,7 +8,7 @@ from typing import Any
 from qmn.jobs.transfer import Lines
 from topologies.system.processes.programs import Program
 from wire.application_lines import moment
-from wire.network_time import NetworkTime
+from wire.network_time import NEVER, NetworkTime
 from wire.results.figures import StoredKeyFigures
 from wire.results.moments import AnyMoment, Moment, SessionMoment
 
@@ -31,13 +31,17 @@ class Moments:
         """
         self._ahead_s = ahead_s
         self._lines = [(host, Lines(program)) for host, program in programs.items()]
-        self._scale, self._since_s, self._tell = network_time.scale, time.time(), tell
+        self._time, self._since_ns, self._tell = network_time, network_time.stamp_ns(), tell
         self.all: list[AnyMoment] = []
 
     @property
     def now_s(self) -> float:
         """How long ago the run began, in seconds of the network."""
-        return (time.time() - self._since_s) / self._scale
+        return self._time.network_s((self._time.stamp_ns() - self._since_ns) / 1e9)
+
+    def stepped_ns(self, seconds: float) -> int:
+        """Return when so many seconds have passed, on the clock of stepped time."""
+        return NEVER if seconds == math.inf else self._since_ns + round(1e9 * seconds)
 
     def listen(self, host: str, program: Program) -> None:
         """Read what another program says, too."""
@@ -55,7 +59,8 @@ class Moments:
             if "event" in line and "at" in line
         ]
         for line in sorted(said, key=itemgetter("at")):
-            self._note(moment(line, (line["at"] - self._since_s) / self._scale))
+            since_s = line["at"] - self._since_ns / 1e9
+            self._note(moment(line, self._time.network_s(since_s)))
 
     def finish(self) -> None:
         """Gather what is left, and put all into the order of its times."""

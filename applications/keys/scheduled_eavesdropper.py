@@ -49,19 +49,28 @@ class PassingEavesdropper:
             return network
         return network.with_policy(write_policy(self._folder))
 
+    @property
+    def due_s(self) -> float:
+        """When she comes or leaves next; infinite if she does neither."""
+        if self._gone:
+            return math.inf
+        return self._since_s + self._stays_s if self._is_there else self._options.at
+
     def look(self, network: Network, moments: Moments) -> None:
         """Do what it is time for."""
         if self._gone:
             return
         if self._eve is None:
             self._eve = self._prepare(network)
-        elif not self._is_there and moments.now_s >= self._options.at:
+        elif moments.now_s < self.due_s:
+            return
+        elif not self._is_there:
             self._eve.wait_for("intercepting", START_TIMEOUT_S, network.check)
             tapping_policy(self._begin, self._end, eavesdropping.EVE, self._folder)
             ask("reload-policy")
             self._is_there, self._since_s = True, moments.now_s
             moments.add("eve_comes", fraction=self._options.eve)
-        elif self._is_there and moments.now_s >= self._since_s + self._stays_s:
+        else:
             write_policy(self._folder)
             ask("reload-policy")
             self._eve.stop()

@@ -71,6 +71,24 @@ def test_sessions_of_traffic_hold_light_as_long_as_planned_and_the_same_again(
             assert held_s == pytest.approx(session["holding_s"], abs=1e-5)
 
 
+def test_an_hour_of_keys_takes_no_hour_and_an_eavesdropper_comes_at_her_instant(
+    tmp_path: Path,
+) -> None:
+    """The session after the first pause, of half a second, meets her, later ones do not."""
+    result = result_of(
+        tmp_path,
+        *("keys", "--time", "stepped", "--seconds", "3600", "--session-bits", "10000"),
+        *("--eve", "1", "--at", "0.4", "--until", "0.9", "--high-mark", "32"),
+    )
+    moments = result["job"]["moments"]
+    at = {each["event"]: each["at"] for each in moments}
+    assert (at["eve_comes"], at["eve_leaves"]) == (0.4, 0.9)
+    alarms = [each["at"] for each in moments if each["event"] == "alarm" and each["opened"]]
+    assert alarms == pytest.approx([0.5], abs=1e-2)
+    assert result["job"]["asking"]["elapsed_s"] == 3_600
+    assert result["job"]["asking"]["keys"] >= 60
+
+
 def test_what_the_wall_paces_is_refused_with_the_reason(tmp_path: Path) -> None:
     done = run_qmn("run", *TELEPORT, "--control-loss", "0.1", "--runs", str(tmp_path))
     assert done.returncode == 1
