@@ -107,7 +107,7 @@ class LaboratoryHost:
     async def prepare(
         self, states: Bytes, number: int = 0, levels: Bytes | None = None
     ) -> Feedback:
-        """Make a block of photons in these states (dispatcher.operations.preparation.STATES).
+        """Make a block of photons in these states (dispatcher.operations.emission.STATES).
 
         Levels, shape (k,): the source's intensity of each pulse.
         """

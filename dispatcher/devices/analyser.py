@@ -12,10 +12,10 @@ Distinguishable photons interfere less (Hong, Ou, Mandel, Phys. Rev. Lett. 59, 2
 visibility V = V0 |<1|2>|^2 the phase is wrong with probability (1 - V) / 2.
 Linear optics tell Psi+ and Psi- from the rest, and Phi+ from Phi- not (Mattle, Weinfurter, Kwiat,
 Zeilinger, Phys. Rev. Lett. 76, 4656): both reach either detector of the phase, alike, and that
-outcome is reported as Phi+. A host that measures by
-gates (dispatcher.operations.gate_noise) lets nothing interfere: neither mismatch nor window matter.
+outcome is reported as Phi+. A host that measures by gates (dispatcher.operations.imperfections)
+lets nothing interfere: neither mismatch nor window matter.
 Either arm tells its bit wrongly with the detectors' readout error, whatever has made them click.
-What a beam splitter does with all photons of two pulses is in dispatcher.devices.beam_splitter.
+What a beam splitter does with all photons of two pulses is in dispatcher.devices.overlap.
 """
 
 from dataclasses import dataclass

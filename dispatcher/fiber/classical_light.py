@@ -6,7 +6,7 @@ import numpy as np
 
 from dispatcher.approximations import CLASSICAL_LIGHT, Approximations, approximation
 from dispatcher.fiber.noise import Effect, Passage
-from dispatcher.switch.steps import Steps
+from dispatcher.switch.timeline import Steps
 from wire.parameters.fiber import FiberOptics
 
 PLANCK_J_S, LIGHT_M_PER_S = 6.626_070_15e-34, 299_792_458

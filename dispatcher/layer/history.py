@@ -1,6 +1,6 @@
 """The history of the qubits: remembered, written to the event log, and told to watchers.
 
-Noise models remember fibres to the same depth (dispatcher/fiber/noise_history.py).
+Noise models remember fibres to the same depth (dispatcher/fiber/noise.py).
 
 In a capture every event is a packet on the interface where it happened. Interfaces are the fibres,
 named `fiber alice-q0` after their host's end, or after both ends between two switches; what happens
@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import IO, TextIO
 
-from dispatcher.fiber.noise_history import NoiseHistory
+from dispatcher.fiber.noise import NoiseHistory
 from dispatcher.layer.journal import causer
 from wire.config import Fiber
 from wire.dispatcher_pb2 import Event

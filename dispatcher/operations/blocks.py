@@ -12,7 +12,7 @@ from dispatcher.devices.source import most_further
 from dispatcher.layer import cutoff, drift, further, herald, part_noise
 from dispatcher.layer.layer import PhysicalLayer, block_name, tally
 from dispatcher.layer.ownership import Block, BlockName
-from dispatcher.operations import gate_noise, imperfections, limits, preparation
+from dispatcher.operations import emission, imperfections, limits
 from dispatcher.operations.emission import emit_into, emit_prepared
 from dispatcher.refusal import Refusal, exhausted, invalid
 from dispatcher.sabot.backend import Angle, Bytes, GateName
@@ -129,8 +129,8 @@ class Operations:
         seconds = layer.devices.of(node).gates.initialization_s if own else 0.0
         text += told
         if states is not None:
-            text += f": {tally(states, preparation.STATES)}"
-        each = None if states is None else lambda position: preparation.STATES[states[position]]
+            text += f": {tally(states, emission.STATES)}"
+        each = None if states is None else lambda position: emission.STATES[states[position]]
         layer.record(node, "create", blocks[0], detail=text, each=each)
         return imperfections.lasts(layer.feedback(blocks[0]), seconds, blocks)
 
@@ -167,7 +167,7 @@ class Operations:
         """Return new registers, one for each half."""
         sabot = self._layer.sabot
         if states is not None:
-            return [preparation.prepare(sabot, states)]
+            return [emission.prepare(sabot, states)]
         if request.state == CreateRequest.ZEROS:
             return [sabot.zeros(request.count)]
         return sabot.bell_pairs(request.count)
@@ -191,7 +191,7 @@ class Operations:
             further.pauli(layer.sabot, block, values)
             drift.reflect(block.pulses, values)
             details.insert(0, tally(values, PAULIS))
-            errors = gate_noise.after_gate(layer, block, values != gate_noise.IDENTITY)
+            errors = imperfections.after_gate(layer, block, values != imperfections.IDENTITY)
         errors += sum(_apply_gate(layer, block, gate) for gate in planned)
         if errors:
             details.append(f"gate-errors={errors}")
@@ -289,9 +289,9 @@ def _apply_gate(layer: PhysicalLayer, block: Block, gate: PlannedGate) -> int:
     layer.sabot.gate(gate.name, block.register, gate.step.target, gate.angle_rad)
     gate.spread_approximation(block)
     if gate.target is not None:
-        return gate_noise.after_pair_gate(layer, block, gate.target)
+        return imperfections.after_pair_gate(layer, block, gate.target)
     further.gate(layer.sabot, block, gate.name, gate.angle_rad)
-    return gate_noise.after_gate(layer, block)
+    return imperfections.after_gate(layer, block)
 
 
 def _let_by(layer: PhysicalLayer, block: Block, paulis: Bytes) -> None:

@@ -23,10 +23,10 @@ from dispatcher.fiber.noise import MEMORYLESS, Effect, NoiseModel, Passage, Patt
 from dispatcher.fiber.polarization_modes import PolarizationDependentLoss, effect_on
 from dispatcher.fiber.turn import Turn
 from dispatcher.layer import drift, further, pulses
-from dispatcher.layer.kraus import Channels
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.network import Line
 from dispatcher.layer.ownership import Block, Further
+from dispatcher.layer.part_noise import Channels
 from dispatcher.operations.ways import MAX_FIBERS, nanoseconds, way_of
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.kraus import Operators

@@ -2,9 +2,13 @@
 
 Photons that are alone go by either output, each for itself. One in each arm are Bell-measured,
 whatever they are entangled with. Several, as of weak laser pulses, interfere all at once: how they
-leave follows from their states (dispatcher.devices.beam_splitter), which have to be known for it.
+leave follows from their states (dispatcher.devices.overlap), which have to be known for it.
 A photon of the second arm that can be told from those of the first, by time, colour or, of qubits
 in time bins, polarisation, is alone.
+
+The cardinal states of qubits, of those that are in no joint state with others.
+
+Only a simulation knows; who asks must let nobody learn more of it than a measurement tells.
 """
 
 from typing import NamedTuple
@@ -14,24 +18,60 @@ from numpy.typing import NDArray
 
 from dispatcher.approximations import CROWD, of_outcomes
 from dispatcher.devices.analyser import PHASE, Analyser, Analysis, Half, Mismatch
-from dispatcher.devices.beam_splitter import (
+from dispatcher.devices.overlap import (
     MODES,
     MOST_PHOTONS,
+    Overlap,
     of_bell_states,
     outputs,
     read,
     told_to,
 )
-from dispatcher.devices.overlap import Overlap
 from dispatcher.layer import drift
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.refusal import precondition
-from dispatcher.sabot.backend import Bytes
-from dispatcher.sabot.cardinal import cardinal_states
+from dispatcher.sabot.backend import Backend, Bytes
+from dispatcher.sabot.dense import Dense
 from dispatcher.sabot.registers import Mask, Pick, Register
 from wire.outcomes import NO_CLICK
+
+CLOSE = 1e-9  # of a component of the Bloch vector to 1
+
+
+def cardinal_states(register: Register) -> Bytes:
+    """Return of each qubit 0 |0>, 1 |1>, 2 |+>, 3 |->, 4 |+i>, 5 |-i>; shape (k,).
+
+    NO_CLICK: it is in another state, or shares one with others.
+    """
+    states = np.full(register.size, NO_CLICK, np.uint8)
+    for share in register.shares:
+        state = share.component.state
+        if state.qubits == 1:
+            states[share.positions] = _of_one(state)
+    return states
+
+
+def _of_one(state: Backend) -> Bytes:
+    if isinstance(state, Dense):
+        return _of_vectors(state.amplitudes)
+    x, z, signs = state.generators()
+    basis = 1 + int(z[0, 0]) if x[0, 0] else 0  # Z, X, Y
+    states: Bytes = signs[0] + np.uint8(2 * basis)
+    return states
+
+
+def _of_vectors(amplitudes: NDArray[np.complex128]) -> Bytes:
+    zero, one = amplitudes.T
+    both = 2 * zero.conj() * one
+    bloch = np.stack([abs(zero) ** 2 - abs(one) ** 2, both.real, both.imag])
+    basis = abs(bloch).argmax(axis=0)
+    along = np.take_along_axis(bloch, basis[None], axis=0)[0]
+    states: Bytes = (2 * basis + (along < 0)).astype(np.uint8)
+    states[abs(along) < 1 - CLOSE] = NO_CLICK
+    return states
+
 
 Z = 0
 Pulses = NDArray[np.int64]

@@ -6,7 +6,7 @@ import numpy as np
 
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import MAX_BLOCKS, Block
-from dispatcher.operations import preparation
+from dispatcher.operations import emission
 from dispatcher.refusal import exhausted, invalid
 from dispatcher.sabot.backend import Angle, Bytes
 from dispatcher.sabot.dense import Dense
@@ -46,7 +46,7 @@ def states(request: CreateRequest) -> Bytes | None:
             raise invalid(f"{len(given)} states for a block of {name}; only PREPARED has any")
         return None
     if not request.state_dibits:
-        return packed("states", request.states, request.count, len(preparation.STATES) - 1)
+        return packed("states", request.states, request.count, len(emission.STATES) - 1)
     if request.states:
         raise invalid("a request with states and state_dibits; leave one of them out")
     try:

@@ -14,7 +14,7 @@ from dispatcher.fiber.turn import alignment
 from dispatcher.layer import drift, further, part_noise, pulses
 from dispatcher.layer.layer import PhysicalLayer, block_name, tally
 from dispatcher.layer.ownership import Block, BlockName, Pulses
-from dispatcher.operations import gate_noise, imperfections, limits
+from dispatcher.operations import imperfections, limits
 from dispatcher.operations.blocks import require_pairs
 from dispatcher.operations.interference import Interference
 from dispatcher.photon_random import PhotonRandom
@@ -94,7 +94,7 @@ class Measurements:
         waited, apart_ps = "", 0.0
         if not by_gates:
             waited, apart_ps = self._let_wait(like, matched, (first, second))
-        errors = gate_noise.before_bell_measurement(layer, first, second) if by_gates else {}
+        errors = imperfections.before_bell_measurement(layer, first, second) if by_gates else {}
         effect = imperfections.noise_of_detectors(layer, first, "Bell")
         as_it_is = np.zeros(first.register.size, np.uint8)
         part_noise.in_front(layer.sabot, layer.draws, first, effect, "Bell", as_it_is)

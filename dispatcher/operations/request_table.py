@@ -16,11 +16,9 @@ from dispatcher.operations.blocks import Operations
 from dispatcher.operations.gathering import Gathering
 from dispatcher.operations.heralding import Heralding
 from dispatcher.operations.imperfections import over
-from dispatcher.operations.looking import look, tell
+from dispatcher.operations.looking import look, sense, tell
 from dispatcher.operations.measurements import Measurements
-from dispatcher.operations.resending import Resending
-from dispatcher.operations.sensing import sense
-from dispatcher.operations.splitting import Splitting
+from dispatcher.operations.resending import Resending, Splitting
 from dispatcher.operations.switching import Switching
 from dispatcher.operations.transport import Transport
 from dispatcher.refusal import invalid

@@ -7,7 +7,7 @@ import sys
 # gRPC's own lines about a taken socket would hide ours; it reads this when imported.
 os.environ.setdefault("GRPC_VERBOSITY", "NONE")
 
-from dispatcher.sabot.remote.server import serve
+from dispatcher.sabot.remote.sabot_servicer import serve
 from programs.faults import report_fault
 from wire.config import BadConfig
 

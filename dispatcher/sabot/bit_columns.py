@@ -10,8 +10,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.sabot.backend import Bytes, Generators, Randomness
-from dispatcher.sabot.factoring import Bits
+from dispatcher.sabot.backend import Bits, Bytes, Generators, Randomness
 from dispatcher.sabot.gates import NamedGates
 from dispatcher.sabot.tableau import Tableau
 

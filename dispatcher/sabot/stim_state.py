@@ -9,8 +9,14 @@ import numpy as np
 import stim
 from numpy.typing import NDArray
 
-from dispatcher.sabot.backend import Bytes, CliffordName, Generators, Randomness
-from dispatcher.sabot.factoring import Bits, independent_groups
+from dispatcher.sabot.backend import (
+    Bits,
+    Bytes,
+    CliffordName,
+    Generators,
+    Randomness,
+    independent_groups,
+)
 
 
 class StimState:

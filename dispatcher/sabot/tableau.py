@@ -10,8 +10,14 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.sabot.backend import Bytes, Generators, Randomness
-from dispatcher.sabot.factoring import Bits, eliminate, independent_groups
+from dispatcher.sabot.backend import (
+    Bits,
+    Bytes,
+    Generators,
+    Randomness,
+    eliminate,
+    independent_groups,
+)
 from dispatcher.sabot.gates import NamedGates
 
 

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.registers import Mask
-from dispatcher.switch.steps import Steps
-from dispatcher.switch.timeline import Circuit, Interval, Timeline, Times
+from dispatcher.switch.timeline import Circuit, Interval, Steps, Timeline, Times
 from wire.config import PathOptics, QuantumSwitch
 from wire.optical import DEFAULT_FREQUENCY_MHZ
 

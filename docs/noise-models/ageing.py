@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dispatcher.devices.part_noise import Moment
+from dispatcher.devices.hardware import Moment
 from dispatcher.fiber.noise import Effect
 
 Z = np.uint8(2)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dispatcher.devices.part_noise import Moment
+from dispatcher.devices.hardware import Moment
 from dispatcher.fiber.noise import Effect, Passage
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dispatcher.laboratory import BlockKey, Laboratory, LaboratoryHost
-from dispatcher.operations.preparation import STATES
+from dispatcher.operations.emission import STATES
 from dispatcher.sabot.backend import Bytes
 from evidence.curves.estimates import Estimate
 from evidence.curves.experiment import Experiment, Measure, Outcome, number

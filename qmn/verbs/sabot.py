@@ -17,10 +17,10 @@ from dispatcher.sabot.circuits.circuit import (
     MAX_SOURCE_BYTES,
     Circuit,
     CircuitError,
+    read_source,
 )
 from dispatcher.sabot.circuits.interpreter import run_circuit
 from dispatcher.sabot.circuits.reading import Format, count, read_circuit
-from dispatcher.sabot.circuits.source import read_source
 from qmn.options import add_options, read
 from wire.parameters.option import option
 

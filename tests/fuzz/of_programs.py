@@ -13,10 +13,9 @@ from target import Target
 
 from applications.vpn import tls
 from controller_apps.sessions import snapshot
-from dispatcher.sabot.circuits.chp_program import read_chp
-from dispatcher.sabot.circuits.circuit import Circuit, CircuitError
+from dispatcher.sabot.circuits.circuit import Circuit, CircuitError, Source
 from dispatcher.sabot.circuits.qasm import read_qasm
-from dispatcher.sabot.circuits.source import Source
+from dispatcher.sabot.circuits.reading import read_chp
 from qswitch_agent.hardware import scpi_format
 from qswitch_agent.hardware.scpi_format import GarbledReply
 from qswitch_agent.openflow import matches

@@ -16,10 +16,10 @@ from dispatcher.sabot.circuits.circuit import (
     Measure,
     Operation,
     Reset,
+    Source,
 )
 from dispatcher.sabot.circuits.expressions import BadExpression, evaluate, read_arguments
 from dispatcher.sabot.circuits.gates import BadGate, standard_gates
-from dispatcher.sabot.circuits.source import Source
 from dispatcher.sabot.circuits.syntax import Tokens
 
 HEADER = (

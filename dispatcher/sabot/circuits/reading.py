@@ -1,4 +1,10 @@
-"""The choice of a reader for a program, and counts of the values in its registers."""
+"""The choice of a reader for a program, and counts of the values in its registers.
+
+Programs of the original CHP (Aaronson and Gottesman, quant-ph/0406196).
+
+Text up to the first # is a comment. Then each line is one instruction, with qubits numbered
+from 0: `c a b` (controlled NOT from a to b), `h a`, `p a` (phase gate S), `m a` (measure).
+"""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -7,10 +13,69 @@ from typing import Literal
 import numpy as np
 
 from dispatcher.sabot.backend import Bytes
-from dispatcher.sabot.circuits.chp_program import read_chp
-from dispatcher.sabot.circuits.circuit import Circuit
+from dispatcher.sabot.circuits.circuit import (
+    MAX_BITS,
+    MAX_OPERATIONS,
+    MAX_QUBITS,
+    Circuit,
+    ClassicalRegister,
+    Gate,
+    Measure,
+    Operation,
+    Source,
+)
 from dispatcher.sabot.circuits.qasm import read_qasm
-from dispatcher.sabot.circuits.source import Source
+
+GATES = {"c": ("CX", 2), "h": ("H", 1), "p": ("S", 1), "m": ("measure", 1)}
+REGISTER = "m"
+LONGEST_WORD = 20
+
+
+def read_chp(source: Source) -> Circuit:
+    """Return the circuit; the k-th measurement goes to bit k of register m."""
+    comment, mark, body = source.text.partition("#")
+    if not mark:
+        source.fail(1, 1, "no # ends the opening comment; put one before the first instruction")
+    operations: list[Operation] = []
+    measured = qubits = 0
+    for line, text in enumerate(body.split("\n"), start=comment.count("\n") + 1):
+        words = text.split()
+        if not words:
+            continue
+        if len(operations) == MAX_OPERATIONS:
+            source.fail(line, 1, f"more than {MAX_OPERATIONS:,} instructions; shorten the program")
+        operands = _operands(source, line, words)
+        qubits = max(qubits, *(qubit + 1 for qubit in operands))
+        if words[0] != "m":
+            operations.append(Gate(GATES[words[0]][0], operands))
+            continue
+        if measured == MAX_BITS:
+            source.fail(line, 1, f"more than {MAX_BITS:,} measurements; shorten the program")
+        operations.append(Measure(operands[0], measured))
+        measured += 1
+    if not operations:
+        source.fail(1, 1, "no instruction after the #; write c a b, h a, p a or m a in lines")
+    registers = (ClassicalRegister(REGISTER, 0, measured),) if measured else ()
+    return Circuit(qubits, registers, tuple(operations))
+
+
+def _operands(source: Source, line: int, words: list[str]) -> tuple[int, ...]:
+    name, *numbers = words
+    if name not in GATES:
+        short = name[:LONGEST_WORD]
+        source.fail(line, 1, f"unknown instruction {short!r}; use c a b, h a, p a or m a")
+    if len(numbers) != GATES[name][1]:
+        source.fail(line, 1, f"{name} takes {GATES[name][1]} qubits, not {len(numbers)}")
+    for number in numbers:
+        if not (number.isascii() and number.isdigit() and len(number) <= LONGEST_WORD):
+            source.fail(line, 1, f"{number[:LONGEST_WORD]!r} is not a qubit; number them from 0")
+        if int(number) >= MAX_QUBITS:
+            source.fail(line, 1, f"qubit {number} exceeds the limit of {MAX_QUBITS:,} qubits")
+    operands = tuple(int(number) for number in numbers)
+    if len(set(operands)) < len(operands):
+        source.fail(line, 1, f"{name} is given the same qubit twice; give it different ones")
+    return operands
+
 
 Format = Literal["qasm", "chp"]
 

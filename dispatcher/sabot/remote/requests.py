@@ -2,11 +2,12 @@
 
 import re
 from collections.abc import Sequence
+from itertools import count
 from typing import cast, get_args
 
 import numpy as np
 
-from dispatcher.refusal import invalid
+from dispatcher.refusal import exhausted, invalid, not_found
 from dispatcher.sabot import limits
 from dispatcher.sabot.backend import Angle, Bytes, GateName
 from dispatcher.sabot.capacity import GateStep
@@ -14,10 +15,85 @@ from dispatcher.sabot.dense import Dense
 from dispatcher.sabot.draws import Draws, PhotonDraws
 from dispatcher.sabot.gates import ROTATIONS, TWO_QUBIT_GATES
 from dispatcher.sabot.kraus import MOST_OPERATORS, Operators, wrong_with
+from dispatcher.sabot.manager import Sabot
 from dispatcher.sabot.registers import Mask, Pick, Register
-from dispatcher.sabot.remote.workspace import Workspace
 from wire import sabot_pb2 as messages
 from wire.outcomes import BASES
+
+MAX_REGISTERS = 200_000
+MAX_WORKSPACES = 16
+
+
+class Workspace:
+    """Quantum states on one backend, and the numbers of their registers."""
+
+    def __init__(self, sabot: Sabot) -> None:
+        self.sabot = sabot
+        self._registers: dict[int, Register] = {}
+        self._numbers: dict[Register, int] = {}
+        self._next = count(1)
+
+    def require(self, number: int) -> Register:
+        """Return the register of this number, or refuse."""
+        register = self._registers.get(number)
+        if register is None:
+            raise not_found(f"no register {number} in this workspace; create it first")
+        return register
+
+    def require_place(self, more: int) -> None:
+        """Refuse more registers than there may be."""
+        if len(self._registers) + more > MAX_REGISTERS:
+            raise exhausted(f"{MAX_REGISTERS} registers are live; measure or drop some first")
+
+    def add(self, register: Register) -> int:
+        number = next(self._next)
+        self._registers[number] = register
+        self._numbers[register] = number
+        return number
+
+    def remove(self, number: int) -> None:
+        del self._numbers[self._registers.pop(number)]
+
+    def number(self, register: Register) -> int:
+        return self._numbers[register]
+
+
+class Workspaces:
+    """All clients' registers."""
+
+    def __init__(self, max_live_qubits: int) -> None:
+        """Hold at most so many qubits."""
+        self._max_live_qubits = max_live_qubits
+        self._all: dict[int, Workspace] = {}
+        self._next = count(1)
+
+    def begin(self, sabot: Sabot) -> int:
+        if len(self._all) >= MAX_WORKSPACES:
+            raise exhausted(f"{MAX_WORKSPACES} workspaces are in use; end one, or this server")
+        number = next(self._next)
+        self._all[number] = Workspace(sabot)
+        return number
+
+    def end(self, number: int) -> None:
+        self.require(number)
+        del self._all[number]
+
+    def require(self, number: int) -> Workspace:
+        """Return the workspace of this number, or refuse."""
+        workspace = self._all.get(number)
+        if workspace is None:
+            raise not_found(f"no workspace {number}; begin one first")
+        return workspace
+
+    def require_capacity(self, more: int) -> None:
+        """Refuse more qubits than there may be."""
+        live = sum(workspace.sabot.live_qubits for workspace in self._all.values())
+        if live + more > self._max_live_qubits:
+            raise exhausted(
+                f"{more} more qubits with {live} live exceed the limit of "
+                f"{self._max_live_qubits}; measure or drop some first"
+            )
+
 
 SEED = re.compile(r"-?\d{1,100}")
 MAX_PURPOSE = 200  # letters

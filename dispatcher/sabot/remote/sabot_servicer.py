@@ -4,19 +4,86 @@
 # ruff: noqa: N802
 
 import functools
-from collections.abc import Callable
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent import futures
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, TypeVar
+
+import grpc
+import numpy as np
+from numpy.typing import NDArray
 
 from dispatcher.refusal import Refusal, exhausted, invalid
 from dispatcher.sabot import limits
+from dispatcher.sabot.backend import Backend, Generators
 from dispatcher.sabot.backends import BACKENDS
-from dispatcher.sabot.dense import TooLarge
+from dispatcher.sabot.dense import Dense, TooLarge
 from dispatcher.sabot.manager import Sabot
+from dispatcher.sabot.registers import Component, Register, Share
 from dispatcher.sabot.remote import requests
-from dispatcher.sabot.remote.states import dumped
-from dispatcher.sabot.remote.workspace import Workspace, Workspaces
+from dispatcher.sabot.remote.requests import Workspace, Workspaces
+from dispatcher.timeouts import SIMULATOR_STOP_GRACE_S, SIMULATOR_STOP_TIMEOUT_S
 from wire import sabot_pb2 as messages
-from wire.sabot_pb2_grpc import SabotServicer
+from wire.config import BadConfig
+from wire.dispatcher_service import MESSAGE_LIMITS
+from wire.sabot_pb2 import DumpReply
+from wire.sabot_pb2_grpc import SabotServicer, add_SabotServicer_to_server
+
+LETTERS = "_XZY"
+
+
+def dumped(
+    workspace: Workspace, registers: Sequence[Register], members: int
+) -> Iterator[DumpReply.State]:
+    """Yield the states of the first members of registers, each state once."""
+    known: set[Component] = set()
+    for register in registers:
+        for share in list(register.shares):
+            if share.component in known:
+                continue
+            known.add(share.component)
+            places = [_positions(own) for own in share.component.shares]
+            here = _positions(share)
+            for member in np.flatnonzero(here < members):
+                reply = _state(share.component, int(member))
+                reply.position = int(here[member])
+                reply.positions.extend(int(own[member]) for own in places)
+                reply.registers.extend(map(workspace.number, _registers(share.component)))
+                yield reply
+
+
+def _positions(share: Share) -> NDArray[np.uint32]:
+    return np.arange(share.register.size, dtype=np.uint32)[share.positions]
+
+
+def _registers(component: Component) -> list[Register]:
+    return [share.register for share in component.shares]
+
+
+def _state(component: Component, member: int) -> DumpReply.State:
+    state = component.state
+    reply = DumpReply.State(backend=state.NAME)
+    if isinstance(state, Dense):
+        amplitudes = state.take(np.array([member])).amplitudes[0]
+        reply.real.extend(amplitudes.real.tolist())
+        reply.imaginary.extend(amplitudes.imag.tolist())
+    else:
+        reply.stabilizers = stabilizers(state, member)
+    return reply
+
+
+def stabilizers(state: Backend, member: int) -> str:
+    generators: Generators = state.generators()
+    lines = []
+    for x, z, signs in zip(generators.x, generators.z, generators.signs, strict=True):
+        letters = (LETTERS[letter] for letter in x.astype(int) + 2 * z.astype(int))
+        lines.append(("-" if signs[member] else "+") + "".join(letters))
+    return "\n".join(lines)
+
 
 Request = TypeVar("Request")
 Reply = TypeVar("Reply")
@@ -200,3 +267,49 @@ class SabotService(SabotServicer):
 def _done(workspace: Workspace) -> messages.Done:
     sabot = workspace.sabot
     return messages.Done(live_qubits=sabot.live_qubits, live_bytes=sabot.live_bytes)
+
+
+MAX_SOCKET_PATH_BYTES = 100
+MAX_WAITING_CALLS = 64
+
+
+@contextmanager
+def serving(socket: str, max_live_qubits: int) -> Iterator[None]:
+    """Serve on a socket until the block is left; raise BadConfig if that cannot be."""
+    if len(os.fsencode(socket)) > MAX_SOCKET_PATH_BYTES:
+        raise BadConfig(f"socket {socket} is longer than {MAX_SOCKET_PATH_BYTES} bytes; shorten it")
+    # One thread: calls wait for each other, as the states need it.
+    with futures.ThreadPoolExecutor(max_workers=1) as pool:
+        server = grpc.server(
+            pool, options=MESSAGE_LIMITS, maximum_concurrent_rpcs=MAX_WAITING_CALLS
+        )
+        add_SabotServicer_to_server(SabotService(max_live_qubits), server)  # type: ignore[no-untyped-call]
+        _bind(server, socket)
+        server.start()
+        try:
+            yield
+        finally:
+            server.stop(SIMULATOR_STOP_GRACE_S).wait(SIMULATOR_STOP_TIMEOUT_S)
+            Path(socket).unlink(missing_ok=True)
+
+
+def serve(socket: str, max_live_qubits: int) -> None:
+    """Serve until a signal comes."""
+    stopped = threading.Event()
+    with serving(socket, max_live_qubits):
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, lambda _number, _frame: stopped.set())
+        print("ready", flush=True)
+        stopped.wait()
+
+
+def _bind(server: grpc.Server, socket: str) -> None:
+    before = os.umask(0o177)
+    try:
+        server.add_insecure_port(f"unix:{socket}")
+    except RuntimeError as error:
+        raise BadConfig(
+            f"cannot listen on {socket}: is it in use, or its folder missing or not yours?"
+        ) from error
+    finally:
+        os.umask(before)

@@ -1,7 +1,6 @@
 """Passages of many photons for noise models, and bounds of 5 standard errors; the seed is 1."""
 
-from dispatcher.fiber.noise import Passage, Pattern, Schedule
-from dispatcher.fiber.noise_history import NoiseHistory
+from dispatcher.fiber.noise import NoiseHistory, Passage, Pattern, Schedule
 from dispatcher.sabot.draws import Draws
 
 COUNT = 200_000

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from five_sigma import within
 
-from dispatcher.devices.beam_splitter import AMPLITUDES, outputs
+from dispatcher.devices.overlap import AMPLITUDES, outputs
 from dispatcher.laboratory import SESSION, Laboratory
 from dispatcher.layer.ownership import BlockName
 from evidence.curves.link import configuration, fiber

@@ -2,7 +2,6 @@
 
 import pytest
 
-from dispatcher.sabot.circuits.chp_program import read_chp
 from dispatcher.sabot.circuits.circuit import (
     MAX_QUBITS,
     Circuit,
@@ -10,8 +9,9 @@ from dispatcher.sabot.circuits.circuit import (
     ClassicalRegister,
     Gate,
     Measure,
+    Source,
 )
-from dispatcher.sabot.circuits.source import Source
+from dispatcher.sabot.circuits.reading import read_chp
 
 
 def read(text: str) -> Circuit:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dispatcher.devices.dead_time import seen
+from dispatcher.devices.detector import seen
 
 Mask = NDArray[np.bool_]
 

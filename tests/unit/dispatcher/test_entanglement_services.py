@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dispatcher.laboratory import BlockKey, Laboratory, LaboratoryHost, block_id
 from dispatcher.layer.ownership import BlockName
-from dispatcher.operations.preparation import STATES
+from dispatcher.operations.emission import STATES
 from dispatcher.sabot.backend import Bytes
 from wire.config import DispatcherConfig, Fiber, FiberEnd
 from wire.dispatcher_pb2 import Gate

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from dispatcher.fiber import fiber_noise
 from dispatcher.fiber.fluctuations import Bursts, PhaseDrift, ThermalDrift
-from dispatcher.fiber.noise_history import NoiseHistory
+from dispatcher.fiber.noise import NoiseHistory
 from wire.parameters.fiber import optics
 
 RUNS = 4_000

@@ -20,12 +20,12 @@ from dispatcher.sabot.circuits.circuit import (
     If,
     Measure,
     Operation,
+    Source,
+    read_source,
 )
-from dispatcher.sabot.circuits.interpreter import PAULIS, run_circuit
+from dispatcher.sabot.circuits.interpreter import PAULIS, measurements_at_end, run_circuit
 from dispatcher.sabot.circuits.qasm import read_qasm
 from dispatcher.sabot.circuits.reading import count
-from dispatcher.sabot.circuits.sampling import measurements_at_end
-from dispatcher.sabot.circuits.source import Source, read_source
 
 QISKIT_FOLDER = Path(__file__).with_name("qiskit_circuits")
 QISKIT = json.loads((QISKIT_FOLDER / "probabilities.json").read_text())

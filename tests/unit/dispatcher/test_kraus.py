@@ -36,7 +36,7 @@ from wire.outcomes import NO_CLICK
 from wire.parameters.physics import BellAnalyser, Detectors, Device, Gates, Memory, PairSource
 
 COUNT = 4_000
-PREPARED_ONE = 1  # of dispatcher.operations.preparation.STATES
+PREPARED_ONE = 1  # of dispatcher.operations.emission.STATES
 RELAXING = str(Path(__file__).parents[3] / "docs" / "noise-models" / "damping.py") + ":Relaxing"
 MODEL = """
 from dataclasses import dataclass

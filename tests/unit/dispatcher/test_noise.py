@@ -14,12 +14,12 @@ from dispatcher.fiber.noise import (
     Depolarizing,
     Effect,
     Loss,
+    NoiseHistory,
     Passage,
     Pattern,
     PauliChannel,
     Schedule,
 )
-from dispatcher.fiber.noise_history import NoiseHistory
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.draws import Draws
 from wire.parameters.fiber import FiberOptics, optics

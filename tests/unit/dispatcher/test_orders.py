@@ -20,7 +20,7 @@ from dispatcher_network import (
 )
 
 from dispatcher.operations.limits import MAX_ORDERS
-from dispatcher.server.orders import Orders
+from dispatcher.server.servicer import Orders
 from wire.dispatcher_pb2 import (
     ApplyRequest,
     BellMeasureRequest,

@@ -19,7 +19,7 @@ import pytest
 import uvloop
 from five_sigma import within
 
-from dispatcher.devices.part_noise import Moment
+from dispatcher.devices.hardware import Moment
 from dispatcher.fiber.noise import Effect, Passage
 from dispatcher.laboratory import RATE_HZ, Laboratory, LaboratoryHost
 from dispatcher.operations.adjustment import adjust

@@ -15,7 +15,7 @@ from dispatcher.build import build_layer
 from dispatcher.devices.source import emit, most_further
 from dispatcher.laboratory import SESSION, JumpingClock, Laboratory, LaboratoryHost, block_id
 from dispatcher.operations.blocks import Operations
-from dispatcher.operations.preparation import STATES
+from dispatcher.operations.emission import STATES
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.refusal import Refusal
 from dispatcher.sabot.backend import Bytes

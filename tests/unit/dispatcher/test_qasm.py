@@ -22,10 +22,11 @@ from dispatcher.sabot.circuits.circuit import (
     If,
     Measure,
     Reset,
+    Source,
+    read_source,
 )
 from dispatcher.sabot.circuits.gates import standard_gates
 from dispatcher.sabot.circuits.qasm import read_qasm
-from dispatcher.sabot.circuits.source import Source, read_source
 
 Matrix = NDArray[Any]
 

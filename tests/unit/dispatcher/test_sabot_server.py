@@ -34,8 +34,8 @@ from dispatcher.sabot.manager import Sabot
 from dispatcher.sabot.registers import Pick, Register
 from dispatcher.sabot.remote import client
 from dispatcher.sabot.remote.client import RemoteSabot, SabotUnreachable
-from dispatcher.sabot.remote.server import serving
-from dispatcher.sabot.remote.workspace import MAX_WORKSPACES
+from dispatcher.sabot.remote.requests import MAX_WORKSPACES
+from dispatcher.sabot.remote.sabot_servicer import serving
 from dispatcher.sabot.simulation import Simulation
 from wire import sabot_pb2 as messages
 from wire.dispatcher_pb2 import (

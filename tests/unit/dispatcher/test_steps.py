@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from dispatcher.switch.steps import Steps
-from dispatcher.switch.timeline import REMEMBERED_NS
+from dispatcher.switch.timeline import REMEMBERED_NS, Steps
 
 
 def at(steps: Steps, *times_ns: int) -> float | list[float]:

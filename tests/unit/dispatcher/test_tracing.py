@@ -12,10 +12,9 @@ from dispatcher_network import Bench, JumpingClock, block, configuration, runnin
 from dispatcher.recording.writer import PHOTONS
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.backends import BACKENDS
-from dispatcher.sabot.circuits.circuit import MAX_SOURCE_BYTES, Circuit
+from dispatcher.sabot.circuits.circuit import MAX_SOURCE_BYTES, Circuit, Source
 from dispatcher.sabot.circuits.interpreter import run_circuit
 from dispatcher.sabot.circuits.qasm import read_qasm
-from dispatcher.sabot.circuits.source import Source
 from wire.config import PathOptics, QuantumSwitch
 from wire.dispatcher_pb2 import (
     ApplyRequest,

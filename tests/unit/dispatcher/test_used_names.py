@@ -8,8 +8,8 @@ import uvloop
 from five_sigma import within
 
 from dispatcher.laboratory import Laboratory
-from dispatcher.layer import used_names
-from dispatcher.layer.used_names import UsedNames, UsedNumbers
+from dispatcher.layer import ownership
+from dispatcher.layer.ownership import UsedNames, UsedNumbers
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import MeasureRequest
 from wire.outcomes import NO_CLICK
@@ -54,8 +54,8 @@ def test_each_use_of_a_number_is_told_from_the_others() -> None:
 def test_what_is_remembered_is_bounded_and_no_use_is_taken_for_another(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(used_names, "MOST_RANGES", 4)
-    monkeypatch.setattr(used_names, "MOST_REPEATED", 3)
+    monkeypatch.setattr(ownership, "MOST_RANGES", 4)
+    monkeypatch.setattr(ownership, "MOST_REPEATED", 3)
     numbers, told = UsedNumbers(), set()
     uses = [*range(0, 40, 2), *range(40), *range(0, 40, 3), 100, 0, 1, 2]
     for number in uses:

@@ -7,8 +7,16 @@ from math import exp, sqrt
 import numpy as np
 import pytest
 
-from dispatcher.devices.bright_light import AvalanchePhotodiode, ReflectingSource, shares
-from evidence.attacks.bright_light import GUARDED, MONITORED, Glare, blinded, trojan
+from evidence.attacks.bright_light import (
+    GUARDED,
+    MONITORED,
+    AvalanchePhotodiode,
+    Glare,
+    ReflectingSource,
+    blinded,
+    shares,
+    trojan,
+)
 from evidence.attacks.laboratory import ATTACKS, LightAttack
 from evidence.attacks.photons import Spied
 
