@@ -6,8 +6,8 @@ from types import MappingProxyType
 from typing import Any
 
 from wire.config import Config
-from wire.key_delivery import KEY_DELIVERY_PORT
 
+KEY_DELIVERY_PORT = 8443
 # At the stacks: where key managers wait for each other's sessions, by protocol.
 KEY_LINK_PORTS: Mapping[str, int] = MappingProxyType(
     {"bb84": 14, "bbm92": 17, "e91": 18, "mdi": 19}

@@ -11,12 +11,12 @@ from contextlib import suppress
 from ipaddress import IPv4Address, IPv4Network, IPv6Address, ip_address
 
 from applications.ip_over_light.format import IpOverLightConfig
+from applications.ip_over_light.ip_packet import PacketStream, decode, unreachable
+from applications.ip_over_light.lost_packet import Packet, Unreachable
 from applications.ip_over_light.outgoing import PORTS, Outgoing, WantedLight
 from applications.ip_over_light.tun import Tun
 from hosts.quantum_socket import QuantumSocket
 from hosts.stack_socket import QuantumSocketError, StackEnded
-from wire.ip_packet import PacketStream, decode, unreachable
-from wire.lost_packet import Packet, Unreachable
 from wire.malformed import MalformedPacket
 
 log = logging.getLogger("q0")

@@ -5,6 +5,7 @@ from ipaddress import IPv4Address, IPv4Network, IPv6Address, IPv6Network
 from pathlib import Path
 from typing import Any
 
+from applications.ip_over_light import ipv6
 from applications.ip_over_light.format import DEFAULT_MTU, INTERFACE, IpOverLightConfig, Neighbor
 from topologies.links.fiber import qnics
 from topologies.networks.network import Network
@@ -13,7 +14,6 @@ from topologies.nodes.addresses import free_address
 from topologies.system.processes.programs import NetworkError
 from topologies.system.runs.launching import launch
 from topologies.timeouts import READY_TIMEOUT_S
-from wire import ipv6
 from wire.features import EMIT
 
 MODULE = "applications.ip_over_light"

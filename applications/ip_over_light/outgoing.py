@@ -18,11 +18,11 @@ from contextlib import contextmanager
 from typing import Any
 
 from applications.ip_over_light.format import PACKETS_PORT, RETURNED_PACKETS_PORT, Neighbor
+from applications.ip_over_light.lost_packet import Packet, Unreachable
 from applications.ip_over_light.refusals import PASSING, code
 from hosts.quantum_socket import QuantumSocket
 from hosts.stack_socket import QuantumSocketError, StackEnded
 from hosts.timeouts import HOLDOFF_S, LIGHT_RETRY_S, YIELD_S
-from wire.lost_packet import Packet, Unreachable
 from wire.metadata.vocabulary import Service
 
 log = logging.getLogger("q0")

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from wire.lost_packet import Unreachable
+from applications.ip_over_light.lost_packet import Unreachable
 from wire.metadata.vocabulary import Reason
 
 CODES: Mapping[Reason, Unreachable] = MappingProxyType(

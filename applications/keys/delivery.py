@@ -17,6 +17,8 @@ from pathlib import Path
 from typing import Protocol
 from uuid import UUID, uuid4
 
+from applications.keys.key_assignment import MAX_BITS, AssignedKey, Assignment
+from applications.keys.key_delivery import MAX_IDS, MAX_NAMES, DeliveredKey, KeyRequest, Status
 from applications.keys.refusals import (
     NOT_MULTIPLE,
     NOT_SUPPORTED,
@@ -32,8 +34,6 @@ from applications.keys.waiting import WaitingKeys
 from hosts.middleware.qkd.key_store import KEY_BITS, StoredKey
 from hosts.middleware.qkd.keyring import CAPACITY
 from hosts.network_loop import now_s
-from wire.key_assignment import MAX_BITS, AssignedKey, Assignment
-from wire.key_delivery import MAX_IDS, MAX_NAMES, DeliveredKey, KeyRequest, Status
 from wire.key_manager import KeyManagerConfig, manager_name
 from wire.key_routes import KeyRoute
 

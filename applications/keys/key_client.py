@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from urllib.parse import quote
 from uuid import UUID
 
-from hosts.timeouts import KEY_MANAGER_TIMEOUT_S
-from wire.key_delivery import (
+from applications.keys.key_delivery import (
     MAX_ANSWER,
     DeliveredKey,
     KeyRequest,
@@ -17,6 +16,7 @@ from wire.key_delivery import (
     encode_key_ids,
     encode_request,
 )
+from hosts.timeouts import KEY_MANAGER_TIMEOUT_S
 from wire.malformed import MalformedPacket
 
 OK = 200

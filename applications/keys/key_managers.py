@@ -16,8 +16,7 @@ from topologies.system.certificates.authority import (
 from topologies.system.processes.programs import NetworkError, Program
 from topologies.system.runs.launching import launch
 from topologies.timeouts import READY_TIMEOUT_S
-from wire.key_delivery import KEY_DELIVERY_PORT
-from wire.key_manager import KeyLink, KeyManagerConfig, manager_name
+from wire.key_manager import KEY_DELIVERY_PORT, KeyLink, KeyManagerConfig, manager_name
 from wire.parameters.checks import remedy
 
 MODULE = "applications.keys"

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from uuid import UUID
 
+from applications.keys.key_delivery import DeliveredKey
 from applications.keys.refusals import NOT_FOUND, bad_request, unauthorized, unavailable
 from hosts.middleware.qkd.key_files import KeyStoreError, sync_folder
 from hosts.timeouts import FETCH_TIMEOUT_S
-from wire.key_delivery import DeliveredKey
 
 UNFINISHED = ".new"
 MOST_WAITING = 4096  # keys for one application

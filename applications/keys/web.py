@@ -9,15 +9,15 @@ from uuid import UUID
 from tornado.httpserver import HTTPServer
 from tornado.web import Application, HTTPError, RequestHandler
 
+from applications.keys import key_delivery as bodies
 from applications.keys.delivery import KeyDelivery
+from applications.keys.key_assignment import ASSIGNMENT_PATH, MAX_ASSIGNMENT, Assignment
+from applications.keys.key_relay import RELAY_PATH
 from applications.keys.other_managers import named, serving
 from applications.keys.refusals import BAD_REQUEST, UNAUTHORIZED, Refused, unauthorized
 from hosts.timeouts import ANSWER_TIMEOUT_S, CLIENT_IDLE_S
 from programs.connection_shares import SharedListener
-from wire import key_delivery as bodies
-from wire.key_assignment import ASSIGNMENT_PATH, MAX_ASSIGNMENT, Assignment
 from wire.key_manager import KeyManagerConfig
-from wire.key_relay import RELAY_PATH
 from wire.malformed import MalformedPacket
 
 log = logging.getLogger("key-manager")

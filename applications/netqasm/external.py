@@ -15,9 +15,9 @@ from applications.netqasm.connection import Connection, get_qubit_state
 from applications.netqasm.placement import Placement
 from applications.netqasm.round_end import SOCKET, RoundEnd
 from applications.netqasm.rounds import simulate_application
+from applications.netqasm.text_format import NAME_BYTES
 from applications.netqasm.texts import BroadcastChannel, Exchange, Socket
 from hosts.timeouts import ROUND_TIMEOUT_S
-from wire.netqasm.texts import NAME_BYTES
 
 NAME, SIM_STATES = "netqasm.sdk.external", "netqasm.sdk.toolbox.sim_states"
 

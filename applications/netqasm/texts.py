@@ -19,10 +19,7 @@ from netqasm.sdk.classical_communication.socket import Socket as BaseSocket
 
 from applications.netqasm.outcomes import resolved
 from applications.netqasm.placement import Placement
-from hosts.timeouts import GREETING_TIMEOUT_S, JOIN_TIMEOUT_S, TEXT_PAUSE_S, TEXT_TIMEOUT_S
-from programs.connection_shares import NO_FILES
-from wire.malformed import MalformedPacket
-from wire.netqasm.texts import (
+from applications.netqasm.text_format import (
     GREETING,
     MAX_BYTES,
     TEXTS_PORT,
@@ -32,6 +29,9 @@ from wire.netqasm.texts import (
     encode_text,
     take_text,
 )
+from hosts.timeouts import GREETING_TIMEOUT_S, JOIN_TIMEOUT_S, TEXT_PAUSE_S, TEXT_TIMEOUT_S
+from programs.connection_shares import NO_FILES
+from wire.malformed import MalformedPacket
 
 MOST_JOINED = 256  # connections that no socket has taken up yet
 

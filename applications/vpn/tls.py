@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import IO
 from uuid import UUID
 
+from applications.ip_over_light.ip_packet import decode
 from applications.ip_over_light.tun import Tun
 from hosts.timeouts import COMMAND_TIMEOUT_S, TLS_KEY_S
-from wire.ip_packet import decode
 from wire.malformed import MalformedPacket
 
 PORT = 5443

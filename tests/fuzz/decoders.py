@@ -22,6 +22,10 @@ from scapy.layers.inet6 import IPv6, IPv6ExtHdrFragment, IPv6ExtHdrHopByHop
 from spoiling import spoiled, spoiled_json
 from target import Target
 
+from applications.ip_over_light import ip_packet
+from applications.ip_over_light.lost_packet import Packet
+from applications.keys import key_assignment, key_delivery, key_relay
+from applications.netqasm import text_format
 from controller_apps.openflow import discovery
 from controller_apps.packets import datagrams, segments
 from hosts.middleware.services.key_distribution.messages import Cutter
@@ -35,10 +39,6 @@ from wire import (
     dispatcher_record,
     events,
     frames,
-    ip_packet,
-    key_assignment,
-    key_delivery,
-    key_relay,
     machine_channel,
     optical,
     packed_folder,
@@ -53,11 +53,10 @@ from wire.dispatcher_pb2 import BlockId, Event
 from wire.features import EVERYTHING, NodeFeatures
 from wire.key_routes import Hop, KeyLinks, LinkState
 from wire.lldp import announcement
-from wire.lost_packet import Packet
 from wire.malformed import MalformedPacket
 from wire.metadata.decoding import decode
 from wire.metadata.vocabulary import Verdict
-from wire.netqasm import messages, pair_requests, subroutine, texts
+from wire.netqasm import messages, pair_requests, subroutine
 
 KEY = "0f" * 16
 CONNECTION = ("10.0.0.1", 4711, "10.0.0.2", 9010)
@@ -148,7 +147,7 @@ def _cut(data: bytes) -> list[bytes]:
 
 
 def _text(data: bytes) -> str | None:
-    return texts.take_text(bytearray(data))
+    return text_format.take_text(bytearray(data))
 
 
 def _written_record() -> bytes:
@@ -385,11 +384,11 @@ TARGETS: dict[str, Target] = {
     ),
     "NetQASM, subroutine": Target(netqasm_samples.SUBROUTINES, subroutine.decode_subroutine),
     "NetQASM, greeting": Target(
-        [texts.encode_greeting(texts.Greeting("alice", "bob", 3))],
-        texts.decode_greeting,
-        texts.encode_greeting,
+        [text_format.encode_greeting(text_format.Greeting("alice", "bob", 3))],
+        text_format.decode_greeting,
+        text_format.encode_greeting,
     ),
-    "NetQASM, text": Target([texts.encode_text("später")], _text),
+    "NetQASM, text": Target([text_format.encode_text("später")], _text),
     "NetQASM, pairs wanted": Target(
         [netqasm_samples.PAIRS.encode()],
         pair_requests.decode_request,

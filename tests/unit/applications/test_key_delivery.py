@@ -9,14 +9,14 @@ import pytest
 
 from applications.ip_over_light.format import PACKETS_PORT, RETURNED_PACKETS_PORT
 from applications.keys.delivery import KeyDelivery
+from applications.keys.key_assignment import Assignment
+from applications.keys.key_delivery import DeliveredKey, KeyRequest
 from applications.keys.refusals import NOT_FOUND, Allowance, Refused, unavailable
 from applications.keys.waiting import WaitingKeys
 from hosts import network_loop
 from hosts.middleware.qkd.key_files import KeyStoreError
 from hosts.middleware.qkd.key_store import StoredKey
 from hosts.timeouts import FETCH_TIMEOUT_S
-from wire.key_assignment import Assignment
-from wire.key_delivery import DeliveredKey, KeyRequest
 from wire.key_manager import KEY_LINK_PORTS, KeyManagerConfig, manager_name
 
 HOSTS = {"alice": "10.0.0.1", "bob": "10.0.0.2", "carol": "10.0.0.3"}

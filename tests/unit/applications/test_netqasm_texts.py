@@ -3,8 +3,8 @@
 import socket
 from contextlib import ExitStack
 
+from applications.netqasm.text_format import TEXTS_PORT, Greeting, encode_greeting
 from applications.netqasm.texts import Exchange
-from wire.netqasm.texts import TEXTS_PORT, Greeting, encode_greeting
 
 BOB, ALICE, STRANGER = "127.0.0.1", "127.0.0.2", "127.0.0.3"
 STRANGERS = 20  # silent, each for GREETING_TIMEOUT_S if it were waited for

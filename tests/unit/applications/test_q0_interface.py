@@ -16,12 +16,12 @@ from stacks_scene import DEADLINE_S, PORTS, QNICS, Judge, grant, live_qubits, ne
 
 from applications.ip_over_light.format import PACKETS_PORT, IpOverLightConfig, Neighbor
 from applications.ip_over_light.interface import Interface
+from applications.ip_over_light.ip_packet import decode
 from applications.ip_over_light.outgoing import MOST_QUEUED_BYTES
 from applications.ip_over_light.tun import Tun
 from hosts import network_loop
 from hosts.quantum_socket import QuantumSocket
 from hosts.stack import Stack
-from wire.ip_packet import decode
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Reason, Verdict
 

@@ -10,6 +10,13 @@ from netqasm.lang.operand import Address, ArrayEntry, ArraySlice, Immediate, Reg
 from netqasm.lang.parsing import parse_text_subroutine
 from netqasm.lang.subroutine import Subroutine as SdkSubroutine
 
+from applications.netqasm.text_format import (
+    Greeting,
+    decode_greeting,
+    encode_greeting,
+    encode_text,
+    take_text,
+)
 from wire.malformed import MalformedPacket
 from wire.netqasm.messages import (
     Finished,
@@ -41,13 +48,6 @@ from wire.netqasm.subroutine import (
     Subroutine,
     decode_subroutine,
     encode_subroutine,
-)
-from wire.netqasm.texts import (
-    Greeting,
-    decode_greeting,
-    encode_greeting,
-    encode_text,
-    take_text,
 )
 
 EVERY = [*CORE_INSTRUCTIONS, *VanillaFlavour().instrs]

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from ipaddress import IPv4Address, IPv6Address
 
-from wire import ipv4, ipv6
-from wire.lost_packet import Packet, Unreachable
+from applications.ip_over_light import ipv4, ipv6
+from applications.ip_over_light.lost_packet import Packet, Unreachable
 from wire.malformed import MalformedPacket
 
 

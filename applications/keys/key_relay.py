@@ -16,9 +16,16 @@ from dataclasses import dataclass
 from ipaddress import AddressValueError, IPv4Address
 from uuid import UUID
 
+from applications.keys.key_assignment import MAX_ASSIGNMENT, MAX_BITS, MAX_STORED
+from applications.keys.key_delivery import (
+    MAX_DEPTH,
+    MAX_IDS,
+    MAX_NAMES,
+    decode_base64,
+    decode_id,
+    decode_name,
+)
 from wire.bounded_json import decode_json
-from wire.key_assignment import MAX_ASSIGNMENT, MAX_BITS, MAX_STORED
-from wire.key_delivery import MAX_DEPTH, MAX_IDS, MAX_NAMES, decode_base64, decode_id, decode_name
 from wire.key_routes import MAX_HOPS, TAG_BYTES, Hop
 from wire.malformed import MalformedPacket
 

@@ -5,8 +5,8 @@ from uuid import UUID
 
 import pytest
 
-from wire.key_assignment import AssignedKey, Assignment
-from wire.key_delivery import (
+from applications.keys.key_assignment import AssignedKey, Assignment
+from applications.keys.key_delivery import (
     DeliveredKey,
     KeyRequest,
     decode_id_query,

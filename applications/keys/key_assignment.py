@@ -14,8 +14,15 @@ from dataclasses import dataclass
 from typing import Any
 from uuid import UUID
 
+from applications.keys.key_delivery import (
+    MAX_DEPTH,
+    MAX_IDS,
+    MAX_NAMES,
+    decode_base64,
+    decode_id,
+    decode_name,
+)
 from wire.bounded_json import decode_json
-from wire.key_delivery import MAX_DEPTH, MAX_IDS, MAX_NAMES, decode_base64, decode_id, decode_name
 from wire.malformed import MalformedPacket
 
 ASSIGNMENT_PATH = "/qmn/assignments"

@@ -7,9 +7,9 @@ import pytest
 from scapy.layers.inet import ICMP, IP, UDP, IPerror
 from scapy.packet import Packet as ScapyPacket
 
-from wire.ip_packet import PacketStream, decode, packet_bytes, unreachable
-from wire.ipv4 import HEADER
-from wire.lost_packet import Packet, Unreachable, checksum
+from applications.ip_over_light.ip_packet import PacketStream, decode, packet_bytes, unreachable
+from applications.ip_over_light.ipv4 import HEADER
+from applications.ip_over_light.lost_packet import Packet, Unreachable, checksum
 from wire.malformed import MalformedPacket
 
 MOST = 1500

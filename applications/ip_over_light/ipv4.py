@@ -3,7 +3,7 @@
 import struct
 from ipaddress import IPv4Address, IPv6Address
 
-from wire.lost_packet import Packet, Unreachable, checksum
+from applications.ip_over_light.lost_packet import Packet, Unreachable, checksum
 from wire.malformed import MalformedPacket
 
 HEADER = struct.Struct("!BBHHHBBH4s4s")

@@ -18,9 +18,9 @@ from scapy.layers.inet6 import (
 )
 from scapy.packet import Packet as ScapyPacket
 
-from wire.ip_packet import PacketStream, decode, packet_bytes, unreachable
-from wire.ipv6 import HEADER
-from wire.lost_packet import Packet, Unreachable
+from applications.ip_over_light.ip_packet import PacketStream, decode, packet_bytes, unreachable
+from applications.ip_over_light.ipv6 import HEADER
+from applications.ip_over_light.lost_packet import Packet, Unreachable
 from wire.malformed import MalformedPacket
 
 MOST = 1500

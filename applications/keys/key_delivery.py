@@ -18,7 +18,6 @@ from uuid import UUID
 from wire.bounded_json import decode_json
 from wire.malformed import MalformedPacket
 
-KEY_DELIVERY_PORT = 8443
 MAX_REQUEST = 1 << 16  # bytes of a body
 MAX_ANSWER = 1 << 19
 MAX_DEPTH = 8

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from ipaddress import IPv4Address, IPv6Address
 from types import MappingProxyType
 
-from wire.lost_packet import Packet, Unreachable, checksum
+from applications.ip_over_light.lost_packet import Packet, Unreachable, checksum
 from wire.malformed import MalformedPacket
 
 HEADER = struct.Struct("!IHBB16s16s")
