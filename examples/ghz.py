@@ -12,7 +12,7 @@ Of every other state the three find the same along Z; along X, an even number of
 
 import socket
 
-from hosts.qubits import Processor, Qubit
+from applications.qubits import Processor, Qubit
 
 STATES, PORT = 12, 5000
 

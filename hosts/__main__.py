@@ -14,13 +14,15 @@ from hosts.hardware.announce import announce
 from hosts.hardware.choice import chosen_qnic
 from hosts.hardware.simulated import SimulatedQnic
 from hosts.node_agent import start_node_agent
+from hosts.serving import processing
 from hosts.stack import Stack
 from programs.config_argument import config_path
 from programs.connection_shares import StreamServer
 from programs.faults import report_fault
 from wire.config import BadConfig, HostConfig
 from wire.metadata.header import METADATA_PORT
-from wire.netqasm.pair_requests import PAIRS_PORT
+
+processing.preload()
 
 
 async def run(config: HostConfig) -> None:
@@ -31,9 +33,13 @@ async def run(config: HostConfig) -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, stopped.set)
     # asyncio would look addresses up by names, in four threads of their own.
-    ports = [socket.create_server((config.address, port)) for port in (METADATA_PORT, PAIRS_PORT)]
-    metadata = StreamServer(stack.serve, ports[0])
-    pairs = StreamServer(stack.unit.pairs.serve, ports[1])
+    serves = {METADATA_PORT: stack.serve}
+    if stack.unit is not None:
+        serves[stack.unit.port] = stack.unit.serve_unit
+    servers = [
+        StreamServer(serve, socket.create_server((config.address, port)))
+        for port, serve in serves.items()
+    ]
     local = await asyncio.start_unix_server(stack.applications.serve, config.socket)
     announcing = announce(config, lambda: stack.device.subscribed)
     speaking = [asyncio.create_task(announcing)]
@@ -52,8 +58,8 @@ async def run(config: HostConfig) -> None:
         if task.done():
             task.result()
         task.cancel()
-    metadata.close()
-    pairs.close()
+    for server in servers:
+        server.close()
     local.close()
     await qnic.close()
     Path(config.socket).unlink(missing_ok=True)

@@ -34,12 +34,10 @@ from hosts.middleware.session.session import AcceptingSession, OpeningSession, r
 from hosts.middleware.session.swap_orders import Swaps
 from hosts.middleware.session.values import Lifetimes
 from hosts.middleware.verdicts import Verdicts
-from hosts.processing_unit.pairs import Arriving, Sessions
-from hosts.processing_unit.unit import ProcessingUnit
 from hosts.serving.active_sessions import ActiveSessions
 from hosts.serving.applications_port import ApplicationsPort
-from hosts.serving.incoming import Incoming
-from hosts.serving.ordered_seals import NoApplication, OrderedSeals
+from hosts.serving.ordered_seals import OrderedSeals
+from hosts.serving.processing import Attending, Sessions, processing_unit
 from hosts.timeouts import ANSWER_TIMEOUT_S
 from wire.config import STANDING, HostConfig
 from wire.features import HERALD
@@ -51,8 +49,6 @@ from wire.parameters.checks import remedy
 from wire.services import HERALDED_LIGHT, Role
 
 log = logging.getLogger("stack")
-
-Attending = Incoming | Arriving | NoApplication  # who takes part, at the end that was asked
 
 
 class Stack:
@@ -87,10 +83,10 @@ class Stack:
         self.active_sessions = ActiveSessions(self.swaps.opens)
         self.device = Device(lambda: read_ports(config.qnics), cut_off=self._cut_off)
         self.applications = ApplicationsPort(
-            self.request, qnic.watch, self.intercept, self._opening, config.name
+            self.request, qnic.watch, self.intercept, self._opening
         )
         sessions = Sessions(self.request, self._opening, self.applications.expecting)
-        self.unit = ProcessingUnit(config, qnic, sessions, self._new_session)
+        self.unit = processing_unit(config, qnic, sessions, self._new_session)
         self.applications.unit = self.unit
         ordering = self.request, self._opening, self.device.give_back
         self.seals = OrderedSeals(config.name, config.address, *ordering)

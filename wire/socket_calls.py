@@ -39,7 +39,7 @@ CLOSE                   ->
 application                 stack's processing unit
 PROCESS                 ->
                         <-  DONE {node, nodes}: name of this host, addresses of all by name
-DATA message            ->  of NetQASM (wire.netqasm.messages), as often as wanted
+DATA message            ->  of NetQASM (applications.processing_unit.messages), as often as wanted
                         <-  DATA messages of NetQASM, the last of which says that it is done
 ASK {look, entangled}   ->  for the state of a qubit, where it is simulated
                         <-  DONE {real, imaginary}, or DONE {refused, reason}

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from applications.netqasm.placement import Placement
 from applications.netqasm.round_end import RoundEnd
-from hosts.processing_socket import ProcessingSocket
+from applications.processing_unit.messages import ReturnedArray, ReturnedRegister
+from applications.processing_unit.processing_socket import ProcessingSocket
+from applications.processing_unit.subroutine import REGISTERS_IN_A_BANK
 from hosts.stack_socket import QuantumSocketError
-from wire.netqasm.messages import ReturnedArray, ReturnedRegister
-from wire.netqasm.subroutine import REGISTERS_IN_A_BANK
 
 
 class Connection(BaseNetQASMConnection):

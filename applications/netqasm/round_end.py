@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection
 from contextlib import suppress
 
 from applications.netqasm.texts import Socket
-from hosts.processing_socket import ProcessingSocket
+from applications.processing_unit.processing_socket import ProcessingSocket
 from hosts.timeouts import ROUND_TIMEOUT_S
 
 SOCKET = -1  # programs number theirs from 0

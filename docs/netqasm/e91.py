@@ -18,7 +18,7 @@ from collections.abc import Callable
 from statistics import mean
 from typing import Any
 
-from hosts.qubits import Processor, Qubit
+from applications.qubits import Processor, Qubit
 
 ROUNDS, PAIRS, PORT = 8, 240, 5001
 AXES = {"alice": (0, 1, 2), "bob": (1, 2, 3)}  # from Z towards X, in eighths of a turn

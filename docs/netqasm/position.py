@@ -20,7 +20,7 @@ import socket
 import time
 from typing import Any, TextIO
 
-from hosts.qubits import Processor, Qubit
+from applications.qubits import Processor, Qubit
 
 PAIRS, PORT, WAIT_S = 120, 5002, 60
 ROUNDS = ("in place", "elsewhere")

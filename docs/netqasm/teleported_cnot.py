@@ -12,7 +12,7 @@ along Z, and along X.
 
 import socket
 
-from hosts.qubits import Processor, Qubit
+from applications.qubits import Processor, Qubit
 
 GATES, PORT = 40, 5002
 

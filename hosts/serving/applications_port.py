@@ -11,11 +11,10 @@ from hosts.hardware.replies import HardwareError
 from hosts.middleware.services.interception.interception import Interception
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.session import OpeningSession
-from hosts.processing_unit.pairs import SERVICES, Arriving
-from hosts.processing_unit.unit import ProcessingUnit
 from hosts.serving.incoming import Incoming, failed
 from hosts.serving.opened_session import read_call, reply, serve_session, stopped, unless_gone
-from hosts.serving.other_calls import Watch, serve_interception, serve_processing, tell_events
+from hosts.serving.other_calls import Watch, serve_interception, tell_events
+from hosts.serving.processing import Attending, ProcessingUnit
 from wire.malformed import MalformedPacket
 from wire.metadata.vocabulary import Reason
 from wire.socket_calls import HEADER, Call, decode_fields, encode_fields
@@ -43,27 +42,28 @@ class ApplicationsPort:
         watch: Watch,
         intercept: Callable[[dict[str, Any]], Interception],
         taking_part: Callable[[OpeningSession], AbstractContextManager[None]],
-        name: str,
     ) -> None:
         self._request, self._taking_part = request, taking_part
         self._watch, self._intercept = watch, intercept
         self._listening: dict[int, Listening] = {}
-        self._name = name
-        self._expected: dict[int, Arriving] = {}  # by port
+        self._expected: dict[int, tuple[tuple[str, ...], Attending]] = {}  # by port
         self.unit: ProcessingUnit | None = None
 
     @contextmanager
-    def expecting(self, port: int, arriving: Arriving) -> Iterator[None]:
-        self._expected[port] = arriving
+    def expecting(
+        self, port: int, services: tuple[str, ...], attending: Attending
+    ) -> Iterator[None]:
+        """Let a session of one of these services, to this port, reach `attending`."""
+        self._expected[port] = services, attending
         try:
             yield
         finally:
             self._expected.pop(port, None)
 
-    def incoming(self, port: int, peer: str, service: str) -> Incoming | Arriving:
+    def incoming(self, port: int, peer: str, service: str) -> Attending:
         """Queue a connection from a host for the application on a port."""
-        if service in SERVICES and port in self._expected:
-            return self._expected.pop(port)
+        if port in self._expected and service in self._expected[port][0]:
+            return self._expected.pop(port)[1]
         listening = self._listening.get(port)
         if listening is None:
             raise SessionError(
@@ -132,8 +132,10 @@ class ApplicationsPort:
     async def _serve_processing(
         self, _fields: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> None:
-        assert self.unit is not None
-        await serve_processing(self.unit, self._name, reader, writer)
+        if self.unit is None:
+            text = "this host has no processing unit: install the package applications"
+            raise SessionError(Reason.UNSUPPORTED, text)
+        await self.unit.serve_application(reader, writer)
 
     async def _serve_listener(
         self, fields: dict[str, Any], reader: asyncio.StreamReader, writer: asyncio.StreamWriter

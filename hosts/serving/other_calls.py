@@ -1,4 +1,4 @@
-"""The calls of applications that are not for a session: watch, intercept, use the processing unit.
+"""The calls of applications that are not for a session: watch, intercept.
 
 Events: the stack asks with the host's own token, so an application sees its node and no other.
 Nothing is kept here: while the application does not read, the dispatcher keeps events, and counts
@@ -12,10 +12,7 @@ from typing import Any
 from hosts.hardware.replies import HardwareError
 from hosts.middleware.services.interception.interception import Interception
 from hosts.middleware.session.errors import SessionError
-from hosts.processing_unit.unit import Connection, ProcessingUnit
-from hosts.serving.opened_session import read_call, reply, stopped, unless_gone
 from wire.metadata.vocabulary import Reason
-from wire.netqasm.messages import decode_host_message, encode_unit_message
 from wire.socket_calls import Call, encode, encode_fields
 
 Watch = Callable[[int, bool, bool], AsyncIterator[bytes]]
@@ -65,37 +62,3 @@ async def serve_interception(
             task.cancel()
         await asyncio.gather(working, coming, return_exceptions=True)
     writer.write(encode_fields(Call.CLOSE, **vars(interception.summary)))
-
-
-async def serve_processing(
-    unit: ProcessingUnit, name: str, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
-) -> None:
-    """Tell an application which nodes there are, then do what it says until it closes."""
-    connection = unit.connect()
-    coming = asyncio.create_task(read_call(reader))
-    try:
-        writer.write(encode_fields(Call.DONE, node=name, nodes=unit.nodes))
-        while True:
-            call, payload = await coming
-            if call == Call.CLOSE:
-                break
-            if call not in (Call.DATA, Call.ASK):
-                raise SessionError(Reason.PROTOCOL, f"{call.name} to a processing unit")
-            coming = asyncio.create_task(read_call(reader))
-            work = _handle if call == Call.DATA else _answer
-            await unless_gone(work(connection, payload, writer), coming)
-    finally:
-        await stopped(coming)
-        await connection.close()
-    writer.write(encode_fields(Call.CLOSE))
-
-
-async def _handle(connection: Connection, payload: bytes, writer: asyncio.StreamWriter) -> None:
-    for answer in await connection.handle(decode_host_message(payload)):
-        writer.write(encode(Call.DATA, encode_unit_message(answer)))
-        await writer.drain()
-
-
-async def _answer(connection: Connection, question: bytes, writer: asyncio.StreamWriter) -> None:
-    writer.write(await reply(connection.answer, question))
-    await writer.drain()

@@ -23,7 +23,7 @@ from scapy.utils import rdpcap
 
 EXAMPLES = ROOT / "examples"
 DOCS = ROOT / "docs"
-PROTOCOLS = {  # programs of hosts.qubits, and where they run beside alice
+PROTOCOLS = {  # programs of applications.qubits, and where they run beside alice
     EXAMPLES / "ghz.py": ("bob", "charlie"),
     DOCS / "netqasm" / "e91.py": ("bob",),
     DOCS / "netqasm" / "teleported_cnot.py": ("bob",),
@@ -135,7 +135,7 @@ def test_the_example_waits_for_a_listener_that_begins_later(tmp_path: Path) -> N
 
 @pytest.fixture(scope="module")
 def protocols(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, list[str]]]:
-    """Return what each program of hosts.qubits has printed at each host, on one network."""
+    """Return what each program of applications.qubits has printed at each host, on one network."""
     folder = tmp_path_factory.mktemp("protocols")
     commands = ""
     for file, others in PROTOCOLS.items():

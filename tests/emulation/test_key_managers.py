@@ -17,7 +17,6 @@ from fabric_scene import running
 from limits import SOON_S
 from scapy.utils import rdpcap
 
-from applications.keys.key_delivery import KEY_DELIVERY_PORT
 from applications.keys.key_managers import KeyManagers, KeyService, start_key_managers
 from qmn.results.timeline import merge
 from topologies.networks.network import Network
@@ -26,7 +25,7 @@ from topologies.system.certificates.authority import CertificateFiles
 from topologies.system.confinement.confinement import children
 from topologies.system.processes import shells
 from topologies.system.processes.programs import NetworkError
-from wire.key_manager import KeyLink
+from wire.key_manager import KEY_DELIVERY_PORT, KeyLink
 
 LOW, HIGH = 8, 16
 LINK = KeyLink("", True, low=LOW, high=HIGH, options={"count": 12_000})

@@ -14,7 +14,13 @@ from loaded import run_qmn
 from scapy.layers.inet import IP, TCP
 from scapy.utils import PcapReader
 
-from wire.netqasm.pair_requests import PAIRS_PORT, REQUEST, PairRequest, Use, decode_request
+from applications.processing_unit.pair_requests import (
+    PAIRS_PORT,
+    REQUEST,
+    PairRequest,
+    Use,
+    decode_request,
+)
 
 APPS = Path(netqasm.examples.apps.__file__).parent
 RANKS = Path(__file__).parents[1] / "unit/applications/netqasm_styles/netqmpi"

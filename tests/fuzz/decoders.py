@@ -26,6 +26,7 @@ from applications.ip_over_light import ip_packet
 from applications.ip_over_light.lost_packet import Packet
 from applications.keys import key_assignment, key_delivery, key_relay
 from applications.netqasm import text_format
+from applications.processing_unit import messages, pair_requests, subroutine
 from controller_apps.openflow import discovery
 from controller_apps.packets import datagrams, segments
 from hosts.middleware.services.key_distribution.messages import Cutter
@@ -56,7 +57,6 @@ from wire.lldp import announcement
 from wire.malformed import MalformedPacket
 from wire.metadata.decoding import decode
 from wire.metadata.vocabulary import Verdict
-from wire.netqasm import messages, pair_requests, subroutine
 
 KEY = "0f" * 16
 CONNECTION = ("10.0.0.1", 4711, "10.0.0.2", 9010)

@@ -11,8 +11,13 @@ from scapy.layers.l2 import Ether as Ether
 from scapy.utils import PcapWriter
 from test_netqasm import TEXT
 
-from wire.netqasm.messages import Finished, ReturnedArray, ReturnedRegister, encode_unit_message
-from wire.netqasm.pair_requests import Measuring, PairRequest, RandomBasis, Use
+from applications.processing_unit.messages import (
+    Finished,
+    ReturnedArray,
+    ReturnedRegister,
+    encode_unit_message,
+)
+from applications.processing_unit.pair_requests import Measuring, PairRequest, RandomBasis, Use
 
 SUBROUTINES = [bytes(parse_text_subroutine(TEXT))]
 HOST_MESSAGES = [

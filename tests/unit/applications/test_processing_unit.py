@@ -17,8 +17,8 @@ from netqasm.sdk.epr_socket import EprMeasBasis
 from netqasm_scene import EXAMPLES, outputs
 from stacks_scene import DEADLINE_S, network
 
+from applications.processing_unit import machine, pairs
 from hosts import network_loop
-from hosts.processing_unit import machine, pairs
 from hosts.stack_socket import QuantumSocketError
 from wire.socket_calls import HEADER, Call, decode_fields, decode_header, encode, encode_fields
 

@@ -41,7 +41,6 @@ from wire.metadata.decoding import decode, message_length
 from wire.metadata.header import HEADER, METADATA_PORT, Message, session_number
 from wire.metadata.setup import SETUP_LENGTH, Setup
 from wire.metadata.vocabulary import Verdict
-from wire.netqasm.pair_requests import PAIRS_PORT
 from wire.optical import ANY_WAVELENGTH
 from wire.parameters.physics import BellAnalyser, Device
 from wire.verdict import Connection, seal
@@ -365,12 +364,13 @@ async def start_host(
     qnic = SimulatedQnic(config.dispatcher, config.token, config.qnics)
     stack.push_async_callback(qnic.close)
     host = Stack(config, qnic)
-    servers = (
+    servers = [
         asyncio.start_server(host.serve, config.address, METADATA_PORT),
         asyncio.start_server(relay(name, judge, change, cut), RELAYED[name], METADATA_PORT),
-        asyncio.start_server(host.unit.pairs.serve, RELAYED[name], PAIRS_PORT),
         asyncio.start_unix_server(host.applications.serve, config.socket),
-    )
+    ]
+    if host.unit is not None:
+        servers.append(asyncio.start_server(host.unit.serve_unit, RELAYED[name], host.unit.port))
     for starting in servers:
         await stack.enter_async_context(await starting)
     return host

@@ -14,14 +14,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from hosts.processing_socket import ProcessingSocket
-from wire.netqasm.messages import (
+from applications.processing_unit.messages import (
     InitApplication,
     OpenSocket,
     ReturnedRegister,
     encode_host_message,
 )
-from wire.netqasm.subroutine import Instruction, Subroutine
+from applications.processing_unit.processing_socket import ProcessingSocket
+from applications.processing_unit.subroutine import Instruction, Subroutine
 from wire.parameters.checks import remedy
 
 MOST_QUBITS = 255

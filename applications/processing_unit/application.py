@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from applications.processing_unit.machine import Machine
+from applications.processing_unit.measuring import choose, measurement, read_use, read_word
+from applications.processing_unit.memory import MOST, Value
+from applications.processing_unit.messages import OpenSocket, ReturnedArray, ReturnedRegister
+from applications.processing_unit.pair_requests import MAX_PAIRS, Measuring, PairRequest, Use
+from applications.processing_unit.pairs import Made, PairMaking
+from applications.processing_unit.qubits import Qubits
+from applications.processing_unit.subroutine import Subroutine
 from hosts.hardware.operations import BlockName
 from hosts.hardware.qnic import Qnic, release
 from hosts.middleware.session.errors import SessionError
-from hosts.processing_unit.machine import Machine
-from hosts.processing_unit.measuring import choose, measurement, read_use, read_word
-from hosts.processing_unit.memory import MOST, Value
-from hosts.processing_unit.pairs import Made, PairMaking
-from hosts.processing_unit.qubits import Qubits
 from wire.metadata.vocabulary import Reason
-from wire.netqasm.messages import OpenSocket, ReturnedArray, ReturnedRegister
-from wire.netqasm.pair_requests import MAX_PAIRS, Measuring, PairRequest, Use
-from wire.netqasm.subroutine import Subroutine
 from wire.outcomes import NO_CLICK
 
 FIELDS = 10  # that are told of each pair

@@ -8,12 +8,12 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from inspect import isawaitable
 
+from applications.processing_unit.memory import ClassicalMemory, Value
+from applications.processing_unit.messages import ReturnedArray, ReturnedRegister
+from applications.processing_unit.qubits import GATES, PAIR_GATES, ROTATIONS, Outcome, Qubits
+from applications.processing_unit.subroutine import Instruction, Subroutine
 from hosts.middleware.session.errors import SessionError
-from hosts.processing_unit.memory import ClassicalMemory, Value
-from hosts.processing_unit.qubits import GATES, PAIR_GATES, ROTATIONS, Outcome, Qubits
 from wire.metadata.vocabulary import Reason
-from wire.netqasm.messages import ReturnedArray, ReturnedRegister
-from wire.netqasm.subroutine import Instruction, Subroutine
 
 MOST_EXECUTED = 1_000_000  # instructions of a subroutine
 BREATH = 1000  # instructions after which others on this host have their turn

@@ -17,8 +17,7 @@ from applications.netqasm.text_format import (
     encode_text,
     take_text,
 )
-from wire.malformed import MalformedPacket
-from wire.netqasm.messages import (
+from applications.processing_unit.messages import (
     Finished,
     InitApplication,
     OpenSocket,
@@ -31,7 +30,7 @@ from wire.netqasm.messages import (
     encode_host_message,
     encode_unit_message,
 )
-from wire.netqasm.pair_requests import (
+from applications.processing_unit.pair_requests import (
     Measuring,
     PairAnswer,
     PairRequest,
@@ -43,12 +42,13 @@ from wire.netqasm.pair_requests import (
     decode_made,
     decode_request,
 )
-from wire.netqasm.subroutine import (
+from applications.processing_unit.subroutine import (
     INSTRUCTIONS,
     Subroutine,
     decode_subroutine,
     encode_subroutine,
 )
+from wire.malformed import MalformedPacket
 
 EVERY = [*CORE_INSTRUCTIONS, *VanillaFlavour().instrs]
 TEXT = """

@@ -14,33 +14,14 @@ import asyncio
 import logging
 from collections import defaultdict, deque
 from collections.abc import Awaitable, Callable, Mapping
-from contextlib import AbstractContextManager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import count
 from math import ceil
 from typing import Any, NamedTuple
 
-from hosts.hardware.operations import BlockName, Kind, Operation
-from hosts.hardware.qnic import Qnic
-from hosts.hardware.replies import HardwareError
-from hosts.middleware.session.blocks import PAIRS
-from hosts.middleware.session.ends import Answerer
-from hosts.middleware.session.errors import SessionError
-from hosts.middleware.session.session import OpeningSession
-from hosts.network_loop import now_s, retry_pause
-from hosts.pauses import growing_pauses
-from hosts.processing_unit.agreement import Agreement, reported_light_us
-from hosts.processing_unit.qubits import Qubits
-from hosts.timeouts import (
-    ANSWER_TIMEOUT_S,
-    FREE_TIMEOUT_S,
-    MAX_BLOCK_S,
-    WANTED_TIMEOUT_S,
-)
-from wire.config import HostConfig
-from wire.malformed import MalformedPacket
-from wire.metadata.vocabulary import Reason
-from wire.netqasm.pair_requests import (
+from applications.processing_unit.agreement import Agreement, reported_light_us
+from applications.processing_unit.pair_requests import (
     MADE,
     MAX_LIGHT_US,
     REQUEST,
@@ -50,6 +31,25 @@ from wire.netqasm.pair_requests import (
     Verdict,
     decode_request,
 )
+from applications.processing_unit.qubits import Qubits
+from hosts.hardware.operations import BlockName, Kind, Operation
+from hosts.hardware.qnic import Qnic
+from hosts.hardware.replies import HardwareError
+from hosts.middleware.session.blocks import PAIRS
+from hosts.middleware.session.ends import Answerer
+from hosts.middleware.session.errors import SessionError
+from hosts.network_loop import now_s, retry_pause
+from hosts.pauses import growing_pauses
+from hosts.serving.processing import Sessions
+from hosts.timeouts import (
+    ANSWER_TIMEOUT_S,
+    FREE_TIMEOUT_S,
+    MAX_BLOCK_S,
+    WANTED_TIMEOUT_S,
+)
+from wire.config import HostConfig
+from wire.malformed import MalformedPacket
+from wire.metadata.vocabulary import Reason
 
 log = logging.getLogger("pairs")
 
@@ -98,15 +98,6 @@ class Made(NamedTuple):
 
     blocks: list[BlockName]
     light_us: int
-
-
-@dataclass(frozen=True)
-class Sessions:
-    """How sessions are opened and accepted on this host."""
-
-    request: Callable[[dict[str, Any]], OpeningSession]
-    opening: Callable[[OpeningSession], AbstractContextManager[None]]
-    expecting: Callable[[int, Arriving], AbstractContextManager[None]]
 
 
 @dataclass(eq=False)
@@ -258,7 +249,7 @@ class PairMaking:
             return await self._take(session, RECEIVER, pairs, wanted.qubits)
 
         arriving = Arriving(request.creator, take)
-        with self._sessions.expecting(port, arriving):
+        with self._sessions.expecting(port, SERVICES, arriving):
             writer.write(PairAnswer(Verdict.READY, port, pairs).encode())
             return await arriving.blocks
 

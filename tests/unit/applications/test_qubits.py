@@ -10,8 +10,8 @@ import pytest
 from dispatcher_status import require_nothing_left
 from stacks_scene import DEADLINE_S, network
 
+from applications.qubits import Processor
 from hosts import network_loop
-from hosts.qubits import Processor
 from hosts.stack_socket import QuantumSocketError
 
 Program = Callable[[Processor], Any]

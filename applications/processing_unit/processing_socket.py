@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from applications.processing_unit.messages import Finished, UnitMessage, decode_unit_message
 from hosts.stack_socket import QuantumSocketError, StackSocket, not_refused
-from wire.netqasm.messages import Finished, UnitMessage, decode_unit_message
 from wire.socket_calls import Call, decode_fields, encode, encode_fields
 
 

@@ -13,14 +13,14 @@ import struct
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from wire.malformed import MalformedPacket
-from wire.netqasm.subroutine import (
+from applications.processing_unit.subroutine import (
     Subroutine,
     decode_register,
     decode_subroutine,
     encode_register,
     encode_subroutine,
 )
+from wire.malformed import MalformedPacket
 
 INIT, OPEN_SOCKET, SUBROUTINE, STOP, SIGNAL = range(5)
 DONE, _ERROR, RETURN_ARRAY, RETURN_REGISTER = range(4)

@@ -5,11 +5,11 @@ from math import pi
 
 import numpy as np
 
+from applications.processing_unit.memory import Value
+from applications.processing_unit.pair_requests import Measuring, RandomBasis, Use
 from hosts.hardware.operations import BlockName, Kind, Operation
 from hosts.middleware.session.errors import SessionError
-from hosts.processing_unit.memory import Value
 from wire.metadata.vocabulary import Reason
-from wire.netqasm.pair_requests import Measuring, RandomBasis, Use
 
 WORDS = 22  # of a request: NetQASM's SerializedCreateRequestIndex
 STEP_RAD = pi / 16

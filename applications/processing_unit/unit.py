@@ -1,7 +1,7 @@
 """The processing unit of a host: serves applications at the host's socket, each by itself.
 
 An application says PROCESS, is told which nodes there are, and then sends NetQASM's own messages
-(wire.netqasm.messages), one by one; each is answered when it has been dealt with.
+(applications.processing_unit.messages), one by one; each is answered when it has been dealt with.
 """
 
 import asyncio
@@ -10,43 +10,71 @@ from typing import Any
 
 import numpy as np
 
-from hosts.hardware.qnic import Qnic
-from hosts.middleware.session.errors import SessionError
-from hosts.processing_unit.application import Application
-from hosts.processing_unit.pairs import PairMaking, Sessions
-from wire.config import HostConfig
-from wire.metadata.vocabulary import Reason
-from wire.netqasm.messages import (
+from applications.processing_unit.application import Application
+from applications.processing_unit.messages import (
     Finished,
     HostMessage,
     InitApplication,
     OpenSocket,
     StopApplication,
     UnitMessage,
+    decode_host_message,
+    encode_unit_message,
 )
-from wire.netqasm.subroutine import Subroutine
+from applications.processing_unit.pair_requests import PAIRS_PORT
+from applications.processing_unit.pairs import PairMaking
+from applications.processing_unit.subroutine import Subroutine
+from hosts.hardware.qnic import Qnic
+from hosts.middleware.session.errors import SessionError
+from hosts.serving.opened_session import read_call, reply, stopped, unless_gone
+from hosts.serving.processing import Sessions
+from wire.config import HostConfig
+from wire.metadata.vocabulary import Reason
+from wire.socket_calls import Call, encode, encode_fields
 
 
-class ProcessingUnit:
-    """What applications of one host share."""
+class Unit:
+    """The processing unit of one host."""
+
+    port = PAIRS_PORT
 
     def __init__(
         self, config: HostConfig, qnic: Qnic, sessions: Sessions, new_session: Callable[[], int]
     ) -> None:
         """Sessions are opened and accepted by the host's stack, which also numbers them."""
         self._name, self._seed, self._qnic = config.name, config.seed, qnic
-        self.nodes: Mapping[str, str] = dict(sorted(config.hosts.items()))
+        self._nodes: Mapping[str, str] = dict(sorted(config.hosts.items()))
         self._new_session = new_session
-        self.pairs = PairMaking(config, self.nodes, qnic, sessions)
+        self._pairs = PairMaking(config, self._nodes, qnic, sessions)
+        self.serve_unit = self._pairs.serve
 
-    def connect(self) -> "Connection":
-        return Connection(self._begin)
+    async def serve_application(
+        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
+        """Send an application the addresses of all nodes, then do what it requests."""
+        connection = Connection(self._begin)
+        coming = asyncio.create_task(read_call(reader))
+        try:
+            writer.write(encode_fields(Call.DONE, node=self._name, nodes=self._nodes))
+            while True:
+                call, payload = await coming
+                if call == Call.CLOSE:
+                    break
+                if call not in (Call.DATA, Call.ASK):
+                    raise SessionError(Reason.PROTOCOL, f"{call.name} to a processing unit")
+                coming = asyncio.create_task(read_call(reader))
+                work = _handle if call == Call.DATA else _answer
+                await unless_gone(work(connection, payload, writer), coming)
+        finally:
+            await stopped(coming)
+            await connection.close()
+        writer.write(encode_fields(Call.CLOSE))
 
     def _begin(self, message: InitApplication) -> Application:
         session = self._new_session()
         draws = np.random.default_rng([self._seed, session, *self._name.encode()])
-        nodes = list(self.nodes)
-        return Application(nodes, self._qnic, self.pairs, session, message.qubits, draws)
+        nodes = list(self._nodes)
+        return Application(nodes, self._qnic, self._pairs, session, message.qubits, draws)
 
 
 class Connection:
@@ -102,3 +130,14 @@ class Connection:
             text = f"application {number} has not begun on this connection"
             raise SessionError(Reason.PROTOCOL, text)
         return self._application
+
+
+async def _handle(connection: Connection, payload: bytes, writer: asyncio.StreamWriter) -> None:
+    for answer in await connection.handle(decode_host_message(payload)):
+        writer.write(encode(Call.DATA, encode_unit_message(answer)))
+        await writer.drain()
+
+
+async def _answer(connection: Connection, question: bytes, writer: asyncio.StreamWriter) -> None:
+    writer.write(await reply(connection.answer, question))
+    await writer.drain()

@@ -2,6 +2,15 @@
 
 import asyncio
 
+from applications.processing_unit.pair_requests import (
+    ANSWER,
+    PAIRS_PORT,
+    PairRequest,
+    PairsMade,
+    Verdict,
+    decode_answer,
+    decode_made,
+)
 from hosts.middleware.session.errors import SessionError
 from hosts.timeouts import (
     ANSWER_TIMEOUT_S,
@@ -11,15 +20,6 @@ from hosts.timeouts import (
 )
 from wire.malformed import MalformedPacket
 from wire.metadata.vocabulary import Reason
-from wire.netqasm.pair_requests import (
-    ANSWER,
-    PAIRS_PORT,
-    PairRequest,
-    PairsMade,
-    Verdict,
-    decode_answer,
-    decode_made,
-)
 
 REFUSALS = {
     Verdict.NOBODY: f"has not asked to receive them in {WANTED_TIMEOUT_S:g} s: does its program "

@@ -5,11 +5,11 @@ What was measured can be moved before it is known: then it is an Outcome.
 
 from collections.abc import Sequence
 
+from applications.processing_unit.messages import MAX_ENTRIES
+from applications.processing_unit.qubits import Outcome
+from applications.processing_unit.subroutine import register_name
 from hosts.middleware.session.errors import SessionError
-from hosts.processing_unit.qubits import Outcome
 from wire.metadata.vocabulary import Reason
-from wire.netqasm.messages import MAX_ENTRIES
-from wire.netqasm.subroutine import register_name
 
 LEAST, MOST = -(1 << 31), (1 << 31) - 1
 MAX_ARRAYS = 4096

@@ -1,1 +1,0 @@
-"""NetQASM as its own programs write it, and what processing units and applications say beside."""
