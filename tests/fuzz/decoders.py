@@ -1,6 +1,7 @@
 """Every decoder of bytes that come from elsewhere, with messages that are right.
 
-Those of wire/ are here, or excused; those that a program has for itself are in `of_programs`.
+Those of wire/ and of formats of applications/ are here, or excused; those that a program has for
+itself are in `of_programs`.
 """
 
 import asyncio

@@ -17,7 +17,9 @@ from random import Random
 from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[2]
-SCENES = (f"tests/unit/{each}" for each in ("wire", "controller_apps", "qswitch_agent"))
+SCENES = (
+    f"tests/unit/{each}" for each in ("wire", "applications", "controller_apps", "qswitch_agent")
+)
 sys.path[:0] = [str(ROOT / folder) for folder in ("", "tests/fuzz", *SCENES)]
 
 from decoders import TARGETS  # noqa: E402

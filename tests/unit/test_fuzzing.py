@@ -20,6 +20,12 @@ from dispatcher.refusal import invalid
 from wire.malformed import MalformedPacket
 
 INPUTS = 400  # of each decoder
+FORMATS = [  # outside wire/
+    *("applications.ip_over_light.ip_packet", "applications.keys.key_assignment"),
+    *("applications.keys.key_delivery", "applications.keys.key_relay"),
+    *("applications.netqasm.text_format", "applications.processing_unit.messages"),
+    *("applications.processing_unit.pair_requests", "applications.processing_unit.subroutine"),
+]
 
 
 @pytest.mark.parametrize("name", TARGETS)
@@ -28,18 +34,19 @@ def test_spoiled_messages_are_refused_or_mean_what_they_say(name: str) -> None:
     assert (result.inputs, result.fault) == (INPUTS, "")
 
 
-def test_every_decoder_of_wire_is_fed_or_excused_with_a_reason() -> None:
-    decoders = {name: code for module in modules_of_wire() for name, code in decoders_of(module)}
+def test_every_decoder_of_a_format_is_fed_or_excused_with_a_reason() -> None:
+    decoders = {name: code for module in modules_of_formats() for name, code in decoders_of(module)}
     assert len(decoders) > 40
     reached = run_by_samples()
     assert {name for name, code in decoders.items() if code not in reached} == set(EXCUSED)
     assert all(EXCUSED.values())
 
 
-def modules_of_wire() -> Iterator[ModuleType]:
-    for found in pkgutil.walk_packages(wire.__path__, "wire."):
-        if "_pb2" not in found.name:
-            yield importlib.import_module(found.name)
+def modules_of_formats() -> Iterator[ModuleType]:
+    in_wire = [found.name for found in pkgutil.walk_packages(wire.__path__, "wire.")]
+    for name in (*in_wire, *FORMATS):
+        if "_pb2" not in name:
+            yield importlib.import_module(name)
 
 
 def decoders_of(module: ModuleType) -> Iterator[tuple[str, CodeType]]:
