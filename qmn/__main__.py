@@ -18,6 +18,7 @@ from typing import Any
 from qmn.as_root import NoRoot
 from qmn.machine_limits import limit_met
 from qmn.needs import provide
+from qmn.old_words import translated
 from qmn.parser import Parser
 from qmn.printable_text import guard_standard_streams
 from qmn.registered import VERBS as REGISTERED
@@ -127,14 +128,15 @@ def main() -> int:
 
 def run_verb() -> int:
     """Run the verb that the command line names, as root where it needs that."""
-    if set(sys.argv[1:2]) & set(PRINTING):
+    words = translated(sys.argv[1:])
+    if set(words[:1]) & set(PRINTING):
         guard_standard_streams()
     gc.disable()  # what is loaded stays: to look through it takes a tenth of the time
-    arguments = described(sys.argv[1:]).parse_args()
+    arguments = described(words).parse_args(words)
     gc.freeze()
     gc.enable()
     try:
-        entered = provide(arguments, sys.argv[1:])
+        entered = provide(arguments, words)
     except (NoRoot, NetworkError) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1

@@ -42,7 +42,7 @@ def add_options(
     alternatives: dict[str, Any] = {}
     for each in _fields(kind):
         said = {**each.metadata, **words.get(each.name, {})}
-        if "help" not in said or each.name in leave_out:
+        if "help" not in said or said.get("flag") == "" or each.name in leave_out:
             continue
         target: Any = titled(parser, said.get("group") or _group(kind, each.name) or group)
         if only_one := said.get("instead_of"):

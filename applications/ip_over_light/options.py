@@ -8,7 +8,7 @@ from applications.ip_over_light.format import DEFAULT_MTU, MIN_MTU
 from applications.ip_over_light.interfaces import IpOverLight, start_ip_over_light
 from qmn.network.options import NetworkOptions
 from qmn.network.programs import NetworkProgram, Start
-from qmn.network.topologies import SIZES
+from qmn.network.topologies import TOPOLOGIES
 from qmn.options import check_ranges
 from topologies.networks.network import Network
 from wire.metadata.vocabulary import FEC_NAMES
@@ -51,7 +51,8 @@ def ip_over_light(options: Q0Options) -> IpOverLight | None:
 
 def with_both_ways(options: Q0Options, network: NetworkOptions) -> NetworkOptions:
     """Return a network in which alice can receive, too, if q0 is wanted and the network is ours."""
-    fits = options.q0 and "both_ways" in SIZES.get(network.topology, ())
+    known = TOPOLOGIES.get(network.topology)
+    fits = options.q0 and known is not None and "both_ways" in known.parameters
     return replace(network, both_ways=True) if fits else network
 
 

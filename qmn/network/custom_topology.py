@@ -45,11 +45,9 @@ def load(name: str, given: Mapping[str, Any]) -> Callable[[], Topo]:
     except BadConfig as error:
         raise BadTopology(str(error)) from error
     for option in sorted(given.keys() - _takes(topo_class, given)):
-        words = f"--{option.replace('_', '-')}"
         of_some = f" or of single fibres (--fiber A-B.{option}=VALUE)," if option in OPTICS else ""
         raise BadTopology(
-            f"{words}: build of {class_name} takes no {option}; say it in {path},{of_some} "
-            "or leave it out"
+            f"build of {class_name} takes no {option}; say it in {path},{of_some} or leave it out"
         )
     return partial(_built, topo_class, name, given)
 

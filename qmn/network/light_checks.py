@@ -61,7 +61,7 @@ def _refuse_source(service: str, ends: Collection[str], source: str, named: bool
     """Raise BadInput for no source, and for one that is an end of the session."""
     other = ", or name another, --source" if named else ""
     needed = THIRD.get(Service[service.upper()], SOURCE)
-    remedy = f"source=True and two fibres, on a map by --sources-at{other}"
+    remedy = f"source=True and two fibres, on a map by sources_at{other}"
     if not source:
         raise BadInput(f"{service} needs {needed}, and none is one here: give a host {remedy}")
     if source in ends:
@@ -76,7 +76,7 @@ def _refuse_too_few(service: str, host: str, needed: int, parts: Description) ->
         fibers = "1 fibre" if count == 1 else f"{count} fibres"
         raise BadInput(
             f"{host} has {fibers}, and {service} needs {needed} there: lay more (alice has two in "
-            "a ready topology with --both-ways)"
+            "a ready topology with both_ways)"
         )
 
 

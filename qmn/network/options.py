@@ -16,42 +16,35 @@ from wire.parameters.network import NetworkSettings
 from wire.parameters.option import SIMULATION, option
 
 EVERY = "of every fibre"
-PLACES = "PLACES"
 MAP = "map"  # the topology
 NETWORK = "the network"  # the group of options
 
 
+def parameter(default: Any, meaning: str) -> Any:
+    """Return a field that --topology has as a parameter, and scripts as a keyword."""
+    return option(default, meaning, flag="")
+
+
 @dataclass(frozen=True, kw_only=True)
 class ShapeOptions:
-    """Which nodes and fibres a network has."""
+    """Which nodes and fibres a network has: parameters of topologies."""
 
-    GROUP: ClassVar[str] = NETWORK
-    map: str | None = option(
-        None,
-        "over a known map: abilene, nobel-germany, garr, …, or a file (docs/networks.md)",
-        metavar="NAME|FILE",
+    map: str | None = parameter(
+        None, "abilene, nobel-germany, garr, …, or a file (docs/networks.md)"
     )
-    hosts_at: str | None = option(
-        None, "of the map, with commas, that have hosts (all)", metavar=PLACES
-    )
-    sources_at: str | None = option(
-        None, "of the map that have pair sources (the centre)", metavar=PLACES
-    )
-    repeaters_at: str | None = option(
-        None, "of the map whose hosts can be repeaters (all)", metavar=PLACES
-    )
-    fibers: int | None = option(
-        None, "fibres between neighbouring quantum switches (2)", metavar="N"
-    )
-    repeaters: int | None = option(None, "repeaters of a chain of them, 1 to 64", metavar="N")
-    stations: bool = option(
+    hosts_at: str | None = parameter(None, "places of the map, with commas, with hosts (all)")
+    sources_at: str | None = parameter(None, "places with pair sources (the centre)")
+    repeaters_at: str | None = parameter(None, "places whose hosts can be repeaters (all)")
+    fibers: int | None = parameter(None, "fibres between neighbouring quantum switches (2)")
+    repeaters: int | None = parameter(None, "repeaters of a chain of them, 1 to 64")
+    stations: bool = parameter(
         False, "stations between repeaters, which herald pairs of memories that emit"
     )
-    hosts: int | None = option(None, "hosts of a tree of switches, 2 to 1024 (16)", metavar="N")
-    switches: int | None = option(None, "quantum switches of a chain, ring or tree", metavar="N")
-    leaves: int | None = option(None, "switches of leaf-spine with hosts (3)", metavar="N")
-    spines: int | None = option(None, "switches of leaf-spine between leaves (2)", metavar="N")
-    both_ways: bool = option(False, "alice has two fibres, so that she can receive, too")
+    hosts: int | None = parameter(None, "hosts of a tree of switches, 2 to 1024 (16)")
+    switches: int | None = parameter(None, "quantum switches of a chain, ring or tree")
+    leaves: int | None = parameter(None, "switches of leaf-spine with hosts (3)")
+    spines: int | None = parameter(None, "switches of leaf-spine between leaves (2)")
+    both_ways: bool = parameter(False, "alice has two fibres, so that she can receive, too")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,12 +110,11 @@ class NetworkOptions(ShapeOptions, LightOptions, TimeOptions, NetworkSettings):
         *("keys", "metrics", "gnmi", "history_depth", "per_qubit"),
     )
     topology: str = ""  # its name, or FILE.py:CLASS; empty: a script's own
-    usual_topology: str = ""  # of a job, where neither a topology nor a map is named
 
     def __post_init__(self) -> None:
-        """Take a map, if one is named, or the job's own, where no topology is."""
-        usual = self.usual_topology if self.map is None else MAP
-        object.__setattr__(self, "topology", self.topology or usual)
+        """Take the topology of maps if a map is named, but no topology."""
+        if self.map is not None and not self.topology:
+            object.__setattr__(self, "topology", MAP)
 
 
 KEYS = ("keys",)  # the options of networks over which keys may be distributed

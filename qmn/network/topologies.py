@@ -1,8 +1,10 @@
 """The topologies of `qmn run`, and their options on the command line."""
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from functools import partial
+from types import MappingProxyType
 from typing import Any
 
 from mininet.topo import Topo
@@ -10,8 +12,9 @@ from mininet.topo import Topo
 from qmn.network import custom_topology
 from qmn.network.custom_topology import BadTopology
 from qmn.network.device_options import kind_of_all
-from qmn.network.options import MAP, NETWORK, NetworkOptions
+from qmn.network.options import MAP, NETWORK, NetworkOptions, ShapeOptions
 from qmn.options import titled
+from qmn.parser import listed
 from topologies.chain import ChainTopo
 from topologies.leaf_spine import LeafSpineTopo
 from topologies.mapped import MapTopo
@@ -22,47 +25,153 @@ from topologies.tapped import TappedTopo
 from topologies.tree import TreeTopo
 from wire.parameters.checks import remedy
 
-TOPOLOGIES: dict[str, tuple[Callable[..., Topo], str]] = {
-    "sdc": (SdcTopo, "one quantum switch"),
-    "chain": (ChainTopo, "quantum switches in a line"),
-    "ring": (RingTopo, "quantum switches in a ring"),
-    "leaf-spine": (LeafSpineTopo, "two stages of quantum switches"),
-    "repeaters": (RepeatersTopo, "repeaters in a line, a quantum switch between neighbours"),
-    "tree": (TreeTopo, "quantum switches in a tree, with up to 1,024 hosts"),
-    "tapped": (TappedTopo, "one quantum switch, with eve, who can be put on a fibre"),
-    MAP: (MapTopo, "a quantum switch and a host at each place of a map"),
-}
-KNOWN = (*TOPOLOGIES, "or your own, FILE.py:CLASS")  # as a user reads what may be chosen
-SIZES = {
-    "sdc": ("both_ways",),
-    "chain": ("switches", "fibers", "both_ways"),
-    "ring": ("switches", "fibers", "both_ways"),
-    "leaf-spine": ("leaves", "spines", "fibers", "both_ways"),
-    "repeaters": ("repeaters", "stations"),
-    "tree": ("hosts", "switches"),
-    "tapped": ("both_ways",),
-    MAP: ("map", "fibers", "hosts_at", "sources_at", "repeaters_at"),
-}
+
+@dataclass(frozen=True)
+class Topology:
+    """A topology that is known by name."""
+
+    build: Callable[..., Topo]
+    text: str
+    parameters: tuple[str, ...]  # in the order in which values without names are taken
+
+
+TOPOLOGIES: Mapping[str, Topology] = MappingProxyType(
+    {
+        "sdc": Topology(SdcTopo, "one quantum switch", ("both_ways",)),
+        "chain": Topology(
+            ChainTopo, "quantum switches in a line", ("switches", "fibers", "both_ways")
+        ),
+        "ring": Topology(
+            RingTopo, "quantum switches in a ring", ("switches", "fibers", "both_ways")
+        ),
+        "leaf-spine": Topology(
+            LeafSpineTopo,
+            "two stages of quantum switches",
+            ("leaves", "spines", "fibers", "both_ways"),
+        ),
+        "repeaters": Topology(
+            RepeatersTopo,
+            "repeaters in a line, a quantum switch between neighbours",
+            ("repeaters", "stations"),
+        ),
+        "tree": Topology(
+            TreeTopo, "quantum switches in a tree, with up to 1,024 hosts", ("hosts", "switches")
+        ),
+        "tapped": Topology(
+            TappedTopo, "one quantum switch, with eve, who can be put on a fibre", ("both_ways",)
+        ),
+        MAP: Topology(
+            MapTopo,
+            "a quantum switch and a host at each place of a map",
+            ("map", "fibers", "hosts_at", "sources_at", "repeaters_at"),
+        ),
+    }
+)
+OWN = "FILE.py:CLASS"
+KNOWN = (*TOPOLOGIES, f"or your own, {OWN}")  # as a user reads what may be chosen
+PARAMETERS = {each.name: each for each in fields(ShapeOptions)}
+LISTS = ("hosts_at", "sources_at", "repeaters_at")  # parameters whose values have commas
 
 
 def is_known(name: str) -> bool:
     return name in TOPOLOGIES or custom_topology.is_custom(name)
 
 
-def topology_name(text: str) -> str:
-    """Return the name of a topology that there may be; raise ArgumentTypeError for no such."""
-    if not is_known(text):
-        raise argparse.ArgumentTypeError(f"{text!r}: {remedy(text, KNOWN)}")
-    return text
+def topology(text: str) -> dict[str, str | int | bool]:
+    """Read NAME[,VALUE…][,PARAMETER=VALUE…]; raise ArgumentTypeError for what there is not.
+
+    As in Mininet's --topo, values without names come first. Return fields of NetworkOptions.
+    """
+    name, *words = text.split(",")
+    if not is_known(name):
+        raise argparse.ArgumentTypeError(f"{name!r}: {remedy(name, KNOWN)}")
+    names = TOPOLOGIES[name].parameters if name in TOPOLOGIES else tuple(PARAMETERS)
+    given: dict[str, str] = {}
+    unnamed, last = iter(names), ""
+    for word in words:
+        key, named, value = word.partition("=")
+        if not named and last in LISTS:
+            given[last] += f",{word}"
+            continue
+        if not named:
+            key, value = (word, "true") if word in PARAMETERS else (next(unnamed, ""), word)
+        if key not in names:
+            raise argparse.ArgumentTypeError(_no_parameter(name, key or word, names))
+        last, given[key] = key, value
+    return {"topology": name, **{key: _parameter(key, value) for key, value in given.items()}}
+
+
+def _no_parameter(topology: str, word: str, names: Sequence[str]) -> str:
+    others = [other for other, each in TOPOLOGIES.items() if word in each.parameters]
+    if others:
+        return not_of(word, topology)
+    return f"{topology} has no parameter {word!r}: {remedy(word, names)}"
+
+
+def not_of(parameter: str, topology: str) -> str:
+    fitting = [name for name, each in TOPOLOGIES.items() if parameter in each.parameters]
+    return f"{parameter} is of {', '.join(fitting)}, not of {topology}: leave it out"
+
+
+def _parameter(name: str, text: str) -> str | int | bool:
+    default = PARAMETERS[name].default
+    if isinstance(default, bool):
+        if text not in ("true", "false"):
+            raise argparse.ArgumentTypeError(f"{name} {text!r}: choose true or false")
+        return text == "true"
+    if name == MAP or name in LISTS:
+        return text
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{name} {text!r}: choose a whole number") from None
+
+
+class TakeTopology(argparse.Action):
+    """Store the name of a topology and its parameters, each in a place of its own."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: str | None = None,
+    ) -> None:
+        for name, value in values.items():
+            setattr(namespace, name, value)
 
 
 def add_topology(parser: argparse.ArgumentParser, default: str = "sdc") -> None:
     """Describe --topology, and which one is meant without it."""
-    names = f"{', '.join(TOPOLOGIES)}, or FILE.py:CLASS"
-    text = f"over this network ({names}; default: {default})"
-    named = titled(parser, NETWORK)
-    named.add_argument("--topology", type=topology_name, metavar="NAME", help=text)
-    parser.set_defaults(usual_topology=default)
+    names = f"{', '.join(TOPOLOGIES)}, or {OWN}"
+    text = (
+        f"over this network ({names}; default: {default}), as chain,5 or chain,switches=5; "
+        "`qmn run --help` lists the parameters"
+    )
+    titled(parser, NETWORK).add_argument(
+        "--topology",
+        dest="named",  # a default of its own would be read as text
+        default=argparse.SUPPRESS,
+        action=TakeTopology,
+        type=topology,
+        metavar="NAME[,…]",
+        help=text,
+    )
+    parser.set_defaults(topology=default)
+
+
+def described_topologies() -> str:
+    """Return what `--help` lists: topologies with their parameters."""
+    shown = {
+        name: f"{each.text}: {', '.join(each.parameters)}" for name, each in TOPOLOGIES.items()
+    }
+    meanings = {name: str(each.metadata["help"]) for name, each in PARAMETERS.items()}
+    return "\n".join(
+        [
+            listed("topologies, as in --topology chain,5 or chain,switches=5,fibers=1", shown),
+            listed("parameters of topologies", meanings),
+        ]
+    )
 
 
 def builder(options: NetworkOptions, fiber: Mapping[str, Any]) -> Callable[[], Topo]:
@@ -71,19 +180,16 @@ def builder(options: NetworkOptions, fiber: Mapping[str, Any]) -> Callable[[], T
     Raise BadTopology for what does not fit it, or ValueError.
     """
     name = options.topology
-    every = {size for sizes in SIZES.values() for size in sizes}
-    sizes = {size: getattr(options, size) for size in every}
+    sizes = {size: getattr(options, size) for size in PARAMETERS}
     given = {
         size: value for size, value in sizes.items() if value is not None and value is not False
     }
     own = custom_topology.is_custom(name)
-    for size in sorted(given.keys() - (given.keys() if own else set(SIZES[name]))):
-        fitting = ", ".join(topo for topo, own in SIZES.items() if size in own)
-        option = f"--{size.replace('_', '-')}"
-        raise BadTopology(f"{option} is of {fitting}, not of {name}: leave it out")
+    for size in sorted(given.keys() - (given.keys() if own else set(TOPOLOGIES[name].parameters))):
+        raise BadTopology(not_of(size, name))
     given |= fiber
     more = {"preset": options.preset, "node": kind_of_all(options.node)}
     if own:
         given |= {key: value for key, value in more.items() if value not in ("ideal", "")}
         return custom_topology.load(name, given)
-    return partial(TOPOLOGIES[name][0], **given, **more)
+    return partial(TOPOLOGIES[name].build, **given, **more)

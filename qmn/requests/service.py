@@ -95,7 +95,6 @@ def service_request(
         {"options": NAMES[service].options},
         service=service,
         port=SERVICE_PORT,
-        topology=topology,
-        usual_topology=verb_of(service).topology,
+        topology=topology or ("" if given.get("map") else verb_of(service).topology),
         **{"host": receiver, **ends_of_line(service, given.get("line", GhzOptions.line))},
     )

@@ -44,6 +44,5 @@ def superdense_request(
         given,
         host=receiver,
         port=APPLICATION_PORT,
-        topology=topology,
-        usual_topology="sdc",
+        topology=topology or ("" if given.get("map") else "sdc"),
     )

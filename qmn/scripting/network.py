@@ -23,7 +23,7 @@ from qmn.network.description import (
     part_options,
 )
 from qmn.network.options import NetworkOptions, settings
-from qmn.network.topologies import KNOWN, SIZES, is_known
+from qmn.network.topologies import KNOWN, PARAMETERS, is_known
 from qmn.options import BadInput, from_keywords
 from qmn.results.artifacts import artifacts_of
 from qmn.results.result import network_facts, note_files
@@ -48,7 +48,7 @@ from wire.results.run_result import EarlyNews
 NAMED_ONLY = {
     "preset",
     *FIBER,
-    *(size for own in SIZES.values() for size in own),
+    *PARAMETERS,
 }
 PING_BYTES = 16
 PART_BYTES = 1 << 16

@@ -18,9 +18,8 @@ from qmn.network.custom_topology import BadTopology, short_name
 from qmn.network.description import describe_network
 from qmn.network.options import NetworkOptions
 from qmn.network.programs import NetworkProgram, Start
-from qmn.network.topologies import TOPOLOGIES, topology_name
+from qmn.network.topologies import TakeTopology, described_topologies, topology
 from qmn.options import BadInput, add_options, read
-from qmn.parser import listed
 from qmn.registered import PROGRAMS, registered
 from qmn.requests.run_options import LiveOptions
 from qmn.results import schema, software_share
@@ -42,12 +41,13 @@ def add_parser(verbs: Any) -> None:
         "cli",
         usage="qmn cli TOPOLOGY [options]",
         description=__doc__,
-        epilog=listed("topologies", {name: what for name, (_topo, what) in TOPOLOGIES.items()}),
+        epilog=described_topologies(),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    text = "one of those below, or your own, as FILE.py:CLASS; or --map"
-    words = {"nargs": "?", "metavar": "TOPOLOGY"}  # a map is one, too
-    parser.add_argument("topology", type=topology_name, help=text, **words)
+    text = "one of those below, with parameters as in chain,5, or your own, as FILE.py:CLASS"
+    parser.add_argument(
+        "topology", action=TakeTopology, type=topology, metavar="TOPOLOGY", help=text
+    )
     add_options(parser, NetworkOptions)  # keys, too: a program on a host may distribute some
     for program in programs():
         add_options(parser, program.options)
@@ -92,8 +92,6 @@ def start_and_obey(
     extras: CliOptions,
 ) -> int:
     """Return the exit status: of a script 1 if a command has failed."""
-    if not options.topology:
-        raise BadInput(f"over which network? Name one of {', '.join(TOPOLOGIES)}, or FILE.py:CLASS")
     for program, own in beside:
         options = program.network(own, options)
     check_network(options)

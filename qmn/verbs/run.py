@@ -10,8 +10,8 @@ from hosts.middleware.services.superdense.options import SuperdenseOptions
 from hosts.timeouts import MAX_BLOCK_S
 from qmn.jobs.start import run_job
 from qmn.needs import Needs
-from qmn.network.options import KEYS, NETWORK, NetworkOptions
-from qmn.network.topologies import TOPOLOGIES, add_topology, topology_name
+from qmn.network.options import KEYS, NetworkOptions
+from qmn.network.topologies import add_topology, described_topologies
 from qmn.options import add_options, read, titled
 from qmn.parser import Parser
 from qmn.registered import JOB, JOBS, registered
@@ -27,24 +27,28 @@ OF_LIGHT = ("block_pairs", "rate_hz")
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("run", description=__doc__)
+    parser = verbs.add_parser(
+        "run",
+        description=__doc__,
+        epilog=described_topologies(),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.set_defaults(needs=Needs.NETWORK)
     jobs = parser.add_subparsers(dest="job", metavar="JOB", required=True)
-    for name, (_topo, what) in TOPOLOGIES.items():
-        _add_superdense(jobs, name, what)
+    _add_superdense(jobs)
     for name, verb in VERBS.items():
         _add_service(jobs, name, verb)
     for name, entry in registered(JOBS).items():
         _add_registered(jobs, name, entry)
 
 
-def _add_superdense(jobs: Any, name: str, what: str) -> None:
-    text = f"superdense coding over {what}"
-    parser = jobs.add_parser(name, help=text, description=text)
-    parser.put_off(partial(_describe_superdense, parser, name))
+def _add_superdense(jobs: Any) -> None:
+    text = "send a message by superdense coding"
+    parser = jobs.add_parser("sdc", help=text, description=text)
+    parser.put_off(partial(_describe_superdense, parser))
 
 
-def _describe_superdense(parser: Parser, name: str) -> None:
+def _describe_superdense(parser: Parser) -> None:
     add_options(parser, SuperdenseRequest, group=JOB)
     add_options(
         parser,
@@ -53,17 +57,10 @@ def _describe_superdense(parser: Parser, name: str) -> None:
         words={"host": {**HOST, "help": "receiving host (bob)"}},
         group=JOB,
     )
+    add_topology(parser)
     add_options(parser, NetworkOptions, leave_out=KEYS)
     add_options(parser, RunOptions, group=WRITTEN)
     parser.set_defaults(call=_call_superdense)
-    if name != "sdc":
-        parser.set_defaults(topology=name)
-    else:
-        parser.set_defaults(usual_topology=name)
-        text = "over a network of your own in place of this one"
-        titled(parser, NETWORK).add_argument(
-            "--topology", type=topology_name, metavar="FILE.py:CLASS", help=text
-        )
 
 
 def _call_superdense(arguments: argparse.Namespace) -> int:

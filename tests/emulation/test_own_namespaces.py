@@ -39,7 +39,7 @@ def test_runs_go_on_beside_each_other_and_each_can_be_entered(tmp_path: Path) ->
     assert "no network runs" in qmn("devices").stderr
     before = interfaces()
     with (
-        command_line(tmp_path / "one", "ring", "--switches", "3") as ring,
+        command_line(tmp_path / "one", "ring,3") as ring,
         command_line(tmp_path / "two", "sdc") as sdc,
     ):
         enter_ring = ("enter", "--run", str(ring.pid))

@@ -60,7 +60,7 @@ def test_a_run_ends_with_a_report_of_both_layers(tmp_path: Path) -> None:
 
 def test_a_ring_is_drawn_with_the_ways_that_light_took(tmp_path: Path) -> None:
     words = ["--length-km", "2", "--loss-db-per-km", "0.25", "--message", "around"]
-    verb("run", "ring", "--runs", str(tmp_path), *words)
+    verb("run", "sdc", "--topology", "ring", "--runs", str(tmp_path), *words)
     page = (tmp_path / "latest" / "report.html").read_text()
     assert "Not drawn" not in page
     ways = set(re.findall(r"<b [^>]*>(\S+ → \S+)</b>", page))

@@ -42,7 +42,18 @@ def test_pairs_are_heralded_at_the_rate_of_round_trips_to_the_station(tmp_path: 
 
 def test_links_of_a_chain_are_heralded_by_stations_of_their_own(tmp_path: Path) -> None:
     hosts = emitters("alice", "r1", "bob")
-    words = ["swap", "--stations", *hosts, "--count", "400", "--sample", "0.5", "--length-km", "5"]
+    words = [
+        "swap",
+        "--topology",
+        "repeaters,stations",
+        *hosts,
+        "--count",
+        "400",
+        "--sample",
+        "0.5",
+        "--length-km",
+        "5",
+    ]
     told = result_of(tmp_path, *words)
     require_estimate(told["job"]["asking"], OF_A_LINK**2, 0.0)
     log = (tmp_path / "latest" / "quantum.log").read_text()
@@ -63,7 +74,18 @@ def test_blocks_of_a_heralded_chain_follow_each_other(
 ) -> None:
     """alice attempts for the second block before she measures the sample of the first one."""
     hosts = [*emitters("alice", "r1", "bob"), "--device", f"r1.memory.capacity={capacity}"]
-    words = ["swap", "--stations", *hosts, "--count", "400", "--sample", "0.5", "--length-km", "20"]
+    words = [
+        "swap",
+        "--topology",
+        "repeaters,stations",
+        *hosts,
+        "--count",
+        "400",
+        "--sample",
+        "0.5",
+        "--length-km",
+        "20",
+    ]
     words += ["--block-pairs", str(BLOCK), "--time-scale", "100"]
     told = result_of(tmp_path, *words)
     require_estimate(told["job"]["asking"], OF_A_LINK**2, 0.0)

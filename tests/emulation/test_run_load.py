@@ -82,7 +82,7 @@ def test_light_of_any_service_goes_by_the_shortest_ways_of_the_map(
     trace = tmp_path / "trace.csv"
     opener, acceptor, *others = hosts
     trace.write_text(f"at_s,opener,acceptor,others\n0.1,{opener},{acceptor},{' '.join(others)}\n")
-    words = ["run", "load", "--map", "abilene", "--hosts-at", "kscyng,dnvrng,sttlng,snvang"]
+    words = ["run", "load", "--topology", "map,abilene,hosts_at=kscyng,dnvrng,sttlng,snvang"]
     words += ["--service", service, "--count", f"{count}", "--traffic", "trace", "--no-capture"]
     words += ["--file", str(trace), *([] if back else ["--line", f"{len(hosts)}"])]
     done = run_qmn(*words, "--runs", str(tmp_path), timeout_s=PROGRAM_S)

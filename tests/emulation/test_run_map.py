@@ -22,7 +22,14 @@ def abilene() -> networkx.Graph:
 
 
 def test_seattle_and_washington_teleport_as_the_lengths_of_the_map_say(tmp_path: Path) -> None:
-    words = ["run", "teleport", "--map", "abilene", "--hosts-at", ",".join(ENDS), "--seed", "1"]
+    words = [
+        "run",
+        "teleport",
+        "--topology",
+        f"map,abilene,hosts_at={','.join(ENDS)}",
+        "--seed",
+        "1",
+    ]
     words += ["--from", "sttlng", "--to", "washng", "--count", f"{COUNT}", "--no-capture"]
     words += ["--loss-db-per-km", f"{LOSS_DB_PER_KM}", "--depolarizing", f"{DEPOLARIZING}"]
     done = run_qmn(*words, "--runs", str(tmp_path), timeout_s=PROGRAM_S)

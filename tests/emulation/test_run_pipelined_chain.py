@@ -32,7 +32,7 @@ ALONE_S, SAMPLE_S = 35 * HOP_S, 10 * HOP_S
 def test_blocks_follow_each_other_where_memories_take_them_and_their_waits_cost_fidelity(
     tmp_path: Path, capacity: int, scale: int, least_per_s: float, most_per_s: float
 ) -> None:
-    words = ["--repeaters", "4", "--length-km", "100", "--loss-db-per-km", "0"]
+    words = ["--topology", "repeaters,4", "--length-km", "100", "--loss-db-per-km", "0"]
     words += ["--count", "500", "--sample", "0.8", "--block-pairs", str(BLOCK)]
     words += ["--time-scale", str(scale), f"--device=r2.memory.capacity={capacity}"]
     words += [f"--device={node}.memory.t2_s={T2_S}" for node in NODES]

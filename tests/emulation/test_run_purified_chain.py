@@ -46,7 +46,7 @@ def test_the_papers_formulas_by_hand() -> None:
 
 @pytest.mark.parametrize("rounds", [0, 1])
 def test_spans_are_purified_before_they_are_swapped(tmp_path: Path, rounds: int) -> None:
-    words = ["swap", "--repeaters", "3", "--schedule", "nested", "--purify", str(rounds)]
+    words = ["swap", "--topology", "repeaters,3", "--schedule", "nested", "--purify", str(rounds)]
     words += ["--purification", "none", "--count", "200", "--sample", "0.8"]
     for host in ("alice", "r1", "r2", "r3"):
         words += ["--device", f"{host}.source.fidelity={FIDELITY}"]

@@ -30,7 +30,7 @@ def run(runs: Path, *options: str) -> dict[str, Any]:
 @pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("repeaters", [1, 6])
 def test_pairs_come_by_way_of_repeaters(tmp_path: Path, repeaters: int) -> None:
-    result = run(tmp_path, "--repeaters", str(repeaters), "--count", "1000")
+    result = run(tmp_path, "--topology", f"repeaters,{repeaters}", "--count", "1000")
     assert result["delivered"] is True
     alice, bob = result["job"]["asking"], result["job"]["asked"]
     assert (alice["pairs"], alice["fidelity"]) == (bob["pairs"], bob["fidelity"]) == (1000, 1)
@@ -53,7 +53,16 @@ def test_pairs_of_a_chain_that_stands_come_by_way_of_two_repeaters(chain_network
 def test_the_controller_has_the_repeaters_take_turns_and_a_noisy_run_is_replayed(
     tmp_path: Path,
 ) -> None:
-    words = ["--repeaters", "3", "--schedule", "nested", "--count", "2000", "--sample", "0.5"]
+    words = [
+        "--topology",
+        "repeaters,3",
+        "--schedule",
+        "nested",
+        "--count",
+        "2000",
+        "--sample",
+        "0.5",
+    ]
     words += ["--loss-db-per-km", "50", "--depolarizing", "0.01", "--block-pairs", "2000"]
     words += [f"--device={node}.memory.t2_s=1" for node in ("alice", "r1", "r2", "r3", "bob")]
     result = run(tmp_path, *words)

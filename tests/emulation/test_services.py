@@ -75,7 +75,7 @@ def test_any_state_is_teleported_on_dense(tmp_path: Path) -> None:
 
 @pytest.mark.nightly
 def test_states_are_teleported_over_two_switches(tmp_path: Path) -> None:
-    result = run_service(tmp_path, "teleport", "--topology", "chain", "--switches", "2")
+    result = run_service(tmp_path, "teleport", "--topology", "chain,2")
     assert result["job"]["asking"]["fidelity"] == 1
     assert result["path_setup_ms"]["n"] == 1
 

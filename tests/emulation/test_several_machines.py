@@ -266,7 +266,7 @@ def test_the_command_line_steers_a_host_of_a_second_machine(
     second: SecondMachine, tmp_path: Path
 ) -> None:
     before = second.things()
-    words = ["cli", "ring", "--both-ways", "--runs", str(tmp_path), *ON_SECOND]
+    words = ["cli", "ring,both_ways", "--runs", str(tmp_path), *ON_SECOND]
     done = subprocess.run(
         [sys.executable, "-m", "qmn", *words],
         input=COMMANDS,

@@ -23,10 +23,10 @@ def option(default: Any, help: str, **words: Any) -> Any:  # noqa: A002 (argpars
 
     Its kind is that of the annotation: a number, text, a path, a bool, or a tuple of texts, for
     which it is said several times. Words are argparse's `metavar` and `choices`; `flag`, its name
-    on the command line if that is another; `parse`, what reads its text; `const`, what it is if it
-    is named without a value; `range`, the least and the most that a number may be; `instead_of`,
-    a name that options share of which only one may be given; `group`, its title's if that is not
-    its class's.
+    on the command line if that is another, "" if it has none there; `parse`, what reads its text;
+    `const`, what it is if it is named without a value; `range`, the least and the most that a
+    number may be; `instead_of`, a name that options share of which only one may be given; `group`,
+    its title's if that is not its class's.
     """
     return field(default=default, metadata={"help": help, **words})
 

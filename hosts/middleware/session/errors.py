@@ -11,7 +11,7 @@ REMEDIES = {
     Reason.UNKNOWN_HOST: "the controller has not seen the fibres of sender, receiver and source",
     Reason.NO_PATH: "no light path joins sender, receiver and source; each needs the fibres that "
     "the service asks for (for bytes the receiver and the source two, the sender one of its own; "
-    "for the way back in a ready topology: --both-ways)",
+    "for the way back in a ready topology: both_ways)",
     Reason.PATH_BROKEN: "no light path is whole: a fibre between quantum switches is cut, a "
     "cross-connect is stuck or a switch is away; who runs the network can say which",
     Reason.BUSY: "another session uses these fibres; try again when it has ended",

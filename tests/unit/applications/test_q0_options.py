@@ -8,7 +8,7 @@ from applications.ip_over_light.interfaces import IpOverLight
 from applications.ip_over_light.options import Q0Options, ip_over_light, with_both_ways
 from qmn.network.description import describe_network
 from qmn.network.options import NetworkOptions
-from qmn.network.topologies import SIZES
+from qmn.network.topologies import TOPOLOGIES
 from qmn.options import BadInput, add_options, read
 
 
@@ -34,7 +34,9 @@ def test_what_cannot_be_is_refused(words: str) -> None:
         ip_over_light(parsed("--q0", words))
 
 
-@pytest.mark.parametrize("name", [name for name, sizes in SIZES.items() if "both_ways" in sizes])
+@pytest.mark.parametrize(
+    "name", [name for name, each in TOPOLOGIES.items() if "both_ways" in each.parameters]
+)
 def test_alice_gets_a_second_fibre_where_she_has_one(name: str) -> None:
     def fibers(options: NetworkOptions) -> int:
         links = describe_network(options).topo.links()

@@ -18,7 +18,6 @@ from evidence.traffic.summary import fairness, fidelity_by_age, light_times, sum
 from evidence.traffic.verb import load_request
 from hosts.middleware.services import NAMES
 from qmn.__main__ import described
-from qmn.network.custom_topology import BadTopology
 from qmn.network.description import describe_network
 from qmn.options import BadInput
 from qmn.results.fiber_use import fiber_use, shares, span_of
@@ -265,13 +264,15 @@ def asked(*words: str) -> tuple[Traffic, list[Planned], Wanted]:
     return checked(request, describe_network(request.network))[1:]
 
 
-def test_a_map_goes_in_place_of_the_ring_but_not_of_what_is_named() -> None:
+def test_a_map_goes_in_place_of_the_ring_but_not_of_what_is_named(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     """GARR has these places, the ring alice and bob."""
-    words = ["--map", "garr", "--hosts-at", "rm1,mi1,na", "--sessions", "1"]
+    words = ["--topology", "map,garr,hosts_at=rm1,mi1,na", "--sessions", "1"]
     assert asked(*words)[0].openers == ["mi1", "na", "rm1"]
-    assert asked("--topology", "map", *words)[0].openers == ["mi1", "na", "rm1"]
-    with pytest.raises(BadTopology, match="--map is of map, not of ring"):
-        asked("--topology", "ring", "--map", "garr")
+    with pytest.raises(SystemExit):
+        asked("--topology", "ring,map=garr")
+    assert "map is of map, not of ring: leave it out" in capsys.readouterr().err
 
 
 def test_sources_neither_ask_nor_are_asked_unless_they_are_named() -> None:

@@ -63,10 +63,10 @@ def test_parts_of_a_device_are_seen_where_devices_are_asked_for(tmp_path: Path) 
         ("parts.py:NoTopo", [], "has no class NoTopo of mininet.topo.Topo"),
         ("broken.py:Broken", [], "broken.py cannot be loaded: No module named 'nowhere'"),
         ("parts.txt:Parts", [], "parts.txt is not a Python file"),
-        ("parts.py:Parts", ["--preset", "metro"], "--preset: build of Parts takes no preset"),
-        ("parts.py:Parts", ["--length-km", "3"], "--length-km: build of Parts takes no length_km"),
-        ("parts.py:Parts", ["--map", "garr"], "--map: build of Parts takes no map"),
-        ("parts.py:Parts", ["--switches", "3"], "--switches: build of Parts takes no switches"),
+        ("parts.py:Parts", ["--preset", "metro"], "build of Parts takes no preset"),
+        ("parts.py:Parts", ["--length-km", "3"], "build of Parts takes no length_km"),
+        ("parts.py:Parts,map=garr", [], "build of Parts takes no map"),
+        ("parts.py:Parts,switches=3", [], "build of Parts takes no switches"),
     ],
 )
 def test_what_there_is_not_is_refused(

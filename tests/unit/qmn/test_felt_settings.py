@@ -131,7 +131,7 @@ def test_a_setting_that_acts_is_taken(service: str, word: str, options: dict[str
 @pytest.mark.parametrize("word", [f"alice.{FIDELITY}", f"bob.{DIAGONAL}", f"bob.{MADE_WRONG}"])
 def test_keys_of_a_vpn_refuse_what_bb84_does_not_feel(word: str) -> None:
     with pytest.raises(BadInput) as refused:
-        vpn.checked(from_keywords(VpnRequest, {"device": [word]}, usual_topology="sdc"))
+        vpn.checked(from_keywords(VpnRequest, {"device": [word]}, topology="sdc"))
     assert str(refused.value).startswith(f"--device {word}: ")
 
 

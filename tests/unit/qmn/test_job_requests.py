@@ -32,7 +32,7 @@ from wire.malformed import MalformedPacket
 
 ROOT = schema.json_schema()
 READERS = {
-    **dict.fromkeys(("sdc", "chain"), run.superdense_request),
+    "sdc": run.superdense_request,
     "load": load_request,
     "keys": keys_request,
     "vpn": vpn_request,
@@ -71,7 +71,7 @@ SAME = [
         from_keywords(
             KeysRequest,
             {"key_pair": ["a:b"], "eve": 0.5, "until": 20, "keys": "here", "seconds": 9},
-            usual_topology="sdc",
+            topology="sdc",
         ),
     ),
     (
@@ -79,7 +79,7 @@ SAME = [
         from_keywords(
             VpnRequest,
             {"program": "tls", "rotate": 3, "classical_mbps": 5},
-            usual_topology="sdc",
+            topology="sdc",
         ),
     ),
     (
@@ -87,7 +87,7 @@ SAME = [
         from_keywords(
             LoadRequest,
             {"service": "teleport", "file": "m.csv", "constant": True, "policy": "p.toml"},
-            usual_topology="ring",
+            topology="ring",
         ),
     ),
 ]

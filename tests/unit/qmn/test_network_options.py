@@ -73,7 +73,7 @@ def test_a_network_that_cannot_be_is_refused_before_it_starts() -> None:
         start(SdcTopo, length_km=2).__enter__()
     with pytest.raises(BadInput, match="--history-depth -1: choose 0"):
         start("sdc", history_depth=-1).__enter__()
-    with pytest.raises(BadTopology, match="--map is of map, not of sdc"):
+    with pytest.raises(BadTopology, match="map is of map, not of sdc"):
         start("sdc", map="abilene").__enter__()
     with pytest.raises(BadInput, match="--history-depth -1: choose 0"):
         start(map="abilene", history_depth=-1).__enter__()
@@ -109,9 +109,7 @@ def test_remedies_of_sessions_name_options_that_there_are() -> None:
         reason: re.findall(r"--[a-z-]+", text) for reason, text in REMEDIES.items() if "--" in text
     }
     assert named == {
-        Reason.NO_PATH: ["--both-ways"],
         Reason.NOT_ALLOWED: ["--policy"],
         Reason.LOSS_TOO_HIGH: ["--loss-budget-db"],
     }
-    assert parse("--both-ways").both_ways
     assert parse("--policy=a", "--loss-budget-db=40").loss_budget_db == 40

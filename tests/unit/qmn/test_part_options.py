@@ -69,7 +69,9 @@ def test_a_kind_of_one_fibre_brings_its_loss_along() -> None:
 
 def test_copper_is_as_long_as_the_fibres_that_were_changed() -> None:
     """h1 -- q1 == q2 -- h2: s1 is where the farthest is nearest, at q1 or q2."""
-    topo = describe_network(parse("chain", "--switches", "2", "--fiber", "q1-q2.length_km=40")).topo
+    topo = describe_network(
+        parse("sdc", "--topology", "chain,2", "--fiber", "q1-q2.length_km=40")
+    ).topo
     copper = of_links(topo, CopperLink, "length_km")
     assert copper["alice-s1"][0] + copper["bob-s1"][0] == pytest.approx(40.02)
 

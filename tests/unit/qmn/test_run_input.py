@@ -12,7 +12,6 @@ from qmn.__main__ import described
 from qmn.jobs import superdense
 from qmn.network.custom_topology import BadTopology
 from qmn.network.description import NetworkDescription, describe_network
-from qmn.network.topologies import TOPOLOGIES
 from qmn.options import BadInput
 from qmn.requests.superdense import SuperdenseRequest
 from qmn.results.run_folder import begin_folder, make_folder, point_latest
@@ -30,8 +29,7 @@ from wire.parameters.physics import Device, Gates
 
 def parse(*words: str) -> SuperdenseRequest:
     """Return what the command line asks for."""
-    topology = [] if words[:1] and words[0] in TOPOLOGIES else ["sdc"]
-    whole = ["run", *topology, *words]
+    whole = ["run", "sdc", *words]
     return superdense_request(described(whole).parse_args(whole))
 
 
@@ -138,26 +136,20 @@ def test_a_run_that_is_refused_for_a_bridge_of_the_machine_leaves_no_folder(
         (["--policy", "/nowhere.toml"], "cannot read the policy /nowhere.toml: No such file"),
         (["--rest", "127.0.0.1:8080", "--controller", "os-ken"], "--rest needs --controller ryu"),
         (["--sabot", "/nowhere"], "start one with python -m dispatcher.sabot --socket /nowhere"),
-        (["chain", "--switches", "0"], "0 quantum switches: choose 1 to 256"),
-        (["ring", "--switches", "2"], "2 quantum switches: choose 3 to 256"),
-        (["leaf-spine", "--leaves", "0"], "0 leaves and 2 spines: choose 1 or more"),
-        (["leaf-spine", "--leaves", "255"], "257 quantum switches"),
-        (["tree", "--hosts", "2"], "2 hosts: choose 3 to 1024"),
-        (["ring", "--spines", "2"], "--spines is of leaf-spine, not of ring: leave it out"),
-        (["--switches", "2"], "--switches is of chain, ring, tree, not of sdc"),
+        (["--topology", "chain,0"], "0 quantum switches: choose 1 to 256"),
+        (["--topology", "ring,2"], "2 quantum switches: choose 3 to 256"),
+        (["--topology", "leaf-spine,0"], "0 leaves and 2 spines: choose 1 or more"),
+        (["--topology", "leaf-spine,255"], "257 quantum switches"),
+        (["--topology", "tree,2"], "2 hosts: choose 3 to 1024"),
         (
-            ["--map", "abilen"],
+            ["--topology", "map,abilen"],
             "there is no map 'abilen': choose one of topohub's, such as abil",
         ),
         (
-            ["--map", "abilene"],
+            ["--topology", "map,abilene"],
             "unknown host 'alice': choose two of atlam5, a",
         ),
-        (["--map", "abilene", "--length-km", "3"], "the map says how long fibres are"),
-        (["--map", "abilene", "--switches", "3"], "--switches is of chain, ring, tree, not of map"),
-        (["chain", "--map", "abilene"], "--map is of map, not of chain: leave it out"),
-        (["--topology", "sdc", "--map", "abilene"], "--map is of map, not of sdc: leave it out"),
-        (["--hosts-at", "rome"], "--hosts-at is of map, not of sdc: leave it out"),
+        (["--topology", "map,abilene", "--length-km", "3"], "the map says how long fibres are"),
         (["--loss-budget-db", "-1"], "--loss-budget-db -1.0: choose 0 to 1000"),
         (["--interleave"], "--interleave spreads the codewords of a code: choose one with --fec"),
         (
@@ -196,7 +188,7 @@ def test_there_is_a_message_without_being_asked() -> None:
 
 
 def test_sizes_reach_the_topology() -> None:
-    chain = network("chain", "--switches", "5", "--length-km", "2").topo
+    chain = network("--topology", "chain,5", "--length-km", "2").topo
     assert len([name for name in chain.switches() if name.startswith("q")]) == 5
     fibers = [info for *_, info in chain.links(withInfo=True) if info["cls"] is FiberLink]
     assert {info["length_km"] for info in fibers} == {2.0}

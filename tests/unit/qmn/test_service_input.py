@@ -54,14 +54,14 @@ def test_the_words_of_the_command_line_reach_the_service() -> None:
 
 
 def test_a_swap_goes_over_as_many_repeaters_as_are_wanted() -> None:
-    request, network = checked(parse("swap", "--repeaters", "3", "--count", "7"))
+    request, network = checked(parse("swap", "--topology", "repeaters,3", "--count", "7"))
     assert request.options == DistributeOptions("bob", 9, count=7)
     assert network.hosts == ["alice", "bob", "r1", "r2", "r3"]
 
 
 def test_more_repeaters_than_a_chain_may_have_are_refused() -> None:
     with pytest.raises(BadTopology, match="65 repeaters: choose 1 to 64"):
-        options_of("swap", "--repeaters", "65")
+        options_of("swap", "--topology", "repeaters,65")
 
 
 def test_the_defaults_of_the_command_line_are_those_of_the_service() -> None:
@@ -123,9 +123,9 @@ def test_hosts_can_be_named_as_the_places_of_a_map_in_any_script(tmp_path: Path)
     file = tmp_path / "own.json"
     file.write_text(json.dumps({"nodes": [{"name": n} for n in names], "qconnections": ways}))
     request, network = checked(
-        parse("teleport", "--map", str(file), "--from", "大阪", "--to", "zürich")
+        parse("teleport", "--topology", f"map,{file}", "--from", "大阪", "--to", "zürich")
     )
     assert (request.sender, request.receiver) == ("h2", "zurich")
     assert network.node("東京") == "h"
     with pytest.raises(BadInput, match="unknown host '京都'"):
-        checked(parse("teleport", "--map", str(file), "--from", "京都", "--to", "東京"))
+        checked(parse("teleport", "--topology", f"map,{file}", "--from", "京都", "--to", "東京"))

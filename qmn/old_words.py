@@ -1,0 +1,81 @@
+"""Words of the command line that 0.1 still takes, and what they are now."""
+
+import shlex
+import sys
+from collections.abc import Mapping, Sequence
+
+TOPOLOGIES = ("sdc", "chain", "ring", "leaf-spine", "repeaters", "tree", "tapped", "map")
+USUAL = {"swap": "repeaters", "load": "ring"}  # topologies of jobs; of others sdc
+# First words of a command line, and what they are now.
+VERBS: Mapping[tuple[str, ...], tuple[str, ...]] = {
+    ("run", name): ("run", "sdc", "--topology", name) for name in TOPOLOGIES[1:]
+}
+# Verbs that start networks, and options of theirs that are parameters of topologies now.
+WITH_NETWORK = ("run", "cli", "netqasm")
+WITH_VALUE = (
+    *("--map", "--hosts-at", "--sources-at", "--repeaters-at", "--fibers", "--repeaters"),
+    *("--hosts", "--switches", "--leaves", "--spines"),
+)
+WITHOUT_VALUE = ("--stations", "--both-ways")
+
+
+def translated(words: Sequence[str]) -> list[str]:
+    """Return a command line in today's words; say on stderr what it is if it had others."""
+    today = list(words)
+    for old, new in VERBS.items():
+        if tuple(today[: len(old)]) == old:
+            today[: len(old)] = new
+    if today[:1] and today[0] in WITH_NETWORK:
+        today = _with_parameters(today)
+    if today != [*words]:
+        print(
+            f"qmn: these words are old; the new ones: {shlex.join(['qmn', *today])}",
+            file=sys.stderr,
+        )
+    return today
+
+
+def _with_parameters(words: Sequence[str]) -> list[str]:
+    """Put the parameters of a topology behind its name, which is the usual one if it has none."""
+    rest = iter(words)
+    kept: list[str] = []
+    parameters: dict[str, str] = {}
+    for word in rest:
+        flag, equals, value = word.partition("=")
+        if flag in WITHOUT_VALUE:
+            parameters[flag] = ""
+        elif flag in WITH_VALUE:
+            parameters[flag] = f"={value if equals else next(rest, '')}"
+        else:
+            kept.append(word)
+    if not parameters:
+        return kept
+    place = _place_of_topology(kept, "map" if "--map" in parameters else "")
+    named = [f"{flag[2:].replace('-', '_')}{value}" for flag, value in parameters.items()]
+    kept[place] = ",".join([kept[place], *named])
+    return kept
+
+
+def _place_of_topology(words: list[str], usual: str) -> int:
+    """Return where the name of the topology is, and have one there."""
+    if words[0] == "cli":
+        names = [place for place, word in enumerate(words) if _is_topology(word)]
+        return names[0] if names else _put(words, 1, usual or "sdc")
+    for place, word in enumerate(words):
+        if word.startswith("--topology="):
+            words[place : place + 1] = word.split("=", 1)
+    if "--topology" in words[:-1]:
+        return words.index("--topology") + 1
+    job = words[1] if words[0] == "run" and words[1:] else ""
+    words += ["--topology"]
+    return _put(words, len(words), usual or USUAL.get(job, "sdc"))
+
+
+def _is_topology(word: str) -> bool:
+    name = word.split(",", 1)[0]
+    return name in TOPOLOGIES or ".py:" in name
+
+
+def _put(words: list[str], place: int, name: str) -> int:
+    words.insert(place, name)
+    return place
