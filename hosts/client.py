@@ -15,8 +15,10 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
 from typing import Any, TypeVar
 
+from hosts import network_loop
 from hosts.stack_socket import QuantumSocketError, StackEnded, failure, no_stack, not_refused
 from hosts.timeouts import CLOSING_TIMEOUT_S
+from wire.network_time import REAL_TIME, NetworkTime
 from wire.socket_calls import (
     HEADER,
     MAX_PAYLOAD,
@@ -97,7 +99,7 @@ class End:
         try:
             if self._requested and not self.over:
                 with suppress(OSError):  # TimeoutError is one
-                    async with asyncio.timeout(CLOSING_TIMEOUT_S):
+                    async with network_loop.wall_timeout(CLOSING_TIMEOUT_S):
                         self._writer.write_eof()
                         while await self._reader.read(MAX_PAYLOAD):
                             continue
@@ -147,8 +149,8 @@ async def session(
     """Request a service as the first of the hosts, from the second; all others take part.
 
     `stacks` gives the socket of a host's stack. Every wait for a stack raises TimeoutError after
-    `limit_s` of the wall; a service that is refused or breaks raises QuantumSocketError with the
-    reason. A session that has not ended at the end of the block is broken off.
+    `limit_s` of the loop's time; a service that is refused or breaks raises QuantumSocketError with
+    the reason. A session that has not ended at the end of the block is broken off.
     """
     opener, *asked = hosts
     async with AsyncExitStack() as closing:
@@ -220,10 +222,15 @@ class BlockingSession:
 
 @contextmanager
 def blocking_session(
-    stacks: Callable[[str], str], service: str, hosts: Sequence[str], port: int, **how: Any
+    stacks: Callable[[str], str],
+    service: str,
+    hosts: Sequence[str],
+    port: int,
+    network_time: NetworkTime = REAL_TIME,
+    **how: Any,
 ) -> Iterator[BlockingSession]:
-    """Request a service; `how` are the other arguments of `session`. `take` runs in the thread."""
-    with _loop_in_thread() as loop:
+    """Request a service, as `session` does, on a loop of the network's time."""
+    with _loop_in_thread(network_time) as loop:
         opening = session(stacks, service, hosts, port, **how)
         own = _wait(opening.__aenter__(), loop)
         try:
@@ -233,7 +240,7 @@ def blocking_session(
 
 
 @contextmanager
-def _loop_in_thread() -> Iterator[asyncio.AbstractEventLoop]:
+def _loop_in_thread(network_time: NetworkTime) -> Iterator[asyncio.AbstractEventLoop]:
     started: Future[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = Future()
 
     async def run() -> None:
@@ -242,7 +249,7 @@ def _loop_in_thread() -> Iterator[asyncio.AbstractEventLoop]:
         await over.wait()
 
     with ThreadPoolExecutor(1) as thread:
-        running = thread.submit(asyncio.run, run())
+        running = thread.submit(network_loop.run, run(), network_time)
         loop, over = started.result()
         try:
             yield loop

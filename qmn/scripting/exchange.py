@@ -1,6 +1,5 @@
 """One message between two hosts of a running network, sent and received by this process."""
 
-import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -87,19 +86,19 @@ def carried(
         if keep:
             received.extend(data)
 
-    asked = time.monotonic()
+    asked_s = network_time.now_s()
     with opened(stacks, ends, network_time, take=take, **options) as session:
-        ready = time.monotonic()
+        ready_s = network_time.now_s()
         for part in parts:
             for start in range(0, len(part), chunk):
                 session.sendall(part[start : start + chunk])
         session.end()
-        ended = time.monotonic()
+        ended_s = network_time.now_s()
     return Exchange(
         bytes(received),
         size,
-        setup_s=network_time.network_s(ready - asked),
-        elapsed_s=network_time.network_s(ended - ready),
+        setup_s=ready_s - asked_s,
+        elapsed_s=ended_s - ready_s,
         **{name: session.summary[name] for name in COUNTS},
     )
 
@@ -109,10 +108,9 @@ def opened(
     stacks: Callable[[str], str], ends: tuple[str, str], network_time: NetworkTime, **options: Any
 ) -> Iterator[BlockingSession]:
     """Open a session that carries bytes; `stacks` gives the socket of a host's stack."""
-    limit_s = network_time.wall_s(STALL_TIMEOUT_S)
-    with blocking_session(
-        stacks, BYTES, ends, APPLICATION_PORT, limit_s=limit_s, **options
-    ) as session:
+    options["limit_s"] = STALL_TIMEOUT_S
+    port = APPLICATION_PORT
+    with blocking_session(stacks, BYTES, ends, port, network_time, **options) as session:
         session.results()
         yield session
 
