@@ -1,24 +1,21 @@
 """One session of the traffic, from its request to its end, as its hosts see it."""
 
 import asyncio
-from collections.abc import AsyncIterator, Mapping, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager
+from collections.abc import Awaitable, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 from typing import Any
 
 from evidence.traffic.plan import Planned
-from evidence.traffic.stack_calls import Refused, StackCalls, calls
+from hosts.client import Session, session
 from hosts.network_loop import now_s
+from hosts.stack_socket import QuantumSocketError
 from qmn.timeouts import LOAD_LIMIT_S
 from wire.metadata.vocabulary import Reason, Service
 from wire.results.run_result import ACCEPTED, BLOCKED, BROKEN, LATE
 from wire.services import LINES
-from wire.socket_calls import Call
 
-NO_IDLE_HOST, NO_END = (
-    "NO_IDLE_HOST",
-    "NO_END",
-)  # reasons of our own
+NO_IDLE_HOST, NO_END = "NO_IDLE_HOST", "NO_END"  # reasons of our own
 PAIR = 2  # hosts of most services
 BASES = ("X", "Y", "Z")
 AGREE = {"X": True, "Y": False, "Z": True}  # whether both halves of Phi+ tell the same
@@ -57,9 +54,6 @@ class Wanted:
     goes_back_on: Service | None = None  # of which the acceptor opens a session before
 
 
-Hearing = asyncio.Task[StackCalls]  # what a host that is asked hears
-
-
 class SessionRun:
     """A session that is under way."""
 
@@ -77,11 +71,11 @@ class SessionRun:
             async with asyncio.timeout(planned.holding_s + LOAD_LIMIT_S):
                 await self._take_part()
             told.outcome = ACCEPTED
-        except Refused as error:
+        except QuantumSocketError as error:
             told.outcome = BLOCKED if told.setup_s is None else BROKEN
-            if error.reason == Reason.TOO_LATE.name:
+            if error.reason == Reason.TOO_LATE:
                 told.outcome = LATE
-            told.reason, told.text = error.reason, str(error)
+            told.reason, told.text = error.reason.name, str(error)
         except _TooLateError:
             told.outcome, told.reason = LATE, "DEADLINE"
         except TimeoutError:
@@ -92,85 +86,61 @@ class SessionRun:
         if standing is None:
             await self._itself()
             return
-        async with self._asked(standing, (told.acceptor, told.opener)) as (asking, hearing):
-            await self._by_deadline(asking)
+        async with self._session(standing, (told.acceptor, told.opener)) as held:
+            await self._by_deadline(anext(held.opener.results(), None))
             await self._itself()
-            asking.say(Call.CLOSE)
-            await _over(asking, hearing)
+            await held.end()
 
     async def _itself(self) -> None:
         told = self._outcome
         hosts = told.opener, told.acceptor, *told.others
-        async with self._asked(self._wanted.service, hosts) as (asking, hearing):
-            await self._use(asking, hearing)
+        async with self._session(self._wanted.service, hosts) as asked:
+            await self._use(asked)
 
-    @asynccontextmanager
-    async def _asked(
+    def _session(
         self, service: Service, hosts: Sequence[str]
-    ) -> AsyncIterator[tuple[StackCalls, list[Hearing]]]:
-        """Let the first of the hosts ask; give what it hears, and what the others will hear."""
-        wanted, told, name = self._wanted, self._outcome, service.name.lower()
-        async with AsyncExitStack() as stack:
-            waiting = []
-            for host in hosts[1:]:
-                listener = await stack.enter_async_context(calls(self._stacks[host]))
-                listener.say(Call.LISTEN, port=self._port, service=name)
-                await listener.read()
-                asked = await stack.enter_async_context(calls(self._stacks[host]))
-                asked.say(Call.ACCEPT, port=self._port)
-                waiting.append(asked)
-            asking = await stack.enter_async_context(calls(self._stacks[hosts[0]]))
-            options = dict(wanted.options)
-            options |= {"priority": told.planned.priority}
-            if told.planned.deadline_s is not None:
-                options |= {"deadline_ms": max(round(told.planned.deadline_s * 1000), 1)}
-            if wanted.own_source:
-                options["source"] = told.opener
-            if service in LINES:
-                options["line"] = ",".join(hosts)
-            where = {"service": name, "host": hosts[1], "port": self._port}
-            asking.say(Call.REQUEST, **where, **options)
-            hearing = [asyncio.create_task(_there(each)) for each in waiting]
-            try:
-                yield asking, hearing
-            finally:
-                for each in hearing:
-                    each.cancel()
-                await asyncio.gather(*hearing, return_exceptions=True)
+    ) -> AbstractAsyncContextManager[Session]:
+        """Return a session that the first of the hosts requests."""
+        wanted, told = self._wanted, self._outcome
+        options = {**wanted.options, "priority": told.planned.priority}
+        if told.planned.deadline_s is not None:
+            options["deadline_ms"] = max(round(told.planned.deadline_s * 1000), 1)
+        if wanted.own_source:
+            options["source"] = told.opener
+        if service in LINES:
+            options["line"] = ",".join(hosts)
+        stacks, name = self._stacks.__getitem__, service.name.lower()
+        return session(stacks, name, hosts, self._port, limit_s=None, **options)
 
-    async def _by_deadline(self, asking: StackCalls) -> tuple[Call, dict[str, Any]]:
-        """Return what comes of the request; raise _TooLateError unless it does by the deadline."""
+    async def _by_deadline(self, result: Awaitable[object]) -> None:
+        """Wait for the first result; raise _TooLateError unless it is there by the deadline."""
         deadline_s = self._outcome.planned.deadline_s
         left_s = None if deadline_s is None else deadline_s - self._since()
         try:
             async with asyncio.timeout(left_s) as deadline:
-                return await asking.read()
+                await result
         except TimeoutError:
             if deadline.expired():
                 raise _TooLateError from None
             raise
 
-    async def _use(self, asking: StackCalls, hearing: list[Hearing]) -> None:
+    async def _use(self, asked: Session) -> None:
         planned, told, wanted = self._outcome.planned, self._outcome, self._wanted
-        call, fields = await self._by_deadline(asking)
+        opener, results = asked.opener, asked.opener.results()
+        await self._by_deadline(anext(results, None))
         told.setup_s = self._since()
-        while call == Call.RESULT:
-            call, fields = await asking.read()
-        if call == Call.CLOSE:
-            told.summary = fields
-            await asyncio.gather(*hearing)
-            return
-        if wanted.data:
-            asking.send(wanted.data)
-            call, fields = await asking.read()
-        there_s = now_s()
-        await asyncio.sleep(planned.holding_s)
-        if wanted.measures:
-            both = asking, await hearing[0]
-            told.age_s = now_s() - there_s
-            await _measure(told, both, int(fields["pairs"]))
-        asking.say(Call.CLOSE)
-        told.summary = await _over(asking, hearing)
+        async for _result in results:
+            continue
+        if not opener.over:
+            await opener.sendall(wanted.data)
+            there_s = now_s()
+            await asyncio.sleep(planned.holding_s)
+            if wanted.measures:
+                await asked.heard()
+                told.age_s = now_s() - there_s
+                await _measure(told, asked, int(opener.summary["pairs"]))
+        await asked.end()
+        told.summary = opener.summary
 
     def _since(self) -> float:
         return now_s() - self._began_s
@@ -180,37 +150,17 @@ class _TooLateError(Exception):
     """The session has no light by its deadline."""
 
 
-async def _there(asked: StackCalls) -> StackCalls:
-    """Read what a host that is asked is told; return when it may ask, or all is over."""
-    await asked.read()
-    call = Call.RESULT
-    while call not in (Call.DONE, Call.CLOSE):
-        call, _fields = await asked.read()
-    return asked
-
-
-async def _over(asking: StackCalls, hearing: list[Hearing]) -> dict[str, Any]:
-    """Wait until a session is over at its hosts; return the opener's summary."""
-    call, fields = Call.RESULT, dict[str, Any]()
-    while call != Call.CLOSE:
-        call, fields = await asking.read()
-    await asyncio.gather(*hearing)
-    return fields
-
-
-async def _measure(told: Outcome, both: tuple[StackCalls, StackCalls], pairs: int) -> None:
+async def _measure(told: Outcome, pairs: Session, count: int) -> None:
     """Measure all pairs at both ends, a third of them in each basis; count those as Phi+ has."""
     for place, basis in enumerate(BASES):
-        numbers = list(range(place, pairs, len(BASES)))
-        if not numbers:
-            continue
-        ours, theirs = await asyncio.gather(
-            *(end.ask(measure=numbers, basis=basis) for end in both)
-        )
-        seen = [
-            (one, other)
-            for one, other in zip(ours["outcomes"], theirs["outcomes"], strict=True)
-            if None not in (one, other)
-        ]
-        told.measured[basis] = len(seen)
-        told.right[basis] = sum((one == other) == AGREE[basis] for one, other in seen)
+        numbers = list(range(place, count, len(BASES)))
+        if numbers:
+            answers = await pairs.ask(measure=numbers, basis=basis)
+            told.right[basis], told.measured[basis] = like_phi_plus(answers, basis)
+
+
+def like_phi_plus(answers: Sequence[Mapping[str, Any]], basis: str) -> tuple[int, int]:
+    """Return how many outcomes of two hosts are as Phi+ has them, and how many both have."""
+    one, other = (answer["outcomes"] for answer in answers)
+    seen = [pair for pair in zip(one, other, strict=True) if None not in pair]
+    return sum((a == b) == AGREE[basis] for a, b in seen), len(seen)

@@ -13,7 +13,7 @@ import pytest
 from evidence.traffic.erlang import erlang_b, erlang_c, mean_wait, waits_longer
 from evidence.traffic.job import checked
 from evidence.traffic.plan import BadTraffic, Planned, Traffic, plan
-from evidence.traffic.session import Outcome, Wanted
+from evidence.traffic.session import Outcome, Wanted, like_phi_plus
 from evidence.traffic.summary import fairness, fidelity_by_age, light_times, summary, waits
 from evidence.traffic.verb import load_request
 from hosts.middleware.services import NAMES
@@ -339,3 +339,10 @@ def test_traffic_that_cannot_be_is_refused(words: list[str], text: str) -> None:
     with pytest.raises(BadInput) as caught:
         asked(*words)
     assert text in str(caught.value)
+
+
+@pytest.mark.parametrize(("basis", "alike"), [("X", 2), ("Y", 1), ("Z", 2)])
+def test_outcomes_that_both_hosts_have_are_held_against_phi_plus(basis: str, alike: int) -> None:
+    """Both halves of Phi+ are equal in X and Z, and differ in Y."""
+    answers = [{"outcomes": [0, 1, 1, None, 0]}, {"outcomes": [0, 1, 0, 1, None]}]
+    assert like_phi_plus(answers, basis) == (alike, 3)
