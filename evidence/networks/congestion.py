@@ -61,7 +61,7 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
         count = int(values[BLOCKS.name]) * BLOCK_STATES
         wanted = {"count": count, "block_pairs": BLOCK_STATES}
         with session(network, "teleport", ("alice", "bob"), **wanted) as asked:
-            told = list(asked.results)
+            told = asked.results()
     measured = outcome(told, alone, frame_s, number(values, T2.name), scale)
     return {**measured, **of_software(network.runtime.logs)}
 

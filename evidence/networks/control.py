@@ -24,8 +24,8 @@ from evidence.curves.experiment import Experiment, Measure, Outcome, number
 from evidence.curves.parameters import Parameter, Values
 from evidence.networks.of_time import SOFTWARE, TIME_SCALE, of_software
 from evidence.networks.using import network_for, session
-from evidence.traffic.session import AGREE
-from hosts.service_socket import ServiceSocket
+from evidence.traffic.session import AGREE, like_phi_plus
+from hosts.client import BlockingSession
 from qmn.scripting.network import QuantumNetwork
 from qmn.timeouts import EMULATED_READY_S
 from topologies.networks.network import Signals
@@ -90,23 +90,22 @@ def _round(network: QuantumNetwork) -> Round:
     """Have pairs in memory until the next link is there, and measure them then."""
     wanted: dict[str, Any] = {"sample": 0.0, "count": PAIRS, "source": "alice"}
     with session(network, "distribute", ("alice", "bob"), **wanted) as first:
-        list(first.results)
-        ends = first.asking, first.asked
+        first.results()
         asked_ns = time.time_ns()
         following: dict[str, Any] = {"sample": 0.0, "count": 1, "source": "bob"}
         with session(network, "distribute", ("bob", "h4"), NEXT_PORT, **following) as second:
-            list(second.results)
-            right = {basis: agreeing(ends, place) for place, basis in enumerate(AGREE)}
-        sessions = first.asking.summary["session"], second.asking.summary["session"]
+            second.results()
+            right = {basis: agreeing(first, place) for place, basis in enumerate(AGREE)}
+        sessions = first.summary["session"], second.summary["session"]
     return Round(*sessions, asked_ns, right)
 
 
-def agreeing(ends: tuple[ServiceSocket, ServiceSocket], place: int) -> int:
+def agreeing(pairs: BlockingSession, place: int) -> int:
     """Measure a third of the pairs at both ends in a basis; return how many are as of Phi+."""
     basis = list(AGREE)[place]
     numbers = list(range(place, PAIRS, len(AGREE)))
-    ours, theirs = (end.ask(measure=numbers, basis=basis)["outcomes"] for end in ends)
-    return sum((a == b) == AGREE[basis] for a, b in zip(ours, theirs, strict=True))
+    agree, _measured = like_phi_plus(pairs.ask(measure=numbers, basis=basis), basis)
+    return agree
 
 
 def outcome(rounds: Sequence[Round], t2_s: float, folder: Path, scale: float) -> Outcome:

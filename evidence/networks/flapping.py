@@ -54,10 +54,10 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
         with flapping(network, number(values, PERIOD.name) * scale):
             for _ in range(int(values[SESSIONS.name])):
                 with session(network, "distribute", ENDS, **wanted) as asked:
-                    list(asked.results)
-                    emitted += asked.asking.summary["emitted"]
-                    shared += asked.asking.summary["shared"]
-                    times_s.append(asked.asking.summary["elapsed_s"])
+                    asked.results()
+                    emitted += asked.summary["emitted"]
+                    shared += asked.summary["shared"]
+                    times_s.append(asked.summary["elapsed_s"])
         folder, fibers = network.runtime.logs, list(network.runtime.fibers)
     events = [event for event in recorded(folder / EVENT_CAPTURE, follow=False) if not event.photon]
     lost = proportion(emitted - shared, emitted)

@@ -1,9 +1,7 @@
 """Networks in which demos use services, as applications on hosts do."""
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +9,8 @@ from mininet.topo import Topo
 
 from evidence.curves.experiment import Experiment, SweepError
 from evidence.curves.parameters import Values
-from hosts.quantum_socket import QuantumSocketError
-from hosts.service_socket import ServiceSocket
+from hosts.client import BlockingSession, blocking_session
+from hosts.stack_socket import QuantumSocketError
 from qmn.network.custom_topology import BadTopology
 from qmn.options import BadInput
 from qmn.requests.service_verbs import SERVICE_PORT
@@ -20,8 +18,6 @@ from qmn.results.run_folder import begin_folder
 from qmn.scripting.network import QuantumNetwork, start
 from qmn.timeouts import STALL_TIMEOUT_S
 from topologies.system.processes.programs import NetworkError
-
-Results = Iterator[dict[str, Any]]
 
 
 @contextmanager
@@ -41,21 +37,6 @@ def network_for(
         raise SweepError(f"{experiment.place(values)} failed: {error}") from error
 
 
-@dataclass(frozen=True)
-class Asked:
-    """A session that one host has asked another for."""
-
-    asking: ServiceSocket
-    results: Results  # of the opener
-    _there: "Future[ServiceSocket]"
-    _limit_s: float
-
-    @property
-    def asked(self) -> ServiceSocket:
-        """The acceptor's socket, when it has heard all until the session is over, or may ask."""
-        return self._there.result(self._limit_s)
-
-
 @contextmanager
 def session(
     network: QuantumNetwork,
@@ -63,30 +44,10 @@ def session(
     ends: tuple[str, str],
     port: int = SERVICE_PORT,
     **options: Any,
-) -> Iterator[Asked]:
+) -> Iterator[BlockingSession]:
     """Have one host ask another for a service; end it behind the block."""
-    opener, acceptor = ends
-    limit_s, sockets = network.runtime.time.wall_s(STALL_TIMEOUT_S), network.runtime.socket
-    with (
-        ThreadPoolExecutor(1) as beside,
-        ServiceSocket(sockets(acceptor)) as listener,
-        ServiceSocket(sockets(opener)) as asking,
-    ):
-        for each in (listener, asking):
-            each.settimeout(limit_s)
-        listener.listen(port, service)
-        results = asking.request(service, (acceptor, port), **options)
-        there = beside.submit(_accepted, listener)
-        yield Asked(asking, results, there, limit_s)
-        asking.shutdown()
-        there.result(limit_s).close()
-
-
-def _accepted(listener: ServiceSocket) -> ServiceSocket:
-    asked, _peer = listener.accept()
-    try:
-        list(asked.results())
-    except BaseException:
-        asked.close()
-        raise
-    return asked
+    options["limit_s"] = STALL_TIMEOUT_S
+    where = network.runtime.socket, service, ends, port, network.runtime.time
+    with blocking_session(*where, **options) as asked:
+        yield asked
+        asked.end()

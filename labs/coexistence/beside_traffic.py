@@ -23,7 +23,7 @@ with start("sdc", folder, seed=int(sys.argv[2]), fiber=fiber, device=device) as 
     light = partial(session, count=12_000_000, block_pairs=262_144, state="0")
     with light(network, "teleport", ("alice", "bob")) as sent:
         received = ThreadPoolExecutor(1).submit(network.net.iperf, ends, fmt="m", seconds=10)
-        list(sent.results)
-        told = {**sent.asking.summary, "gbit_per_s": float(received.result()[0].split()[0]) / 1e3}
+        sent.results()
+        told = {**sent.summary, "gbit_per_s": float(received.result()[0].split()[0]) / 1e3}
 facts = json.loads((folder / RESULT).read_text())
 (folder / RESULT).write_text(json.dumps({**facts, "found": told}))
