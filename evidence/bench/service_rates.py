@@ -1,12 +1,11 @@
 """Benchmarks of services over a real network: keys, teleported qubits, swapped pairs."""
 
-import threading
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from hosts.service_socket import ServiceSocket
+from hosts.client import blocking_session
 from qmn.timeouts import MEASURE_TIMEOUT_S
 from topologies.networks.network import Network, Signals
 from topologies.repeaters import RepeatersTopo
@@ -93,25 +92,9 @@ def swap_benchmarks(folder: Path, signals: Signals) -> Iterator[tuple[str, str]]
 
 def one_session(network: Network, service: str, **options: Any) -> Any:
     """Have alice ask bob for a service; return the figures of it that she is told at the end."""
-    with (
-        ServiceSocket(network.runtime.socket("bob")) as listener,
-        ServiceSocket(network.runtime.socket("alice")) as asking,
-    ):
-        for end in (listener, asking):
-            end.settimeout(MEASURE_TIMEOUT_S)
-        listener.listen(PORT, service)
-        accepting = threading.Thread(target=_take_part, args=(listener,))
-        accepting.start()
-        for _result in asking.request(service, ("bob", PORT), **options):
-            continue
-        asking.shutdown()  # of what it leaves, if it leaves anything
-        accepting.join(MEASURE_TIMEOUT_S)
-        return figures(asking.summary)
-
-
-def _take_part(listener: ServiceSocket) -> None:
-    connection, _peer = listener.accept()
-    with connection:
-        while not connection.over:
-            for _result in connection.results():
-                continue
+    options["limit_s"] = MEASURE_TIMEOUT_S
+    stacks = network.runtime.socket
+    with blocking_session(stacks, service, ("alice", "bob"), PORT, **options) as session:
+        session.results()
+        session.end()
+    return figures(session.summary)

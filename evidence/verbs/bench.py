@@ -5,10 +5,7 @@ import os
 import subprocess
 import sys
 import tempfile
-import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -26,7 +23,8 @@ from evidence.bench.service_rates import (
     swap_benchmarks,
     teleport_benchmarks,
 )
-from hosts.quantum_socket import QuantumSocket
+from hosts.client import blocking_session
+from hosts.stack_socket import BYTES
 from qmn.needs import Needs
 from qmn.timeouts import MEASURE_TIMEOUT_S, RUN_TIMEOUT_S
 from topologies.networks.network import Interrupted, Network, Signals, require_root
@@ -148,33 +146,14 @@ def whole_run(folder: Path) -> float:
 
 def send(network: Network, data: bytes, handshake: str) -> float:
     """Return the time from the first byte to the verified last, connecting not counted."""
-    with (
-        QuantumSocket(network.runtime.socket("bob")) as listener,
-        receiving(listener),
-        QuantumSocket(network.runtime.socket("alice")) as sender,
-    ):
-        sender.connect(("bob", 7), handshake=handshake)
+    options: dict[str, Any] = {"limit_s": MEASURE_TIMEOUT_S, "handshake": handshake}
+    stacks = network.runtime.socket
+    with blocking_session(stacks, BYTES, ("alice", "bob"), 7, **options) as session:
+        session.results()
         started = time.perf_counter()
-        sender.sendall(data)
-        sender.shutdown()
+        session.sendall(data)
+        session.end()
         return time.perf_counter() - started
-
-
-@contextmanager
-def receiving(listener: QuantumSocket) -> Iterator[None]:
-    listener.settimeout(MEASURE_TIMEOUT_S)
-    listener.listen(7)
-    reader = threading.Thread(target=_read_all, args=(listener,))
-    reader.start()
-    yield
-    reader.join(MEASURE_TIMEOUT_S)
-
-
-def _read_all(listener: QuantumSocket) -> None:
-    connection, _peer = listener.accept()
-    with connection:
-        while connection.recv(MEBIBYTE):
-            pass
 
 
 def baseline(network: Network, count: int) -> tuple[float, float]:
