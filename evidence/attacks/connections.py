@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 
 from evidence.attacks.conduct import (
     ATTACKER,
@@ -13,7 +13,8 @@ from evidence.attacks.conduct import (
     settled,
     told_count,
 )
-from hosts.quantum_socket import QuantumSocket, QuantumSocketError
+from hosts.client import blocking_session
+from hosts.stack_socket import BYTES
 from qmn.timeouts import ATTACK_TIMEOUT_S
 from topologies.networks.network import Network
 from topologies.system.processes.programs import NetworkError
@@ -51,18 +52,11 @@ def ended(network: Network) -> set[str]:
 @contextmanager
 def session(network: Network) -> Iterator[None]:
     """Keep a session open, from alice to bob, over which a byte has gone."""
-    sockets = [QuantumSocket(network.runtime.socket(host)) for host in (VICTIM, POSED)]
-    listener, sender = sockets
-    try:
-        listener.listen(LISTENING)
-        sender.connect((VICTIM, LISTENING))
-        sockets.append(listener.accept()[0])
-        sender.sendall(b"x")
+    ends, stacks = (POSED, VICTIM), network.runtime.socket
+    with blocking_session(stacks, BYTES, ends, LISTENING, limit_s=ATTACK_TIMEOUT_S) as opened:
+        opened.results()
+        opened.sendall(b"x")
         yield
-    finally:
-        for each in reversed(sockets):
-            with suppress(QuantumSocketError):  # of a session that was ended under it
-                each.close()
 
 
 def opener_port(network: Network) -> int:
