@@ -2,18 +2,17 @@
 
 import re
 import subprocess
-import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any, ClassVar, TypeVar
 
 from loaded import forks
 from mininet.topo import Topo
 
-from hosts.quantum_socket import QuantumSocket
-from hosts.service_socket import ServiceSocket
+from hosts.client import blocking_session
+from hosts.stack_socket import BYTES
 from topologies.networks.network import Network, Signals
 from topologies.ring import RingTopo
 from topologies.system.runs.runtime import Runtime
@@ -119,67 +118,55 @@ def switches_on_the_way(network: Network, interface: str) -> list[str]:
 
 
 def served(
-    network: Network, service: str, opener: str, *hosts: str, **options: object
+    network: Network, service: str, opener: str, *hosts: str, **options: Any
 ) -> dict[str, Any]:
     """Ask the first of these hosts for a service while all take part; return what opener learns."""
-    with ThreadPoolExecutor(len(hosts)) as pool, ExitStack() as stack:
-        waiting = []
-        for host in hosts:
-            listener = stack.enter_context(ServiceSocket(network.runtime.socket(host)))
-            listener.settimeout(TIMEOUT_S)
-            listener.listen(SERVICE_PORT, service)
-            waiting.append(pool.submit(taken_part, listener))
-        asking = stack.enter_context(ServiceSocket(network.runtime.socket(opener)))
-        list(asking.request(service, (hosts[0], SERVICE_PORT), **options))
-        asking.shutdown()
-        for each in waiting:
-            each.result(TIMEOUT_S)
-        return asking.summary
-
-
-def taken_part(listener: ServiceSocket) -> None:
-    """Take part in one session until it is over."""
-    connection, _peer = listener.accept()
-    with connection:
-        while not connection.over:
-            list(connection.results())
+    stacks, taking_part = network.runtime.socket, (opener, *hosts)
+    options["limit_s"] = TIMEOUT_S
+    with blocking_session(stacks, service, taking_part, SERVICE_PORT, **options) as asked:
+        asked.results()
+        asked.end()
+        return asked.summary
 
 
 class Session:
-    """A session between two hosts, with an application at each end."""
+    """A session between two hosts that carries bytes."""
 
     def __init__(
-        self, network: Network, sender: str, receiver: str, port: int = 7, **options: object
+        self, network: Network, sender: str, receiver: str, port: int = 7, **options: Any
     ) -> None:
-        self._listener = QuantumSocket(network.runtime.socket(receiver))
-        self._listener.listen(port)
-        self._sender = QuantumSocket(network.runtime.socket(sender))
-        self._to = receiver, port
-        self._options = options  # of QuantumSocket.connect
+        stacks, ends = network.runtime.socket, (sender, receiver)
+        self._received: SimpleQueue[bytes] = SimpleQueue()
+        options |= {"take": self._received.put, "limit_s": None}
+        self._opening = blocking_session(stacks, BYTES, ends, port, **options)
+        self._closing = ExitStack()
 
     def open(self) -> "Session":
         """Connect; raise QuantumSocketError if that is refused."""
-        self._sender.connect(self._to, **self._options)
-        self._receiver, _peer = self._listener.accept()
+        self._session = self._closing.enter_context(self._opening)
+        self._session.results()
         return self
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """What the session has used so far."""
+        return self._session.summary
 
     def start(self, data: bytes) -> None:
         """Begin to send."""
-        self._sending = threading.Thread(target=self._sender.sendall, args=(data,))
-        self._sending.start()
+        self._sending = self._session.begin_to_send(data)
 
     @property
     def sending(self) -> bool:
         """Whether not all that was started has been sent."""
-        return self._sending.is_alive()
+        return not self._sending.done()
 
     def finish(self, size: int) -> bytes:
         """Receive so many bytes and wait until the sender has sent them all."""
         received = bytearray()
         while len(received) < size:
-            received += self._receiver.recv(1 << 20)
-        self._sending.join(TIMEOUT_S)
-        assert not self._sending.is_alive()
+            received += self._received.get(timeout=TIMEOUT_S)
+        self._sending.result(TIMEOUT_S)
         return bytes(received)
 
     def carry(self, data: bytes) -> bytes:
@@ -187,17 +174,18 @@ class Session:
         self.start(data)
         return self.finish(len(data))
 
+    def end(self) -> None:
+        """End the session; return when all bytes are verified."""
+        self._session.end()
+
     def close(self) -> None:
-        """End the session."""
-        self._sender.close()
-        if hasattr(self, "_receiver"):
-            self._receiver.close()
-        self._listener.close()
+        """Leave the session, which is broken off unless it has ended."""
+        self._closing.close()
 
 
 @contextmanager
 def session(
-    network: Network, sender: str, receiver: str, port: int = 7, **options: object
+    network: Network, sender: str, receiver: str, port: int = 7, **options: Any
 ) -> Iterator[Session]:
     """Keep a session open."""
     made = Session(network, sender, receiver, port, **options)

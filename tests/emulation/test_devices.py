@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from conftest import ROOT, policy, policy_of, wait_until
+from fabric_scene import session
 from limits import SOON_S
 from loaded import run_qmn
 
@@ -135,11 +136,9 @@ def test_without_a_network_the_command_says_so() -> None:
 
 
 def connect(network: Network, sender: str, receiver: str) -> None:
-    """Open a session and end it."""
-    with QuantumSocket(network.runtime.socket(receiver)) as listener:
-        listener.listen(7)
-        with QuantumSocket(network.runtime.socket(sender)) as socket:
-            socket.connect((receiver, 7))
+    """Open a session and leave it."""
+    with session(network, sender, receiver):
+        pass
 
 
 def test_the_policy_decides_until_it_is_changed(shared_network: Network) -> None:

@@ -6,11 +6,10 @@ from typing import Any
 
 import pytest
 from conftest import qmn, wait_until
-from fabric_scene import running
+from fabric_scene import running, session
 from limits import SOON_S
 from loaded import run_qmn
 
-from hosts.quantum_socket import QuantumSocket
 from topologies.networks.network import Network
 from topologies.sdc import SdcTopo
 from wire.metadata.vocabulary import Fec
@@ -36,18 +35,10 @@ def change(*words: str) -> str:
 
 def send(network: Network, data: bytes) -> dict[str, Any]:
     """Send from alice to bob; return what the session has used."""
-    with (
-        QuantumSocket(network.runtime.socket("bob")) as listener,
-        QuantumSocket(network.runtime.socket("alice")) as sender,
-    ):
-        listener.listen(7)
-        sender.connect(("bob", 7))
-        receiver, _peer = listener.accept()
-        with receiver:
-            sender.sendall(data)
-            assert receiver.recv(1 << 16) == data
-            sender.shutdown()
-        return sender.statistics
+    with session(network, "alice", "bob") as opened:
+        assert opened.carry(data) == data
+        opened.end()
+        return opened.summary
 
 
 @pytest.mark.nightly

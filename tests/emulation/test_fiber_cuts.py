@@ -1,13 +1,13 @@
 """`link alice q1 down` is a fibre cut: light is lost, the controller hears of it."""
 
-import threading
 from io import StringIO
 
 import pytest
 from conftest import wait_until
+from fabric_scene import session
 from rich.console import Console
 
-from hosts.quantum_socket import QuantumSocket, QuantumSocketError
+from hosts.quantum_socket import QuantumSocketError
 from qmn.jobs.in_the_way import lost_light
 from topologies.networks.network import Network
 from wire.controller_lines import read_record
@@ -29,23 +29,12 @@ def test_what_a_cut_has_cost_is_sent_again(shared_network: Network, host: str) -
     network, data = shared_network, bytes(range(256)) * 4096
     log = network.runtime.logs / "quantum.log"
     earlier = log.read_text().count(" dark ")
-    with QuantumSocket(network.runtime.socket("bob")) as listener:
-        listener.listen(7)
-        with QuantumSocket(network.runtime.socket("alice")) as sender:
-            sender.connect(("bob", 7))
-            receiver, _peer = listener.accept()
-            sending = threading.Thread(target=sender.sendall, args=(data,))
-            network.net.configLinkStatus(host, "q1", "down")
-            sending.start()
-            wait_until(lambda: log.read_text().count(" dark ") > earlier, "light is lost")
-            network.net.configLinkStatus(host, "q1", "up")
-            with receiver:
-                received = bytearray()
-                while len(received) < len(data):
-                    received += receiver.recv(1 << 20)
-            sending.join(30)
-    assert not sending.is_alive()
-    assert received == data
+    with session(network, "alice", "bob") as opened:
+        network.net.configLinkStatus(host, "q1", "down")
+        opened.start(data)
+        wait_until(lambda: log.read_text().count(" dark ") > earlier, "light is lost")
+        network.net.configLinkStatus(host, "q1", "up")
+        assert opened.finish(len(data)) == data
 
 
 def test_a_session_that_loses_its_light_says_so_at_once_and_when_it_is_back(
@@ -53,40 +42,35 @@ def test_a_session_that_loses_its_light_says_so_at_once_and_when_it_is_back(
 ) -> None:
     network, screen = shared_network, StringIO()
     with (
-        QuantumSocket(network.runtime.socket("bob")) as listener,
         lost_light(network, Console(file=screen)) as lost,
+        session(network, "alice", "bob"),
     ):
-        listener.listen(7)
-        with QuantumSocket(network.runtime.socket("alice")) as sender:
-            sender.connect(("bob", 7))
-            lost.look()  # at what other tests have left in the record
+        lost.look()  # at what other tests have left in the record
 
-            def told(words: str) -> bool:
-                lost.look()
-                return screen.getvalue().endswith(words)
-
-            before = len(screen.getvalue())
-            network.net.configLinkStatus("alice", "q1", "down")
-            wait_until(lambda: told("no light: fibre alice-q1 (alice-q0) is cut\n"), "it is told")
-            network.net.configLinkStatus("alice", "q1", "up")
-            wait_until(lambda: told("light is back\n"), "it is told that it is whole")
+        def told(words: str) -> bool:
             lost.look()
-            assert screen.getvalue()[before:].count("\n") == 2
+            return screen.getvalue().endswith(words)
+
+        before = len(screen.getvalue())
+        network.net.configLinkStatus("alice", "q1", "down")
+        wait_until(lambda: told("no light: fibre alice-q1 (alice-q0) is cut\n"), "it is told")
+        network.net.configLinkStatus("alice", "q1", "up")
+        wait_until(lambda: told("light is back\n"), "it is told that it is whole")
+        lost.look()
+        assert screen.getvalue()[before:].count("\n") == 2
 
 
 def test_a_session_over_a_cut_fibre_is_refused_until_it_is_mended(shared_network: Network) -> None:
     network = shared_network
     network.net.configLinkStatus("alice", "q1", "down")
     assert known_cuts(network)
-    with QuantumSocket(network.runtime.socket("bob")) as listener:
-        listener.listen(7)
-        with (
-            QuantumSocket(network.runtime.socket("alice")) as sender,
-            pytest.raises(QuantumSocketError, match=CUT) as caught,
-        ):
-            sender.connect(("bob", 7))
-        assert caught.value.reason == Reason.FIBER_CUT
-        network.net.configLinkStatus("alice", "q1", "up")
-        assert not known_cuts(network)
-        with QuantumSocket(network.runtime.socket("alice")) as sender:
-            sender.connect(("bob", 7))
+    with (
+        pytest.raises(QuantumSocketError, match=CUT) as caught,
+        session(network, "alice", "bob"),
+    ):
+        pass
+    assert caught.value.reason == Reason.FIBER_CUT
+    network.net.configLinkStatus("alice", "q1", "up")
+    assert not known_cuts(network)
+    with session(network, "alice", "bob"):
+        pass

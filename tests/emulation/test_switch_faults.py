@@ -1,12 +1,10 @@
 """`qmn fault` makes the quantum switch of a running network faulty, and whole again."""
 
-import threading
-
 from conftest import wait_until
+from fabric_scene import session
 from limits import SOON_S
 from loaded import run_qmn
 
-from hosts.quantum_socket import QuantumSocket
 from topologies.networks.network import Network
 
 
@@ -19,25 +17,14 @@ def fault(*words: str) -> tuple[int, str]:
 def test_what_a_stuck_cross_connect_has_cost_is_sent_again(shared_network: Network) -> None:
     network, data = shared_network, bytes(range(256)) * 4096
     log = network.runtime.logs / "quantum.log"
-    with QuantumSocket(network.runtime.socket("bob")) as listener:
-        listener.listen(7)
-        with QuantumSocket(network.runtime.socket("alice")) as sender:
-            sender.connect(("bob", 7))
-            receiver, _peer = listener.accept()
-            # Light from charlie (port 5) goes to bob (port 4) and not to alice.
-            assert fault("q1", "stuck", "5", "4") == (0, "q1: cross-connect 5 -> 4 is stuck\n")
-            sending = threading.Thread(target=sender.sendall, args=(data,))
-            sending.start()
-            wait_until(lambda: " 5 -> 2" in log.read_text(), "there was a path to alice")
-            wait_until(lambda: "port=bob-q1" in log.read_text(), "light has come to bob instead")
-            assert fault("q1", "repair") == (0, "q1: repaired, 25 C\n")
-            with receiver:
-                received = bytearray()
-                while len(received) < len(data):
-                    received += receiver.recv(1 << 20)
-            sending.join(30)
-    assert not sending.is_alive()
-    assert received == data
+    with session(network, "alice", "bob") as opened:
+        # Light from charlie (port 5) goes to bob (port 4) and not to alice.
+        assert fault("q1", "stuck", "5", "4") == (0, "q1: cross-connect 5 -> 4 is stuck\n")
+        opened.start(data)
+        wait_until(lambda: " 5 -> 2" in log.read_text(), "there was a path to alice")
+        wait_until(lambda: "port=bob-q1" in log.read_text(), "light has come to bob instead")
+        assert fault("q1", "repair") == (0, "q1: repaired, 25 C\n")
+        assert opened.finish(len(data)) == data
 
 
 def test_a_fault_of_a_switch_that_there_is_not_is_refused(shared_network: Network) -> None:
