@@ -20,7 +20,7 @@ from dispatcher.recording.recorder import current_request, running_request
 from dispatcher.refusal import Refusal
 from dispatcher.server.server import build_service
 from dispatcher.server.servicer import Service
-from wire import dispatcher_record
+from wire import dispatcher_record, typed_json
 from wire.config import DispatcherConfig
 from wire.dispatcher_record import BadRecord
 from wire.record_pb2 import Entry, Request
@@ -106,10 +106,10 @@ def _config(header: Entry | None) -> DispatcherConfig:
     if header is None:
         raise BadRecord("it is empty")
     try:
-        config = DispatcherConfig.from_dict(json.loads(header.header.config))
+        config = typed_json.read(DispatcherConfig, json.loads(header.header.config), "it")
         tokens = {node: node for node in config.tokens}  # nobody calls
         return replace(config, tokens=tokens, metrics_fd=None, **NOWHERE)
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise BadRecord(f"its configuration is not of this version: {error}") from error
 
 

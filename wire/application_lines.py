@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping
 from typing import Any, cast
 
-from wire.results import schema
+from wire import typed_json
 from wire.results.figures import ServiceFigures
 from wire.results.moments import AnyMoment
 
@@ -24,10 +24,10 @@ def fields_of(line: str | bytes) -> Line:
 def figures(line: Mapping[str, Any]) -> ServiceFigures:
     """Return what an end has said of a service; raise MalformedPacket for anything else."""
     values = {name: value for name, value in line.items() if name not in NOT_FIGURES}
-    return cast("ServiceFigures", schema.read(cast("Any", ServiceFigures), values))
+    return cast("ServiceFigures", typed_json.read(cast("Any", ServiceFigures), values))
 
 
 def moment(line: Mapping[str, Any], at_s: float) -> AnyMoment:
     """Return what has happened at a time of the run; raise MalformedPacket for anything else."""
     values = {**line, "at": round(at_s, 3)}
-    return cast("AnyMoment", schema.read(cast("Any", AnyMoment), values))
+    return cast("AnyMoment", typed_json.read(cast("Any", AnyMoment), values))

@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
+from wire import typed_json
 from wire.announcement import PERIOD_S
 from wire.credentials import Credentials
 from wire.features import NodeFeatures
@@ -72,16 +73,11 @@ class Config:
     def read(cls, path: Path) -> Self:
         """Read the file; raise BadConfig if it is not one of this kind."""
         try:
-            config = cls.from_dict(json.loads(path.read_text()))
+            config = typed_json.read(cls, json.loads(path.read_text()), "it")
             _ = config.time
-        except (OSError, ValueError, TypeError, KeyError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise BadConfig(f"{path} is not a {cls.__name__}: {error}") from error
         return config
-
-    @classmethod
-    def from_dict(cls, fields: dict[str, Any]) -> Self:
-        """Build the configuration from decoded JSON."""
-        return cls(**fields)
 
 
 @dataclass(frozen=True)
@@ -114,16 +110,6 @@ class DispatcherConfig(MeasuredConfig, DispatcherSettings):
 
     def __post_init__(self) -> None:
         check_options(self)
-
-    @classmethod
-    def from_dict(cls, fields: dict[str, Any]) -> "DispatcherConfig":
-        """Build the configuration from decoded JSON."""
-        fibers = [Fiber.from_dict(fiber) for fiber in fields["fibers"]]
-        switches = [QuantumSwitch.from_dict(switch) for switch in fields["switches"]]
-        given = fields.get("devices", {})
-        devices = {name: Device.from_dict(device) for name, device in given.items()}
-        parts = {"fibers": fibers, "switches": switches, "devices": devices}
-        return cls(**{**fields, **parts, "credentials": Credentials.of(fields.get("credentials"))})
 
 
 # Who grants light to hosts: our controller, session by session, by a verdict in the set-up
@@ -170,11 +156,6 @@ class HostConfig(Config):
     announcement_period_s: float = PERIOD_S  # of its fibres, as soon as the controller has found it
     credentials: Credentials | None = None  # the dispatcher is reached by TLS
 
-    @classmethod
-    def from_dict(cls, fields: dict[str, Any]) -> "HostConfig":
-        """Build the configuration from decoded JSON."""
-        return cls(**{**fields, "credentials": Credentials.of(fields.get("credentials"))})
-
     def __post_init__(self) -> None:
         check_choice("light", self.light, LIGHT)
         check_choice("analyser", self.analyser, ANALYSERS)
@@ -217,11 +198,6 @@ class AgentConfig(MeasuredConfig):
     gnmi: str = ""  # path of a Unix socket at which telemetry is served; empty: nowhere
     gnmi_fd: int | None = None  # a listening TCP socket that leads there
 
-    @classmethod
-    def from_dict(cls, fields: dict[str, Any]) -> "AgentConfig":
-        """Build the configuration from decoded JSON."""
-        return cls(**{**fields, "credentials": Credentials.of(fields.get("credentials"))})
-
     def listening(self, number: int) -> str:
         """Return where the bridge connects to for a controller, by its number."""
         host, colon, port = self.listen.rpartition(":")
@@ -259,11 +235,6 @@ class CopperConfig(Config):
     simulation: str  # IPv4 address of the dispatcher, whose packets no cable holds back
     seed: int = 1  # of which packets are lost
 
-    @classmethod
-    def from_dict(cls, fields: dict[str, Any]) -> "CopperConfig":
-        """Build the configuration from decoded JSON."""
-        return cls(**{**fields, "cables": [Cable(**cable) for cable in fields["cables"]]})
-
 
 @dataclass(frozen=True)
 class GateConfig(Config):
@@ -279,11 +250,6 @@ class EntranceConfig(Config):
     credentials: Credentials
     datapath_ids: dict[str, int]  # of all switches by name
     key_log: str = ""  # path of a file of secrets for Wireshark; empty: none
-
-    @classmethod
-    def from_dict(cls, fields: dict[str, Any]) -> "EntranceConfig":
-        """Build the configuration from decoded JSON."""
-        return cls(**{**fields, "credentials": Credentials(**fields["credentials"])})
 
 
 @dataclass(frozen=True)
@@ -306,12 +272,6 @@ class ControllerConfig(MeasuredConfig, ControllerSettings):
     rest_token: str = ""  # that the console's resources there want; empty: nobody has it
     state: str = ""  # path of a private folder for what a restarted one must know; empty: none
     announcement_period_s: float = PERIOD_S  # that hosts wait before they name their fibres again
-
-    @classmethod
-    def from_dict(cls, fields: dict[str, Any]) -> "ControllerConfig":
-        """Build the configuration from decoded JSON."""
-        stations = [Station(**station) for station in fields.get("stations", [])]
-        return cls(**{**fields, "stations": stations, "apps": tuple(fields.get("apps", ()))})
 
     def __post_init__(self) -> None:
         check_options(self)

@@ -25,11 +25,6 @@ class Credentials:
     certificate: str
     private_key: str
 
-    @classmethod
-    def of(cls, fields: Mapping[str, str] | None) -> "Credentials | None":
-        """Build them from decoded JSON; None stays None: this program speaks plainly."""
-        return cls(**fields) if fields is not None else None
-
     def read(self) -> tuple[bytes, bytes, bytes]:
         """Return authority, certificate and private key; raise OSError."""
         authority, certificate, private_key = (

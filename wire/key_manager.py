@@ -53,10 +53,6 @@ class KeyManagerConfig(Config):
     device_key: str = ""  # that the host shares with the controller
     links: list[KeyLink] = field(default_factory=list)
 
-    @classmethod
-    def from_dict(cls, fields: dict[str, Any]) -> "KeyManagerConfig":
-        return cls(**{**fields, "links": [KeyLink(**link) for link in fields.get("links", [])]})
-
 
 def manager_name(host: str) -> str:
     return f"kme-{host}"

@@ -47,8 +47,3 @@ class IpOverLightConfig(Config):
     def __post_init__(self) -> None:
         if not MIN_MTU <= self.mtu <= 65_535:
             raise ValueError(f"MTU {self.mtu}: choose {MIN_MTU} to 65535")
-
-    @classmethod
-    def from_dict(cls, fields: dict[str, Any]) -> "IpOverLightConfig":
-        neighbors = [Neighbor(**each) for each in fields.get("neighbors", [])]
-        return cls(**{**fields, "neighbors": neighbors})

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from qmn.options import NO_KINDS, Filling, Kind, Kinds, as_declared
+from wire import typed_json
 from wire.malformed import MalformedPacket
-from wire.results import schema
 from wire.results.run_result import Parameter
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def read_fields(kept: "Mapping[str, Field[Any]]", given: Mapping[str, Any]) -> d
     if missing := [name for name in needed if name not in given]:
         raise MalformedPacket(f"this job has no parameter {', '.join(missing)}")
     kinds: dict[str, Any] = {name: each.type for name, each in kept.items()}
-    return {name: schema.read(kinds[name], each, name) for name, each in given.items()}
+    return {name: typed_json.read(kinds[name], each, name) for name, each in given.items()}
 
 
 def _is_needed(each: "Field[Any]") -> bool:

@@ -17,6 +17,7 @@ from qmn.network.options import NetworkOptions
 from qmn.requests.keeping import kept_fields, read_fields
 from qmn.requests.run_options import RunOptions
 from qmn.results.run_result import TOLD, UNSAID, NetworkResult, RunResult
+from wire import typed_json
 from wire.malformed import MalformedPacket
 from wire.parameters.checks import remedy
 from wire.results import schema
@@ -103,14 +104,14 @@ def read_run(given: dict[str, Any]) -> RunResult:
         service = head.service or ""
         raise MalformedPacket(f"unknown service {service!r}: {remedy(service, KEPT)}")
     asked = kept.read(head.parameters, **known)
-    return schema.read(RunResult, {**given, "parameters": asked})
+    return typed_json.read(RunResult, {**given, "parameters": asked})
 
 
 def _read_network(given: dict[str, Any]) -> NetworkResult:
     kept = {each.name: each for each in fields(NetworkOptions) if each.name not in TOLD}
     told = {name: given[name] for name in TOLD if given[name] is not None}
     asked = NetworkOptions(**read_fields(kept, given["parameters"]), **told)
-    return schema.read(NetworkResult, {**given, "parameters": asked})
+    return typed_json.read(NetworkResult, {**given, "parameters": asked})
 
 
 def text() -> str:

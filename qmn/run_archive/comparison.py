@@ -7,6 +7,7 @@ from typing import Any
 
 from qmn.running.event_sources import recorded
 from topologies.system.runs.runtime import EVENT_CAPTURE
+from wire import typed_json
 from wire.controller_lines import read_record
 from wire.results import schema
 from wire.results.run_result import RESULT, Message
@@ -26,7 +27,7 @@ def _sent(run: Path) -> dict[str, str]:
     given = schema.head_of(_result(run)).job.get("message")
     if given is None:
         return {}
-    message = schema.read(Message, given, "job.message")
+    message = typed_json.read(Message, given, "job.message")
     digest = message.sha256_sent
     told = f"SHA-256 {digest[:DIGITS]}" if digest else Path(message.file).name
     return {"message": f"{message.bytes:,} bytes, {told}"}
@@ -68,7 +69,7 @@ def _first_times(run: Path) -> dict[str, float]:
 
 
 def _result(run: Path) -> dict[str, Any]:
-    return schema.read(dict[str, Any], schema.decoded(run / RESULT))
+    return typed_json.read(dict[str, Any], schema.decoded(run / RESULT))
 
 
 def _plain(values: Mapping[str, Any], names: Any) -> dict[str, Any]:

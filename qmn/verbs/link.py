@@ -17,8 +17,8 @@ from qmn.running.network import announced_network
 from qmn.timeouts import ORDER_TIMEOUT_S
 from topologies.networks.heard_orders import ends_between, until_heard
 from topologies.system.processes.programs import NetworkError
+from wire import typed_json
 from wire.parameters.checks import remedy
-from wire.results import schema
 from wire.results.network_facts import NetworkFacts
 
 INTERFACES = Path("/sys/class/net")
@@ -37,7 +37,7 @@ def call(arguments: argparse.Namespace) -> int:
     a, b, state = arguments.a, arguments.b, arguments.state
     try:
         network = announced_network()
-        facts = schema.read(NetworkFacts, network.network)
+        facts = typed_json.read(NetworkFacts, network.network)
         names = switch_ends(facts, a, b)
         ends = ends_between(a, b, facts.fibers, network.datapath_ids)
         with until_heard(partial(ask, "paths"), ends, state == "up", network.heard_in_s):

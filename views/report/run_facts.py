@@ -14,12 +14,12 @@ from qmn.results.schema import of_either_kind, read_left
 from qmn.running.event_sources import recorded
 from qmn.running.network import left_of_killed
 from topologies.system.runs.runtime import EVENT_CAPTURE
+from wire import typed_json
 from wire.application_lines import fields_of, figures
 from wire.controller_lines import read_record
 from wire.dispatcher_pb2 import Event
 from wire.malformed import MalformedPacket
 from wire.metadata.vocabulary import SYMBOLS
-from wire.results import schema
 from wire.results.figures import ReceiverFigures, SentFigures
 from wire.results.network_facts import NetworkFacts
 from wire.results.run_result import RESULT, ServiceJob
@@ -129,7 +129,7 @@ def _check(network: NetworkFacts, folder: Path) -> None:
 def _setup_ms(facts: list[dict[str, Any]]) -> list[float]:
     """Return how long the set-up of each light path took; raise MalformedPacket for no number."""
     told = [fact.get("setup_ms") for fact in facts if fact["event"] == "path_ready"]
-    return schema.read(list[float], told, "setup_ms of light paths")
+    return typed_json.read(list[float], told, "setup_ms of light paths")
 
 
 def _said(file: Path) -> list[SentFigures]:

@@ -25,9 +25,9 @@ from views.live.server import View, serve
 from views.live.sources import following, timeline_of_run
 from views.live.timeline import Timeline
 from views.report.run_facts import BadRun, read_result
+from wire import typed_json
 from wire.malformed import MalformedPacket
 from wire.parameters.option import option
-from wire.results import schema
 from wire.results.network_facts import NetworkFacts
 
 
@@ -90,7 +90,7 @@ def shown(run: Path | None, read_only: bool) -> Iterator[View]:
     config = dispatcher_of_running_network()
     running = announced_network()
     folder = Path(running.folder)
-    network = schema.read(NetworkFacts, running.network)
+    network = typed_json.read(NetworkFacts, running.network)
     timeline = Timeline(running.since_ns)
     with following(timeline, config, folder):
         yield _view(folder, network, timeline, live=True, acts=not read_only)

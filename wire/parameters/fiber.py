@@ -175,11 +175,6 @@ class Fiber(FiberOptics):
         """The frequency of the channel that it is; None: light of any colour passes."""
         return self.channel_mhz(self.channel) if self.channels > 1 else None
 
-    @classmethod
-    def from_dict(cls, given: dict[str, Any]) -> Self:
-        ends = {end: FiberEnd(**given[end]) for end in ("a", "b")}
-        return cls(**{**given, **ends})
-
 
 def optics(where: str, **given: Any) -> FiberOptics:
     """Return a fibre's optics: what is given, else what its kind brings along.

@@ -4,11 +4,10 @@ The defaults are ideal devices. A topology file names what differs, beside host 
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property, reduce
 from operator import or_
-from typing import Any, Self
+from typing import Any
 
 from wire.features import (
     ABSORB,
@@ -23,7 +22,7 @@ from wire.features import (
     NodeFeatures,
 )
 from wire.outcomes import BELL_STATES
-from wire.parameters.checks import check_choice, check_names, check_number
+from wire.parameters.checks import check_choice, check_number
 
 ENCODINGS = ("polarization", "time-bin")
 BEAM_SPLITTER = "beam-splitter"
@@ -399,35 +398,12 @@ class Device:
         return NodeFeatures(self.features, self.memory.capacity)
 
     def to_dict(self) -> dict[str, dict[str, Any]]:
-        """Return what of it is not ideal, part by part, as `from_dict` takes it."""
+        """Return what of it is not ideal, part by part."""
         found = {}
         for part in fields(self):
             told, ideal = vars(getattr(self, part.name)), vars(part.default)
             found[part.name] = {name: told[name] for name in told if told[name] != ideal[name]}
         return {name: told for name, told in found.items() if told}
-
-    @classmethod
-    def from_dict(cls, given: Mapping[str, Any]) -> Self:
-        """Build the device from decoded JSON; what is absent is ideal."""
-        check_names("a device", given, [part.name for part in fields(cls)], BadParameter)
-        for part in fields(cls):
-            kind: Any = part.default
-            names = [item.name for item in fields(kind)]
-            check_names(f"a device's {part.name}", given.get(part.name, {}), names, BadParameter)
-        source = dict(given.get("source", {}))
-        if source.get("decoys") is not None:
-            source["decoys"] = tuple(source["decoys"])
-        if source.get("bell_diagonal") is not None:
-            source["bell_diagonal"] = tuple(source["bell_diagonal"])
-        return cls(
-            PairSource(**source),
-            Memory(**given.get("memory", {})),
-            Detectors(**given.get("detectors", {})),
-            BellAnalyser(**given.get("analyser", {})),
-            Gates(**given.get("gates", {})),
-            Emitter(**given.get("emitter", {})),
-            Sensor(**given.get("sensor", {})),
-        )
 
     def check(self, where: str) -> None:
         """Raise BadParameter for what no device is like."""

@@ -5,7 +5,6 @@ The default loses nothing and takes 100 ns to switch.
 
 from collections.abc import Collection
 from dataclasses import dataclass, field, fields
-from typing import Any
 
 from wire.outcomes import PAULIS
 from wire.parameters.physics import BadParameter, check, parameter
@@ -49,11 +48,6 @@ class QuantumSwitch:
     max_frequency_mhz: int = parameter(196_100_000, *FREQUENCY_MHZ)
     grid_mhz: int = parameter(50_000, *FREQUENCY_MHZ)
     min_power_dbm: float = parameter(-20.0, -100.0, 0.0)
-
-    @classmethod
-    def from_dict(cls, fields: dict[str, Any]) -> "QuantumSwitch":
-        paths = [PathOptics(**path) for path in fields.get("paths", [])]
-        return cls(**{**fields, "paths": paths})
 
     def check(self) -> None:
         """Raise BadParameter for optics that cannot be, whatever the switch's ports are."""

@@ -13,6 +13,7 @@ from dispatcher.sabot.dense import TooLarge
 from wire.config import DispatcherConfig
 from wire.dispatcher_pb2 import CreateRequest, Gate, MeasureRequest
 from wire.parameters.physics import BadParameter, Detectors, Device, Gates, Sensor
+from wire.typed_json import read
 
 COUNT = 20_000
 
@@ -115,4 +116,4 @@ def test_more_amplitudes_than_there_may_be_are_refused_before_anything_changes()
 def test_a_phase_that_is_no_number_is_refused() -> None:
     with pytest.raises(BadParameter, match="phase_rad nan: choose -1000 to 1000"):
         Device(sensor=Sensor(float("nan"))).check("alice")
-    assert Device.from_dict({"sensor": {"phase_rad": 0.5}}).sensor == Sensor(0.5)
+    assert read(Device, {"sensor": {"phase_rad": 0.5}}).sensor == Sensor(0.5)

@@ -30,6 +30,7 @@ from wire.results.moments import (
     NoKeyMoment,
     SessionMoment,
 )
+from wire.typed_json import read
 
 FILE = ROOT / "docs" / "result.schema.json"
 
@@ -80,7 +81,7 @@ def test_a_device_is_told_by_what_is_not_ideal_and_made_of_that_again() -> None:
         "memory": {"t1_s": 2.0, "noise_parameters": {"a": [1]}},
         "sensor": {"phase_rad": 0.5},
     }
-    assert Device.from_dict(told) == device
+    assert read(Device, told) == device
     root = schema.json_schema()
     assert problems(told, root["$defs"]["Device"], root) == []
 

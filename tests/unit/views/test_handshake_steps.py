@@ -30,12 +30,12 @@ from views.report.sequence import (
     lanes,
     together,
 )
+from wire import typed_json
 from wire.malformed import MalformedPacket
 from wire.metadata.blocks import Block, Emission, Emit, Emitted, Finish, Frame, Report
 from wire.metadata.decoding import KINDS
 from wire.metadata.header import Message
 from wire.metadata.values import Envelope, Topic, Values
-from wire.results import schema
 from wire.results.network_facts import NetworkFacts
 
 THERE = (ALICE, BOB)
@@ -135,9 +135,9 @@ def test_switches_of_copper_have_any_names(tmp_path: Path, names: list[str], lan
 def test_a_result_of_earlier_does_not_name_its_switch_of_copper() -> None:
     facts = NETWORK.to_dict()
     del facts["copper_switches"]
-    assert schema.read(NetworkFacts, facts).copper_switches == ["s1"]
+    assert typed_json.read(NetworkFacts, facts).copper_switches == ["s1"]
     facts["copper_switches"] = ["hub"]
-    assert schema.read(NetworkFacts, facts).copper_switches == ["hub"]
+    assert typed_json.read(NetworkFacts, facts).copper_switches == ["hub"]
 
 
 def test_what_happens_at_one_time_is_one_step() -> None:

@@ -6,7 +6,7 @@ import pytest
 from recorded_run import NETWORK, events
 
 from views.report.light_paths import light_paths, photons_by_port, without_outcome
-from wire.results import schema
+from wire import typed_json
 from wire.results.network_facts import NetworkFacts
 
 
@@ -46,7 +46,7 @@ def test_a_pair_is_lost_if_either_half_is() -> None:
 
 
 def test_a_network_survives_json() -> None:
-    assert schema.read(NetworkFacts, json.loads(json.dumps(NETWORK.to_dict()))) == NETWORK
+    assert typed_json.read(NetworkFacts, json.loads(json.dumps(NETWORK.to_dict()))) == NETWORK
     assert NETWORK.host_at("s1-eth2") == "bob"
     assert NETWORK.host_at("bob-eth0") == "s1"
     assert NETWORK.host_at("c0") == ""

@@ -32,7 +32,7 @@ from views.live.pages import Pages
 from views.live.server import AT_ONCE, PAGE
 from views.live.sources import timeline_of_run
 from views.live.timeline import Timeline
-from wire.results import schema
+from wire import typed_json
 from wire.results.network_facts import NetworkFacts
 
 EXAMPLES = {
@@ -430,7 +430,7 @@ def test_a_thousand_hosts_have_places_of_their_own() -> None:
     ]
     facts = {"addresses": {f"h{n}": f"10.0.{n // 250}.{n % 250}" for n in range(1024)}}
     facts |= {"source": "h0", "fibers": fibers, "switches": switches, "copper": []}  # type: ignore[dict-item]
-    places = placed(schema.read(NetworkFacts, facts))
+    places = placed(typed_json.read(NetworkFacts, facts))
     assert len(places) == 1024 + 32
     assert len(set(places.values())) == len(places)
 

@@ -14,9 +14,11 @@ from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, from_keywords
 from topologies.description.checked_graph import checked
 from topologies.ring import RingTopo
+from wire.malformed import MalformedPacket
 from wire.parameters.checks import check_choice, check_names, check_number, nearest, range_words
 from wire.parameters.fiber import optics
 from wire.parameters.physics import BadParameter, Device
+from wire.typed_json import read
 
 
 @pytest.mark.parametrize(
@@ -77,7 +79,11 @@ def test_a_choice_is_one_of_the_words() -> None:
 
 SLIPS: dict[str, tuple[Callable[[], object], type[Exception], str]] = {
     "fibre": (lambda: optics("fibre", lenght_km=1), BadParameter, "did you mean length_km?"),
-    "device": (lambda: Device.from_dict({"memry": {}}), BadParameter, "did you mean memory?"),
+    "device": (
+        lambda: read(Device, {"memry": {}}, "a device"),
+        MalformedPacket,
+        "did you mean memory?",
+    ),
     "topology": (
         lambda: RingTopo(swiches=3),
         BadParameter,
@@ -95,9 +101,9 @@ SLIPS: dict[str, tuple[Callable[[], object], type[Exception], str]] = {
         "did you mean alice?",
     ),
     "part": (
-        lambda: Device.from_dict({"memory": {"t1": 1}}),
-        BadParameter,
-        "a device's memory has no t1: did you mean t1_s?",
+        lambda: read(Device, {"memory": {"t1": 1}}, "a device"),
+        MalformedPacket,
+        "a device.memory has no t1: did you mean t1_s?",
     ),
     "network": (
         lambda: from_keywords(NetworkOptions, {"contenton": "queue"}),

@@ -79,3 +79,30 @@ def test_an_unknown_policy_of_contention_is_named(tmp_path: Path) -> None:
     path.write_text('{"listen": "127.0.0.1:1", "framework": "ryu", "contention": "quue"}')
     with pytest.raises(BadConfig, match=r"contention 'quue': did you mean queue\?"):
         ControllerConfig.read(path)
+
+
+FIBER = '{"a": {"node": "alice", "port": "alice-q0"}, "b": {"node": "q1", "port": "2"}, %s}'
+
+
+@pytest.mark.parametrize(
+    ("fiber", "words"),
+    [
+        ('"length_km": "1"', r"it\.fibers\[0\]\.length_km: '1' is not number$"),
+        ('"length_km": true', r"it\.fibers\[0\]\.length_km: True is not number$"),
+        ('"lenght_km": 1', r"it\.fibers\[0\] has no lenght_km: did you mean length_km\?$"),
+        (f'"channels": {1 << 2000}', r"it\.fibers\[0\]\.channels: \d+\.\.\.\d+ is not integer$"),
+        ('"noise": "\\ud800"', r"it\.fibers\[0\]\.noise: .* is not string$"),
+        (f'"noise_parameters": {"[" * 100_000}', "maximum recursion depth exceeded"),
+    ],
+    ids=["text", "boolean", "slip", "huge", "half a character", "deep"],
+)
+def test_a_wrong_value_in_a_fibre_is_named_by_its_place(
+    tmp_path: Path, fiber: str, words: str
+) -> None:
+    path = tmp_path / "dispatcher.json"
+    path.write_text(
+        '{"listen": "127.0.0.1:1", "socket": "d.sock", "seed": 1, "tokens": {},'
+        f' "switches": [], "fibers": [{FIBER % fiber}]}}'
+    )
+    with pytest.raises(BadConfig, match=rf"dispatcher\.json is not a DispatcherConfig: .*{words}"):
+        DispatcherConfig.read(path)

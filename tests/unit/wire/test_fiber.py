@@ -9,6 +9,7 @@ import pytest
 
 from wire.parameters.fiber import KINDS, Fiber, FiberEnd, FiberOptics, optics
 from wire.parameters.physics import BadParameter
+from wire.typed_json import read
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "fibers.md"
 
@@ -47,7 +48,7 @@ def test_a_kind_brings_its_values_along_and_what_is_given_goes_before_them(kind:
 def test_a_fibre_goes_through_json_unchanged() -> None:
     described = optics("it", kind="pm", noise="/a.py:B", noise_parameters={"x": [1]})
     fiber = Fiber.joining(FiberEnd("alice", "alice-q0"), FiberEnd("q1", "2"), described)
-    assert Fiber.from_dict(asdict(fiber)) == fiber
+    assert read(Fiber, asdict(fiber)) == fiber
     assert (fiber.a.node, fiber.loss_db_per_km) == ("alice", 0.5)
 
 

@@ -19,6 +19,7 @@ from wire.features import (
     Feature,
     NodeFeatures,
 )
+from wire.malformed import MalformedPacket
 from wire.parameters.physics import (
     BadParameter,
     BellAnalyser,
@@ -29,6 +30,7 @@ from wire.parameters.physics import (
     Memory,
     PairSource,
 )
+from wire.typed_json import read
 
 REFUSED = [
     (Device(PairSource(fidelity=0.2)), "alice, source: fidelity 0.2: choose 0.25 to 1"),
@@ -80,15 +82,15 @@ def test_what_no_device_is_like_is_refused(device: Device, message: str) -> None
 )
 def test_a_device_reads_back_from_json_the_same(device: Device) -> None:
     device.check("alice")
-    assert Device.from_dict(json.loads(json.dumps(asdict(device)))) == device
+    assert read(Device, json.loads(json.dumps(asdict(device)))) == device
 
 
 @pytest.mark.parametrize(
     "given", [{"laser": {}}, {"memory": {"t3_s": 1.0}}, {"source": {"brightness": 2}}]
 )
 def test_a_part_that_no_device_has_is_refused(given: dict[str, Any]) -> None:
-    with pytest.raises((BadParameter, TypeError), match=r"laser|t3_s|brightness"):
-        Device.from_dict(given)
+    with pytest.raises(MalformedPacket, match=r"laser|t3_s|brightness"):
+        read(Device, given)
 
 
 def test_a_fidelity_means_the_other_bell_states_alike() -> None:

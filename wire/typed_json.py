@@ -1,0 +1,114 @@
+"""The reader of JSON by types: dataclasses, lists, tuples, dictionaries, unions and plain values.
+
+Configurations of programs, results and requests are read by it, each by its own class:
+
+    read(HostConfig, json.loads(text), "the configuration")     MalformedPacket names the place
+"""
+
+import re
+import reprlib
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import MISSING, fields, is_dataclass
+from functools import cache
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
+
+from wire.malformed import MalformedPacket
+from wire.parameters.checks import check_names
+
+T = TypeVar("T")
+PLAIN = {
+    str: "string",
+    Path: "string",
+    bool: "boolean",
+    int: "integer",
+    float: "number",
+    NoneType: "null",
+    dict: "object",
+    list: "array",
+}
+MOST_BITS = 1_000  # of an integer: floats have no more
+SURROGATES = re.compile("[\ud800-\udfff]")
+
+
+def read(kind: type[T], given: Any, place: str = "the result") -> T:
+    """Return what decoded JSON says; raise MalformedPacket, which names the place, for others."""
+    return cast("T", _read(kind, given, place))
+
+
+def _read(kind: Any, given: Any, place: str) -> Any:
+    if kind in PLAIN:
+        return Path(_plain(str, given, place)) if kind is Path else _plain(kind, given, place)
+    if is_dataclass(given) or kind in (Any, object):  # read already, or of any kind
+        return given
+    if isinstance(kind, UnionType):
+        return _read(_fitting(get_args(kind), given, place), given, place)
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin is dict:
+        content = _plain(dict, given, place)
+        return {name: _read(inner[1], value, f"{place}.{name}") for name, value in content.items()}
+    if origin in (list, tuple):
+        return origin(_items(origin, inner, _plain(list, given, place), place))
+    return _read_dataclass(kind, _plain(dict, given, place), place)
+
+
+def _items(origin: Any, inner: tuple[Any, ...], given: list[Any], place: str) -> Iterator[Any]:
+    kinds = [inner[0]] * len(given) if origin is list or inner[-1] is Ellipsis else inner
+    if len(kinds) != len(given):
+        raise MalformedPacket(f"{place} has {len(given)} items, not {len(kinds)}")
+    for number, (kind, value) in enumerate(zip(kinds, given, strict=True)):
+        yield _read(kind, value, f"{place}[{number}]")
+
+
+def _plain(kind: Any, given: Any, place: str) -> Any:
+    """Return a value of the kind as JSON has it: True is no number, and an integer may be one."""
+    right = isinstance(given, int | float if kind is float else kind)
+    if not right or (isinstance(given, bool) and kind is not bool) or not _can_be_used(given):
+        raise MalformedPacket(f"{place}: {reprlib.repr(given)} is not {PLAIN[kind]}")
+    return given
+
+
+def _can_be_used(given: Any) -> bool:
+    if isinstance(given, str):
+        return not SURROGATES.search(given)
+    return not isinstance(given, int) or given.bit_length() <= MOST_BITS
+
+
+def _read_dataclass(kind: Any, given: dict[str, Any], place: str) -> Any:
+    given = {**getattr(kind, "EARLIER", {}), **given}
+    kinds, needed = _fields_of(kind)
+    check_names(place, given, kinds, MalformedPacket)
+    if missing := [name for name in needed if name not in given]:
+        raise MalformedPacket(f"{place} has no {', '.join(missing)}")
+    return kind(**{name: _read(kinds[name], v, f"{place}.{name}") for name, v in given.items()})
+
+
+@cache
+def _fields_of(kind: Any) -> tuple[dict[str, Any], list[str]]:
+    """Return the types of a dataclass's fields by name, and the names that are always there."""
+    hints, there = get_type_hints(kind), fields(kind)
+    needed = [each.name for each in there if is_needed(each)]
+    return {each.name: hints[each.name] for each in there}, needed
+
+
+def _fitting(kinds: tuple[Any, ...], given: Any, place: str) -> Any:
+    """Return the one of several types that a value is of; of dataclasses, that with its names."""
+    if isinstance(given, Mapping):
+        for kind in kinds:
+            if is_dataclass(kind):
+                known, needed = _fields_of(cast("Any", kind))
+                if set(needed) <= given.keys() <= known.keys():
+                    return kind
+    for kind in kinds:
+        if kind in PLAIN or get_origin(kind):
+            with suppress(MalformedPacket):
+                _read(kind, given, place)
+                return kind
+    names = ", ".join(getattr(kind, "__name__", str(kind)) for kind in kinds)
+    raise MalformedPacket(f"{place}: {reprlib.repr(given)} is none of {names}")
+
+
+def is_needed(field: Any) -> bool:
+    return field.default is MISSING and field.default_factory is MISSING
