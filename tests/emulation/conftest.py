@@ -18,7 +18,10 @@ from fabric_scene import NOISE, STANDING, TurningRingTopo, light_paths, started
 from fabric_scene import running as running_here
 from limits import SOON_S
 from loaded import forks, run_qmn, serving
+from machine_scene import SecondMachine, second_machine
 from mininet.topo import Topo
+from waiting import ROOT as ROOT
+from waiting import wait_until as wait_until
 
 from topologies.networks.network import Network
 from topologies.repeaters import RepeatersTopo
@@ -28,8 +31,8 @@ from topologies.system.namespaces import MACHINE_NETWORK, are_own, running
 from topologies.system.open_vswitch import openvswitch
 from topologies.system.processes.programs import Program
 from topologies.system.runs.runtime import RUNTIME_ROOT
+from topologies.tapped import TappedTopo
 
-ROOT = Path(__file__).resolve().parents[2]
 # From 4.4 on Wireshark runs no script for root: this is another user, who may read root's files.
 TSHARK = [
     *("setpriv", "--reuid=65534", "--regid=65534", "--clear-groups"),
@@ -43,7 +46,9 @@ STANDS: dict[str, tuple[Callable[[], Topo], dict[str, Any]]] = {
     "ring_network": (TurningRingTopo, {}),
     "chain_network": (partial(RepeatersTopo, repeaters=2), {}),
     "queueing_network": (SdcTopo, {"contention": "queue"}),
+    "netqasm_network": (TappedTopo, {"looking": True}),
 }
+SECOND = "second"  # the fixture of another machine, which is shared, too
 POLICY = "policy.toml"
 # What all programs that these tests start inherit, and no other program on this machine has.
 MARK = ("QMN_TESTS", secrets.token_hex(8))
@@ -58,7 +63,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     Together they use the processors as well as they can; those that have nothing left to do take
     over what others have, from its end. The first of n workers gets the first nth of all tests.
     """
-    shared = [*STANDS, ""]
+    shared = [*STANDS, SECOND, ""]
     items.sort(key=lambda item: shared.index(stands_for(item.fixturenames)))  # type: ignore[attr-defined]
     workers = getattr(config, "workerinput", {}).get("workercount", 1)
     waiting = [item for item in items if item.get_closest_marker("waits")]
@@ -82,16 +87,8 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 def stands_for(fixtures: Sequence[str]) -> str:
-    """Return which of STANDS a test with these fixtures shares, "" if none."""
-    return next((name for name in STANDS if name in fixtures), "")
-
-
-def wait_until(condition: Callable[[], object], what: str, timeout_s: float = SOON_S) -> None:
-    """Wait for a condition; fail naming it when the deadline passes."""
-    deadline = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < deadline, f"not in {timeout_s:g} s: {what}"
-        time.sleep(0.02)
+    """Return what a test with these fixtures shares, "" if nothing."""
+    return next((name for name in (*STANDS, SECOND) if name in fixtures), "")
 
 
 def qmn(*arguments: str, runs: Path, report: bool = False) -> subprocess.CompletedProcess[str]:
@@ -218,8 +215,10 @@ def standing(name: str, folder: Path) -> Iterator[Network]:
             yield network
 
 
-def lent(name: str, folder: Path) -> Network:
-    """Return the network of this name."""
+def lent(name: str, folder: Path) -> Any:
+    """Return what stands under this name."""
+    if name == SECOND:
+        return STANDING.take(name, partial(second_machine, folder))
     return STANDING.take(name, partial(standing, name, folder))
 
 
@@ -242,7 +241,7 @@ def network(tmp_path: Path) -> Iterator[Network]:
 @contextmanager
 def shared(name: str, folder: Path) -> Iterator[Network]:
     """Give a network that stands, dark as a new one; a test mends what it has broken."""
-    network = lent(name, folder)
+    network: Network = lent(name, folder)
     try:
         yield network
         network.check()
@@ -264,12 +263,26 @@ def sharing(name: str) -> Callable[..., Iterator[Network]]:
     return given
 
 
-shared_network, noisy_network, ring_network, chain_network, queueing_network = map(sharing, STANDS)
+(
+    shared_network,
+    noisy_network,
+    ring_network,
+    chain_network,
+    queueing_network,
+    netqasm_network,
+) = map(sharing, STANDS)
 
 
 def policy_of(network: Network) -> Path:
     """Return the policy file of a network that stands."""
     return network.runtime.logs.parent / POLICY
+
+
+@pytest.fixture
+def second(_nothing_is_left: None, _standing: Path) -> SecondMachine:
+    """Give the other machine, on which a worker is ready."""
+    machine: SecondMachine = lent(SECOND, _standing)
+    return machine
 
 
 @contextmanager

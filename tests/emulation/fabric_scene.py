@@ -42,6 +42,10 @@ class Standing:
         shared: T = self._shared
         return shared
 
+    def spoil(self) -> None:
+        """Let nobody share it any more; it ends before the next test."""
+        self._name = "spoilt"
+
     def end(self) -> None:
         """End what stands."""
         self._name, self._shared = "", None

@@ -14,9 +14,9 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from conftest import ROOT, wait_until
 from distributed import LocalCluster
 from limits import SOON_S
+from waiting import ROOT, wait_until
 
 from evidence.curves.cluster import HTTP_ADDRESS
 from topologies.system.confinement.confinement import descendants
@@ -73,7 +73,7 @@ def second_machine(folder: Path) -> Iterator[SecondMachine]:
     """Join this machine with another, on which a worker is ready; its log is in the folder."""
     ip("link add under1 type veth peer name under2")
     pipe = subprocess.PIPE
-    with subprocess.Popen([OWN_NAMESPACES, "sleep", "600"], stdin=pipe) as holder:
+    with subprocess.Popen([OWN_NAMESPACES, "sleep", "infinity"], stdin=pipe) as holder:
         wait_until(lambda: len(inside(holder.pid)) == 2, "namespaces")
         keeper = inside(holder.pid)[0]
         enter = ["nsenter", f"--target={keeper}", "--all"]

@@ -12,8 +12,9 @@ from typing import Any
 
 import pytest
 from conftest import ROOT, wait_until
+from fabric_scene import STANDING
 from limits import PROGRAM_S
-from machine_scene import ON_SECOND, SCHEDULER, THERE, SecondMachine, second_machine
+from machine_scene import ON_SECOND, SCHEDULER, THERE, SecondMachine
 from test_results_fit_schema import require_schema
 from test_run_vpn import lines_of
 
@@ -28,13 +29,11 @@ LOST_WITHIN_S = 20.0
 CURL = "curl -sS --cert $SAE_CERT --key $SAE_KEY --cacert $KME_CA $KME/api/v1/keys"
 
 
-@pytest.fixture
-def second(tmp_path: Path) -> Iterator[SecondMachine]:
-    """Give another machine, on which a worker is ready; nothing is left there."""
-    with second_machine(tmp_path) as machine:
-        before = machine.things()
-        yield machine
-        machine.require_only(before)
+@pytest.fixture(autouse=True)
+def _nothing_is_left_there(second: SecondMachine) -> Iterator[None]:
+    before = second.things()
+    yield
+    second.require_only(before)
 
 
 def qmn(*words: str, timeout_s: float = PROGRAM_S) -> subprocess.CompletedProcess[str]:
@@ -64,6 +63,7 @@ def stored(folder: Path) -> dict[str, tuple[bytes, int]]:
 
 
 @pytest.mark.waits
+@pytest.mark.nightly
 def test_keys_of_a_host_on_a_second_machine_are_those_of_one_machine_and_come_back(
     second: SecondMachine, tmp_path: Path
 ) -> None:
@@ -158,9 +158,11 @@ def test_a_tunnel_between_machines_closes_while_eve_listens_and_the_file_arrives
         assert file.read_bytes()[1000:1032] not in capture.read_bytes()
 
 
+@pytest.mark.nightly
 def test_what_cannot_be_on_the_second_machine_is_named_before_the_start(
     second: SecondMachine, tmp_path: Path
 ) -> None:
+    STANDING.spoil()
     second.says("mount", "--bind", "/dev/null", "/usr/bin/wireguard-go")
     link = application(tmp_path / "app") / "data" / "link"
     link.symlink_to("/etc/hostname")
@@ -219,33 +221,24 @@ def application(folder: Path) -> Path:
 def test_a_netqasm_application_on_two_machines_returns_and_writes_what_it_does_on_one(
     second: SecondMachine, tmp_path: Path
 ) -> None:
-    """Who of both measures first is not said: outcomes are of a run, and agree there (Phi+)."""
-    told = {}
-    for name, where in (("one", ()), ("two", ON_SECOND)):
-        app = application(tmp_path / f"{name}-app")
-        words = ["netqasm", str(app), "--seed", str(SEED), "--captures", "none", *where]
-        told[name] = run(app / "runs", *words, "--rounds", "2")["job"]
-        for outputs in told[name]["outputs"]:
-            found = outputs["alice"]["found"]
-            assert outputs == {
-                role: {"read": "beside", "found": found, "role": role} for role in ("alice", "bob")
-            }
-            assert len(found) == 16
-    assert len(told["two"]["outputs"]) == len(told["one"]["outputs"]) == 2
+    app = application(tmp_path / "app")
+    words = ["netqasm", str(app), "--captures", "none", *ON_SECOND, "--rounds", "2"]
+    told = run(app / "runs", *words)["job"]["outputs"]
+    assert len(told) == 2
+    for outputs in told:
+        found = outputs["alice"]["found"]  # of Phi+, whoever of both measures first
+        assert outputs == {
+            role: {"read": "beside", "found": found, "role": role} for role in ("alice", "bob")
+        }
+        assert len(found) == 16
     # What bob's has written beside itself does not come into the application's folder.
-    last = told["two"]["outputs"][1]
-    folder = tmp_path / "two-app" / "runs" / "latest" / "netqasm"
+    last, folder = told[1], app / "runs" / "latest" / "netqasm"
     assert (folder / "bob" / "data" / "found.txt").read_text() == f"bob {last['bob']['found']}"
     assert [path.name for path in (folder / "bob").rglob("*") if path.is_file()] == ["found.txt"]
-    here = tmp_path / "two-app" / "data" / "found.txt"
+    here = app / "data" / "found.txt"
     assert here.read_text() == f"alice {last['alice']['found']}"
-    logs = {
-        name: {path.name: path.read_text() for path in netqasm.glob("*.txt")}
-        for name in told
-        for netqasm in [tmp_path / f"{name}-app" / "runs" / "latest" / "netqasm"]
-    }
-    assert logs["two"].keys() == logs["one"].keys() == {"log-alice.txt", "log-bob.txt"}
-    assert logs["two"]["log-bob.txt"] == f"bob {last['bob']['found']}"
+    logs = {path.name: path.read_text() for path in folder.glob("*.txt")}
+    assert logs == {f"log-{role}.txt": f"{role} {last[role]['found']}" for role in last}
 
 
 SEND = """
@@ -267,6 +260,7 @@ def main(env=None):
 """
 
 
+@pytest.mark.nightly
 def test_a_netqmpi_program_finds_on_a_second_machine_what_is_beside_it(
     second: SecondMachine, tmp_path: Path
 ) -> None:
@@ -304,6 +298,7 @@ def test_a_worker_that_is_killed_ends_the_job_by_name_and_leaves_nothing(
     with subprocess.Popen(command, cwd=ROOT, stdout=pipe, stderr=pipe, text=True) as process:
         wait_until(lambda: log.exists() and said in log.read_text(), f"{program} at work")
         os.kill(next(descendants(second.worker.pid)), signal.SIGKILL)
+        STANDING.spoil()
         _said, complaint = process.communicate(timeout=LOST_WITHIN_S)
     assert process.returncode == 1
     assert f"the machine m2 ({THERE}) was lost" in complaint

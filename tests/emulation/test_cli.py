@@ -240,6 +240,7 @@ class Keyboard:
         os.close(self._terminal)
 
 
+@pytest.mark.nightly
 def test_the_script_of_the_documentation_runs(tmp_path: Path) -> None:
     text = (ROOT / "docs" / "scripting.md").read_text()
     program = re.findall(r"```python\n(.*?)```", text, re.DOTALL)[0]
@@ -284,6 +285,7 @@ def test_a_script_reads_results_of_a_topology_of_its_own(tmp_path: Path) -> None
     assert (tmp_path / "quantum.log").exists()
 
 
+@pytest.mark.nightly
 def test_a_network_in_the_folder_of_an_earlier_one_begins_anew(tmp_path: Path) -> None:
     found = []
     for message in (b"first", b"second"):

@@ -27,6 +27,7 @@ BOTH = pytest.mark.parametrize("framework", ["ryu", "os-ken"])
 RYU = pytest.mark.parametrize("framework", ["ryu"])
 DATA = hashlib.shake_256(b"light").digest(3 << 20)  # some seconds of light
 LESS = DATA[: 1 << 14]
+PAIRED = 64  # bytes, each pair of which has light of its own
 ASKED_S = 15.0  # hosts are asked as soon as they are heard, every second
 
 
@@ -86,6 +87,7 @@ class Watch:
         self._thread.join(10)
 
 
+@pytest.mark.by_day(every=2)
 @BOTH
 def test_a_framed_session_outlives_the_controller_in_full_light(
     tmp_path: Path, framework: str
@@ -137,17 +139,18 @@ def test_light_over_several_switches_stays_where_it_is(tmp_path: Path, framework
         assert facts(network, "moved") == facts(network, "stranded") == []
 
 
+@pytest.mark.by_day(every=2)
 @BOTH
 def test_a_per_pair_session_outlives_the_controller(tmp_path: Path, framework: str) -> None:
     with running(SdcTopo, tmp_path, controller=framework) as network:
         with session(network, "alice", "bob", handshake="per-pair") as opened:
-            opened.start(LESS[:128])
+            opened.start(LESS[:PAIRED])
             wait_until(lambda: len(facts(network, "path_ready")) > 50, "pairs are on their way")
             kill(network)
-            assert len(facts(network, "path_ready")) < 4 * 128
+            assert len(facts(network, "path_ready")) < 4 * PAIRED
             start_again(network)
-            assert opened.finish(128) == LESS[:128]
-            assert len(facts(network, "path_ready")) >= 4 * 128  # four pairs a byte
+            assert opened.finish(PAIRED) == LESS[:PAIRED]
+            assert len(facts(network, "path_ready")) >= 4 * PAIRED  # four pairs a byte
         assert facts(network, "resumed")
         assert facts(network, "refused") == []
         wait_until(lambda: not light_paths("q1"), "the paths are closed")

@@ -46,6 +46,7 @@ def test_a_message_is_sent_by_the_core_alone(core: Path, tmp_path: Path) -> None
     assert "make experiments" not in usage.stdout
 
 
+@pytest.mark.nightly
 def test_the_tests_of_the_core_pass_alone(core: Path) -> None:
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
     tests = [f"tests/unit/{name}" for name in CORE_TESTS]

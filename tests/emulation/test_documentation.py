@@ -28,9 +28,17 @@ def test_the_first_command_prints_what_the_readme_says(tmp_path: Path) -> None:
 
 
 COMMANDS = commands("README.md", "qmn")
+OF_NIGHT = {"mi1"}  # the last words of those that take long: 100 hosts are on that map
 
 
-@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
+@pytest.mark.parametrize(
+    "words",
+    [
+        pytest.param(words, marks=[pytest.mark.nightly] * (words[-1] in OF_NIGHT))
+        for words in COMMANDS
+    ],
+    ids=" ".join,
+)
 def test_the_other_commands_of_the_readme_do_as_it_says(tmp_path: Path, words: list[str]) -> None:
     quoted = f"qmn {shlex.join(words)} --runs runs"
     if "--eve" in words:
@@ -49,6 +57,7 @@ def test_the_python_of_the_readme_runs_as_it_is(tmp_path: Path) -> None:
     assert printed.count("['fibre', 'q1', 'fibre']") == 3
 
 
+@pytest.mark.nightly
 def test_a_replay_prints_what_the_page_says(tmp_path: Path) -> None:
     bash("qmn run sdc --depolarizing 0.001 --frame-bytes 32 --qasm", tmp_path)
     (shown,) = [block for block in blocks("docs/circuits.md") if "identical" in block]

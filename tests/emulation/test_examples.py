@@ -10,7 +10,6 @@ import json
 import re
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 from uuid import UUID
 
 import numpy as np
@@ -20,6 +19,8 @@ from limits import PROGRAM_S
 from loaded import run_qmn
 from scapy.layers.inet import TCP
 from scapy.utils import rdpcap
+
+from topologies.networks.network import Network
 
 EXAMPLES = ROOT / "examples"
 DOCS = ROOT / "docs"
@@ -133,37 +134,33 @@ def test_the_example_waits_for_a_listener_that_begins_later(tmp_path: Path) -> N
     assert log.read_text() == "listening\n10.0.0.1: hello\n"
 
 
-@pytest.fixture(scope="module")
-def protocols(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, list[str]]]:
-    """Return what each program of applications.qubits has printed at each host, on one network."""
-    folder = tmp_path_factory.mktemp("protocols")
-    commands = ""
-    for file, others in PROTOCOLS.items():
-        program = f"python {file} > {folder}/{file.stem}"
-        commands += "".join(f"{host} {program}-{host} &\n" for host in others)
-        commands += f"alice {program}-alice\n" + "".join(f"{host} wait\n" for host in others)
-    said(commands, folder / "runs")
-    return {
-        file.stem: {
-            host: (folder / f"{file.stem}-{host}").read_text().split()
-            for host in ("alice", *others)
-        }
-        for file, others in PROTOCOLS.items()
-    }
+def printed_by(file: Path, network: Network, folder: Path) -> dict[str, list[str]]:
+    """Run a program of applications.qubits at its hosts; return the words that each has printed."""
+    others = PROTOCOLS[file]
+    for host in others:
+        network.host(host).cmd(f"python {file} > {folder}/{host} &")
+    network.host("alice").cmd(f"python {file} > {folder}/alice")
+    for host in others:
+        network.host(host).cmd("wait")
+    return {host: (folder / host).read_text().split() for host in ("alice", *others)}
 
 
-def test_three_hosts_find_what_a_ghz_state_says(protocols: Any) -> None:
+def test_three_hosts_find_what_a_ghz_state_says(shared_network: Network, tmp_path: Path) -> None:
     """The same along Z, an even number of ones along X, in turns."""
-    found = dict(protocols["ghz"].values())
+    found = dict(printed_by(EXAMPLES / "ghz.py", shared_network, tmp_path).values())
     states = list(zip(*(found[host] for host in ("alice", "bob", "charlie")), strict=True))
     assert len(states) == 12
     assert all(len(set(state)) == 1 for state in states[::2]), states
     assert all(state.count("1") % 2 == 0 for state in states[1::2]), states
 
 
-def test_ekert_s_protocol_makes_one_key_and_s_of_chsh(protocols: Any) -> None:
+@pytest.mark.nightly
+def test_ekert_s_protocol_makes_one_key_and_s_of_chsh(
+    shared_network: Network, tmp_path: Path
+) -> None:
     """Of 1,920 pairs one in nine has each two axes; a product along two has variance 1/2."""
-    alice, bob = (protocols["e91"][host] for host in ("alice", "bob"))
+    found = printed_by(DOCS / "netqasm" / "e91.py", shared_network, tmp_path)
+    alice, bob = (found[host] for host in ("alice", "bob"))
     assert alice[1:] == bob[1:]
     _host, _s, s, _key, key = alice
     pairs = 8 * 240
@@ -171,9 +168,11 @@ def test_ekert_s_protocol_makes_one_key_and_s_of_chsh(protocols: Any) -> None:
     assert abs(len(key) - pairs * 2 / 9) < 5 * np.sqrt(pairs * 2 / 9 * 7 / 9)
 
 
-def test_a_cnot_between_two_hosts_is_one(protocols: Any) -> None:
+@pytest.mark.nightly
+def test_a_cnot_between_two_hosts_is_one(shared_network: Network, tmp_path: Path) -> None:
     """Of controls 0, 1, + and + in turns and targets 0; the last are measured along X."""
-    ours, theirs = (protocols["teleported_cnot"][host][1] for host in ("alice", "bob"))
+    found = printed_by(DOCS / "netqasm" / "teleported_cnot.py", shared_network, tmp_path)
+    ours, theirs = (found[host][1] for host in ("alice", "bob"))
     assert ours == theirs
     assert set(ours[::4]) == {"0"}
     assert set(ours[1::4]) == {"1"}
@@ -182,14 +181,18 @@ def test_a_cnot_between_two_hosts_is_one(protocols: Any) -> None:
     assert len(set(ours[2::4] + ours[3::4])) == 2
 
 
-def test_who_measures_before_the_bases_are_told_is_not_where_he_should_be(protocols: Any) -> None:
+@pytest.mark.nightly
+def test_who_measures_before_the_bases_are_told_is_not_where_he_should_be(
+    shared_network: Network, tmp_path: Path
+) -> None:
     """Of 120 outcomes along bases by chance, a quarter is wrong."""
-    line = " ".join(protocols["position"]["charlie"])
-    found = re.findall(r"(in place|elsewhere): (\d+) of (\d+) wrong, ([\d.]+) ms, (\d+) km", line)
-    (_place, wrong, pairs, *_), (_other, guessed, *_rest) = found
+    found = printed_by(DOCS / "netqasm" / "position.py", shared_network, tmp_path)
+    line = " ".join(found["charlie"])
+    told = re.findall(r"(in place|elsewhere): (\d+) of (\d+) wrong, ([\d.]+) ms, (\d+) km", line)
+    (_place, wrong, pairs, *_), (_other, guessed, *_rest) = told
     assert (int(wrong), int(pairs)) == (0, 120)
     assert abs(int(guessed) - 30) < 5 * np.sqrt(120 * 0.25 * 0.75)
-    for _place, _wrong, _pairs, elapsed_ms, km in found:
+    for _place, _wrong, _pairs, elapsed_ms, km in told:
         assert abs(float(elapsed_ms) / 2e3 * 204_000 - float(km)) < 12  # as far as it is rounded
 
 

@@ -26,6 +26,7 @@ def counted(url: str, name: str) -> bool:
     return metrics(url).get(name, 0) > 0
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.waits
 @pytest.mark.parametrize("controller", ["ryu", "os-ken"])
 def test_a_run_tells_its_metrics_while_it_lasts(tmp_path: Path, controller: str) -> None:

@@ -34,6 +34,7 @@ def test_all_hosts_reach_each_other() -> None:
     assert "0% dropped (12/12 received)" in mn("--test", "pingall")
 
 
+@pytest.mark.by_day(every=3)
 @pytest.mark.parametrize(
     ("file", "topo", "fibers"),
     [
@@ -48,6 +49,7 @@ def test_it_takes_larger_networks_with_parameters(file: str, topo: str, fibers: 
     assert len(re.findall(r"q\d-eth\d+<->q\d-eth\d+ \(OK OK\)", output)) == fibers
 
 
+@pytest.mark.nightly
 def test_its_command_line_sends_by_superdense_coding(tmp_path: Path) -> None:
     got = tmp_path / "got"
     commands = [
@@ -144,6 +146,7 @@ def test_its_logs_are_bounded(tmp_path: Path) -> None:
     assert "True" in output
 
 
+@pytest.mark.nightly
 def test_its_iperf_ends_and_tells_both_rates() -> None:
     """Mininet's own waits for ever for a report that the iperf of today does not make."""
     output = mn(commands="iperf alice bob\nexit\n")

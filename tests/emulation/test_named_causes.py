@@ -52,6 +52,7 @@ def test_what_is_removed_in_order_is_no_fault(network: Network) -> None:
     network.explain()
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("size", ["size=12M", "size=12M,nr_inodes=60"])
 def test_a_full_disk_is_the_cause(tmp_path: Path, size: str) -> None:
     """One error of the kernel for both, ENOSPC: tmpfs(5)."""

@@ -14,6 +14,9 @@ from loaded import run_qmn
 from scapy.layers.inet import IP, TCP
 from scapy.utils import PcapReader
 
+from applications.netqasm.carried import CarriedApplication
+from applications.netqasm.job import checked, play
+from applications.netqasm.request import NetqasmRequest
 from applications.processing_unit.pair_requests import (
     PAIRS_PORT,
     REQUEST,
@@ -21,6 +24,10 @@ from applications.processing_unit.pair_requests import (
     Use,
     decode_request,
 )
+from qmn.network.options import NetworkOptions
+from qmn.requests.run_options import RunOptions
+from topologies.networks.network import Network
+from topologies.nodes import QuantumHost
 
 APPS = Path(netqasm.examples.apps.__file__).parent
 RANKS = Path(__file__).parents[1] / "unit/applications/netqasm_styles/netqmpi"
@@ -34,6 +41,27 @@ def run(runs: Path, application: str, *options: str) -> dict[str, Any]:
     result: dict[str, Any] = json.loads((runs / "latest" / "result.json").read_text())
     assert result["delivered"] is True
     return result
+
+
+def played(
+    network: Network, folder: Path, path: Path, rounds: int = 1, **options: Any
+) -> list[dict[str, Any]]:
+    """Run an application on a network that stands; return what its roles do, round by round."""
+    for log in network.runtime.logs.glob("netqasm-*.log"):
+        log.unlink()
+    request = NetqasmRequest(
+        path=path,
+        rounds=rounds,
+        network=NetworkOptions(),
+        run=RunOptions(runs=folder),
+        **options,
+    )
+    hosts = [host.name for host in network.net.hosts if isinstance(host, QuantumHost)]
+    application = checked(request, hosts)
+    outputs: list[Any] = []
+    copies = CarriedApplication(application.path, list(application.hosts.values()), folder)
+    play(application, copies, network, folder, outputs, lambda: None)
+    return outputs
 
 
 def asked(captures: list[str]) -> set[PairRequest]:
@@ -50,21 +78,25 @@ def asked(captures: list[str]) -> set[PairRequest]:
     return found
 
 
-def agreements(runs: Path) -> list[bool]:
+def agreements(logs: Path) -> list[bool]:
     """Return whether the two programs of the application have found the same, pair by pair."""
     told = []
     for role in ("client", "server"):
-        lines = (runs / "latest" / f"netqasm-{role}.log").read_text().splitlines()
+        lines = (logs / f"netqasm-{role}.log").read_text().splitlines()
         begin = f"{role.capitalize()}: "
         told.append([int(line[len(begin) :]) for line in lines if line.startswith(begin)])
     return [ours == theirs for ours, theirs in zip(*told, strict=True)]
 
 
-def test_pairs_come_by_repeaters_where_no_light_does(tmp_path: Path) -> None:
-    places = ["--place", "client=alice", "--place", "server=bob"]
-    run(tmp_path, "link_layer_md", "--topology", "repeaters", *places)
-    assert agreements(tmp_path) == [False] * 10  # of Phi+ the outcomes along Y differ
-    log = (tmp_path / "latest" / "quantum.log").read_text()
+def test_pairs_come_by_repeaters_where_no_light_does(
+    chain_network: Network, tmp_path: Path
+) -> None:
+    logs = chain_network.runtime.logs
+    before = len((logs / "quantum.log").read_text())
+    place = ("client=alice", "server=bob")
+    played(chain_network, tmp_path, APPS / "link_layer_md", place=place)
+    assert agreements(logs) == [False] * 10  # of Phi+ the outcomes along Y differ
+    log = (logs / "quantum.log").read_text()[before:]
     assert re.search(r" r1 +bell-measure ", log)
 
 
@@ -77,7 +109,7 @@ def test_pairs_are_measured_at_both_ends_of_a_noisy_network(tmp_path: Path) -> N
     words = ["--rounds", str(rounds), "--depolarizing", str(p)]
     places = ["--place", "client=alice", "--place", "server=bob"]
     result = run(tmp_path, "link_layer_md", *places, *words)
-    alike = agreements(tmp_path)
+    alike = agreements(tmp_path / "latest")
     assert len(alike) == 10 * rounds
     wrong = (1 - (1 - p) ** 4) / 2
     assert abs(sum(alike) / len(alike) - wrong) < 5 * sqrt(wrong * (1 - wrong) / len(alike))
@@ -86,12 +118,12 @@ def test_pairs_are_measured_at_both_ends_of_a_noisy_network(tmp_path: Path) -> N
     assert result["path_setup_ms"]["n"] == rounds  # light, as the controller grants it
 
 
-def differing(runs: Path) -> dict[str, list[bool]]:
+def differing(logs: Path) -> dict[str, list[bool]]:
     """Return of which pairs that each two of three nodes share the outcomes differ."""
     found = {
         name: re.findall(rf"{name}: +m_(\w+): *([01])$", log.read_text(), re.MULTILINE)
         for name in ("alice", "bob", "charlie")
-        for log in [runs / "latest" / f"netqasm-{name}.log"]
+        for log in [logs / f"netqasm-{name}.log"]
     }
     outcomes = {
         (name, peer): [outcome for other, outcome in told if other == peer]
@@ -108,10 +140,12 @@ def differing(runs: Path) -> dict[str, list[bool]]:
     }
 
 
-def test_each_of_three_nodes_shares_pairs_with_the_others(tmp_path: Path) -> None:
-    """Over three switches; what the programs find they tell NetQASM's logger alone."""
-    run(tmp_path, "three_nodes", "--topology", "chain", "--rounds", "4")
-    assert list(differing(tmp_path).values()) == [[False] * 4] * 3
+def test_each_of_three_nodes_shares_pairs_with_the_others(
+    netqasm_network: Network, tmp_path: Path
+) -> None:
+    """What the programs find they tell NetQASM's logger alone."""
+    played(netqasm_network, tmp_path, APPS / "three_nodes", rounds=4)
+    assert list(differing(netqasm_network.runtime.logs).values()) == [[False] * 4] * 3
 
 
 @pytest.mark.nightly
@@ -119,7 +153,7 @@ def test_three_nodes_have_as_noisy_pairs_as_their_ways_are_long(tmp_path: Path) 
     """Charlie makes the pairs: light to him passes no fibre, to another two, each with p."""
     p, rounds = 0.6, 40
     run(tmp_path, "three_nodes", "--rounds", str(rounds), "--depolarizing", str(p))
-    for peers, differ in differing(tmp_path).items():
+    for peers, differ in differing(tmp_path / "latest").items():
         wrong = (1 - (1 - p) ** (2 if "charlie" in peers else 4)) / 2
         bound = 5 * sqrt(wrong * (1 - wrong) / rounds)
         assert bound < wrong  # without noise this would fail
@@ -127,59 +161,63 @@ def test_three_nodes_have_as_noisy_pairs_as_their_ways_are_long(tmp_path: Path) 
         assert abs(sum(differ) / rounds - wrong) < bound
 
 
-def test_the_teleport_of_the_sdk_runs_as_it_is(tmp_path: Path) -> None:
-    words = ["--input", "sender.theta=1.1", "--rounds", "4"]
-    result = run(tmp_path, "teleport", *words)
-    log = (tmp_path / "latest" / "quantum.log").read_text()
+def test_the_teleport_of_the_sdk_runs_as_it_is(netqasm_network: Network, tmp_path: Path) -> None:
+    record = netqasm_network.runtime.logs / "quantum.log"
+    before = len(record.read_text())
+    given = ("sender.theta=1.1",)
+    outputs = played(netqasm_network, tmp_path, APPS / "teleport", rounds=4, input=given)
+    log = record.read_text()[before:]
     for host, instruction in (("alice", "recv_epr"), ("bob", "create_epr"), ("bob", "cnot Q0 Q1")):
         assert re.search(rf" {host} +subroutine +set [^\n]*{instruction}", log)
-    assert result["job"]["roles"] == {"receiver": "alice", "sender": "bob"}
-    assert len(result["job"]["outputs"]) == 4
-    for each in result["job"]["outputs"]:
+    assert len(outputs) == 4
+    for each in outputs:
         sent, done = each["sender"], each["receiver"]
         assert done["correction1"] == ("Z" if sent["m1"] else "None")
         assert done["correction2"] == ("X" if sent["m2"] else "None")
 
 
 def test_the_netqmpi_program_of_the_documentation_runs_on_a_host_for_each_rank(
-    tmp_path: Path,
+    netqasm_network: Network, tmp_path: Path
 ) -> None:
     """What rank 0 teleports is 1; without corrections one in 2 ** rounds would be right."""
     (text,) = [each for each in blocks("docs/netqasm.md", "python") if "comm.qsend" in each]
     program, rounds = tmp_path / "send.py", 12
     program.write_text(text)
-    places = ["--place", "rank_0=charlie"]
-    result = run(tmp_path, str(program), "--ranks", "2", "--rounds", str(rounds), *places)
-    assert result["job"]["roles"] == {"rank_0": "charlie", "rank_1": "alice"}
-    assert result["job"]["outputs"] == [{"rank_0": {"0": rounds}, "rank_1": {"1": rounds}}]
-    for role, counts in result["job"]["outputs"][0].items():  # a program says its own alone
-        log = (tmp_path / "latest" / f"netqasm-{role}.log").read_text()
+    logs, place = netqasm_network.runtime.logs, ("rank_0=charlie",)
+    before = len((logs / "quantum.log").read_text())
+    outputs = played(netqasm_network, tmp_path, program, rounds, ranks=2, place=place)
+    assert outputs == [{"rank_0": {"0": rounds}, "rank_1": {"1": rounds}}]
+    for role, counts in outputs[0].items():  # a program says its own alone
+        log = (logs / f"netqasm-{role}.log").read_text()
         assert re.findall(r"^\{(?:'.*)?\}$", log, re.MULTILINE) == [str(counts)]
-    quantum = (tmp_path / "latest" / "quantum.log").read_text()
+    quantum = (logs / "quantum.log").read_text()[before:]
     for host, instruction in (("charlie", "create_epr"), ("alice", "recv_epr")):
         assert re.search(rf" {host} +subroutine +set [^\n]*{instruction}", quantum)
 
 
-def test_what_a_netqmpi_program_scatters_and_flips_is_gathered(tmp_path: Path) -> None:
+def test_what_a_netqmpi_program_scatters_and_flips_is_gathered(
+    netqasm_network: Network, tmp_path: Path
+) -> None:
     """Charlie scatters |1> and |0>, and gathers |0> and |1> behind his own |1>."""
-    words = ["--ranks", "3", "--place", "rank_0=charlie", "--rounds", "3"]
-    result = run(tmp_path, str(RANKS / "scattered.py"), *words)
-    job = result["job"]
-    assert job["roles"] == {"rank_0": "charlie", "rank_1": "alice", "rank_2": "bob"}
-    assert job["outputs"] == [{"rank_0": {"101": 3}, "rank_1": {"": 3}, "rank_2": {"": 3}}]
+    program, place = RANKS / "scattered.py", ("rank_0=charlie",)
+    outputs = played(netqasm_network, tmp_path, program, 3, ranks=3, place=place)
+    assert outputs == [{"rank_0": {"101": 3}, "rank_1": {"": 3}, "rank_2": {"": 3}}]
 
 
-def test_a_state_comes_over_and_nobody_knows_from_whom(tmp_path: Path) -> None:
+def test_a_state_comes_over_and_nobody_knows_from_whom(
+    netqasm_network: Network, tmp_path: Path
+) -> None:
     """Anonymous transmission by four hosts: GHZ states that they make, and one teleportation."""
     phi, theta = 0.7, 1.1
-    words = ["--topology", "tapped", "--place", "david=eve"]
-    for given in ("alice.sender=true", f"alice.phi={phi}", f"alice.theta={theta}"):
-        words += ["--input", given]
-    words += ["--rounds", "4"]  # one in four would be right without corrections
-    result = run(tmp_path, "anonymous_transmission", *words, "--input", "charlie.receiver=true")
+    given = ["alice.sender=true", f"alice.phi={phi}", f"alice.theta={theta}"]
+    given.append("charlie.receiver=true")
+    path, rounds = APPS / "anonymous_transmission", 4  # by chance one in four would be right
+    options = {"input": tuple(given), "place": ("david=eve",)}
+    outputs = played(netqasm_network, tmp_path, path, rounds, **options)
+    assert len(outputs) == rounds
     state = cos(theta / 2), cmath.exp(1j * phi) * sin(theta / 2)
-    for outputs in result["job"]["outputs"]:
-        fidelity = overlap(outputs["charlie"]["qubit_state"], state)
+    for each in outputs:
+        fidelity = overlap(each["charlie"]["qubit_state"], state)
         assert abs(fidelity - 1) < 1e-6  # the SDK meets an angle to 1e-4 of pi
 
 
@@ -284,15 +322,17 @@ def main(app_config=None):
 }
 
 
-def test_outcomes_are_the_same_in_programs_messages_and_results(tmp_path: Path) -> None:
+def test_outcomes_are_the_same_in_programs_messages_and_results(
+    netqasm_network: Network, tmp_path: Path
+) -> None:
     """X|0> is 1; of Phi+ outcomes are alike, pair by pair, however each end counts its requests."""
     application = tmp_path / "simulated"
     application.mkdir()
     for name, text in SIMULATED.items():
         (application / name).write_text(text)
-    result = run(tmp_path / "runs", str(application), "--rounds", "3")
-    assert result["job"]["roles"] == {"alice": "alice", "bob": "bob"}
-    for each in result["job"]["outputs"]:
+    outputs = played(netqasm_network, tmp_path, application, 3)
+    assert len(outputs) == 3
+    for each in outputs:
         alice, bob = each["alice"], each["bob"]
         assert (alice["one"], bob["payload"]) == (1, {"at": [1]})
         assert alice["outcomes"] == bob["outcomes"]

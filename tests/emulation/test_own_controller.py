@@ -32,6 +32,7 @@ def example(log: Path, *options: str) -> Iterator[None]:
         program.wait(10)
 
 
+@pytest.mark.nightly
 def test_a_session_runs_over_the_light_of_another_controller(tmp_path: Path) -> None:
     got, log = tmp_path / "got", tmp_path / "controller.log"
     commands = [

@@ -16,6 +16,7 @@ def command(*words: str) -> subprocess.CompletedProcess[str]:
     return run_qmn(*words, timeout_s=DEADLINE_S)
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("handshake", ["framed", "per-pair"])
 def test_a_run_with_losses_and_noise_is_identical_when_it_is_replayed(
     tmp_path: Path, handshake: str

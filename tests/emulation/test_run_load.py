@@ -112,6 +112,7 @@ def node_of(end: str) -> str:
     return end.partition(":")[0].rpartition("-q")[0] or end.partition(":")[0]
 
 
+@pytest.mark.nightly
 def test_two_fibres_are_busy_as_often_as_erlang_says(tmp_path: Path) -> None:
     words = ["run", "load", "--topology", f"{ROOT}/docs/traffic/trunk.py:Trunk", "--seed", "1"]
     words += ["--from", SIDES[0], "--to", SIDES[1], "--source", "own", "--idle", "--no-capture"]

@@ -1,6 +1,7 @@
 """Keys over a real network: the same at both ends, refused above the threshold, kept if asked."""
 
 import json
+import re
 import subprocess
 from concurrent.futures import ThreadPoolExecutor
 from itertools import product
@@ -10,13 +11,14 @@ from typing import Any
 
 import pytest
 from conftest import TSHARK, typed
-from fabric_scene import facts
+from fabric_scene import NOISE, facts, served, taken_part
 from loaded import run_qmn
 from scapy.utils import rdpcap
 
 import views.dissection.scapy_layers  # noqa: F401 (binds the layers)
 from evidence.curves.relay_theory import diagonal, rectilinear
 from hosts.service_socket import ServiceSocket
+from hosts.stack_socket import QuantumSocketError
 from topologies.networks.network import Network
 from views.dissection.scapy_keys import QKey, key_messages
 from wire.qkd import Confirm, Proposal
@@ -34,31 +36,38 @@ def run_qkd(runs: Path, *words: str) -> tuple[subprocess.CompletedProcess[str], 
     return done, json.loads((runs / "latest" / "result.json").read_text())
 
 
-def kept(keys: Path, host: str, other: str, hand_out: str) -> dict[str, bytes]:
-    """Return keys by their ids."""
-    folder = keys / host / other / hand_out
-    return {file.name: file.read_bytes() for file in folder.iterdir()}
-
-
-@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("protocol", list(FIBERS))
-def test_keys_are_the_same_in_the_stores_of_both_hosts(tmp_path: Path, protocol: str) -> None:
-    share, keys = 0.01, tmp_path / "keys"
-    words = ("--protocol", protocol, "--depolarizing", str(share), "--count", "100000")
-    done, result = run_qkd(tmp_path, *words, "--keys", str(keys))
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert result["delivered"]
-    told = result["job"]["asking"]
-    qber = (1 - (1 - share) ** FIBERS[protocol]) / 2
+def test_keys_are_the_same_in_the_stores_of_both_hosts(
+    noisy_network: Network, protocol: str
+) -> None:
+    network = noisy_network
+    stores = {each: Path(network.runtime.key_folder(each)) for each in ("alice", "bob")}
+    earlier = {each for store in stores.values() for each in store.rglob("*-*")}
+    told = served(network, protocol, "alice", "bob", count=100_000)
+    qber = (1 - (1 - NOISE) ** FIBERS[protocol]) / 2
     assert abs(told["qber"] - qber) < 5 * sqrt(qber * (1 - qber) / told["disclosed_bits"])
     assert told["sifted_bits"] >= 100_000
     assert 0 < told["key_fraction"] < told["key_fraction_limit"]
     for mine, theirs in (("first", "second"), ("second", "first")):
-        assert kept(keys, "alice", "bob", mine) == kept(keys, "bob", "alice", theirs)
-    first = told["first_key_id"]
-    key = kept(keys, "alice", "bob", "first")[first]
-    assert len(key) == 32
-    for file in (tmp_path / "latest").iterdir():  # what a run leaves behind tells no key
+        ours, others = (
+            {
+                file.name: file.read_bytes()
+                for file in (stores[one] / other / hand_out).iterdir()
+                if file not in earlier
+            }
+            for one, other, hand_out in (("alice", "bob", mine), ("bob", "alice", theirs))
+        )
+        assert ours == others
+        assert mine != "first" or len(ours[told["first_key_id"]]) == 32
+
+
+def test_what_a_run_leaves_behind_tells_no_key(tmp_path: Path) -> None:
+    keys = tmp_path / "keys"
+    done, result = run_qkd(tmp_path, "--count", "20000", "--keys", str(keys))
+    assert done.returncode == 0, done.stdout + done.stderr
+    (folder,) = keys.glob("alice/bob/first")
+    key = (folder / result["job"]["asking"]["first_key_id"]).read_bytes()
+    for file in (tmp_path / "latest").iterdir():
         content = file.read_bytes()
         assert key not in content
         assert key.hex().encode() not in content
@@ -124,16 +133,16 @@ def test_eve_on_the_fibre_causes_a_quarter_of_her_fraction_in_errors(
     assert abs(eve["measured"] - fraction * eve["photons"]) < spread
 
 
-def test_s_of_e91_is_that_of_pairs_of_which_eve_has_measured_some(tmp_path: Path) -> None:
-    """S = 2 sqrt 2 (1 - f / 2), of four correlations; with a margin of .75 it gives no key."""
-    fraction = 0.2
-    words = ("--protocol", "e91", "--eve", str(fraction), "--count", "20000")
-    done, result = run_qkd(tmp_path, *words, "--chsh-margin", "0.75")
-    assert done.returncode == 1
-    told, s = result["job"]["asking"], 2 * sqrt(2) * (1 - fraction / 2)
-    assert abs(told["chsh"] - s) < 5 * sqrt(16 * (1 - (s / 4) ** 2) / told["chsh_pairs"])
-    assert f"S is {told['chsh']:.4f} of {told['chsh_pairs']} pairs" in done.stderr
-    assert told["key_bits"] == 0
+def test_s_of_e91_is_that_of_the_pairs_and_of_too_small_a_one_no_key_comes(
+    noisy_network: Network,
+) -> None:
+    """S = 2 sqrt 2 (1 - p)^4, of four correlations; with a margin of .75 it gives no key."""
+    s, told = 2 * sqrt(2) * (1 - NOISE) ** 4, re.compile(r"S is ([\d.]+) of (\d+) pairs")
+    with pytest.raises(QuantumSocketError, match=told) as caught:
+        served(noisy_network, "e91", "alice", "bob", count=20_000, chsh_margin=0.75)
+    found = told.search(str(caught.value))
+    assert found is not None
+    assert abs(float(found[1]) - s) < 5 * sqrt(16 * (1 - (s / 4) ** 2) / int(found[2]))
 
 
 def test_a_relay_that_lies_is_seen_as_noise_and_brings_no_key(tmp_path: Path) -> None:
@@ -200,6 +209,7 @@ def test_heralded_photons_come_as_their_pairs_and_unlike_detectors_tell_fewer_on
     assert told["qber"] == 0
 
 
+@pytest.mark.nightly
 def test_if_eve_measures_everything_the_key_is_refused(tmp_path: Path) -> None:
     keys = tmp_path / "keys"
     done, result = run_qkd(tmp_path, "--eve", "1", "--count", "20000", "--keys", str(keys))
@@ -240,14 +250,6 @@ def test_decoys_find_who_splits_photon_numbers(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
     assert abs(result["job"]["asking"]["single_photon_fraction"] - 0.533) < 0.05
     assert result["job"]["asking"]["qber"] == 0
-
-
-def taken_part(listener: ServiceSocket) -> None:
-    """Take part in one session until it is over."""
-    connection, _peer = listener.accept()
-    with connection:
-        while not connection.over:
-            list(connection.results())
 
 
 def test_a_session_gets_the_light_of_one_that_has_just_ended(shared_network: Network) -> None:

@@ -330,6 +330,7 @@ def test_every_backend_gives_the_same_losses_and_errors(
         assert len({result[name] for result in results}) == 1
 
 
+@pytest.mark.nightly
 def test_the_same_seed_gives_the_same_losses(tmp_path: Path, lossy_result: dict[str, Any]) -> None:
     again = run(tmp_path, *LOSSY)
     assert again["job"]["asking"]["lost_pairs"] == lossy_result["job"]["asking"]["lost_pairs"] > 0

@@ -19,7 +19,8 @@ def sealed(runs: Path, *words: str) -> dict[str, Any]:
     return {**result["job"]["asking"], "eve": result["job"]["eve"]}
 
 
-@pytest.mark.parametrize("eve", [None, 0.5])
+@pytest.mark.by_day(every=2)
+@pytest.mark.parametrize("eve", [0.5, None])
 def test_the_seal_is_broken_by_who_measures_on_the_fibre(tmp_path: Path, eve: float | None) -> None:
     told = sealed(tmp_path, *([] if eve is None else ["--eve", str(eve)]))
     assert told["alarm"] is (eve is not None)

@@ -11,6 +11,7 @@ PHASES = {"alice": 0.4, "bob": -1.1, "charlie": 2.0}  # sum 1.3
 COUNT = 4000
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize(("probes", "least"), [("ghz", 1.0), ("separate", sqrt(3))])
 def test_the_sum_of_phases_is_told_at_the_limit_of_its_probes(
     tmp_path: Path, probes: str, least: float

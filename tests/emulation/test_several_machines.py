@@ -14,8 +14,9 @@ from typing import Any
 
 import pytest
 from conftest import ROOT, wait_until
+from fabric_scene import STANDING
 from limits import PROGRAM_S, SOON_S
-from machine_scene import ON_SECOND, SCHEDULER, THERE, SecondMachine, second_machine
+from machine_scene import ON_SECOND, SCHEDULER, THERE, SecondMachine
 from test_tls import firsts
 
 from qmn.machines.workers import on_machines
@@ -30,13 +31,6 @@ from wire.pcapng import PcapReader
 SEED, BYTES = 7, 20_000
 NOISY = ("--depolarizing", "0.0005", "--loss-db-per-km", "0.02", "--frame-bytes", "32")
 LOST_WITHIN_S = 20.0  # 5 s until a machine is lost that says nothing, and the end of a network
-
-
-@pytest.fixture
-def second(tmp_path: Path) -> Iterator[SecondMachine]:
-    """Give another machine, on which a worker is ready."""
-    with second_machine(tmp_path) as machine:
-        yield machine
 
 
 def command(runs: Path, file: Path, *words: str) -> list[str]:
@@ -148,6 +142,7 @@ def copper_of_bob(run: Path) -> str:
     return str(name)
 
 
+@pytest.mark.nightly
 @pytest.mark.waits
 def test_heavy_traffic_of_a_host_on_a_second_machine_is_that_of_one_machine(
     second: SecondMachine, tmp_path: Path
@@ -205,6 +200,7 @@ def test_who_may_not_take_files_of_open_vswitch_is_told_so() -> None:
     assert f"NetworkError: {MAY_NOT}" in done.stderr
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("tunnels", TUNNELS)
 def test_a_worker_that_is_killed_ends_the_run_by_name_and_leaves_nothing(
     tunnels: str, second: SecondMachine, tmp_path: Path
@@ -218,6 +214,7 @@ def test_a_worker_that_is_killed_ends_the_run_by_name_and_leaves_nothing(
         wait_until(lambda: asking.exists() and "delivered" in asking.read_text(), "bytes")
         assert any("-m hosts" in each for each in second.things()[0])
         os.kill(next(descendants(second.worker.pid)), signal.SIGKILL)
+        STANDING.spoil()
         _said, complaint = run.communicate(timeout=LOST_WITHIN_S)
     assert run.returncode == 1
     assert f"the machine m2 ({THERE}) was lost" in complaint
