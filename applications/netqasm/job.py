@@ -21,7 +21,7 @@ from applications.netqasm.folder import check_inputs, left_out, read_yaml
 from applications.netqasm.request import NetqasmRequest
 from qmn.jobs.in_the_way import lost_light
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
-from qmn.jobs.stepped import refuse_stepped
+from qmn.jobs.stepped import check_stepped
 from qmn.jobs.transfer import TransferError, follow_all
 from qmn.network.checks import check_network
 from qmn.network.description import describe_network
@@ -33,6 +33,7 @@ from qmn.timeouts import NETQASM_STALL_TIMEOUT_S
 from topologies.networks.network import Network, Signals, require_free
 from topologies.system.processes.programs import NetworkError, Program, python
 from wire.application_lines import Line
+from wire.network_time import SteppedTime
 from wire.parameters.checks import remedy
 from wire.results.run_result import NetqasmJob, Round
 
@@ -101,7 +102,7 @@ def checked(request: NetqasmRequest, hosts: Sequence[str]) -> Application:
     """Return the application on some of these hosts; raise BadInput before anything is started."""
     check_network(request.network)
     check_ranges(request.run)
-    refuse_stepped(request.run, "programs sleep and wait by the wall")
+    check_stepped(request.run, request.network)
     check_ranges(request)
     roles, folder = roles_of(request.path, request.ranks), request.path.resolve()
     if request.path.is_file():
@@ -242,6 +243,8 @@ def _start(
     command += ["--stack", network.runtime.socket(host), "--placement", placed]
     command += ["--inputs", json.dumps(application.inputs[role]), "--logs", str(logs)]
     command += ["--rounds", str(application.rounds)]
+    if isinstance(network.runtime.time, SteppedTime):
+        command += ["--time-folder", network.runtime.time.folder]
     return network.run_as_people_do(host, f"netqasm-{role}", command)
 
 

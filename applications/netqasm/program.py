@@ -24,8 +24,9 @@ from applications.netqasm.outcomes import plain
 from applications.netqasm.placement import Placement
 from applications.netqasm.ranks import counts
 from hosts.applications.carrying import say
-from hosts.applications.service import ended_well
+from hosts.applications.service import clock_of, ended_well
 from hosts.stack_socket import QuantumSocketError
+from programs.process_time import counting
 
 Main = Callable[..., Any]
 
@@ -82,6 +83,8 @@ def main() -> int:
     parser.add_argument("--placement", type=json.loads, help="hosts and addresses by role")
     parser.add_argument("--inputs", type=json.loads, default={}, help="of the program, as JSON")
     parser.add_argument("--rounds", type=int, default=1, metavar="N", help="times to run it (1)")
+    text = "of the gate that steps the network's time"
+    parser.add_argument("--time-folder", default="", help=text)
     parser.add_argument("--logs", type=Path, required=True, help="folder for what the SDK logs")
     arguments = parser.parse_args()
     role = arguments.role
@@ -118,7 +121,8 @@ def main() -> int:
                 ends[role].wait()
         say("done", {"rounds": arguments.rounds})
 
-    return ended_well("netqasm_program", work_of_rank if program else work)
+    with counting(clock_of(arguments.time_folder)):
+        return ended_well("netqasm_program", work_of_rank if program else work)
 
 
 if __name__ == "__main__":

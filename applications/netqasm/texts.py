@@ -31,17 +31,18 @@ from applications.netqasm.text_format import (
 )
 from hosts.timeouts import GREETING_TIMEOUT_S, JOIN_TIMEOUT_S, TEXT_PAUSE_S, TEXT_TIMEOUT_S
 from programs.connection_shares import NO_FILES
+from programs.process_time import ready
 from wire.malformed import MalformedPacket
 
 MOST_JOINED = 256  # connections that no socket has taken up yet
 
 
-def any_ready(sockets: Sequence["Socket"], timeout_s: float | None) -> bool:
+def any_ready(sockets: Sequence["Socket | socket.socket"], timeout_s: float | None) -> bool:
     """Return whether something can be read in time; unlike select, above 1,023 open files, too."""
     poll = select.poll()
     for each in sockets:
         poll.register(each, select.POLLIN)
-    return bool(poll.poll(None if timeout_s is None else 1e3 * timeout_s))
+    return ready(poll, timeout_s)
 
 
 class Exchange:
@@ -89,6 +90,8 @@ class Exchange:
         """Take in a connection whose greeting is right; close any other."""
         connection.settimeout(GREETING_TIMEOUT_S)
         try:
+            if not any_ready([connection], GREETING_TIMEOUT_S):
+                raise TimeoutError("no greeting")
             greeting = decode_greeting(connection.recv(GREETING.size, socket.MSG_WAITALL))
         except (OSError, MalformedPacket):
             connection.close()

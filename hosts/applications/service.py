@@ -15,7 +15,7 @@ from hosts.applications.carrying import first_chunk, receive, say, send
 from hosts.quantum_socket import QuantumSocket
 from hosts.stack_socket import QuantumSocketError
 from programs.faults import report_fault
-from wire.network_time import NetworkTime, SteppedTime
+from wire.network_time import REAL_TIME, NetworkTime, SteppedTime
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,14 @@ def ask(part: Part) -> None:
 
 def time_of(part: Part) -> NetworkTime:
     """Return the time of the network; stepped, its seconds count from now."""
-    if not part.time_folder:
-        return NetworkTime(part.time_scale)
-    return SteppedTime(1.0, SteppedTime(folder=part.time_folder).now_ns(), part.time_folder)
+    return clock_of(part.time_folder) if part.time_folder else NetworkTime(part.time_scale)
+
+
+def clock_of(folder: str) -> NetworkTime:
+    """Return the time that is stepped by the gate of a folder, from now on; without one: paced."""
+    if not folder:
+        return REAL_TIME
+    return SteppedTime(1.0, SteppedTime(folder=folder).now_ns(), folder)
 
 
 def wait(part: Part, listening: Callable[[], None] | None = None) -> None:

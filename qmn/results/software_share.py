@@ -25,7 +25,9 @@ def note_software(
     facts.software_s = longest_s if waited else None
     facts.software_share_of_run = software.run_share
     decayed = software.largest_decaying_share > DOMINATED
-    facts.dominated_by_software = decayed and longest_s > MATTERS * coherent_s
+    facts.dominated_by_software = (
+        decayed and longest_s > MATTERS * coherent_s and facts.time != STEPPED
+    )
     if scale.shortest is not None:
         name, shortest_s = scale.shortest
         facts.shortest_time = ShortestTime(name, shortest_s)
@@ -42,7 +44,7 @@ def rows(facts: NetworkResult) -> dict[str, str]:
     elif scale != 1.0:
         lines["time"] = f"1 s of the network took {scale:g} s here"
     share = facts.software_share
-    if share is not None:
+    if share is not None and facts.time != STEPPED:
         lines["software"] = (
             f"programs account for up to {share:.1%} of a wait in memory, {facts.software_s:.3g} s"
         )

@@ -89,6 +89,48 @@ def test_an_hour_of_keys_takes_no_hour_and_an_eavesdropper_comes_at_her_instant(
     assert result["job"]["asking"]["keys"] >= 60
 
 
+NETQASM = """
+import time
+from netqasm.sdk import EPRSocket
+from netqasm.sdk.external import NetQASMConnection, Socket
+
+def main(app_config=None, wait_s=0.0):
+    own, other = app_config.app_name, "bob" if app_config.app_name == "alice" else "alice"
+    texts, pairs = Socket(own, other), EPRSocket(other)
+    outcomes, began_s = [], time.monotonic()
+    for _ in range(20):
+        with NetQASMConnection(own, epr_sockets=[pairs]) as processor:
+            halves = pairs.create_keep(5) if own == "alice" else pairs.recv_keep(5)
+            processor.flush()
+            time.sleep(wait_s)
+            for half in halves:
+                half.H()
+            found = [half.measure() for half in halves]
+            processor.flush()
+            outcomes += [int(each) for each in found]
+        texts.send("") if own == "bob" else texts.recv()
+    return {"outcomes": outcomes, "took_s": time.monotonic() - began_s}
+"""
+
+
+def test_pauses_of_a_netqasm_program_dephase_what_waits_as_long_as_they_say(
+    tmp_path: Path,
+) -> None:
+    """Halves of Phi+ agree along X with probability (1 + exp(-t / T2)) / 2 after t in a memory."""
+    for role in ("alice", "bob"):
+        (tmp_path / f"app_{role}.py").write_text(NETQASM)
+    words = ("--time", "stepped", "--device", f"bob.memory.t2_s={T2_S}", "--runs")
+    wait_s, runs = T2_S / 2, str(tmp_path / "runs")
+    done = run_qmn("netqasm", str(tmp_path), "--input", f"bob.wait_s={wait_s}", *words, runs)
+    assert not done.returncode, done.stdout + done.stderr
+    assert "Warning" not in done.stdout
+    (outputs,) = json.loads((tmp_path / "runs/latest/result.json").read_text())["job"]["outputs"]
+    alice, bob = (np.array(outputs[role]["outcomes"]) for role in ("alice", "bob"))
+    agree = (1 + math.exp(-wait_s / T2_S)) / 2
+    assert abs((alice == bob).mean() - agree) < 5 * math.sqrt(agree * (1 - agree) / len(bob))
+    assert outputs["bob"]["took_s"] == pytest.approx(20 * wait_s, rel=0.01)
+
+
 def test_what_the_wall_paces_is_refused_with_the_reason(tmp_path: Path) -> None:
     done = run_qmn("run", *TELEPORT, "--control-loss", "0.1", "--runs", str(tmp_path))
     assert done.returncode == 1

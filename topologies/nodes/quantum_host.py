@@ -23,6 +23,7 @@ from wire.config import (
     QuantumSwitch,
 )
 from wire.features import EMIT
+from wire.network_time import SteppedTime
 from wire.parameters.checks import check_choice
 from wire.parameters.physics import (
     BadParameter,
@@ -101,7 +102,9 @@ class QuantumHost(ClassicalHost):
 
     def shown_folders(self) -> dict[Path, str]:
         own, keys = self.network.own_folder(self.name), Path(self.network.key_folder(self.name))
-        return {own: READ, keys: READ, self.network.written_folder(self.name): WRITTEN}
+        time = self.network.time
+        clock = {Path(time.folder): READ} if isinstance(time, SteppedTime) else {}
+        return {own: READ, keys: READ, **clock, self.network.written_folder(self.name): WRITTEN}
 
     def config(self, **params: object) -> dict[str, object]:
         result = super().config(**params)
