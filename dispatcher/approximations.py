@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 NOTHING: Mapping[str, float] = MappingProxyType({})
-# What is approximated, as a result names it.
+# Names of the approximations in results.
 PHASE = "phase drift becomes phase flips"
 TURN = "polarisation drift becomes Pauli errors"
 LOSS_OF_POLARISATION = "polarisation-dependent loss becomes loss and Pauli errors"
@@ -60,14 +60,14 @@ def approximation(name: str, most: float) -> Approximations:
     return Approximations({name: most})
 
 
-def of_outcomes(name: str, wrong: NDArray[np.bool_], told: NDArray[np.bool_]) -> Approximations:
-    """Return by how much pulses that are wrong change a share of the outcomes that are told.
+def of_outcomes(name: str, wrong: NDArray[np.bool_], reported: NDArray[np.bool_]) -> Approximations:
+    """Return by how much pulses that are wrong change a share of the reported outcomes.
 
-    Shapes (k,). Of w that are wrong, in truth each may be told or not, as whatever it is. Beside c
-    others that are told they change a share of all outcomes by w/(w + c) at most.
+    Shapes (k,). Each of w wrong ones may in truth be reported or not, with any outcome. Beside c
+    other reported ones they change a share of all outcomes by w/(w + c) at most.
     """
     count = int(np.count_nonzero(wrong))
-    right = int(np.count_nonzero(told & ~wrong))
+    right = int(np.count_nonzero(reported & ~wrong))
     return approximation(name, count / (count + right)) if count else EXACT
 
 

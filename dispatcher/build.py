@@ -40,7 +40,7 @@ KEPT_BYTES = 256 << 20  # at the end of the heap
 LARGEST_BYTES = 32 << 20  # of an array that is kept; the C library takes no more
 
 
-def keep() -> bool:
+def keep_freed_memory() -> bool:
     """Keep it from now on, in the whole process; return whether the C library can (musl cannot)."""
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is None:
@@ -67,7 +67,7 @@ def build_layer(
     It simulates in this process if nothing else is given, and the process keeps freed memory from
     then on. Raise BadConfig or BadParameter for what cannot be.
     """
-    keep()
+    keep_freed_memory()
     devices = Devices(config.devices)
     if unknown := config.devices.keys() - config.tokens.keys():
         raise BadConfig(f"devices of {', '.join(sorted(unknown))}: there are no such hosts")

@@ -17,7 +17,7 @@ SHORT_WAIT_NS = 200_000
 
 
 class Clock(Protocol):
-    """What the dispatcher needs of a clock."""
+    """A clock, as the dispatcher needs it."""
 
     def now_ns(self) -> int:
         """Return the time."""

@@ -82,7 +82,7 @@ class Laboratory:
         with CausedBy(node, operation, request):
             feedback: Feedback = await self.table.handle(node, operation, request)
             await self.table.transport.landed()
-            await self.table.heralding.told()
+            await self.table.heralding.announced()
         if self._errors:  # flights are tasks of their own
             raise self._errors[0]
         return feedback
@@ -134,8 +134,8 @@ class LaboratoryHost:
 
         Frequency 0: channel 1.
         """
-        ways = [Launch(block=block_id(block), port=port) for block, port in launches.items()]
-        return await self._act("send", launches=ways, rate_hz=rate_hz, frequency_mhz=frequency_mhz)
+        paths = [Launch(block=block_id(block), port=port) for block, port in launches.items()]
+        return await self._act("send", launches=paths, rate_hz=rate_hz, frequency_mhz=frequency_mhz)
 
     async def receive(self, block: BlockKey, port: str) -> Feedback | None:
         """Take a block from a port; return None if no light came."""

@@ -57,15 +57,15 @@ class PhotonRandom:
         """
         if least < TAIL:
             numbers = self.normal(purpose)
-            found = np.flatnonzero(np.abs(numbers) >= least)
-            return found, numbers[found]
-        found = self.events(f"{purpose}, far", erfc(least / sqrt(2)))
+            indices = np.flatnonzero(np.abs(numbers) >= least)
+            return indices, numbers[indices]
+        indices = self.events(f"{purpose}, far", erfc(least / sqrt(2)))
         generator, far = self.generator(purpose), np.zeros(0)
-        while far.size < found.size:
-            tried = np.sqrt(least**2 + 2 * generator.standard_exponential(found.size + 8))
+        while far.size < indices.size:
+            tried = np.sqrt(least**2 + 2 * generator.standard_exponential(indices.size + 8))
             far = np.append(far, tried[generator.random(tried.size) * tried < least])
-        signs = generator.integers(0, 2, found.size) * 2 - 1
-        return found, far[: found.size] * signs
+        signs = generator.integers(0, 2, indices.size) * 2 - 1
+        return indices, far[: indices.size] * signs
 
     def events(self, purpose: str, probability: float) -> NDArray[np.int64]:
         """Return to which photons something of this probability happens, ascending."""
@@ -76,11 +76,11 @@ class PhotonRandom:
         generator = self.generator(purpose)
         expected = self.photons * probability
         size = int(expected + 6 * expected**0.5) + 8
-        found = self._gaps(generator, probability, size).cumsum() - 1
-        while found[-1] < self.photons:
-            more = self._gaps(generator, probability, size).cumsum() + found[-1]
-            found = np.concatenate([found, more])
-        return found[: found.searchsorted(self.photons)]
+        indices = self._gaps(generator, probability, size).cumsum() - 1
+        while indices[-1] < self.photons:
+            more = self._gaps(generator, probability, size).cumsum() + indices[-1]
+            indices = np.concatenate([indices, more])
+        return indices[: indices.searchsorted(self.photons)]
 
     def happens(self, purpose: str, probability: float | NDArray[np.float64]) -> NDArray[np.bool_]:
         """Say for each photon whether something happens, shape (k,); exact for any probability."""
@@ -102,7 +102,7 @@ class PhotonRandom:
     def happens_by_stretch(
         self, purpose: str, probabilities: NDArray[np.float64], stretch: int
     ) -> NDArray[np.bool_]:
-        """Do as `happens` with a probability for each stretch of so many photons; shape (k,)."""
+        """Do as `happens` with a probability for each stretch of photons; shape (k,)."""
         generator = self.generator(purpose)
         drawn = np.zeros((probabilities.size, stretch), np.uint8)
         drawn.reshape(-1)[: self.photons] = np.frombuffer(generator.bytes(self.photons), np.uint8)
@@ -121,8 +121,8 @@ class PhotonRandom:
         """Choose one of several cases, `count` times; return their numbers, from 0."""
         bounds = np.cumsum(weights)
         drawn = self.generator(purpose).random(count) * bounds[-1]
-        found: NDArray[np.uint8] = bounds[:-1].searchsorted(drawn, side="right").astype(np.uint8)
-        return found
+        indices: NDArray[np.uint8] = bounds[:-1].searchsorted(drawn, side="right").astype(np.uint8)
+        return indices
 
     def _gaps(
         self, generator: np.random.Generator, probability: float, size: int

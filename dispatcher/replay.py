@@ -1,7 +1,7 @@
 """Plays a record through the physical layer again, without a network and without waiting.
 
 Each stretch that the record names is released in its turn, with the times that the clock gave it
-then. What is done in a stretch is the dispatcher's own code.
+then. Each stretch runs the dispatcher's own code.
 """
 
 import asyncio

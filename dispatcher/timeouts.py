@@ -10,7 +10,7 @@ STOP_TIMEOUT_S = 1.0  # behind the grace, for what calls still have to say
 # Requests
 MAX_TIMEOUT_S = 60.0  # that a request may wait for light
 MAX_PAUSE_S = 1.0  # between two messages to a watcher
-RECEIVE_TIMEOUT_S = 1.0  # not needed: the light is there
+RECEIVE_TIMEOUT_S = 1.0  # not needed: the light has come
 
 # Events
 WRITING_DELAY_S = 0.01  # that they are gathered for before they are written

@@ -2,7 +2,7 @@
 
 Each photon of a pair is looked at by two detectors: those of one arm tell the pair's phase (Phi+
 from Phi-), those of the other its parity (Phi from Psi). A coincidence is a click in either arm at
-most a window apart. What makes photons distinguishable is how much later one half has come as
+most a window apart. Photons are distinguishable by how much later one half has come as
 a whole, but for what a delay line has taken out, the drift and jitter of each photon, different
 rates, different colours (dispatcher.devices.overlap), and of qubits in time bins how fibres have
 turned their polarisation (dispatcher.fiber.turn). A lone photon takes either detector of
@@ -15,7 +15,7 @@ Zeilinger, Phys. Rev. Lett. 76, 4656): both reach either detector of the phase, 
 outcome is reported as Phi+. A host that measures by gates (dispatcher.operations.imperfections)
 lets nothing interfere: neither mismatch nor window matter.
 Either arm tells its bit wrongly with the detectors' readout error, whatever has made them click.
-What a beam splitter does with all photons of two pulses is in dispatcher.devices.overlap.
+See dispatcher.devices.overlap for all photons of two pulses at a beam splitter.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from dispatcher.devices.decay import Each
 from dispatcher.devices.detector import Train
-from dispatcher.devices.detectors import Detection, DetectorPair, Told, hide
+from dispatcher.devices.detectors import Detection, DetectorPair, ExtraBits, hide
 from dispatcher.devices.overlap import Overlap
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.registers import Mask
@@ -49,16 +49,16 @@ class Half:
     extras: Bytes | None
     delays_ps: Picoseconds | None
     train: Train
-    further: Told | None = None  # in this arm, with the bits that its detectors tell
+    extra_pairs: ExtraBits | None = None  # in this arm, with the bits that its detectors tell
 
     @property
     def brings_more(self) -> bool:
-        return self.extras is not None or self.further is not None
+        return self.extras is not None or self.extra_pairs is not None
 
 
 @dataclass(frozen=True)
 class Analysis:
-    """What the analyser tells of k pairs."""
+    """The analyser's outcomes of k pairs."""
 
     outcomes: Bytes  # 0 Phi+, 1 Psi+, 2 Phi-, 3 Psi-; NO_CLICK without a coincidence
     clicks: int
@@ -94,7 +94,7 @@ class Analyser:
 
     def __init__(self, device: Device, arms: tuple[DetectorPair, DetectorPair]) -> None:
         """Look with the detectors of these arms: phase, parity."""
-        self._like, self._detectors, self.arms = device.analyser, device.detectors, arms
+        self._device, self._detectors, self.arms = device.analyser, device.detectors, arms
         self._interferes = device.analyser.kind != "gates"  # light; qubits are measured apart
 
     def analyse(
@@ -105,7 +105,7 @@ class Analyser:
         overlap: Overlap = Overlap(),  # noqa: B008 - immutable
         apart_ps: float = 0.0,
     ) -> Analysis:
-        """Return what is told of pairs in these Bell states (NO_CLICK: not both are there).
+        """Return the outcomes of pairs in these Bell states (NO_CLICK: a photon is missing).
 
         Photons that come together overlap so well; the first half comes so much later.
         """
@@ -120,16 +120,16 @@ class Analyser:
             states[flips] ^= PHASE
             incidents["distinguishable"] = flips.size
         if all(arm.ideal for arm in self.arms) and not any(half.brings_more for half in halves):
-            outcomes, told = states.copy(), states != NO_CLICK
+            outcomes, coincident = states.copy(), states != NO_CLICK
             clicks = sum(int(np.count_nonzero(half.present)) for half in halves)
-            found = None
+            detections = None
         else:
-            found = self._look(self.at_detectors(states, random), halves, random)
-            outcomes, told, clicks, more = _combine(found, states)
+            detections = self._look(self.at_detectors(states, random), halves, random)
+            outcomes, coincident, clicks, more = _combine(detections, states)
             incidents |= more
         late = np.zeros(0, dtype=np.intp)
         if self._interferes:
-            late = self.late(told, found, halves, mismatch, random)
+            late = self.late(coincident, detections, halves, mismatch, random)
         if late.size:
             outcomes[late] = NO_CLICK
             incidents["late"] = late.size
@@ -138,14 +138,14 @@ class Analyser:
         return Analysis(self.named(outcomes), clicks, incidents)
 
     def named(self, outcomes: Bytes) -> Bytes:
-        if self._like.kind != "linear":
+        if self._device.kind != "linear":
             return outcomes
         named: Bytes = outcomes ^ ((outcomes == PHI_MINUS) * PHASE)
         return named
 
     def at_detectors(self, states: Bytes, random: PhotonRandom) -> Bytes:
         """Return the states as whose detectors pairs click: of linear optics either Phi for Phi."""
-        if self._like.kind != "linear":
+        if self._device.kind != "linear":
             return states
         coins = random.coins("phase of Phi", states.size)
         clicking: Bytes = states ^ ((states & PARITY == 0) * coins * PHASE)
@@ -155,7 +155,7 @@ class Analyser:
         self, mismatch: Mismatch, overlap: Overlap, random: PhotonRandom
     ) -> NDArray[np.intp]:
         """Draw which pairs show no interference, so that their phase is wrong."""
-        worst = (1 - self._like.visibility * overlap.least(mismatch.most_ps)) / 2
+        worst = (1 - self._device.visibility * overlap.least(mismatch.most_ps)) / 2
         if worst == 0:
             return np.zeros(0, dtype=np.intp)
         # Draw as if all were as far apart as the worst; keep of those what their own mismatch says.
@@ -174,21 +174,23 @@ class Analyser:
 
     def visibility(self, mismatch_ps: Each, overlap: Overlap) -> Each:
         """Return how well photons interfere after a mismatch."""
-        return self._like.visibility * overlap.apart(mismatch_ps)
+        return self._device.visibility * overlap.apart(mismatch_ps)
 
     def _look(
         self, states: Bytes, halves: tuple[Half, Half], random: PhotonRandom
     ) -> tuple[Detection, Detection]:
         both = states != NO_CLICK
-        found = []
+        detections = []
         for arm, half in enumerate(halves):
             inside = random.at(f"arm {arm}")
             bits = hide(states & np.uint8(1) if arm else states >> np.uint8(1), ~both)
             lone = np.flatnonzero(half.present & ~both)
             if lone.size:
                 bits[lone] = inside.coins("lone photon", lone.size)
-            found.append(self.arms[arm].detect(bits, half.extras, half.train, inside, half.further))
-        return found[0], found[1]
+            detections.append(
+                self.arms[arm].detect(bits, half.extras, half.train, inside, half.extra_pairs)
+            )
+        return detections[0], detections[1]
 
     def misread(
         self, outcomes: Bytes, random: PhotonRandom, bits: tuple[np.uint8, ...] = (PHASE, PARITY)
@@ -206,22 +208,22 @@ class Analyser:
 
     def late(
         self,
-        told: Mask,
-        found: tuple[Detection, Detection] | None,
+        coincident: Mask,
+        detections: tuple[Detection, Detection] | None,
         halves: tuple[Half, Half],
         mismatch: Mismatch,
         random: PhotonRandom,
     ) -> NDArray[np.intp]:
         """Return the pairs whose clicks are too far apart."""
-        window_ps = self._like.coincidence_window_s * 1e12
+        window_ps = self._device.coincidence_window_s * 1e12
         jitter_ps = self._detectors.jitter_ps * np.sqrt(2)  # of the difference of two clicks
         gate_ps = self._detectors.gate_s * 1e12
-        lightless = [None, None] if found is None else [arm.lightless for arm in found]
+        lightless = [None, None] if detections is None else [arm.lightless for arm in detections]
         dark = any(mask is not None for mask in lightless)
         most_ps = mismatch.most_ps + SURE_SIGMAS * jitter_ps + gate_ps * dark
         if most_ps <= window_ps:
             return np.zeros(0, dtype=np.intp)
-        pairs = np.flatnonzero(told)
+        pairs = np.flatnonzero(coincident)
         if mismatch.ps is None:
             apart_ps: Picoseconds = np.full(pairs.size, mismatch.all_ps)
         else:
@@ -242,15 +244,15 @@ class Analyser:
 
 
 def _combine(
-    found: tuple[Detection, Detection], states: Bytes
+    detections: tuple[Detection, Detection], states: Bytes
 ) -> tuple[Bytes, Mask, int, dict[str, int]]:
-    phase, parity = found
-    told = (phase.bits != NO_CLICK) & (parity.bits != NO_CLICK)
-    outcomes = hide(parity.bits | (phase.bits << np.uint8(1)), ~told)
+    phase, parity = detections
+    coincident = (phase.bits != NO_CLICK) & (parity.bits != NO_CLICK)
+    outcomes = hide(parity.bits | (phase.bits << np.uint8(1)), ~coincident)
     genuine = phase.own & parity.own & (states != NO_CLICK)
     incidents = {**phase.incidents()}
     for name, count in parity.incidents().items():
         incidents[name] = incidents.get(name, 0) + count
-    if accidental := int(np.count_nonzero(told & ~genuine)):
+    if accidental := int(np.count_nonzero(coincident & ~genuine)):
         incidents["accidental"] = accidental
-    return outcomes, told, phase.clicks + parity.clicks, incidents
+    return outcomes, coincident, phase.clicks + parity.clicks, incidents

@@ -87,7 +87,7 @@ def decay(memory: Memory, waited_s: Each) -> Decay:
         return Decay(reset=relaxed, z=(dephased - relaxed) / 2, depolarized=noise)
     if memory.damping == "dense":
         # Damping alone keeps e^(-t / 2 T1) of the coherence.
-        kept = waited_s / (2 * memory.t1_s) - waited_s / memory.t2_s
-        return Decay(damped=relaxed, z=np.maximum(-np.expm1(kept) / 2, 0.0))
+        coherence = waited_s / (2 * memory.t1_s) - waited_s / memory.t2_s
+        return Decay(damped=relaxed, z=np.maximum(-np.expm1(coherence) / 2, 0.0))
     z = np.maximum(dephased / 2 - relaxed / 4, 0.0)
     return Decay(x=relaxed / 4, y=relaxed / 4, z=z, exact=not np.any(relaxed))

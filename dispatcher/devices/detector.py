@@ -56,9 +56,9 @@ def seen(clicks: Mask, dead_slots: int) -> Mask:
     longest = np.diff(entries, append=slots.size).max()
     if longest > MOST_STEPS + 2 * np.sqrt(slots.size):
         entries = _entries(following)
-    found = np.zeros(clicks.size, dtype=bool)
-    found[slots[_walk(following, entries)]] = True
-    return found
+    visible = np.zeros(clicks.size, dtype=bool)
+    visible[slots[_walk(following, entries)]] = True
+    return visible
 
 
 class _Table(NamedTuple):
@@ -94,12 +94,12 @@ def _by_table(clicks: Mask, dead_slots: int) -> Mask:
     for piece, behind in enumerate(states.T.tolist()):
         entered[piece] = dead
         dead = behind[dead // 256]
-    found = np.empty(rows.shape, np.uint8)
+    visible = np.empty(rows.shape, np.uint8)
     for place, row in enumerate(rows):
         at = entered + row
-        found[place] = table.seen[at]
+        visible[place] = table.seen[at]
         entered = table.behind[at]
-    bits = np.unpackbits(found.T.reshape(-1), count=clicks.size, bitorder="little")
+    bits = np.unpackbits(visible.T.reshape(-1), count=clicks.size, bitorder="little")
     return bits.view(np.bool_)
 
 
@@ -177,19 +177,19 @@ class Clicks:
 class Detector:
     """One detector over time."""
 
-    like: Detectors
+    device: Detectors
     _last_ns: int | None = None
     _to_come_ns: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
     def watch(self, candidates: Mask, train: Train, random: PhotonRandom) -> Clicks:
         """Return which of the candidates, shape (k,), and afterpulses click in a train."""
-        like = self.like
-        if not train.interval_ns or not (like.dead_time_s or like.afterpulse_probability):
+        device = self.device
+        if not train.interval_ns or not (device.dead_time_s or device.afterpulse_probability):
             return Clicks(candidates)
         left_over = self._left_over(train)
         pulses = self._afterpulses(train, random)
         after, seen = left_over, self._live(candidates | left_over, train)
-        # What clicks decides which afterpulses there are, and these decide what clicks later:
+        # Clicks decide which afterpulses there are, and these decide later clicks:
         # each round is right up to a later moment, and the last one throughout.
         while True:
             happened = seen[pulses.causes] & candidates[pulses.causes]
@@ -198,27 +198,31 @@ class Detector:
                 break
             after, seen = now, self._live(candidates | now, train)
         self._remember(seen, pulses.slots[happened], train)
-        asked, clicks = (int(np.count_nonzero(mask)) for mask in (candidates | after, seen))
-        return Clicks(seen, int(np.count_nonzero(seen & after & ~candidates)), asked - clicks)
+        candidate_count, clicks = (
+            int(np.count_nonzero(mask)) for mask in (candidates | after, seen)
+        )
+        return Clicks(
+            seen, int(np.count_nonzero(seen & after & ~candidates)), candidate_count - clicks
+        )
 
-    def _live(self, asked: Mask, train: Train) -> Mask:
+    def _live(self, candidates: Mask, train: Train) -> Mask:
         """Return the clicks that do not come within the dead time of others."""
-        dead_ns = self.like.dead_time_s * 1e9
+        dead_ns = self.device.dead_time_s * 1e9
         if not dead_ns:
-            return asked
+            return candidates
         dead_slots = int(np.ceil(dead_ns / train.interval_ns - SAME_SLOT))
         if self._last_ns is not None and self._last_ns < train.start_ns:
             since_ns = train.start_ns - self._last_ns
             first = int(np.ceil((dead_ns - since_ns) / train.interval_ns - SAME_SLOT))
             if first > 0:
-                asked = asked.copy()
-                asked[:first] = False
-        return seen(asked, dead_slots)
+                candidates = candidates.copy()
+                candidates[:first] = False
+        return seen(candidates, dead_slots)
 
     def _afterpulses(self, train: Train, random: PhotonRandom) -> Afterpulses:
-        causes = random.events("afterpulse", self.like.afterpulse_probability)
+        causes = random.events("afterpulse", self.device.afterpulse_probability)
         waits = random.generator("afterpulse delay").standard_exponential(causes.size)
-        slots = causes + waits * (self.like.afterpulse_s * 1e9 / train.interval_ns)
+        slots = causes + waits * (self.device.afterpulse_s * 1e9 / train.interval_ns)
         later = np.rint(slots) > causes
         return Afterpulses(causes[later], slots[later])
 
@@ -229,10 +233,10 @@ class Detector:
     def _in_gates(self, slots: Slots, train: Train) -> Mask:
         nearest = np.rint(slots)
         off_ns = np.abs(slots - nearest) * train.interval_ns
-        inside = (nearest >= 0) & (nearest < train.count) & (off_ns <= self.like.gate_s * 5e8)
-        found = np.zeros(train.count, dtype=bool)
-        found[nearest[inside].astype(np.intp)] = True
-        return found
+        inside = (nearest >= 0) & (nearest < train.count) & (off_ns <= self.device.gate_s * 5e8)
+        clicks = np.zeros(train.count, dtype=bool)
+        clicks[nearest[inside].astype(np.intp)] = True
+        return clicks
 
     def _remember(self, seen: Mask, afterpulses: Slots, train: Train) -> None:
         before_end = int(seen[::-1].argmax())
@@ -240,5 +244,5 @@ class Detector:
             self._last_ns = max(self._last_ns or 0, train.time_ns(train.count - 1 - before_end))
         to_come = afterpulses[afterpulses > train.count - 0.5] * train.interval_ns
         fresh = train.start_ns + to_come.astype(np.int64)
-        kept = self._to_come_ns[self._to_come_ns >= train.time_ns(train.count)]
-        self._to_come_ns = np.concatenate((kept, fresh))
+        later_ns = self._to_come_ns[self._to_come_ns >= train.time_ns(train.count)]
+        self._to_come_ns = np.concatenate((later_ns, fresh))

@@ -21,11 +21,12 @@ OF_FIBERS = Effect()._asdict().keys() - OF_PARTS
 
 
 class Moment(Passage):
-    """What a model is told: k qubits of a block, at one time, that something happens to.
+    """The input of a model: k qubits of a block that something happens to at one time.
 
     `what` is "source" (pairs or photons that are made), "memory" (qubits that have waited for so
-    long, `waited_s` of shape (k,)), "gate" (of so many `qubits`) or "detectors" (what they tell).
-    Beside that all that a passage has: `photons` is k, `history` what the model remembered here.
+    long, `waited_s` of shape (k,)), "gate" (on this number of `qubits`) or "detectors" (their
+    outcomes). It has also what a passage has: `photons` is k, `history` the memory of the model
+    here.
     """
 
     def __init__(
@@ -69,8 +70,8 @@ class PartNoise:
         moment = Moment(draws, block, place, schedule, self._history, what, waited_s, qubits)
         effect = self._model.effect(moment)
         for name in OF_FIBERS:
-            given = getattr(effect, name)
-            if given is not None and not (name == "transmission" and given == 1):
+            array = getattr(effect, name)
+            if array is not None and not (name == "transmission" and array == 1):
                 raise BadConfig(
                     f"{self._reference}: {name} is of fibres; give lost, paulis and kraus"
                 )
@@ -95,7 +96,7 @@ class Devices:
     """The devices of all hosts; a host that is not listed has ideal ones."""
 
     def __init__(self, listed: Mapping[str, Device]) -> None:
-        """Have these; raise BadParameter for what no device is like, BadConfig for its noise."""
+        """Raise BadParameter for a value out of range, BadConfig for bad noise models."""
         for host, device in listed.items():
             device.check(host)
         self._listed = dict(listed)
@@ -123,15 +124,15 @@ def require(devices: Devices, node: str, *any_of: Feature) -> None:
     """Refuse unless the device of a node has one of these features."""
     features = devices.of(node).features
     if not any(each in features for each in any_of):
-        wanted = " or ".join(str(each.name) for each in any_of)
-        raise precondition(f"feature {wanted} is needed: {node} {WANTING[any_of[0]]}")
+        names = " or ".join(str(each.name) for each in any_of)
+        raise precondition(f"feature {names} is needed: {node} {WANTING[any_of[0]]}")
 
 
 def require_encoding(devices: Devices, node: str, encoding: str) -> None:
     """Refuse unless the detectors of a node tell qubits of this encoding."""
-    own = devices.of(node).detectors.encoding
-    if own != encoding:
+    measured = devices.of(node).detectors.encoding
+    if encoding != measured:
         raise precondition(
-            f"{node} measures {own} qubits, and these are {encoding} qubits: let its "
+            f"{node} measures {measured} qubits, and these are {encoding} qubits: let its "
             "detectors.encoding be that of the source.encoding"
         )

@@ -11,8 +11,9 @@ whose light was lost, where it went, which detector has clicked in the dark. A h
 
 Where both photons, or the one that nobody can know the origin of, have made it, the qubits are
 entangled; otherwise they are in a state of the Z basis, 1 being the qubit that has emitted
-(two-click: into the second mode). Two photons in one mode leave together if they cannot be told
-apart, and with (1 - V) / 2 by different outputs (Hong, Ou, Mandel, Phys. Rev. Lett. 59, 2044).
+(two-click: into the second mode). Two photons in one mode leave together if they are
+indistinguishable, and with (1 - V) / 2 by different outputs (Hong, Ou, Mandel, Phys. Rev. Lett. 59,
+2044).
 """
 
 from math import exp, sqrt
@@ -92,8 +93,8 @@ def single_click(arms: tuple[Arm, Arm], dark: float, visibility: float) -> Heral
 def phase_wrong(scheme: str, heralds: Heralds, visibility: Each) -> Each:
     """Return how likely an entangled pair has the other phase than its clicks tell.
 
-    Light that can be told apart tells where it came from: of two photons that costs V, of one that
-    nobody knows the origin of the overlap of the amplitudes, the square root of V.
+    Distinguishable light reveals where it came from: for two photons that costs V, for one
+    photon of unknown origin the overlap of the amplitudes, the square root of V.
     """
     overlap = visibility if scheme == "two-click" else visibility**0.5
     return (1 - heralds.coherence * overlap) / 2

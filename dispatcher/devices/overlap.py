@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dispatcher.devices.decay import Each
-from dispatcher.devices.detectors import Bits, Detection, Told, hide
+from dispatcher.devices.detectors import Bits, Detection, ExtraBits, hide
 from wire.optical import DEFAULT_FREQUENCY_MHZ
 from wire.outcomes import BELL_STATES
 
@@ -58,7 +58,7 @@ class Outputs(NamedTuple):
 
 @lru_cache(maxsize=4096)
 def outputs(first: tuple[int, ...], second: tuple[int, ...]) -> Outputs:
-    """Return what comes of photons in these cardinal states in either arm; ascending numbers."""
+    """Return the outputs of photons in these cardinal states in either arm; ascending numbers."""
     state: Polynomial = {(0,) * MODES: 1.0}
     for states, sign in ((first, 1), (second, -1)):
         for number in states:
@@ -75,9 +75,9 @@ def outputs(first: tuple[int, ...], second: tuple[int, ...]) -> Outputs:
 def _times(state: Polynomial, factor: tuple[complex, ...]) -> Polynomial:
     product: Polynomial = {}
     for powers, amplitude in state.items():
-        for mode, own in enumerate(factor):
+        for mode, coefficient in enumerate(factor):
             raised = (*powers[:mode], powers[mode] + 1, *powers[mode + 1 :])
-            product[raised] = product.get(raised, 0.0) + amplitude * own
+            product[raised] = product.get(raised, 0.0) + amplitude * coefficient
     return product
 
 
@@ -94,18 +94,18 @@ def of_bell_states(states: Bits, coins: Bits) -> NDArray[np.uint8]:
     return np.stack([one, two], axis=1).astype(np.uint8)
 
 
-def told_to(polarisation: int, pulses: Numbers, modes: Bits) -> Told:
+def detected_in(polarisation: int, pulses: Numbers, modes: Bits) -> ExtraBits:
     """Return what comes to the two detectors of a polarisation: bit 0 that of c, 1 that of d."""
-    own = modes & 1 == polarisation
-    return Told(pulses[own], modes[own] >> 1)
+    here = modes & 1 == polarisation
+    return ExtraBits(pulses[here], modes[here] >> 1)
 
 
-def read(found: tuple[Detection, Detection]) -> Bits:
+def read(detections: tuple[Detection, Detection]) -> Bits:
     """Return what the detectors of H and V tell: Psi+, Psi-, or NO_CLICK for all else."""
-    seen = [detection.once for detection in found]
-    one, other = (detection.bits for detection in found)
+    clicked = [detection.once for detection in detections]
+    one, other = (detection.bits for detection in detections)
     states = np.where(one == other, np.uint8(PSI_PLUS), np.uint8(PSI_MINUS))
-    return hide(states, ~(seen[0] & seen[1]))
+    return hide(states, ~(clicked[0] & clicked[1]))
 
 
 LIGHT_M_PER_S = 299_792_458.0

@@ -22,7 +22,7 @@ MOST_PAIRS = 255  # in a pulse: fits a byte; rarer than 1e-10 at the largest mea
 
 
 class Emission(NamedTuple):
-    """What differs from one Phi+ in each of k pulses; None where nothing does."""
+    """Differences from one Phi+ in each of k pulses; None: no difference."""
 
     paulis: NDArray[np.uint8] | None  # on one half: the Bell state of that number
     pairs: NDArray[np.uint8] | None
@@ -75,7 +75,7 @@ def pair_probabilities(statistics: str, mean_pairs: float) -> NDArray[np.float64
     return np.cumprod(factors, dtype=np.float64)
 
 
-def most_further(source: PairSource, pulses: int) -> int:
+def most_extra_pairs(source: PairSource, pulses: int) -> int:
     """Return how many pairs beside the first of a pulse there are at most, but for one in 1e9."""
     if source.statistics == "single":
         mean = source.multi_photon
@@ -132,9 +132,9 @@ def _heralded(
     """Let pulses out of whose other halves the detector sees at least one, and no others."""
     some = np.flatnonzero(pairs > 0)
     missed = (1 - efficiency) ** pairs[some].astype(np.float64)
-    seen = random.generator("herald").random(some.size) >= missed
+    detected = random.generator("herald").random(some.size) >= missed
     heralded = np.zeros_like(pairs)
-    heralded[some[seen]] = pairs[some[seen]]
+    heralded[some[detected]] = pairs[some[detected]]
     return heralded
 
 

@@ -1,7 +1,7 @@
 """The channels of a fibre: light of one comes out, a little, in those beside it.
 
 A demultiplexer lets of the light of channel c the share 10^(-channel_crosstalk_db / 10) out of each
-of the ports c - 1 and c + 1. What strays has a state that nothing here depends on: in the other
+of the ports c - 1 and c + 1. Nothing here depends on the state of stray light: in the other
 channel it is a noise photon, if it comes within the window of a pulse there.
 """
 

@@ -26,14 +26,14 @@ def scattering_km(optics: FiberOptics) -> float:
     """
     length_km, own_db = optics.length_km, optics.loss_db_per_km
     light_db = own_db if optics.classical_db_per_km is None else optics.classical_db_per_km
-    own, light = own_db * NEPERS_PER_DB, light_db * NEPERS_PER_DB
+    own_per_km, light = own_db * NEPERS_PER_DB, light_db * NEPERS_PER_DB
     elsewhere_db = optics.loss_db - own_db * length_km
     if optics.classical_way == "along":
-        left, exponent = math.exp(-own * length_km), (light - own) * length_km
+        transmission, exponent = math.exp(-own_per_km * length_km), (light - own_per_km) * length_km
     else:
-        left, exponent = 1.0, (light + own) * length_km
+        transmission, exponent = 1.0, (light + own_per_km) * length_km
     mean = -math.expm1(-exponent) / exponent if exponent else 1.0  # of exp(-x), x up to that
-    return 10 ** (-elsewhere_db / 10) * left * length_km * mean
+    return 10 ** (-elsewhere_db / 10) * transmission * length_km * mean
 
 
 class ClassicalLight:
@@ -82,8 +82,8 @@ class ClassicalLight:
         if not count:
             return Effect()
         power_mw = self.power_mw.at(schedule.of(pulses))
-        kept = generator.random(count) * highest_mw < power_mw
-        hit, times = np.unique(pulses[kept], return_counts=True)
+        accepted = generator.random(count) * highest_mw < power_mw
+        hit, times = np.unique(pulses[accepted], return_counts=True)
         extras = np.zeros(passage.photons, dtype=np.uint8)
         extras[hit] = np.minimum(times, MOST_EXTRAS)
         return Effect(extras=extras, exact=False, named=named)

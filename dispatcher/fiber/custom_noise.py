@@ -32,10 +32,10 @@ class OwnNoise:
         except Exception as error:  # it is another's program, which may raise any
             file = Path(self._reference.rpartition(":")[0])
             fault = fault_in(file, error)
-            words = f"{self._reference}: effect raised, at {fault}"
-            log.error("%s", words, exc_info=error)  # for who writes it: the whole traceback
-            words += "; its traceback is in the log (of a network: dispatcher.log)"
-            raise BadConfig(words) from error
+            text = f"{self._reference}: effect raised, at {fault}"
+            log.error("%s", text, exc_info=error)  # for who writes it: the whole traceback
+            text += "; its traceback is in the log (of a network: dispatcher.log)"
+            raise BadConfig(text) from error
         if not isinstance(effect, Effect):
             raise BadConfig(f"{self._reference}: effect gave {effect!r}; return an Effect")
         for name, kind in (
@@ -67,11 +67,11 @@ class OwnNoise:
                 "most by which the probability of an outcome can be wrong, 0 to 1"
             )
 
-    def _channel(self, given: ArrayLike, photons: int) -> Operators:
+    def _channel(self, value: ArrayLike, photons: int) -> Operators:
         try:
-            operators = np.asarray(given, dtype=np.complex128)
+            operators = np.asarray(value, dtype=np.complex128)
         except (TypeError, ValueError) as error:
-            raise BadConfig(f"{self._reference}: Kraus operators {given!r}: {error}") from error
+            raise BadConfig(f"{self._reference}: Kraus operators {value!r}: {error}") from error
         if (wrong := wrong_with(operators, photons)) is not None:
             raise BadConfig(f"{self._reference}: Kraus operators: {wrong}")
         return operators
@@ -83,30 +83,37 @@ class OwnNoise:
             return
         fits = isinstance(array, np.ndarray) and array.shape == (photons,) and array.dtype == kind
         if not fits:
-            found = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else repr(array)
+            is_array = isinstance(array, np.ndarray)
+            text = f"{array.dtype} {array.shape}" if is_array else repr(array)
             raise BadConfig(
-                f"{self._reference}: {name} is {found}; give {kind.__name__} for {photons} photons"
+                f"{self._reference}: {name} is {text}; give {kind.__name__} for {photons} photons"
             )
         if kind is np.float64 and not np.isfinite(array).all():
             raise BadConfig(f"{self._reference}: {name} holds what is not a number")
 
 
-def of_all(model: OwnNoise, passage: Passage, further: NDArray[np.int64]) -> tuple[Effect, Effect]:
+def of_all(
+    model: OwnNoise, passage: Passage, extra_pairs: NDArray[np.int64]
+) -> tuple[Effect, Effect]:
     """Return what a model does to the own photons of pulses, and to further ones of such pulses.
 
-    It is asked once, of all photons in the order of time. What is of a pulse, such as its delay,
+    It is asked once, of all photons in the order of time. Effects on a pulse, such as its delay,
     is that of its own photon.
     """
-    count = passage.photons + further.size
-    pattern = PatternOfAll(passage.schedule.interval_ns, count, further)
-    effect, own, rest = model.effect(passage.of_all(pattern)), pattern.of_own, pattern.of_further
+    count = passage.photons + extra_pairs.size
+    pattern = PatternOfAll(passage.schedule.interval_ns, count, extra_pairs)
+    effect, own, rest = (
+        model.effect(passage.of_all(pattern)),
+        pattern.of_own,
+        pattern.of_extra_pairs,
+    )
     kraus = effect.kraus
     if kraus is not None and kraus.ndim == EACH_ITS_OWN:
         kraus = kraus[np.concatenate([own, rest])]
     arrays = ("lost", "paulis", "angles_rad", "delays_ps", "extras")
-    given = {name: array for name in arrays if (array := getattr(effect, name)) is not None}
-    of_own = effect._replace(kraus=kraus, **{name: array[own] for name, array in given.items()})
-    each = {name: given[name][rest] for name in ("lost", "paulis") if name in given}
+    arrays_of = {name: array for name in arrays if (array := getattr(effect, name)) is not None}
+    of_own = effect._replace(kraus=kraus, **{name: array[own] for name, array in arrays_of.items()})
+    each = {name: arrays_of[name][rest] for name in ("lost", "paulis") if name in arrays_of}
     return of_own, Effect(**each)
 
 

@@ -1,8 +1,8 @@
 """Noise with a memory: it changes over time, and blocks that are close in time meet much the same.
 
-Each model follows a random process through the times at which photons pass, and keeps in its
-Past where the process was. What was reached before is looked up there; beyond, it goes on from
-the latest value.
+Each model follows a random process through the times at which photons pass, and keeps its
+values in a Past. Values that were reached before are looked up there; beyond, it continues from
+the latest one.
 """
 
 from collections.abc import Callable
@@ -117,7 +117,7 @@ class Bursts:
     The model of Gilbert, Bell System Technical Journal 39, 1253 (1960), and Elliott, ibid. 42,
     1977 (1963), in continuous time: it turns bad at the rate start_hz and good at end_hz. So it
     is bad for start / (start + end) of the time, for 1 / end on average, and forgets within
-    1 / (start + end). That is the same as to draw the state anew, bad with that probability, at
+    1 / (start + end). That is the same as to draw a new state, bad with that probability, at
     the rate start + end.
     """
 
@@ -130,10 +130,10 @@ class Bursts:
         if not states.any():
             return Effect()
 
-        def of_further(beside: Passage, pulses: NDArray[np.int64]) -> NDArray[np.uint8]:
+        def of_extra_pairs(beside: Passage, pulses: NDArray[np.int64]) -> NDArray[np.uint8]:
             return self._paulis(beside, states[pulses])
 
-        return Effect(paulis=self._paulis(passage, states), of_further=of_further)
+        return Effect(paulis=self._paulis(passage, states), of_extra_pairs=of_extra_pairs)
 
     def _paulis(self, passage: Passage, states: NDArray[np.bool_]) -> NDArray[np.uint8]:
         bad = np.flatnonzero(states)
@@ -143,20 +143,20 @@ class Bursts:
     def states(self, passage: Passage) -> NDArray[np.bool_]:
         """Return which photons pass while the channel is bad, shape (k,)."""
         schedule, history, photons = passage.schedule, passage.history, passage.photons
-        known = reached(passage)
-        if known == photons:
+        past = reached(passage)
+        if past == photons:
             return history.at(passage.times_ns) > 0
         renewed = passage.events("renew", self._renewal(schedule.interval_ns))
-        starts = np.concatenate([[known], renewed[renewed.searchsorted(known, "right") :]])
+        starts = np.concatenate([[past], renewed[renewed.searchsorted(past, "right") :]])
         generator = passage.generator("state")
         drawn = generator.random(len(starts)) * (self.start_hz + self.end_hz) < self.start_hz
         if history.latest is not None:
             since_ns, latest = history.latest
-            if generator.random() >= self._renewal(schedule.time_ns(known) - since_ns):
+            if generator.random() >= self._renewal(schedule.time_ns(past) - since_ns):
                 drawn[0] = latest > 0
         states = np.repeat(drawn, np.diff(starts, append=photons))
-        if known:
-            states = np.concatenate([history.at(passage.times_ns[:known]) > 0, states])
+        if past:
+            states = np.concatenate([history.at(passage.times_ns[:past]) > 0, states])
         history.remember(schedule.of(starts), drawn.astype(np.float64))
         return states
 
@@ -167,22 +167,22 @@ class Bursts:
 def follow(passage: Passage, step_s: float, go_on: Continue) -> Values:
     """Return a process at each photon, a new array (k,): looked up, or gone on with by steps."""
     schedule, history, photons = passage.schedule, passage.history, passage.photons
-    known = reached(passage)
-    if known == photons:
+    past = reached(passage)
+    if past == photons:
         return history.at(passage.times_ns)
     stride = min(max(int(step_s * 1e9 / schedule.interval_ns), 1), photons)
-    starts = np.arange(known, photons, stride)
+    starts = np.arange(past, photons, stride)
     gap_s, latest = None, 0.0
     if history.latest is not None:
         since_ns, latest = history.latest
-        gap_s = (schedule.time_ns(known) - since_ns) / 1e9
+        gap_s = (schedule.time_ns(past) - since_ns) / 1e9
     drawn = passage.generator("step").standard_normal(len(starts))
     values = go_on(gap_s, latest, stride * schedule.interval_ns / 1e9, drawn)
-    found = np.repeat(values, stride)[: photons - known]
-    if known:
-        found = np.concatenate([history.at(passage.times_ns[:known]), found])
+    repeated = np.repeat(values, stride)[: photons - past]
+    if past:
+        repeated = np.concatenate([history.at(passage.times_ns[:past]), repeated])
     history.remember(schedule.of(starts), values)
-    return found
+    return repeated
 
 
 def wander(
@@ -197,11 +197,11 @@ def wander(
     starts = np.arange(0, schedule.photons, min(max(stride, 1), schedule.photons))
     times_ns = schedule.of(starts)
     latest_ns = history.latest_ns
-    known = 0 if latest_ns is None else int(times_ns.searchsorted(latest_ns, side="right"))
-    values = _wander_on(passage, times_ns[known:], rms, time_s, components)
-    if known:
-        values = np.concatenate([history.at(times_ns[:known]), values])
-    history.remember(times_ns[known:], values[known:])
+    past = 0 if latest_ns is None else int(times_ns.searchsorted(latest_ns, side="right"))
+    values = _wander_on(passage, times_ns[past:], rms, time_s, components)
+    if past:
+        values = np.concatenate([history.at(times_ns[:past]), values])
+    history.remember(times_ns[past:], values[past:])
     return starts, values
 
 

@@ -60,11 +60,11 @@ class NoiseHistory:
         """
         if self._chunks:
             times_ns = np.maximum(times_ns, self._chunks[-1][0][-1])
-        kept = slice(max(len(times_ns) - self._depth, 0), None)
-        if not len(times_ns[kept]):
+        latest = slice(max(len(times_ns) - self._depth, 0), None)
+        if not len(times_ns[latest]):
             return
-        self._chunks.append((times_ns[kept], values[kept]))
-        self._count += len(times_ns[kept])
+        self._chunks.append((times_ns[latest], values[latest]))
+        self._count += len(times_ns[latest])
         while self._count - len(self._chunks[0][0]) >= self._depth:
             self._count -= len(self._chunks.popleft()[0])
 
@@ -73,10 +73,10 @@ class NoiseHistory:
         since_ns = np.concatenate([times for times, _values in self._chunks])
         values = np.concatenate([values for _times, values in self._chunks])
         first, last = since_ns.searchsorted(times_ns[[0, -1]], side="right")
-        met = slice(max(first - 1, 0), max(last, 1))
-        begins = times_ns.searchsorted(since_ns[met])
+        during = slice(max(first - 1, 0), max(last, 1))
+        begins = times_ns.searchsorted(since_ns[during])
         begins[0] = 0
-        return np.repeat(values[met], np.diff(begins, append=len(times_ns)), axis=0)
+        return np.repeat(values[during], np.diff(begins, append=len(times_ns)), axis=0)
 
 
 Z = 2
@@ -116,24 +116,24 @@ class PatternOfAll(Pattern):
     photon       0   1   2 3   4        of which 3 is a further one
     """
 
-    further: NDArray[np.int64]  # the pulse of each further photon, ascending
+    extra_pairs: NDArray[np.int64]  # the pulse of each further photon, ascending
 
     @cached_property
     def pulses(self) -> NDArray[np.int64]:
         """In which pulse each photon is, shape (k,), ascending."""
-        own = np.arange(self.photons - self.further.size)
-        return np.sort(np.concatenate([own, self.further]), kind="stable")
+        own = np.arange(self.photons - self.extra_pairs.size)
+        return np.sort(np.concatenate([own, self.extra_pairs]), kind="stable")
 
     @property
     def of_own(self) -> NDArray[np.int64]:
         """Which photons are the own ones of their pulses, in the order of pulses."""
-        own = np.arange(self.photons - self.further.size)
-        return own + self.further.searchsorted(own)
+        own = np.arange(self.photons - self.extra_pairs.size)
+        return own + self.extra_pairs.searchsorted(own)
 
     @property
-    def of_further(self) -> NDArray[np.int64]:
+    def of_extra_pairs(self) -> NDArray[np.int64]:
         """Which photons are the further ones, in their order."""
-        return self.further + 1 + np.arange(self.further.size)
+        return self.extra_pairs + 1 + np.arange(self.extra_pairs.size)
 
     def pulses_of(self, photons: NDArray[np.int64]) -> NDArray[np.int64]:
         return self.pulses[photons]
@@ -151,11 +151,11 @@ class Schedule:
         return self.pattern.photons
 
     def __getitem__(self, photon: int) -> int:
-        """When one photon is there; -1 is the last."""
+        """Return the time of one photon; -1 is the last."""
         return self.last_ns if photon == -1 else self.time_ns(photon)
 
     def __array__(self, dtype: None = None, copy: bool | None = None) -> NDArray[np.int64]:
-        """When each photon is there, shape (k,)."""
+        """The time of each photon, shape (k,)."""
         return self.times_ns
 
     @property
@@ -169,7 +169,7 @@ class Schedule:
 
     @cached_property
     def times_ns(self) -> NDArray[np.int64]:
-        """When each photon is there, shape (k,), ascending."""
+        """The time of each photon, shape (k,), ascending."""
         return self.pattern.offsets_ns + self.first_ns
 
     def of(self, photons: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -184,7 +184,7 @@ class Schedule:
 
 
 class Passage(PhotonRandom):
-    """What a noise model is told: a block's photons at the far end of a fibre.
+    """The input of a noise model: a block's photons at the far end of a fibre.
 
     `photons` is k, `schedule` when they are there, `history` what this model remembered of this
     fibre in this direction; uniform, normal, events and happens draw (dispatcher/photon_random.py).
@@ -221,7 +221,7 @@ class Passage(PhotonRandom):
 
 
 class Effect(NamedTuple):
-    """What happens to each of k photons; None where nothing does."""
+    """The effects on each of k photons; None: no effect."""
 
     lost: NDArray[np.bool_] | None = None
     paulis: NDArray[np.uint8] | None = None  # 0 I, 1 X, 2 Z, 3 XZ
@@ -238,11 +238,11 @@ class Effect(NamedTuple):
     kraus: NDArray[np.complex128] | None = None
     named: Approximations = EXACT  # if it is not exact: which approximations, and how large
     # Paulis of further photons, which err each by itself: of their passage and their pulses.
-    of_further: Callable[[Passage, NDArray[np.int64]], NDArray[np.uint8]] | None = None
+    of_extra_pairs: Callable[[Passage, NDArray[np.int64]], NDArray[np.uint8]] | None = None
 
     @property
     def approximations(self) -> Approximations:
-        """What of this is not what the physics does."""
+        """The approximations of this effect."""
         return EXACT if self.exact else self.named
 
 

@@ -33,10 +33,10 @@ class PolarizationDependentLoss:
         amplitude = 10 ** (-self.loss_db / 20)
         passes = (1 + amplitude**2) / 2
         lost = ~passage.happens("pass", passes)
-        met = passage.events("error", ((1 - amplitude) / 2) ** 2 / passes)
+        affected = passage.events("error", ((1 - amplitude) / 2) ** 2 / passes)
         # a b {rho, n.sigma} is left out, and the axis of b^2: at most 2 a b and b^2.
         wrong = approximation(LOSS_OF_POLARISATION, (1 - amplitude) * (3 + amplitude) / 4)
-        paulis = depolarized(passage, met)
+        paulis = depolarized(passage, affected)
         return Effect(lost=lost, paulis=paulis, transmission=passes, exact=False, named=wrong)
 
 
@@ -66,15 +66,19 @@ class PolarizationModeDispersion:
         most = float(wrong.max())
 
         def paulis(photons: Passage, pulses: NDArray[np.int64]) -> NDArray[np.uint8]:
-            met = photons.events("error", most)
-            stretch = starts.searchsorted(pulses[met], side="right") - 1
-            met = met[photons.generator("own").random(met.size) * most < wrong[stretch]]
-            return depolarized(photons, met)
+            affected = photons.events("error", most)
+            stretch = starts.searchsorted(pulses[affected], side="right") - 1
+            affected = affected[
+                photons.generator("own").random(affected.size) * most < wrong[stretch]
+            ]
+            return depolarized(photons, affected)
 
         # Of one axis for all (1 - c) / 2 of the photons meet the same operator, not each its own.
         named = approximation(MODE_DISPERSION, most)
-        own = paulis(passage, np.arange(passage.photons))
-        return Effect(paulis=own, of_further=paulis, delays_ps=own_ps, exact=False, named=named)
+        own_paulis = paulis(passage, np.arange(passage.photons))
+        return Effect(
+            paulis=own_paulis, of_extra_pairs=paulis, delays_ps=own_ps, exact=False, named=named
+        )
 
 
 def effect_on(encoding: str, model: NoiseModel, passage: Passage) -> Effect:
@@ -92,5 +96,5 @@ def effect_on(encoding: str, model: NoiseModel, passage: Passage) -> Effect:
     if isinstance(model, PolarizationDependentLoss) and effect.paulis is not None:
         return effect._replace(paulis=None, polarization=of_paulis(effect.paulis))
     if isinstance(model, PolarizationModeDispersion):
-        return effect._replace(paulis=None, of_further=None)
+        return effect._replace(paulis=None, of_extra_pairs=None)
     return effect

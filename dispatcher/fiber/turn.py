@@ -83,10 +83,10 @@ def alignment(one: Turn | None, other: Turn | None, photons: int) -> float | NDA
     one, other = one or STILL, other or STILL
     starts = np.union1d(one.starts, other.starts)
     mine, theirs = (each.quaternions[each.stretch(starts)] for each in (one, other))
-    kept = np.square(product(mine * INVERSE, theirs)[:, [0, 3]]).sum(axis=1)
+    aligned = np.square(product(mine * INVERSE, theirs)[:, [0, 3]]).sum(axis=1)
     if starts.size == 1:
-        return float(kept[0])
-    return np.repeat(kept, np.diff(starts, append=photons))
+        return float(aligned[0])
+    return np.repeat(aligned, np.diff(starts, append=photons))
 
 
 def product(later: Quaternions, earlier: Quaternions) -> Quaternions:

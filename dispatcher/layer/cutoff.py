@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.layer import further, herald
+from dispatcher.layer import extra_pairs, herald
 from dispatcher.layer.ownership import Block
 from dispatcher.refusal import invalid
 from dispatcher.sabot.simulation import Simulation
@@ -39,7 +39,7 @@ def drop(sabot: Simulation, block: Block, until_ns: int, step_ns: float = 0.0) -
     old = wanted_ns - born_ns(block) > block.cutoff_s * 1e9
     if not old.any():
         return 0
-    further.darken(sabot, block, old)
+    extra_pairs.darken(sabot, block, old)
     herald.drop(block, old)
     return sabot.lose(block.register, old)
 

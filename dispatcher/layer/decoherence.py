@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dispatcher.approximations import RELAXATION, approximation
 from dispatcher.devices.decay import LEAST, Decay, Each, Waits, decay
-from dispatcher.layer import drift, further
+from dispatcher.layer import drift, extra_pairs
 from dispatcher.layer.ownership import Block
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.backend import Bytes
@@ -51,7 +51,7 @@ def lose(
     if np.all(efficiency == 1):
         return 0
     everything = np.ones(random.photons, dtype=bool)
-    further.thin(sabot, block, everything, efficiency, random, "further photons")
+    extra_pairs.thin(sabot, block, everything, efficiency, random, "further photons")
     lost = 1 - efficiency
     missing = lost if isinstance(lost, np.ndarray) else float(lost)
     return sabot.lose(block.register, random.happens("efficiency", missing))
@@ -64,9 +64,9 @@ def damp(sabot: Simulation, draws: Draws, block: Block, memory: Memory, waits: W
     share = decay(memory, waits.of(np.arange(waits.qubits))).damped
     purpose = block.draws_for(f"damped {block.fibers_passed}, {block.stores}")
     _damp_each(sabot, draws, block, block.register, share, purpose)
-    if block.further is not None:
-        own = share[block.further.pulses] if isinstance(share, np.ndarray) else share
-        _damp_each(sabot, draws, block, block.further.register, own, f"{purpose} further")
+    if block.extra_pairs is not None:
+        own = share[block.extra_pairs.pulses] if isinstance(share, np.ndarray) else share
+        _damp_each(sabot, draws, block, block.extra_pairs.register, own, f"{purpose} further")
 
 
 def _damp_each(
@@ -117,7 +117,7 @@ def decohere(
 
 def _photons(block: Block, waits: Waits, random: PhotonRandom) -> Iterator[Waiting]:
     yield Waiting(block.register, waits, random, "")
-    light = block.further
+    light = block.extra_pairs
     if light is None:
         return
     count = light.pulses.size
@@ -130,12 +130,12 @@ def _photons(block: Block, waits: Waits, random: PhotonRandom) -> Iterator[Waiti
 
 def _reset(sabot: Simulation, draws: Draws, block: Block, memory: Memory, photons: Waiting) -> int:
     """Put photons that have relaxed into |0>; return how many."""
-    met = _met("reset", memory, photons) & photons.register.present
-    count = int(np.count_nonzero(met))
+    affected = _met("reset", memory, photons) & photons.register.present
+    count = int(np.count_nonzero(affected))
     if count:
         purpose = block.draws_for(f"reset {block.fibers_passed}, {block.stores}{photons.kind}")
         sabot.reset(
-            photons.register, met, draws.photons(block.name, purpose, photons.register.size)
+            photons.register, affected, draws.photons(block.name, purpose, photons.register.size)
         )
     return count
 
@@ -147,10 +147,10 @@ def _paulis(
     present = photons.register.present
     if worst.error:
         # A reset and a Pauli exclude each other, but Z does nothing to what has been reset.
-        met = _met("error", memory, photons) & present
-        paulis = met.view(np.uint8) * PHASE
+        affected = _met("error", memory, photons) & present
+        paulis = affected.view(np.uint8) * PHASE
         if worst.x:
-            some = np.flatnonzero(met)
+            some = np.flatnonzero(affected)
             paulis[some] = 1 + _which(decay(memory, photons.waits.of(some)), photons.random)
         yield paulis, ("decay", *ERRORS)
     if worst.depolarized:
@@ -174,18 +174,18 @@ def _met(what: str, memory: Memory, photons: Waiting) -> Mask:
     ends = np.minimum(starts + stretch, waits.qubits) - 1
     edges = [getattr(decay(memory, waits.of(at)), what) for at in (starts, ends)]
     least = np.minimum(*edges)
-    met = random.happens_by_stretch(what, least, stretch)
+    affected = random.happens_by_stretch(what, least, stretch)
     likelier = float(((np.maximum(*edges) - least) / np.maximum(1 - least, LEAST)).max())
     some = random.events(f"{what}, longer", likelier)
     own, surely = getattr(decay(memory, waits.of(some)), what), least[some // stretch]
     drawn = random.generator(f"{what}, own wait").random(some.size) * likelier
-    met[some[drawn * np.maximum(1 - surely, LEAST) < own - surely]] = True
-    return met
+    affected[some[drawn * np.maximum(1 - surely, LEAST) < own - surely]] = True
+    return affected
 
 
 def _which(happened: Decay, random: PhotonRandom) -> NDArray[np.uint8]:
     """Choose which Pauli has happened to each qubit: 0 X, 1 Z, 2 XZ."""
     up_to_x, up_to_z = np.asarray(happened.x), np.asarray(happened.x + happened.z)
     drawn = random.generator("Pauli").random(up_to_x.size) * (up_to_z + happened.y)
-    found: NDArray[np.uint8] = (drawn >= up_to_x).view(np.uint8) + (drawn >= up_to_z)
-    return found
+    numbers: NDArray[np.uint8] = (drawn >= up_to_x).view(np.uint8) + (drawn >= up_to_z)
+    return numbers

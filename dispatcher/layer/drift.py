@@ -49,10 +49,10 @@ def twirl(block: Block, sabot: Simulation, draws: Draws) -> None:
     paulis[_flipped(block, _most(angles_rad), angles_rad.take, draws)] = FLIPS_PHASE
     sabot.explain(block.register, "rotation about Z on the way", paulis)
     sabot.pauli(block.register, paulis)
-    if block.further is not None:
-        at = block.further.pulses
-        flips = _flipped_further(block, angles_rad[at], draws)
-        sabot.pauli(block.further.register, flips * FLIPS_PHASE)
+    if block.extra_pairs is not None:
+        at = block.extra_pairs.pulses
+        flips = _flipped_extra_pairs(block, angles_rad[at], draws)
+        sabot.pauli(block.extra_pairs.register, flips * FLIPS_PHASE)
     _forget(block, _most(angles_rad))
 
 
@@ -93,15 +93,15 @@ def twirl_turn(block: Block, sabot: Simulation, draws: Draws) -> None:
         return
     chances = whole.quaternions[:, 1:] ** 2
     photons = [(block.register, np.arange(block.register.size), "own")]
-    if block.further is not None:
-        photons.append((block.further.register, block.further.pulses, "further"))
+    if block.extra_pairs is not None:
+        photons.append((block.extra_pairs.register, block.extra_pairs.pulses, "further"))
     for register, pulses, which in photons:
         place = block.draws_for(f"turn {block.fibers_passed} {which}")
         random = PhotonRandom(draws, block.name, place, pulses.size)
-        met = random.events("most", float(chances.sum(axis=1).max()))
-        drawn = random.generator("own").random(met.size) * chances.sum(axis=1).max()
+        affected = random.events("most", float(chances.sum(axis=1).max()))
+        drawn = random.generator("own").random(affected.size) * chances.sum(axis=1).max()
         paulis = np.zeros(pulses.size, dtype=np.uint8)
-        paulis[met] = _chosen(chances[whole.stretch(pulses[met])], drawn)
+        paulis[affected] = _chosen(chances[whole.stretch(pulses[affected])], drawn)
         sabot.explain(register, "rotation of the polarisation on the way", paulis)
         sabot.pauli(register, paulis)
     block.pulses.turn = None
@@ -109,7 +109,7 @@ def twirl_turn(block: Block, sabot: Simulation, draws: Draws) -> None:
 
 
 class _PairTurns(NamedTuple):
-    """What turns of both halves do to pairs of each Bell state."""
+    """The effect of both halves' turns on pairs of each Bell state."""
 
     turn: Turn  # tells the stretches
     chances: NDArray[np.float64]  # of X, Y and Z; shape (s, 4, 3)
@@ -123,27 +123,27 @@ def _of_pairs(first: Block, second: Block) -> _PairTurns | None:
         return None
     mine, theirs = one or STILL, other or STILL
     starts = np.union1d(mine.starts, theirs.starts)
-    left = mine.quaternions[mine.stretch(starts)]
+    former = mine.quaternions[mine.stretch(starts)]
     right = theirs.quaternions[theirs.stretch(starts)] * TRANSPOSED
-    whole = np.stack([product(left, right * signs) for signs in SIGNS], axis=1)
-    return _PairTurns(Turn(starts, left), whole[..., 1:] ** 2, whole)
+    whole = np.stack([product(former, right * signs) for signs in SIGNS], axis=1)
+    return _PairTurns(Turn(starts, former), whole[..., 1:] ** 2, whole)
 
 
 def _turn_pairs(first: Block, second: Block, outcomes: NDArray[np.uint8], draws: Draws) -> None:
     """Let turns of both halves of pairs change Bell outcomes, shape (k,), in place."""
-    found = _of_pairs(first, second)
-    if found is None:
+    pair_turns = _of_pairs(first, second)
+    if pair_turns is None:
         return
-    most = float(found.chances.sum(axis=-1).max())
+    most = float(pair_turns.chances.sum(axis=-1).max())
     place = first.draws_for(f"turn {first.fibers_passed} pairs")
     random = PhotonRandom(draws, first.name, place, first.register.size)
-    met = random.events("most", most)
-    met = met[outcomes[met] != NO_CLICK]
-    chances = found.chances[found.turn.stretch(met), outcomes[met]]
-    outcomes[met] ^= _chosen(chances, random.generator("own").random(met.size) * most)
+    affected = random.events("most", most)
+    affected = affected[outcomes[affected] != NO_CLICK]
+    chances = pair_turns.chances[pair_turns.turn.stretch(affected), outcomes[affected]]
+    outcomes[affected] ^= _chosen(chances, random.generator("own").random(affected.size) * most)
     for block in (first, second):
         block.pulses.turn = None
-        block.pulses.approximations |= twirled_turn(found.whole)
+        block.pulses.approximations |= twirled_turn(pair_turns.whole)
 
 
 def _chosen(chances: NDArray[np.float64], drawn: NDArray[np.float64]) -> NDArray[np.uint8]:
@@ -153,27 +153,27 @@ def _chosen(chances: NDArray[np.float64], drawn: NDArray[np.float64]) -> NDArray
     return chosen
 
 
-def twirl_further(
+def twirl_extra_pairs(
     first: Block, second: Block, pulses: Positions, outcomes: NDArray[np.uint8], draws: Draws
 ) -> None:
     """The same for pairs of further photons of these pulses, before the own ones."""
-    if (found := _of_pairs(first, second)) is not None:
+    if (pair_turns := _of_pairs(first, second)) is not None:
         place = first.draws_for(f"turn {first.fibers_passed} further")
         random = PhotonRandom(draws, first.name, place, pulses.size)
-        met = np.flatnonzero(outcomes != NO_CLICK)
-        chances = found.chances[found.turn.stretch(pulses[met]), outcomes[met]]
-        outcomes[met] ^= _chosen(chances, random.uniform("own")[met])
+        measured = np.flatnonzero(outcomes != NO_CLICK)
+        chances = pair_turns.chances[pair_turns.turn.stretch(pulses[measured]), outcomes[measured]]
+        outcomes[measured] ^= _chosen(chances, random.uniform("own")[measured])
     one, other = first.pulses.angles_rad, second.pulses.angles_rad
     if one is None and other is None:
         return
     total = np.zeros(pulses.size) if one is None else one[pulses]
     if other is not None:
         total = total + _turned(other[pulses], outcomes)
-    flips = _flipped_further(first, total, draws) & (outcomes != NO_CLICK)
+    flips = _flipped_extra_pairs(first, total, draws) & (outcomes != NO_CLICK)
     outcomes[flips] ^= FLIPS_PHASE
 
 
-def _flipped_further(block: Block, angles_rad: Angles, draws: Draws) -> NDArray[np.bool_]:
+def _flipped_extra_pairs(block: Block, angles_rad: Angles, draws: Draws) -> NDArray[np.bool_]:
     place = block.draws_for(f"twirl {block.fibers_passed} further")
     drawn = PhotonRandom(draws, block.name, place, angles_rad.size).uniform("own")
     flipped: NDArray[np.bool_] = drawn < np.sin(angles_rad / 2) ** 2

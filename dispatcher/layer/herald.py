@@ -5,8 +5,8 @@
     place              full   empty    empty  empty
 
 A photon that is not heralded is not kept; a place that is heralded by mistake holds nothing, which
-nobody notices until it is read: it then has no outcome. What a host keeps already, or has made, is
-not light and needs no herald.
+nobody notices until it is read: it then has no outcome. Qubits that a host keeps already, or has
+made, are not light and need no herald.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.layer import further
+from dispatcher.layer import extra_pairs
 from dispatcher.layer.ownership import Block
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.draws import Draws
@@ -29,18 +29,18 @@ def meet(sabot: Simulation, draws: Draws, block: Block, memory: Memory) -> str:
         return ""
     place = block.draws_for(f"herald of {block.node}, {block.fibers_passed}")
     random = PhotonRandom(draws, block.name, place, block.register.size)
-    came = further.held(block)
+    came = extra_pairs.held(block)
     missed = came & random.happens("missed", 1 - memory.herald_efficiency)
     block.false_heralds = ~came & random.happens("false", memory.false_herald)
-    further.darken(sabot, block, missed)
+    extra_pairs.darken(sabot, block, missed)
     sabot.lose(block.register, missed)
     counts = {"missed": missed, "false": block.false_heralds}
     return " ".join(f"{name}-heralds={mask.sum()}" for name, mask in counts.items() if mask.any())
 
 
-def told(block: Block) -> Mask:
+def heralded(block: Block) -> Mask:
     """Return which photons of a block its memory says are there, shape (k,)."""
-    held = further.held(block)
+    held = extra_pairs.held(block)
     return held if block.false_heralds is None else held | block.false_heralds
 
 

@@ -1,4 +1,4 @@
-"""The history of the qubits: remembered, written to the event log, and told to watchers.
+"""The history of the qubits: remembered, written to the event log, and sent to watchers.
 
 Noise models remember fibres to the same depth (dispatcher/fiber/noise.py).
 
@@ -21,7 +21,7 @@ from wire.events import DROPPED, UNWRITTEN, encode_record, format_line
 from wire.pcapng import LINKTYPE_USER0, Interface, Packet, Writer
 
 WATCHER_DEPTH = 10_000
-MOST_AT_ONCE = 1_000  # told to a watcher in one message
+MOST_AT_ONCE = 1_000  # to a watcher in one message
 MOST_EVENTS = 32_000_000  # written of all: some 8 GB
 WATCHED_PHOTONS = 1_000  # of a block, for a watcher who asks for them
 ELSEWHERE = "dispatcher"
@@ -59,7 +59,7 @@ def fiber_name(fiber: Fiber) -> str:
 
 
 class Watcher:
-    """One reader of events; it loses some when it is slow, and is told how many."""
+    """One reader of events; it loses some when it is slow, and learns how many."""
 
     def __init__(self, node: str, session: int, per_qubit: bool = False) -> None:
         """Watch a node (empty: all) and a session (0: all), also photon by photon if wanted."""

@@ -1,8 +1,8 @@
 """The order in which the dispatcher does things, and at whose request, written down.
 
-What changes the physical layer happens without a pause, from the beginning of a request or from
-the end of a wait until the next wait. The order of these stretches, and what the clock said in
-them, decide all that happens; a journal is told of each. This one does not listen.
+The physical layer changes without a pause, from the beginning of a request or from
+the end of a wait until the next wait. The order of these stretches, and the clock in
+them, decide all that happens; a journal hears of each. This one ignores them.
 """
 
 from contextlib import AbstractAsyncContextManager, AbstractContextManager, nullcontext
@@ -18,7 +18,7 @@ _origin: ContextVar["Origin | None"] = ContextVar("origin", default=None)
 
 
 class Journal:
-    """Told when a request begins and when a wait is over."""
+    """Notes when a request begins and when a wait is over."""
 
     def __init__(self, network_time: NetworkTime = REAL_TIME) -> None:
         """Count the time of the network."""
@@ -58,21 +58,21 @@ class CausedBy:
 
 
 def origin() -> str:
-    """Return the origin of what is done just now, empty if nobody has said."""
-    found = _origin.get()
-    return "" if found is None else _described(*found)
+    """Return the origin of the current operation, empty if it is unknown."""
+    cause = _origin.get()
+    return "" if cause is None else _described(*cause)
 
 
 def asked_ns() -> int:
-    """Return when the host's order for what is done just now came, 0 if nobody has said."""
-    found = _origin.get()
-    return 0 if found is None else int(getattr(found.request, "asked_ns", 0))
+    """Return when the host's request for the current operation came, 0 if it is unknown."""
+    cause = _origin.get()
+    return 0 if cause is None else int(getattr(cause.request, "asked_ns", 0))
 
 
 def causer() -> str:
     """Return the node that has asked for what is done just now, empty if nobody has."""
-    found = _origin.get()
-    return "" if found is None else found.node
+    cause = _origin.get()
+    return "" if cause is None else cause.node
 
 
 def _described(node: str, kind: str, request: Any) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 from dispatcher.approximations import EXACT, Approximations
 from dispatcher.clock import Clock
 from dispatcher.devices.hardware import Devices
-from dispatcher.layer import further
+from dispatcher.layer import extra_pairs
 from dispatcher.layer.history import History
 from dispatcher.layer.journal import Journal, asked_ns
 from dispatcher.layer.memory import Memories
@@ -69,8 +69,8 @@ class PhysicalLayer:
             event.photons = block.register.size
             event.lost = block.register.size - block.register.remaining
         self.history.record(event)
-        if block is not None and (wanted := self.history.photons_wanted):
-            self.history.record_photons(_photons(event, block, wanted, each))
+        if block is not None and (limit := self.history.photons_wanted):
+            self.history.record_photons(_photons(event, block, limit, each))
 
     def feedback(self, block: Block, *others: Block) -> Feedback:
         """Return the feedback that is common to all operations on a block, with others if any."""
@@ -117,8 +117,8 @@ class PhysicalLayer:
         pairs = (first, second), (second, first)
         for block, other in pairs:
             if not self.memories.holds(block):
-                kept = other.retimed and not block.retimed and not self.memories.holds(other)
-                self._hold(block, other if kept and other.interval_ns else None)
+                waits = other.retimed and not block.retimed and not self.memories.holds(other)
+                self._hold(block, other if waits and other.interval_ns else None)
         for block, other in pairs:
             if self.memories.holds(block):
                 comes = other.interval_ns and not self.memories.holds(other)
@@ -126,14 +126,14 @@ class PhysicalLayer:
 
     def _hold(self, block: Block, light: Block | None = None) -> None:
         before = block.register.remaining
-        self._told(block, before, self.memories.hold(block, asked_ns(), light))
+        self._report(block, before, self.memories.hold(block, asked_ns(), light))
 
     def recall(self, block: Block, light: Block | None = None) -> None:
         """Take a block out of its node's memory, if it is in there; light: that it waited for."""
         before = block.register.remaining
-        self._told(block, before, self.memories.read_out(block, light))
+        self._report(block, before, self.memories.read_out(block, light))
 
-    def _told(self, block: Block, before: int, detail: str | None) -> None:
+    def _report(self, block: Block, before: int, detail: str | None) -> None:
         if detail is not None:
             self.photons_lost += before - block.register.remaining
             self.record(block.node, "recall", block, detail=detail)
@@ -153,16 +153,16 @@ class PhysicalLayer:
         purpose = block.draws_for("discard")
         draws = self.draws.photons(block.name, purpose, block.register.size)
         self.sabot.drop(block.register, draws)
-        further.drop(self.sabot, block, self.draws)
+        extra_pairs.drop(self.sabot, block, self.draws)
         self.ownership.remove(block)
 
 
 def _photons(
-    event: Event, block: Block, wanted: int, each: Callable[[int], str] | None
+    event: Event, block: Block, limit: int, each: Callable[[int], str] | None
 ) -> list[Event]:
     """Return the event once for each of the first photons of its block."""
     events = []
-    for position, present in enumerate(block.register.present[:wanted].tolist()):
+    for position, present in enumerate(block.register.present[:limit].tolist()):
         photon = Event()
         photon.CopyFrom(event)
         photon.photon, photon.photons, photon.lost = position + 1, 1, int(not present)

@@ -6,11 +6,11 @@ other half; a qubit that is made on the spot at once. It ends when the block is 
 all, but with light that is not stored one by one, as that comes. A block that is used again has
 left its memory.
 
-Who has asked for something before light comes has it done as it comes. What came before its host
-asked was in the memory meanwhile, stored or not, and so was what waited for light that a memory
-elsewhere has kept. Nobody hears a herald of it. A host whose memory takes none
-lets it wait in a fibre that loses nothing: an approximation, as large as what the host's delay
-line would lose.
+A request made before the light arrives is executed on arrival. Light that came before the
+request was in the memory meanwhile, stored or not, and so was light that waited for other light
+that a memory elsewhere has kept. Nobody hears a herald of it. A host whose memory takes none lets
+it wait in a fibre that loses nothing: an approximation, as large as what the host's delay line
+would lose.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ from dispatcher.clock import Clock
 from dispatcher.devices import hardware
 from dispatcher.devices.decay import Each, Waits
 from dispatcher.devices.hardware import Devices
-from dispatcher.layer import cutoff, decoherence, drift, herald, part_noise, pulses
+from dispatcher.layer import cutoff, decoherence, device_noise, drift, herald, pulses
 from dispatcher.layer.ownership import Block
 from dispatcher.layer.software_time import SoftwareTime
 from dispatcher.photon_random import PhotonRandom
@@ -54,15 +54,15 @@ class Memories:
     def store(self, block: Block, cutoff_s: float | None = None) -> str:
         """Put a block at a node into its memory, or keep it there; refuse what has no room.
 
-        What is older than the cut-off is dropped: the one told, or that of the memory. Return what
-        the event log says of heralds that are wrong.
+        Photons older than the cut-off (the given one, or the memory's) are dropped. Return the
+        text of the event log on wrong heralds.
         """
         stored = self._stored.setdefault(block.node, {})
         wrong = "" if block in stored else self._put(block, stored)
-        own = self._devices.of(block.node).memory.cutoff_s
+        default_s = self._devices.of(block.node).memory.cutoff_s
         if cutoff_s == cutoff.NEVER:
             cutoff.remember(block)
-        block.cutoff_s = own if cutoff_s is None else cutoff_s
+        block.cutoff_s = default_s if cutoff_s is None else cutoff_s
         cutoff.drop(self._sabot, block, self._clock.now_ns())
         return wrong
 
@@ -80,9 +80,9 @@ class Memories:
         return wrong
 
     def require_capacity(self, node: str, more: int, known_ns: int = 0) -> None:
-        """Refuse so many more qubits if a node's memory has no room for them.
+        """Refuse this number of further qubits if a node's memory has no room for them.
 
-        Pairs that were heralded count when the node can have heard of them: by now, unless told.
+        Pairs that were heralded count when the node can have heard of them: by now, unless given.
         """
         used = self._used(node, known_ns or self._clock.now_ns())
         capacity = self._devices.of(node).memory.capacity
@@ -116,18 +116,18 @@ class Memories:
         if not self.holds(block):
             return None
         now_ns, memory = self._clock.now_ns(), self._devices.of(block.node).memory
-        wanted = (now_ns, 0.0) if light is None else (light.start_ns, light.interval_ns)
-        told = self._wait_is_over(block, now_ns, wanted, memory.efficiency)
+        pattern = (now_ns, 0.0) if light is None else (light.start_ns, light.interval_ns)
+        detail = self._wait_is_over(block, now_ns, pattern, memory.efficiency)
         pulses.retime(block.pulses)
-        return told
+        return detail
 
     def hold(self, block: Block, asked_ns: int, light: Block | None = None) -> str | None:
         """Let a block that is not stored have waited until it was asked for (0: now), or for light.
 
         Return what has happened to it, None if nothing could. Raise as read_out.
         """
-        like = self._devices.of(block.node)
-        memory, noise = like.memory, self._devices.noise(block.node, "memory")
+        device = self._devices.of(block.node)
+        memory, noise = device.memory, self._devices.noise(block.node, "memory")
         light_of_others = block.fibers_passed and not block.kept
         can_keep = memory.capacity and not (light_of_others and memory.kind == "emissive")
         if can_keep and memory.keeps and noise is None:
@@ -141,7 +141,7 @@ class Memories:
         if waits.longest_s == 0:
             return None
         if not can_keep:
-            _wait_for_free(block, waits.longest_s, like.analyser)
+            _wait_for_free(block, waits.longest_s, device.analyser)
             return None
         all_waited = waits.shortest_s > 0
         missed: Each = 0.0 if block.kept else 1 - memory.efficiency
@@ -150,10 +150,10 @@ class Memories:
             missed = np.where(waited, missed, 0.0)
         block.kept, block.stores = True, block.stores + 1
         schedule = block.start_ns, block.interval_ns, block.first_ns, block.last_ns
-        told = self._wait_is_over(block, until_ns, (until_ns, interval_ns), 1 - missed)
+        detail = self._wait_is_over(block, until_ns, (until_ns, interval_ns), 1 - missed)
         if not all_waited:  # some of it has come as it was wanted
             block.start_ns, block.interval_ns, block.first_ns, block.last_ns = schedule
-        return f"{told}, not stored"
+        return f"{detail}, not stored"
 
     def look_in(self, block: Block) -> str:
         """Decide what the wait so far has done to a block that stays in the memory.
@@ -174,12 +174,12 @@ class Memories:
         self,
         block: Block,
         now_ns: int,
-        wanted: tuple[int, float],
+        pattern: tuple[int, float],
         efficiency: Each,
         leaves: bool = True,
     ) -> str:
         """Do what the wait does until qubits are wanted: from a time on, each an interval later."""
-        start_ns, interval_ns = wanted
+        start_ns, interval_ns = pattern
         waits = _waits(block, start_ns, interval_ns)
         old = cutoff.drop(self._sabot, block, start_ns, interval_ns)
         memory = self._devices.of(block.node).memory
@@ -194,20 +194,20 @@ class Memories:
         counts = {"old": old}
         if leaves:
             self.forget(block)
-            block.way_ps, block.retimed = 0.0, True
+            block.path_ps, block.retimed = 0.0, True
         counts["lost"] = decoherence.lose(self._sabot, block, memory, waits, random, efficiency)
         counts |= decoherence.decohere(self._sabot, self._draws, block, memory, waits, random)
         if (model := self._devices.noise(block.node, "memory")) is not None:
             waited_s = waits.of(np.arange(waits.qubits))
-            effect = part_noise.effect_of(
+            effect = device_noise.effect_of(
                 model, self._draws, block, "memory", where, now_ns, waited_s=waited_s
             )
-            counts["lost"] += part_noise.meet(self._sabot, self._draws, block, effect, where)
+            counts["lost"] += device_noise.meet(self._sabot, self._draws, block, effect, where)
         if not leaves:
             block.stored_ns, block.stores = now_ns, block.stores + 1
-        told = "".join(f" {name}={count}" for name, count in counts.items() if count)
+        detail = "".join(f" {name}={count}" for name, count in counts.items() if count)
         longest = "" if waits.alike else f" to {waits.longest_s:.9f}"
-        return f"after {waits.shortest_s:.9f}{longest} s{told}"
+        return f"after {waits.shortest_s:.9f}{longest} s{detail}"
 
 
 def _wait_for_free(block: Block, waited_s: float, line: BellAnalyser) -> None:

@@ -57,22 +57,22 @@ class Network:
     def between(self, one: str, other: str) -> list[Line]:
         """Return the fibres that join two nodes, each in both directions; refuse if none does."""
         ends = {one, other}
-        found = [line for line in self._lines.values() if {line.near.node, line.far.node} == ends]
-        if not found:
+        lines = [line for line in self._lines.values() if {line.near.node, line.far.node} == ends]
+        if not lines:
             near = sorted(line.far.node for line in self._lines.values() if line.near.node == one)
-            known = ", ".join(dict.fromkeys(near)) or "nothing"
-            raise not_found(f"no fibre joins {one} and {other}; {one} is joined to {known}")
-        return found
+            neighbours = ", ".join(dict.fromkeys(near)) or "nothing"
+            raise not_found(f"no fibre joins {one} and {other}; {one} is joined to {neighbours}")
+        return lines
 
     def require_port(self, node: str, port: str) -> FiberEnd:
         end = FiberEnd(node, port)
         if end in self._lines:
             return end
-        own = ", ".join(sorted(e.port for e in self._lines if e.node == node)) or "none"
+        ports = ", ".join(sorted(e.port for e in self._lines if e.node == node)) or "none"
         owners = [e.node for e in self._lines if e.port == port and e.node not in self.switches]
         if owners:
-            raise denied(f"port {port} belongs to {owners[0]}; {node} has {own}")
-        raise not_found(f"{node} has no port {port} with a fibre; it has {own}")
+            raise denied(f"port {port} belongs to {owners[0]}; {node} has {ports}")
+        raise not_found(f"{node} has no port {port} with a fibre; it has {ports}")
 
     def power_at(self, end: FiberEnd) -> float:
         """Return the power (dBm) that comes out of the fibre at a port that has one.
@@ -95,8 +95,8 @@ class Network:
                 raise BadConfig(f"two fibres end in port {near.port} of {near.node}")
             if near.node in switches and not near.port.isdecimal():
                 raise BadConfig(f"port {near.port} of switch {near.node} is not a port number")
-            left = switches.get(near.node)
-            switched = {} if left is None else fiber_noise.of_switch(left)
+            near_switch = switches.get(near.node)
+            switched = {} if near_switch is None else fiber_noise.of_switch(near_switch)
             self._lines[near] = self._line(near, far, fiber, switched | noise)
 
     def _line(
@@ -112,10 +112,10 @@ class Network:
 
     def _switch(self, config: QuantumSwitch) -> OpticalSwitch:
         config.check()
-        own = {end: line for end, line in self._lines.items() if end.node == config.name}
-        lines = {int(end.port): line for end, line in own.items()}
-        config.check_ports(lines)
-        return OpticalSwitch(config, {port: channel_of(line) for port, line in lines.items()})
+        lines = {end: line for end, line in self._lines.items() if end.node == config.name}
+        by_port = {int(end.port): line for end, line in lines.items()}
+        config.check_ports(by_port)
+        return OpticalSwitch(config, {port: channel_of(line) for port, line in by_port.items()})
 
 
 def channel_of(line: Line) -> Channel | None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from dispatcher.approximations import EXACT, Approximations
 from dispatcher.devices.overlap import Spectrum
 from dispatcher.fiber.turn import Turn
-from dispatcher.layer.made import Makers
+from dispatcher.layer.emitted_light import Makers
 from dispatcher.refusal import denied
 from dispatcher.sabot.registers import Register
 from wire.parameters.physics import ENCODINGS
@@ -99,7 +99,7 @@ class BlockName(NamedTuple):
 
 @dataclass(slots=True)
 class Pulses:
-    """What is known of the light of k photons besides their quantum state; None: nothing.
+    """The light of k photons besides their quantum state; None: nothing to note.
 
     Arrays have shape (k,) and cover the whole block, whichever part of it is here.
     """
@@ -126,7 +126,7 @@ class Pulses:
 
 
 @dataclass(eq=False, slots=True)
-class Further:
+class ExtraPairs:
     """Photons of further pairs in pulses, each a qubit: m of them, those elsewhere included."""
 
     register: Register
@@ -145,11 +145,11 @@ class Block:
     last_ns: int = 0
     fibers_passed: int = 0
     pulses: Pulses = field(default_factory=Pulses)
-    further: Further | None = None  # None: no pulse has a photon of a second pair
+    extra_pairs: ExtraPairs | None = None  # None: no pulse has a photon of a second pair
     start_ns: int = 0  # when photon 0 is, or would have been, at the port; photon k comes later
     interval_ns: float = 0.0  # by k times this; 0: they were in no fibre yet
     came_ns: NDArray[np.int64] | None = None  # when each began to be, instead; shape (k,)
-    way_ps: float = 0.0  # how long its light was in fibres since its source, or a memory, sent it
+    path_ps: float = 0.0  # how long its light was in fibres since its source, or a memory, sent it
     retimed: bool = False  # a memory, or a host that has prepared it, sends it when it is wanted
     source_rate_hz: float = float("inf")  # at most, while they have not left their source
     stored_ns: int = 0  # when the block was put into memory last
@@ -162,9 +162,9 @@ class Block:
     )
     born_ns: NDArray[np.int64] | None = None  # when each came, if it has been looked at; shape (k,)
     false_heralds: NDArray[np.bool_] | None = None  # empty places that a memory says are full
-    # What tells these photons from others of this name: which use of it, or where they come from.
+    # Distinguishes these photons from others of this name: its use, or their origin.
     lineage: str = ""
-    maker: str = ""  # the node that has made it; the first at which it is, unless told
+    maker: str = ""  # the node that has made it; the first at which it is, by default
     heard_ns: int = 0  # when its node can hear of it, if it was heralded elsewhere
 
     @property
@@ -179,8 +179,8 @@ class Block:
 class Ownership:
     """All live blocks, found by name or by node and session.
 
-    Of what was made at a node by what happened elsewhere nothing is there for it to find before it
-    can have heard of it.
+    A node does not find light that an event elsewhere has made here before news of it can have
+    come.
     """
 
     def __init__(self, now_ns: Callable[[], int], news_ns: Callable[[str, str], int]) -> None:
@@ -250,8 +250,10 @@ class Ownership:
         """
         self._hear()
         here = [part for part in self._by_name.get(name, ()) if part.node == node]
-        own = sum(part in leaving and part.maker == node for part in here)
-        return any(part not in leaving for part in here) or self.makers.parts(node, name) > own
+        parts_here = sum(part in leaving and part.maker == node for part in here)
+        return (
+            any(part not in leaving for part in here) or self.makers.parts(node, name) > parts_here
+        )
 
     def parts(self, name: BlockName) -> list[Block]:
         """Return all live parts of a block, wherever they are."""
@@ -274,7 +276,7 @@ class Ownership:
     def require(self, name: BlockName, node: str) -> Block:
         """Return the block of this name at the node, or refuse with the reason.
 
-        Whether it is elsewhere, or nowhere any more, nobody is told: that would be news of there.
+        No answer depends on whether it is elsewhere, or nowhere any more: that would be news.
         """
         block = self.at(name, node)
         if block is not None:

@@ -73,18 +73,18 @@ def part(pulses: Pulses, members: Mask) -> Pulses:
 
 def part_noise(pulses: Pulses, extras: NDArray[np.uint8] | None) -> Pulses:
     """Move so much noise of each pulse into a part of its own; None if there is none at all."""
-    own = replace(pulses, extras=extras)
+    parted = replace(pulses, extras=extras)
     if pulses.extras is not None and extras is not None:
         pulses.extras = pulses.extras - extras
-    return own
+    return parted
 
 
 def unite(pulses: Pulses, other: Pulses, members: Mask) -> None:
     """Take in the pulses of another part, whose light is in these members."""
     pulses.approximations |= other.approximations
     if other.extras is not None:
-        own = np.uint8(0) if pulses.extras is None else pulses.extras
-        pulses.extras = np.minimum(other.extras.astype(np.uint16) + own, MOST_EXTRAS).astype(
+        extras = np.uint8(0) if pulses.extras is None else pulses.extras
+        pulses.extras = np.minimum(other.extras.astype(np.uint16) + extras, MOST_EXTRAS).astype(
             np.uint8
         )
     pulses.delays_ps = _merged(pulses.delays_ps, other.delays_ps, members)
@@ -99,11 +99,11 @@ def gather(picks: Sequence[tuple[Pulses, NDArray[np.uint32]]]) -> Pulses:
     def joined(arrays: Sequence[NDArray[Any] | None], dtype: DTypeLike) -> NDArray[Any] | None:
         if all(array is None for array in arrays):
             return None
-        taken = [
+        parts = [
             np.zeros(at.size, dtype) if array is None else array[at]
             for array, (_pulses, at) in zip(arrays, picks, strict=True)
         ]
-        return np.concatenate(taken)
+        return np.concatenate(parts)
 
     return Pulses(
         extras=joined([pulses.extras for pulses in every], np.uint8),
@@ -123,10 +123,10 @@ def _added(
 ) -> NDArray[np.float64]:
     if members.all():
         return more if values is None else values + more
-    own = more * members
+    added = more * members
     if values is not None:
-        own += values
-    return own
+        added += values
+    return added
 
 
 def _merged(
@@ -146,7 +146,7 @@ def retime(pulses: Pulses) -> None:
 def late_ps(pulses: Pulses, photons: int, random: PhotonRandom) -> NDArray[np.float64] | None:
     """Return how late each pulse comes to a detector, shape (k,); None: none does.
 
-    What fibres have dispersed is late by the offset of its wavelength, which stays the same in all.
+    Light that fibres have dispersed is late by the offset of its wavelength, the same in all.
     """
     spread_ps = pulses.bandwidth_nm * pulses.dispersion_ps_per_nm
     if not spread_ps:

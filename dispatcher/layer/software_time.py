@@ -8,7 +8,7 @@
 
 The way back from the end of a wait goes from each deed to what its host heard of last: light that
 arrived there, or what was done elsewhere and could be known there by then. Between the two were
-programs. What went along the copper without a measurement before it counts as theirs, too.
+programs. Messages along the copper without a measurement before them count as theirs, too.
 """
 
 from bisect import bisect_left, bisect_right, insort
@@ -29,7 +29,7 @@ T = TypeVar("T")
 
 
 class Cause(NamedTuple):
-    """What came to a node then: from another, where it had begun before."""
+    """An arrival at a node: from another node, where it had begun before."""
 
     came_ns: int
     origin: str

@@ -40,10 +40,10 @@ class Tap:
             return Effect()
         likely = self.fraction.at(schedule.times_ns) / 2
 
-        def of_further(beside: Passage, pulses: NDArray[np.int64]) -> NDArray[np.uint8]:
+        def of_extra_pairs(beside: Passage, pulses: NDArray[np.int64]) -> NDArray[np.uint8]:
             return _turned(beside, likely[pulses] if isinstance(likely, np.ndarray) else likely)
 
-        return Effect(paulis=_turned(passage, likely), of_further=of_further)
+        return Effect(paulis=_turned(passage, likely), of_extra_pairs=of_extra_pairs)
 
 
 def _turned(passage: Passage, likely: float | NDArray[np.float64]) -> NDArray[np.uint8]:

@@ -8,8 +8,8 @@ import numpy as np
 
 from dispatcher.approximations import SEVERAL_IN_GATES, approximation
 from dispatcher.devices import hardware
-from dispatcher.devices.source import most_further
-from dispatcher.layer import cutoff, drift, further, herald, part_noise
+from dispatcher.devices.source import most_extra_pairs
+from dispatcher.layer import cutoff, device_noise, drift, extra_pairs, herald
 from dispatcher.layer.layer import PhysicalLayer, block_name, tally
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations import emission, imperfections, limits
@@ -54,7 +54,7 @@ STATE_NAMES = [CreateRequest.State.Name(state) for state in STATES]
 
 
 class PlannedGate(NamedTuple):
-    """A gate that can be done: every pair of photons is there, and its angle is a number."""
+    """A valid gate: no photon of a pair is lost, and its angle is a number."""
 
     name: GateName
     target: Block | None = None
@@ -84,8 +84,8 @@ class PlannedGate(NamedTuple):
         """Let an approximation in one of the two blocks be in both."""
         if self.target is not None:
             both = block.pulses.approximations | self.target.pulses.approximations
-            if block.further is not None or self.target.further is not None:
-                several = max(further.share(block), further.share(self.target))
+            if block.extra_pairs is not None or self.target.extra_pairs is not None:
+                several = max(extra_pairs.share(block), extra_pairs.share(self.target))
                 both |= approximation(SEVERAL_IN_GATES, several)
             block.pulses.approximations = self.target.pulses.approximations = both
 
@@ -109,25 +109,27 @@ class Operations:
         hardware.require(layer.devices, node, *makers)
         names = [BlockName(request.session, request.number, half) for half in range(halves)]
         source = layer.devices.of(node).source
-        own = request.state == CreateRequest.ZEROS  # qubits of the host itself, not of its source
-        more = 0 if own else most_further(source, request.count)
+        by_host = (
+            request.state == CreateRequest.ZEROS
+        )  # qubits of the host itself, not of its source
+        more = 0 if by_host else most_extra_pairs(source, request.count)
         self._require_capacity(node, names, request.count, more)
         states = limits.states(request)
         levels = limits.levels(request, len(source.intensities))
         blocks = self._new_blocks(node, names, self._make(request, states))
         if halves == PAIR:
-            pairs, told = emit_into(blocks[0], blocks[1], layer)
+            pairs, detail = emit_into(blocks[0], blocks[1], layer)
             self.pairs_created += pairs
         elif states is not None:
-            told = emit_prepared(blocks[0], states, levels, layer)
+            detail = emit_prepared(blocks[0], states, levels, layer)
         else:
             blocks[0].kept = blocks[0].retimed = True
             wrong = imperfections.misprepared(layer, blocks[0])
-            told = f", in |1> {wrong}" if wrong else ""
-        if not own:
+            detail = f", in |1> {wrong}" if wrong else ""
+        if not by_host:
             self._custom_noise_of_source(blocks)
-        seconds = layer.devices.of(node).gates.initialization_s if own else 0.0
-        text += told
+        seconds = layer.devices.of(node).gates.initialization_s if by_host else 0.0
+        text += detail
         if states is not None:
             text += f": {tally(states, emission.STATES)}"
         each = None if states is None else lambda position: emission.STATES[states[position]]
@@ -156,12 +158,12 @@ class Operations:
         model = layer.devices.noise(first.node, "source")
         if model is None:
             return
-        effect = part_noise.effect_of(model, layer.draws, first, "source", "made", first.start_ns)
-        layer.photons_lost += part_noise.meet(layer.sabot, layer.draws, first, effect, "made")
+        effect = device_noise.effect_of(model, layer.draws, first, "source", "made", first.start_ns)
+        layer.photons_lost += device_noise.meet(layer.sabot, layer.draws, first, effect, "made")
         lost = effect._replace(paulis=None, kraus=None)
         for other in blocks[1:]:
             other.pulses.approximations |= effect.approximations
-            layer.photons_lost += part_noise.meet(layer.sabot, layer.draws, other, lost, "made")
+            layer.photons_lost += device_noise.meet(layer.sabot, layer.draws, other, lost, "made")
 
     def _make(self, request: CreateRequest, states: Bytes | None) -> Sequence[Register]:
         """Return new registers, one for each half."""
@@ -188,7 +190,7 @@ class Operations:
         layer.take_up(block, *targets, made=True)
         if values is not None:
             _let_by(layer, block, values)
-            further.pauli(layer.sabot, block, values)
+            extra_pairs.pauli(layer.sabot, block, values)
             drift.reflect(block.pulses, values)
             details.insert(0, tally(values, PAULIS))
             errors = imperfections.after_gate(layer, block, values != imperfections.IDENTITY)
@@ -214,7 +216,7 @@ class Operations:
         self._layer.record(node, "store", block, detail=wrong)
         feedback = self._layer.feedback(block)
         feedback.time_ns = block.stored_ns
-        feedback.arrived = herald.told(block).astype(np.uint8).tobytes()
+        feedback.arrived = herald.heralded(block).astype(np.uint8).tobytes()
         return feedback
 
     def discard(self, node: str, block: BlockId) -> Feedback:
@@ -238,7 +240,7 @@ class Operations:
         return feedback
 
     def _require_capacity(
-        self, node: str, names: list[BlockName], count: int, further: int
+        self, node: str, names: list[BlockName], count: int, extra_pairs: int
     ) -> None:
         """Refuse a block that may be too large, with its further pairs, or whose name is taken."""
         layer = self._layer
@@ -247,17 +249,17 @@ class Operations:
             if layer.ownership.taken(name, node):
                 message = f"{name} exists; discard it or take another number"
                 raise Refusal(grpc.StatusCode.ALREADY_EXISTS, message)
-        live, more = layer.sabot.live_qubits, (count + further) * len(names)
+        live, more = layer.sabot.live_qubits, (count + extra_pairs) * len(names)
         if live + more > layer.max_live_qubits:
             raise exhausted(
                 f"{more} more qubits with {live} live exceed the limit of "
                 f"{layer.max_live_qubits}; measure or discard some first"
             )
-        made = layer.ownership.makers.places_of(node)
-        if made + more > layer.share:
+        places = layer.ownership.makers.places_of(node)
+        if places + more > layer.share:
             raise exhausted(
-                f"{more} more qubits with {made} that {node} has made and that are live exceed its "
-                f"share of {layer.share}; measure or discard some first"
+                f"{more} more qubits with {places} that {node} has made and that are live "
+                f"exceed its share of {layer.share}; measure or discard some first"
             )
         limits.require_blocks(layer, len(names), node)
 
@@ -281,16 +283,16 @@ class Operations:
 
 def _apply_gate(layer: PhysicalLayer, block: Block, gate: PlannedGate) -> int:
     """Apply a gate with its noise; return the number of errors."""
-    for met in (block, gate.target):
-        if met is not None:
-            drift.twirl_turn(met, layer.sabot, layer.draws)
+    for affected in (block, gate.target):
+        if affected is not None:
+            drift.twirl_turn(affected, layer.sabot, layer.draws)
     for turned in gate.turned(block):
         drift.twirl(turned, layer.sabot, layer.draws)
     layer.sabot.gate(gate.name, block.register, gate.step.target, gate.angle_rad)
     gate.spread_approximation(block)
     if gate.target is not None:
         return imperfections.after_pair_gate(layer, block, gate.target)
-    further.gate(layer.sabot, block, gate.name, gate.angle_rad)
+    extra_pairs.gate(layer.sabot, block, gate.name, gate.angle_rad)
     return imperfections.after_gate(layer, block)
 
 

@@ -3,10 +3,10 @@
 import numpy as np
 
 from dispatcher.devices.source import Emission, bell_states, emit, misprepared
-from dispatcher.layer import further
-from dispatcher.layer.further import owners
+from dispatcher.layer import extra_pairs
+from dispatcher.layer.extra_pairs import owners
 from dispatcher.layer.layer import PhysicalLayer, tally
-from dispatcher.layer.ownership import Block, Further
+from dispatcher.layer.ownership import Block, ExtraPairs
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.backend import Bytes
 from dispatcher.sabot.registers import Mask, Register
@@ -31,13 +31,13 @@ def turn(sabot: Simulation, register: Register, states: Bytes) -> None:
     if signs.any():
         sabot.pauli(register, signs)
     for basis in (X, Y):
-        own = bases == basis
-        if own.any():
-            _turn(sabot, register, basis, own)
+        same = bases == basis
+        if same.any():
+            _turn(sabot, register, basis, same)
 
 
-def _turn(sabot: Simulation, register: Register, basis: int, own: Mask) -> None:
-    turned = register if own.all() else sabot.part(register, own)
+def _turn(sabot: Simulation, register: Register, basis: int, members: Mask) -> None:
+    turned = register if members.all() else sabot.part(register, members)
     sabot.gate("H", turned)
     if basis == Y:
         sabot.gate("S", turned)
@@ -53,22 +53,22 @@ def emit_into(first: Block, second: Block, layer: PhysicalLayer) -> tuple[int, s
     source = layer.devices.of(first.node).source
     count = first.register.size
     emission = emit(source, PhotonRandom(layer.draws, first.name, first.draws_for("source"), count))
-    told = ""
+    detail = ""
     if emission.paulis is not None:
         layer.sabot.pauli(first.register, emission.paulis)
-        told += f", {tally(emission.paulis, BELL_STATES)}"
-    more = None if emission.pairs is None else _further_pairs(emission, source, first, layer)
+        detail += f", {tally(emission.paulis, BELL_STATES)}"
+    more = None if emission.pairs is None else _extra_pairs_pairs(emission, source, first, layer)
     for number, half in enumerate((first, second)):
         half.source_rate_hz = source.max_rate_hz
         half.pulses.approximations = emission.approximations
         half.pulses.delays_ps = emission.delays_ps
         if emission.pairs is not None:
             layer.sabot.lose(half.register, emission.pairs == 0)
-            half.further = None if more is None else more[number]
+            half.extra_pairs = None if more is None else more[number]
     if emission.pairs is None:
-        return count, told
-    told += f", pairs in pulses: {_told(emission.pairs)}"
-    return int(emission.pairs.sum(dtype=np.int64)), told
+        return count, detail
+    detail += f", pairs in pulses: {_numbers_text(emission.pairs)}"
+    return int(emission.pairs.sum(dtype=np.int64)), detail
 
 
 def emit_prepared(block: Block, states: Bytes, levels: Bytes | None, layer: PhysicalLayer) -> str:
@@ -84,28 +84,28 @@ def emit_prepared(block: Block, states: Bytes, levels: Bytes | None, layer: Phys
     random = PhotonRandom(layer.draws, block.name, block.draws_for("source"), block.register.size)
     emission = emit(source, random, levels, prepared=True)
     block.pulses.delays_ps = emission.delays_ps
-    told = "" if emission.pairs is None else _emit_photons(block, states, emission.pairs, layer)
+    detail = "" if emission.pairs is None else _emit_photons(block, states, emission.pairs, layer)
     paulis = misprepared(source, random)
     if paulis is not None:
-        further.pauli(layer.sabot, block, paulis)
-        told += f", errors={np.count_nonzero(paulis)}"
+        extra_pairs.pauli(layer.sabot, block, paulis)
+        detail += f", errors={np.count_nonzero(paulis)}"
     if emission.pairs is not None:
         block.source_rate_hz = source.max_rate_hz
-    return told
+    return detail
 
 
 def _emit_photons(block: Block, states: Bytes, photons: Bytes, layer: PhysicalLayer) -> str:
-    """Let pulses have so many photons; return a description."""
+    """Give pulses these numbers of photons; return a description."""
     layer.sabot.lose(block.register, photons == 0)
     at = owners(photons)
     if at.size:
-        block.further = Further(prepare(layer.sabot, states[at]), at)
-    return f", photons in pulses: {_told(photons)}"
+        block.extra_pairs = ExtraPairs(prepare(layer.sabot, states[at]), at)
+    return f", photons in pulses: {_numbers_text(photons)}"
 
 
-def _further_pairs(
+def _extra_pairs_pairs(
     emission: Emission, source: PairSource, first: Block, layer: PhysicalLayer
-) -> tuple[Further, Further] | None:
+) -> tuple[ExtraPairs, ExtraPairs] | None:
     assert emission.pairs is not None
     at = owners(emission.pairs)
     if not at.size:
@@ -115,8 +115,8 @@ def _further_pairs(
     paulis = bell_states(source, PhotonRandom(layer.draws, first.name, place, at.size))
     if paulis is not None:
         layer.sabot.pauli(one, paulis)
-    return Further(one, at), Further(other, at)
+    return ExtraPairs(one, at), ExtraPairs(other, at)
 
 
-def _told(pairs: Bytes) -> str:
+def _numbers_text(pairs: Bytes) -> str:
     return tally(np.minimum(pairs, len(PAIRS) - 1), PAIRS)

@@ -22,12 +22,12 @@ from dispatcher.fiber.fluctuations import PhaseDrift
 from dispatcher.fiber.noise import MEMORYLESS, Effect, NoiseModel, Passage, Pattern, Schedule
 from dispatcher.fiber.polarization_modes import PolarizationDependentLoss, effect_on
 from dispatcher.fiber.turn import Turn
-from dispatcher.layer import drift, further, pulses
+from dispatcher.layer import drift, extra_pairs, pulses
+from dispatcher.layer.device_noise import Channels
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.network import Line
-from dispatcher.layer.ownership import Block, Further
-from dispatcher.layer.part_noise import Channels
-from dispatcher.operations.ways import MAX_FIBERS, nanoseconds, way_of
+from dispatcher.layer.ownership import Block, ExtraPairs
+from dispatcher.operations.paths import MAX_FIBERS, nanoseconds, path_of
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.kraus import Operators
 from dispatcher.sabot.registers import Mask, everything
@@ -73,7 +73,7 @@ class Beam:
 
 @dataclass(frozen=True)
 class Arrival:
-    """What of a block has come to one port."""
+    """The part of a block that has come to one port."""
 
     end: FiberEnd
     block: Block
@@ -84,7 +84,7 @@ class Arrival:
     turn: Turn | None = None
     polarization: Turn | None = None
     dispersion_ps_per_nm: float = 0.0
-    way_ps: float = 0.0  # in fibres
+    path_ps: float = 0.0  # in fibres
 
 
 class Flight:
@@ -127,7 +127,7 @@ class Flight:
             return
         frequency_mhz, photons = self._departure.frequency_mhz, self._block.register.remaining
         share = photons / self._departure.pattern.photons
-        for step in way_of(self._layer, end, frequency_mhz):
+        for step in path_of(self._layer, end, frequency_mhz):
             if step.line.traffic is not None:
                 schedule = self._departure.after(step.delay_ps)
                 step.line.traffic.add(schedule, share * step.transmission)
@@ -142,9 +142,9 @@ class Flight:
             if _is_lit(beam):
                 if switch is None:
                     return self._arrive(beam, line.far)
-                under_way = len(self._queue)
+                in_flight = len(self._queue)
                 self._cross(beam, switch, int(line.far.port))
-                if len(self._queue) > under_way:
+                if len(self._queue) > in_flight:
                     continue
             else:
                 self.ended.append(beam.block)
@@ -171,7 +171,7 @@ class Flight:
             turn=beam.turn,
             polarization=beam.polarization,
             dispersion_ps_per_nm=beam.dispersion_ps_per_nm,
-            way_ps=beam.delay_ps,
+            path_ps=beam.delay_ps,
         )
 
     def _apply(self, beam: Beam, photons: Mask) -> None:
@@ -182,14 +182,14 @@ class Flight:
             self._layer.sabot.pauli(block.register, (noise ^ rotation) * photons)
         elif beam.rotation:
             self._layer.sabot.pauli(block.register, photons * rotation)
-        if block.further is not None:
-            turn = Effect(paulis=np.full(block.further.pulses.size, rotation))
-            further.meet(self._layer.sabot, block, beam.members, turn)
+        if block.extra_pairs is not None:
+            turn = Effect(paulis=np.full(block.extra_pairs.pulses.size, rotation))
+            extra_pairs.meet(self._layer.sabot, block, beam.members, turn)
 
-    def _meet_channel(self, beam: Beam, operators: Operators, place: str, told: str) -> None:
+    def _meet_channel(self, beam: Beam, operators: Operators, place: str, cause: str) -> None:
         """Let Kraus operators act on a beam, behind what it has met before."""
         block = beam.block
-        channels = Channels(self._layer.sabot, self._layer.draws, block, place, told)
+        channels = Channels(self._layer.sabot, self._layer.draws, block, place, cause)
         channels.settle_turn()
         self._apply(beam, block.register.present)
         beam.applied, beam.rotation = beam.noise, 0
@@ -211,38 +211,40 @@ class Flight:
         others = _others(block)
         light = Light(beam.members, photons, schedule, self._departure.frequency_mhz, others)
         random = self._chance(f"switch {beam.fibers_passed}")
-        ways = list(switch.cross(in_port, light, random).items())
-        went = sum((passed.photons for _port, passed in ways), np.zeros_like(photons))
+        paths = list(switch.cross(in_port, light, random).items())
+        went = sum((passed.photons for _port, passed in paths), np.zeros_like(photons))
         self._lose(block, photons & ~went, f"in {switch.name}")
-        if not ways:
+        if not paths:
             self._absorb(beam)
-        noises = [_noise_of(block, others, passed.others) for _port, passed in ways]
-        for place, ((out_port, passed), noise) in enumerate(zip(ways, noises, strict=True)):
-            taken = self._stay if place + 1 == len(ways) else self._part
-            own = taken(block, passed, noise)
+        noises = [_noise_of(block, others, passed.others) for _port, passed in paths]
+        for place, ((out_port, passed), noise) in enumerate(zip(paths, noises, strict=True)):
+            taken = self._stay if place + 1 == len(paths) else self._part
+            leaving = taken(block, passed, noise)
             members = everything(photons.size)
             purpose = f"extras {out_port}"
-            further.thin(self._layer.sabot, own, members, passed.transmission, random, purpose)
+            extra_pairs.thin(
+                self._layer.sabot, leaving, members, passed.transmission, random, purpose
+            )
             if rotation := switch.rotation(in_port, out_port):
                 paulis = passed.pulses * np.uint8(rotation)
-                told = f"rotation of {switch.name}, {in_port} -> {out_port}"
-                self._layer.sabot.explain(own.register, told, paulis)
-                drift.reflect(own.pulses, paulis)
-            members = passed.pulses | further.lit(own)
+                cause = f"rotation of {switch.name}, {in_port} -> {out_port}"
+                self._layer.sabot.explain(leaving.register, cause, paulis)
+                drift.reflect(leaving.pulses, paulis)
+            members = passed.pulses | extra_pairs.lit(leaving)
             turn = beam.turn.behind(rotation) if beam.turn else None
             onward = replace(
-                beam, block=own, members=members, rotation=beam.rotation ^ rotation, turn=turn
+                beam, block=leaving, members=members, rotation=beam.rotation ^ rotation, turn=turn
             )
             self._enter(FiberEnd(switch.name, str(out_port)), onward)
 
     def _part(self, block: Block, passed: Passed, noise: Noise) -> Block:
         """Take the light that leaves by a port out of a block."""
-        layer, size = self._layer, _size_of_further(block)
+        layer, size = self._layer, _size_of_extra_pairs(block)
         part = replace(
             block,
             register=layer.sabot.part(block.register, passed.photons),
             pulses=pulses.part_noise(block.pulses, noise),
-            further=further.part_of(layer.sabot, block, passed.others[:size]),
+            extra_pairs=extra_pairs.part_of(layer.sabot, block, passed.others[:size]),
         )
         layer.ownership.add(part)
         return part
@@ -250,9 +252,9 @@ class Flight:
     def _stay(self, block: Block, passed: Passed, noise: Noise) -> Block:
         """Let a block have no light but what leaves by a port, its own photons apart."""
         block.pulses.extras = noise
-        if block.further is not None:
-            size = _size_of_further(block)
-            self._layer.sabot.lose(block.further.register, ~passed.others[:size])
+        if block.extra_pairs is not None:
+            size = _size_of_extra_pairs(block)
+            self._layer.sabot.lose(block.extra_pairs.register, ~passed.others[:size])
         return block
 
     def _enter(self, end: FiberEnd, beam: Beam) -> None:
@@ -281,18 +283,18 @@ class Flight:
             place = block.draws_for(f"fiber {beam.fibers_passed} {name}")
             draws = self._layer.draws
             passage = Passage(draws, block.name, place, schedule, history, width_rad_per_s)
-            effect, of_further = _effects(encoding, model, passage, block.further)
-            where_told = f"in the fibre to {line.far.port} of {line.far.node}"
-            told = f"{type(model).__name__} {where_told}"
+            effect, of_extra_pairs = _effects(encoding, model, passage, block.extra_pairs)
+            where = f"in the fibre to {line.far.port} of {line.far.node}"
+            cause = f"{type(model).__name__} {where}"
             if effect.lost is not None:
-                self._lose(block, effect.lost & beam.members, told)
+                self._lose(block, effect.lost & beam.members, cause)
             if effect.transmission < 1:
                 # Noise of other pulses may be in another fibre now, in the same places.
                 purpose = "extras" if block is self._block else f"extras to {line.far.node}"
                 pulses.thin(block.pulses, beam.members, effect.transmission, passage, purpose)
             if effect.paulis is not None:
                 paulis = effect.paulis * beam.members
-                self._layer.sabot.explain(block.register, told, paulis)
+                self._layer.sabot.explain(block.register, cause, paulis)
                 drift.reflect(block.pulses, paulis)
                 beam.noise = paulis if beam.noise is None else beam.noise ^ paulis
             pulses.pass_on(block.pulses, beam.members, effect)
@@ -300,10 +302,10 @@ class Flight:
                 beam.turn = effect.turn.after(beam.turn)
             if effect.polarization is not None:
                 beam.polarization = effect.polarization.after(beam.polarization)
-            if of_further is not None:
-                further.meet(self._layer.sabot, block, beam.members, of_further)
+            if of_extra_pairs is not None:
+                extra_pairs.meet(self._layer.sabot, block, beam.members, of_extra_pairs)
             if effect.kraus is not None:
-                self._meet_channel(beam, effect.kraus, place, f"noise {where_told}")
+                self._meet_channel(beam, effect.kraus, place, f"noise {where}")
 
     def _chance(self, place: str) -> PhotonRandom:
         block, photons = self._block, self._departure.pattern.photons
@@ -311,26 +313,26 @@ class Flight:
 
     def _absorb(self, beam: Beam) -> None:
         self._lose(beam.block, beam.members, "nowhere to go")
-        further.darken(self._layer.sabot, beam.block, beam.members)
+        extra_pairs.darken(self._layer.sabot, beam.block, beam.members)
         self.ended.append(beam.block)
 
-    def _lose(self, block: Block, photons: Mask, told: str) -> None:
+    def _lose(self, block: Block, photons: Mask, cause: str) -> None:
         if np.count_nonzero(photons):
-            self._layer.sabot.explain(block.register, told, photons)
+            self._layer.sabot.explain(block.register, cause, photons)
             self.lost += self._layer.sabot.lose(block.register, photons)
 
 
 def _is_lit(beam: Beam) -> bool:
-    return bool(np.count_nonzero(further.lit(beam.block)))
+    return bool(np.count_nonzero(extra_pairs.lit(beam.block)))
 
 
-def _size_of_further(block: Block) -> int:
-    return 0 if block.further is None else block.further.pulses.size
+def _size_of_extra_pairs(block: Block) -> int:
+    return 0 if block.extra_pairs is None else block.extra_pairs.pulses.size
 
 
 def _others(block: Block) -> NDArray[np.int64]:
     """Return the pulses of all light of a block beside own photons: further ones, then noise."""
-    places = np.zeros(0, np.int64) if block.further is None else block.further.pulses
+    places = np.zeros(0, np.int64) if block.extra_pairs is None else block.extra_pairs.pulses
     if block.pulses.extras is None:
         return places
     noise = np.repeat(np.arange(block.register.size), block.pulses.extras)
@@ -341,13 +343,13 @@ def _noise_of(block: Block, others: NDArray[np.int64], chosen: Mask) -> Noise:
     """Return how many photons that are noise each pulse has, of those chosen of _others."""
     if block.pulses.extras is None:
         return None
-    size = _size_of_further(block)
+    size = _size_of_extra_pairs(block)
     counts = np.bincount(others[size:][chosen[size:]], minlength=block.register.size)
     return counts.astype(np.uint8)
 
 
 def _effects(
-    encoding: str, model: NoiseModel, passage: Passage, light: Further | None
+    encoding: str, model: NoiseModel, passage: Passage, light: ExtraPairs | None
 ) -> tuple[Effect, Effect | None]:
     """Return what a fibre does to pulses and their own photons, and to further ones, if any.
 
@@ -360,7 +362,7 @@ def _effects(
     effect, beside = effect_on(encoding, model, passage), passage.beside(light.pulses.size)
     if isinstance(model, (*MEMORYLESS, PolarizationDependentLoss)):
         return effect, effect_on(encoding, model, beside)
-    paulis = None if effect.of_further is None else effect.of_further(beside, light.pulses)
+    paulis = None if effect.of_extra_pairs is None else effect.of_extra_pairs(beside, light.pulses)
     lost = None
     if effect.transmission < 1:
         lost = beside.happens("lost", 1 - effect.transmission)

@@ -3,7 +3,7 @@
     block 0/0   0 1 2 3 4 5          into block 1/0   4 0 3
                                      and block 2/0    5 2 1
 
-Nothing happens to the photons: a host only counts them anew. What is left of the blocks is
+Nothing happens to the photons: a host only numbers them again. The rest of the blocks is
 discarded if it is not to be kept.
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dispatcher.approximations import EXACT, UNLIKE_LIGHT, Approximations, approximation
-from dispatcher.layer import cutoff, drift, further, herald, pulses
+from dispatcher.layer import cutoff, drift, extra_pairs, herald, pulses
 from dispatcher.layer.layer import PhysicalLayer, block_name
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations import limits
@@ -29,7 +29,7 @@ from dispatcher.sabot.registers import Pick as RegisterPick
 from wire.dispatcher_pb2 import Feedback, GatherRequest, Pick
 
 MOST_PLACES = 2  # for each qubit that may live
-MOST_TOLD = 8  # blocks that an event names
+MOST_NAMED = 8  # blocks that an event names
 
 
 class Picked(NamedTuple):
@@ -58,7 +58,7 @@ class Gathering:
         if keep_rest:
             for block, positions in picked:
                 taken = _mask(positions, block.register.size)
-                further.darken(layer.sabot, block, taken)
+                extra_pairs.darken(layer.sabot, block, taken)
                 herald.drop(block, taken)
         else:
             for block in blocks:
@@ -67,7 +67,7 @@ class Gathering:
             layer.memories.exchange(blocks if keep_rest else [], gathered)
         layer.ownership.add(gathered)
         left = any(positions.size < block.register.size for block, positions in picked)
-        detail = _told(picked) + (", still stored" if stored else "")
+        detail = _description(picked) + (", still stored" if stored else "")
         detail += ", the rest let go" if left and not keep_rest else ""
         layer.record(node, "gather", gathered, detail=detail, each=partial(_origin, picked))
         return layer.feedback(gathered)
@@ -113,7 +113,7 @@ class Gathering:
             drift.twirl_turn(block, self._layer.sabot, self._layer.draws)
         light = pulses.gather([(block.pulses, positions) for block, positions in picked])
         light.approximations |= _unlike(blocks)
-        more = further.gather(self._layer.sabot, picked)
+        more = extra_pairs.gather(self._layer.sabot, picked)
         picks = [RegisterPick(block.register, positions) for block, positions in picked]
         return Block(
             into,
@@ -123,8 +123,8 @@ class Gathering:
             last_ns=max(block.last_ns for block in blocks),
             fibers_passed=max(block.fibers_passed for block in blocks),
             pulses=light,
-            further=more,
-            way_ps=max(block.way_ps for block in blocks),
+            extra_pairs=more,
+            path_ps=max(block.path_ps for block in blocks),
             retimed=any(block.retimed for block in blocks),
             start_ns=max(block.start_ns for block in blocks),
             source_rate_hz=min(block.source_rate_hz for block in blocks),
@@ -155,7 +155,7 @@ def _unlike(blocks: Sequence[Block]) -> Approximations:
     for block in blocks:  # a memory keeps width and colour alone
         dispersion = 0.0 if block.kept else block.pulses.dispersion_ps_per_nm
         spectrum = block.pulses.spectrum._replace(dispersion_ps_per_nm=dispersion)
-        kinds.add((spectrum, 0.0 if block.kept or block.retimed else block.way_ps))
+        kinds.add((spectrum, 0.0 if block.kept or block.retimed else block.path_ps))
     return approximation(UNLIKE_LIGHT, 0.5) if len(kinds) > 1 else EXACT
 
 
@@ -174,15 +174,15 @@ def _mask(positions: NDArray[np.uint32], size: int) -> Mask:
     return mask
 
 
-def _told(picked: Sequence[Picked]) -> str:
+def _description(picked: Sequence[Picked]) -> str:
     """Return what the event log says."""
-    told = [
+    parts = [
         f"{positions.size} of {block.register.size} of {_short(block)}"
-        for block, positions in picked[:MOST_TOLD]
+        for block, positions in picked[:MOST_NAMED]
     ]
-    if len(picked) > MOST_TOLD:
-        told.append(f"and of {len(picked) - MOST_TOLD} more blocks")
-    return ", ".join(told)
+    if len(picked) > MOST_NAMED:
+        parts.append(f"and of {len(picked) - MOST_NAMED} more blocks")
+    return ", ".join(parts)
 
 
 def _origin(picked: Sequence[Picked], photon: int) -> str:

@@ -18,7 +18,7 @@ from dispatcher.approximations import (
 )
 from dispatcher.devices.heralding import Arm, Heralds, single_click, two_click
 from dispatcher.devices.overlap import Overlap, Spectrum, overlap
-from dispatcher.operations.station_way import StationWay
+from dispatcher.operations.station_path import StationWay
 from wire.config import FiberEnd
 from wire.parameters.physics import Device, Emitter
 
@@ -33,10 +33,10 @@ class Offer(NamedTuple):
 
 @dataclass(frozen=True)
 class Link:
-    """What decides about a heralded pair before anything is drawn."""
+    """The properties of a heralded pair before anything is drawn."""
 
     devices: tuple[Device, Device]  # of the hosts of halves 0 and 1
-    ways: tuple[StationWay, StationWay]
+    paths: tuple[StationWay, StationWay]
     station: Device
     start_ns: int  # when the first attempt begins
     cutoff_ns: float = float("inf")  # a pair with an older half is dropped and made again
@@ -64,7 +64,7 @@ class Link:
     @property
     def flight_ns(self) -> int:
         """Return how long light of the farther host is on its way."""
-        return max(way.delay_ns for way in self.ways)
+        return max(path.delay_ns for path in self.paths)
 
     @property
     def period_ns(self) -> int:
@@ -75,15 +75,15 @@ class Link:
     def overlap(self) -> Overlap:
         """Return how well light of both overlaps at the station."""
         first, second = (
-            Spectrum(device.source.bandwidth_nm, way.dispersion_ps_per_nm, way.frequency_mhz)
-            for device, way in zip(self.devices, self.ways, strict=True)
+            Spectrum(device.source.bandwidth_nm, path.dispersion_ps_per_nm, path.frequency_mhz)
+            for device, path in zip(self.devices, self.paths, strict=True)
         )
         return overlap(first, second, self.station.analyser.bandwidth_rad_per_s)
 
     def spread_ps(self, half: int) -> float:
         """Return how far fibres spread the light of a half in time, rms."""
         width_nm = self.devices[half].source.bandwidth_nm
-        return abs(width_nm * self.ways[half].dispersion_ps_per_nm)
+        return abs(width_nm * self.paths[half].dispersion_ps_per_nm)
 
     @property
     def visibility(self) -> float:
@@ -111,11 +111,11 @@ class Link:
         """Return both hosts as the station sees them."""
         first, second = (
             Arm(
-                emitter.efficiency * way.transmission * self.seen,
+                emitter.efficiency * path.transmission * self.seen,
                 emitter.bright_state,
                 emitter.phase_rad,
             )
-            for emitter, way in zip(self.emitters, self.ways, strict=True)
+            for emitter, path in zip(self.emitters, self.paths, strict=True)
         )
         return first, second
 
@@ -127,7 +127,7 @@ class Link:
         """
         detectors = self.station.detectors
         share = 1 / 4 if self.scheme == "two-click" else 1 / 2
-        scattered = share * self.seen * sum(way.noise_photons for way in self.ways)
+        scattered = share * self.seen * sum(path.noise_photons for path in self.paths)
         return float(-np.expm1(-detectors.dark_count_hz * detectors.gate_s - scattered))
 
     @property
@@ -146,9 +146,9 @@ class Link:
         others = 1 - heralds.chances[0] / heralds.probability if heralds.probability else 0.0
         if detectors.efficiency_mismatch:
             every |= approximation(UNLIKE_DETECTORS, detectors.efficiency_mismatch * others)
-        if any(way.noise_photons for way in self.ways):
+        if any(path.noise_photons for path in self.paths):
             every |= approximation(CLASSICAL_LIGHT, others)
-        if strays := max(way.strays for way in self.ways):
+        if strays := max(path.strays for path in self.paths):
             every |= approximation(STRAYED, strays)
         if unready := self._unready:
             every |= approximation(READY_STATION, unready)
@@ -170,7 +170,7 @@ class Link:
 
     @property
     def told_wrongly(self) -> float:
-        """Return how likely one click is told of the other detector, or one of two is."""
+        """Return how likely one click is reported by the other detector, or one of two is."""
         error = self.station.detectors.readout_error
         return error if self.scheme == "single-click" else 2 * error * (1 - error)
 
@@ -179,7 +179,7 @@ class Link:
         return self._first_emission_ns(half) + rounds * self.period_ns
 
     def _first_emission_ns(self, half: int) -> int:
-        late_ns = self.flight_ns - self.ways[half].delay_ns
+        late_ns = self.flight_ns - self.paths[half].delay_ns
         return self.start_ns + self.preparation_ns + late_ns
 
     @property
@@ -193,5 +193,5 @@ class Link:
         return np.asarray(ages_ns <= self.cutoff_ns)
 
     def clicks_ns(self, rounds: int) -> int:
-        """Return when the clicks of the last of so many rounds are."""
+        """Return the time of the clicks of the last of these rounds."""
         return self.start_ns + rounds * self.period_ns - self.flight_ns

@@ -7,9 +7,9 @@
     bob     prepare, emit ---'                         '---
 
 An attempt takes the preparation and a round trip to the station, the longer of both; each host
-emits so that light of both meets. As many modes as both have attempt at once. What the station has
-heralded is there for the hosts to find when news of it can be: before that neither a request nor an
-event tells them.
+emits so that light of both meets. As many modes as both have attempt at once. The hosts find
+heralded pairs when news of them can have come: before that neither a request nor an event shows
+them.
 """
 
 import asyncio
@@ -26,7 +26,7 @@ from dispatcher.layer.ownership import HALVES, Block, BlockName
 from dispatcher.operations import limits
 from dispatcher.operations.heralded_link import Link, Offer
 from dispatcher.operations.heralds import Drawing, Heralded
-from dispatcher.operations.station_way import StationWay, find_way
+from dispatcher.operations.station_path import StationWay, find_path
 from dispatcher.refusal import Refusal, exhausted, invalid, precondition
 from dispatcher.sabot.limits import require_count
 from wire.dispatcher_pb2 import AttemptRequest, Feedback, HeraldRequest
@@ -36,11 +36,11 @@ from wire.outcomes import BELL_STATES
 
 MAX_OFFERS = 10_000
 NEVER_NS = 1 << 63  # so far no clock gets
-# What each half is in where there is no entanglement, by kind; shape (kinds, 2).
+# The state of each half without entanglement, by kind; shape (kinds, 2).
 BITS = np.array([[0, 0] if kind == ENTANGLED else [*map(int, kind)] for kind in KINDS], np.uint8)
 
 Offers = tuple[Offer, Offer]  # of halves 0 and 1
-Ways = tuple[StationWay, StationWay]
+Paths = tuple[StationWay, StationWay]
 
 
 class Heralding:
@@ -52,7 +52,7 @@ class Heralding:
         self._offers: dict[tuple[BlockName, str], Offer] = {}  # by the node, too, that attempts
         self._news: set[asyncio.Task[None]] = set()  # on its way to hosts
 
-    async def told(self) -> None:
+    async def announced(self) -> None:
         """Wait until all hosts can have heard of what is heralded."""
         while self._news:
             await asyncio.wait(self._news)
@@ -86,7 +86,7 @@ class Heralding:
     async def herald(self, node: str, request: HeraldRequest) -> Feedback:
         """Herald pairs of two nodes that attempt; return when all, or the time, have come.
 
-        What is refused for what is elsewhere is, when news can be here from the farthest node.
+        A refusal because of another node comes when news can be here from the farthest node.
         """
         layer = self._layer
         hardware.require(layer.devices, node, INTERFERE)
@@ -94,8 +94,8 @@ class Heralding:
         limit_s = limits.timeout(request.timeout_s)
         names = [BlockName(request.session, request.number, half) for half in HALVES]
         try:
-            offers, ways = self._offered(node, names, request.ports)
-            link = self._link(node, offers, ways)
+            offers, paths = self._offered(node, names, request.ports)
+            link = self._link(node, offers, paths)
             self._require_capacity(offers, request.count)
         except Refusal:
             news_ns = layer.clock.now_ns() + layer.software.farthest_news_ns(node)
@@ -105,33 +105,35 @@ class Heralding:
             del self._offers[name, offer.end.node]
         rounds = max(round(limit_s * 1e9) // link.period_ns, 1)
         drawing = Drawing(layer, node, link, names)
-        found, used = await drawing.draw(request.count, rounds)
+        heralded, used = await drawing.draw(request.count, rounds)
         for offer in offers:
             now_ns = layer.clock.now_ns()
             layer.software.light(offer.end.node, link.start_ns, node, now_ns)
-        block = self._keep(node, link, names, offers, found) if found.count else None
-        detail = f"{tally(found.told, BELL_STATES)} of {used * link.modes} attempts".strip()
+        block = self._keep(node, link, names, offers, heralded) if heralded.count else None
+        detail = (
+            f"{tally(heralded.bell_states, BELL_STATES)} of {used * link.modes} attempts".strip()
+        )
         detail += f", dropped={drawing.dropped}" if drawing.dropped else ""
         layer.record(node, "herald", block, detail=detail)
-        return self._feedback(link, found, used)
+        return self._feedback(link, heralded, used)
 
-    def _feedback(self, link: Link, found: Heralded, rounds: int) -> Feedback:
+    def _feedback(self, link: Link, heralded: Heralded, rounds: int) -> Feedback:
         layer, now_ns = self._layer, self._layer.clock.now_ns()
-        layer.approximations |= found.approximations
+        layer.approximations |= heralded.approximations
         return Feedback(
             time_ns=now_ns,
-            photons=found.count,
+            photons=heralded.count,
             first_ns=link.start_ns,
             last_ns=now_ns,
-            outcomes=found.told.tobytes(),
+            outcomes=heralded.bell_states.tobytes(),
             backend=layer.sabot.backend,
-            exact=not found.approximations,
+            exact=not heralded.approximations,
             attempts=rounds * link.modes,
         )
 
     def _offered(
         self, node: str, names: Sequence[BlockName], ports: Sequence[str]
-    ) -> tuple[Offers, Ways]:
+    ) -> tuple[Offers, Paths]:
         """Return who attempts for two halves, and the ways of their light to a node's ports."""
         if len(ports) != len(HALVES) or ports[0] == ports[1]:
             raise invalid(f"ports {list(ports)}; name two, for the light of halves 0 and 1")
@@ -145,19 +147,19 @@ class Heralding:
             if attempted != name:
                 continue
             try:
-                way = find_way(layer, offer.end, offer.frequency_mhz)
+                path = find_path(layer, offer.end, offer.frequency_mhz)
             except Refusal as error:
                 refused.append(error)
                 continue
-            if way.end == layer.network.require_port(node, port):
-                return offer, way
-            text = f"light of {host} comes to {way.end.port} of {way.end.node}, not to {port} of "
+            if path.end == layer.network.require_port(node, port):
+                return offer, path
+            text = f"light of {host} comes to {path.end.port} of {path.end.node}, not to {port} of "
             refused.append(precondition(f"{text}{node}: open its path to there first"))
         if refused:
             raise refused[0]
         raise precondition(f"no node attempts for {name}: let it begin before Herald")
 
-    def _link(self, node: str, offers: Offers, ways: Ways) -> Link:
+    def _link(self, node: str, offers: Offers, paths: Paths) -> Link:
         """Return the link between two nodes that attempt; refuse what cannot be heralded."""
         layer = self._layer
         one, other = (layer.devices.of(offer.end.node) for offer in offers)
@@ -172,7 +174,7 @@ class Heralding:
         start_ns = layer.clock.now_ns()
         cutoff_ns = min(offer.cutoff_s for offer in offers) * 1e9
         station = layer.devices.of(node)
-        link = Link((one, other), ways, station, start_ns, cutoff_ns)
+        link = Link((one, other), paths, station, start_ns, cutoff_ns)
         if link.youngest_ns > cutoff_ns:
             raise precondition(
                 f"pairs are {link.youngest_ns / 1e9:g} s old when they are heralded, and dropped "
@@ -199,38 +201,38 @@ class Heralding:
         link: Link,
         names: Sequence[BlockName],
         offers: Offers,
-        found: Heralded,
+        heralded: Heralded,
     ) -> Block:
         """Let pairs that a node has heralded be in the memories of both; return half 0."""
         layer = self._layer
         lineage = layer.ownership.used_names.use(names[0].session, names[0].number)
         blocks = []
-        registers = layer.sabot.bell_pairs(found.count)
+        registers = layer.sabot.bell_pairs(heralded.count)
         for name, register, offer in zip(names, registers, offers, strict=True):
-            came_ns = link.emitted_ns(name.half, found.rounds)
+            came_ns = link.emitted_ns(name.half, heralded.rounds)
             block = Block(name, register, offer.end.node, came_ns=came_ns, lineage=lineage)
             block.first_ns, block.last_ns = came_ns[[0, -1]].tolist()
-            block.start_ns, block.pulses.approximations = block.first_ns, found.approximations
+            block.start_ns, block.pulses.approximations = block.first_ns, heralded.approximations
             blocks.append(block)
-        self._set_states(blocks, found)
-        for block, offer, way in zip(blocks, offers, link.ways, strict=True):
-            block.heard_ns = self._news_ns(node, way, block.node)
+        self._set_states(blocks, heralded)
+        for block, offer, path in zip(blocks, offers, link.paths, strict=True):
+            block.heard_ns = self._news_ns(node, path, block.node)
             layer.memories.store(block, offer.cutoff_s)
             self._tell(block)
         return blocks[0]
 
-    def _news_ns(self, node: str, way: StationWay, host: str) -> int:
+    def _news_ns(self, node: str, path: StationWay, host: str) -> int:
         """Return when a host can hear of what a node has just found: by light, or copper."""
         layer = self._layer
         copper_ns = layer.software.news_from_ns(node, host)
-        delay_ns = way.delay_ns if copper_ns is None else min(way.delay_ns, copper_ns)
+        delay_ns = path.delay_ns if copper_ns is None else min(path.delay_ns, copper_ns)
         return layer.clock.now_ns() + max(delay_ns - 1, 0)  # what is rounded up is not late
 
     def _tell(self, block: Block) -> None:
         self._layer.ownership.add_when_heard(block)
         task = asyncio.create_task(self._heard(block))
         self._news.add(task)
-        task.add_done_callback(self._told)
+        task.add_done_callback(self._end_news)
 
     async def _heard(self, block: Block) -> None:
         """Record that a host hears of a block; discard it if nobody wants it there any more.
@@ -247,20 +249,20 @@ class Heralding:
             layer.record(node, "discard", block)
             layer.drop(block)
 
-    def _told(self, task: asyncio.Task[None]) -> None:
+    def _end_news(self, task: asyncio.Task[None]) -> None:
         self._news.remove(task)
         if not task.cancelled() and (error := task.exception()) is not None:
             self._failed(error)
 
-    def _set_states(self, blocks: Sequence[Block], found: Heralded) -> None:
+    def _set_states(self, blocks: Sequence[Block], heralded: Heralded) -> None:
         """Make of Phi+ what was heralded: a Bell state, or a state of the Z basis; with errors."""
-        sabot, unentangled = self._layer.sabot, found.kind > 0
-        sabot.pauli(blocks[1].register, found.told)
+        sabot, unentangled = self._layer.sabot, heralded.kind > 0
+        sabot.pauli(blocks[1].register, heralded.bell_states)
         for block in blocks if unentangled.any() else ():
             purpose = block.draws_for("heralded reset")
-            draws = self._layer.draws.photons(block.name, purpose, found.count)
+            draws = self._layer.draws.photons(block.name, purpose, heralded.count)
             sabot.reset(block.register, unentangled, draws)
-            sabot.pauli(block.register, BITS[found.kind, block.name.half])
-        for block, paulis in zip(blocks, found.paulis, strict=True):
+            sabot.pauli(block.register, BITS[heralded.kind, block.name.half])
+        for block, paulis in zip(blocks, heralded.paulis, strict=True):
             sabot.explain(block.register, "heralded with errors", paulis)
             sabot.pauli(block.register, paulis)

@@ -24,7 +24,7 @@ from dispatcher.fiber.turn import STILL, TRANSPOSED, alignment, product
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import BlockName
 from dispatcher.operations.heralded_link import Link
-from dispatcher.operations.station_way import PHASE, Follower, Met
+from dispatcher.operations.station_path import PHASE, Follower, Met
 from dispatcher.photon_random import PhotonRandom
 from wire.config import BadConfig
 
@@ -34,7 +34,7 @@ TURNED = np.array([1, 3, 2, 0], np.uint8)  # X, XZ, Z by their chances, or I
 Bytes = NDArray[np.uint8]
 MAX_BATCHES = 5_000  # in which pairs are drawn; many of them are dropped for their age then
 # Attempts in a row of which no light came in its gate, until the station reports: in a few
-# seconds of this computer. A small batch takes as long as one of so many.
+# seconds of this computer. A small batch takes as long as one of SMALL.
 MAX_EMPTY, SMALL = 1_000_000, 2000
 
 
@@ -44,7 +44,7 @@ class Heralded:
 
     rounds: NDArray[np.int64]  # which round each was in, ascending
     kind: Bytes  # what the qubits are in: dispatcher.devices.heralding.KINDS
-    told: Bytes  # the Bell state that the clicks tell
+    bell_states: Bytes  # the Bell state that the clicks tell
     paulis: tuple[Bytes, Bytes]  # errors of either qubit
     approximations: Approximations = EXACT
 
@@ -57,7 +57,7 @@ class Heralded:
         return Heralded(
             self.rounds[chosen],
             self.kind[chosen],
-            self.told[chosen],
+            self.bell_states[chosen],
             (first, second),
             self.approximations,
         )
@@ -75,7 +75,7 @@ class Heralded:
         return Heralded(
             np.concatenate((self.rounds, more.rounds)),
             np.concatenate((self.kind, more.kind)),
-            np.concatenate((self.told, more.told)),
+            np.concatenate((self.bell_states, more.bell_states)),
             (first, second),
             self.approximations | more.approximations,
         )
@@ -92,49 +92,49 @@ class Drawing:
         self._batches = self._empty = 0
         self.dropped = 0  # pairs, by the cut-off of a memory
         self._followers = [
-            Follower(layer, way, device.source, link.scheme == "single-click")
-            for way, device in zip(link.ways, link.devices, strict=True)
+            Follower(layer, path, device.source, link.scheme == "single-click")
+            for path, device in zip(link.paths, link.devices, strict=True)
         ]
 
     async def draw(self, count: int, rounds: int) -> tuple[Heralded, int]:
-        """Return heralds, at most so many of so many rounds, and how many rounds that took.
+        """Return at most `count` heralds of at most `rounds` rounds, and the rounds that were used.
 
         Pairs that get too old before there are as many are dropped, and made again. Fewer rounds
         are made where light hardly ever comes in its gate.
         Returns when the clicks of the last round are. Light that proves not to have come through
-        is drawn anew, from the attempt behind it.
+        is drawn again, from the attempt behind it.
         """
         link, chance = self._link, self._link.heralds.probability
-        found, begin, most = Heralded.none(), 0, rounds * link.modes
-        while chance and found.count < count and begin < most and not self._gives_up:
-            wanted, self._batches = count - found.count, self._batches + 1
+        heralded, begin, most = Heralded.none(), 0, rounds * link.modes
+        while chance and heralded.count < count and begin < most and not self._gives_up:
+            missing, self._batches = count - heralded.count, self._batches + 1
             place = f"heralds {self._batches}"
             await asyncio.sleep(0)  # others are served meanwhile
-            random = PhotonRandom(self._layer.draws, self._names[0], place, wanted)
-            places = begin - 1 + _until(random.generator("gaps").geometric(chance, wanted), most)
+            random = PhotonRandom(self._layer.draws, self._names[0], place, missing)
+            places = begin - 1 + _until(random.generator("gaps").geometric(chance, missing), most)
             places = places[places < most]
             if places.size:
                 in_rounds = places // link.modes
                 await self._layer.clock.wait_until(link.clicks_ns(int(in_rounds[-1]) + 1))
-                met = self._meet(in_rounds, place)
-                self._empty = 0 if met.count else self._empty + max(places.size, SMALL)
-                found = self._kept(found.joined(met))
-            begin = int(places[-1]) + 1 if places.size == wanted else most
+                batch = self._meet(in_rounds, place)
+                self._empty = 0 if batch.count else self._empty + max(places.size, SMALL)
+                heralded = self._kept(heralded.joined(batch))
+            begin = int(places[-1]) + 1 if places.size == missing else most
         used = -(-begin // link.modes) if chance else rounds
         await self._layer.clock.wait_until(link.clicks_ns(used))
         self._count(used * link.modes)
-        return found, used
+        return heralded, used
 
     @property
     def _gives_up(self) -> bool:
         return self._batches >= MAX_BATCHES or self._empty >= MAX_EMPTY
 
-    def _kept(self, found: Heralded) -> Heralded:
-        if self._link.cutoff_ns == np.inf or not found.count:
-            return found
-        young = self._link.young(found.rounds)
+    def _kept(self, heralded: Heralded) -> Heralded:
+        if self._link.cutoff_ns == np.inf or not heralded.count:
+            return heralded
+        young = self._link.young(heralded.rounds)
         self.dropped += int(np.count_nonzero(~young))
-        return found.only(young)
+        return heralded.only(young)
 
     def _count(self, attempts: int) -> None:
         for name, follower, emitter in zip(
@@ -163,16 +163,16 @@ class Drawing:
             own = random.at(f"emitter {name.half}")
             at = own.events("error", 1 - emitter.fidelity)
             errors[at] ^= 1 + own.which("which", at.size, np.ones(3))
-        told = np.where(_minus(link, random), PSI_MINUS, PSI_PLUS).astype(np.uint8)
-        come = _clicked(link, met, kind, random) & _bunched(link, kind, visibility, random)
+        outcomes = np.where(_minus(link, random), PSI_MINUS, PSI_PLUS).astype(np.uint8)
+        successful = _clicked(link, met, kind, random) & _bunched(link, kind, visibility, random)
         every = twirled | met[0].approximations | met[1].approximations | link.approximations
         effect = self._custom_noise(place, count)
         if effect is not None:
             every |= effect.approximations
             first ^= np.uint8(0) if effect.paulis is None else effect.paulis
-            come &= True if effect.lost is None else ~effect.lost
-        errors = first[come], second[come]
-        return Heralded(rounds[come], kind[come], told[come], errors, every)
+            successful &= True if effect.lost is None else ~effect.lost
+        errors = first[successful], second[successful]
+        return Heralded(rounds[successful], kind[successful], outcomes[successful], errors, every)
 
     def _custom_noise(self, place: str, count: int) -> Effect | None:
         model = self._layer.devices.noise(self._node, "detectors")
@@ -213,16 +213,16 @@ def _clicked(
         each.arrived if ps is None else each.arrived & (np.abs(ps) <= gate_ps / 2)
         for each, ps in zip(met, late, strict=True)
     ]
-    come = there[0] & there[1]
-    if not come.all():
+    both = there[0] & there[1]
+    if not both.all():
         one = np.where(random.uniform("arm") < link.heralds.first, there[0], there[1])
         needs_both = np.zeros(kind.size, bool) if single else kind == 0
         needs_none = single & (kind > 0) & (kind != BOTH_BRIGHT)
-        come = np.where(needs_both, come, one | needs_none)
+        both = np.where(needs_both, both, one | needs_none)
     if not single and any(ps is not None for ps in late):
         first, second = (0.0 if ps is None else ps for ps in late)
-        come = come & (np.abs(first - second) <= link.station.analyser.coincidence_window_s * 1e12)
-    opened: NDArray[np.bool_] = come & met[0].open & met[1].open
+        both = both & (np.abs(first - second) <= link.station.analyser.coincidence_window_s * 1e12)
+    opened: NDArray[np.bool_] = both & met[0].open & met[1].open
     return opened
 
 
@@ -272,7 +272,7 @@ def _visibility(link: Link, met: Sequence[Met]) -> Each:
 
 
 def _distinguished(link: Link, visibility: Each, random: PhotonRandom) -> Bytes:
-    """Return which phases are wrong, as light of both hosts could be told apart."""
+    """Return which phases are wrong because light of both hosts was distinguishable."""
     chances = phase_wrong(link.scheme, link.heralds, visibility)
     wrong = np.zeros(random.photons, np.uint8)
     if isinstance(chances, np.ndarray):

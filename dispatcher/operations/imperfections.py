@@ -1,8 +1,8 @@
 """Imperfections of devices at work: the time that they take, and flips of what is made or read.
 
-All qubits of a block are acted on at once. What happens to them meanwhile is in the errors of the
-operation; whatever else is in the node's memory decoheres by the clock, and so do other nodes'
-qubits. To light nothing of this applies: modulators and detectors are as fast as it comes.
+All qubits of a block are acted on at once. The errors of the operation include the wait meanwhile;
+whatever else is in the node's memory decoheres by the clock, and so do other nodes' qubits. To
+light nothing of this applies: modulators and detectors are as fast as it comes.
 
 Noise of gates: depolarisation that follows each of them.
 
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from dispatcher.approximations import SEVERAL_IN_GATES, approximation
 from dispatcher.fiber.noise import Effect
-from dispatcher.layer import drift, further, part_noise
+from dispatcher.layer import device_noise, drift, extra_pairs
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.ownership import Block
 from dispatcher.photon_random import PhotonRandom
@@ -78,8 +78,8 @@ def _by_gates_themselves(layer: PhysicalLayer, first: Block, second: Block) -> i
     """Do both gates with their noise, and take them back without; return the errors."""
     for block in (first, second):
         drift.twirl(block, layer.sabot, layer.draws)
-        if block.further is not None:
-            several = approximation(SEVERAL_IN_GATES, further.share(block))
+        if block.extra_pairs is not None:
+            several = approximation(SEVERAL_IN_GATES, extra_pairs.share(block))
             first.pulses.approximations |= second.pulses.approximations | several
     layer.sabot.gate("CX", first.register, second.register)
     errors = after_pair_gate(layer, first, second)
@@ -91,14 +91,14 @@ def _by_gates_themselves(layer: PhysicalLayer, first: Block, second: Block) -> i
 
 
 def _custom_noise(layer: PhysicalLayer, block: Block, qubits: int, members: Mask) -> None:
-    """Let a model of the user's own say what else a gate of so many qubits does to each."""
+    """Let a model of the user add noise to each qubit of a gate."""
     model = layer.devices.noise(block.node, "gates")
     if model is None:
         return
     block.gates += 1
     place, now_ns = f"gate {block.gates}", layer.clock.now_ns()
-    effect = part_noise.effect_of(model, layer.draws, block, "gate", place, now_ns, qubits=qubits)
-    lost = part_noise.meet(layer.sabot, layer.draws, block, effect, place, members, qubits == 1)
+    effect = device_noise.effect_of(model, layer.draws, block, "gate", place, now_ns, qubits=qubits)
+    lost = device_noise.meet(layer.sabot, layer.draws, block, effect, place, members, qubits == 1)
     layer.photons_lost += lost
 
 
@@ -111,7 +111,7 @@ def _hit_each(layer: PhysicalLayer, block: Block, members: Mask, as_paulis: Byte
     chance, count = _chance(layer, block), 0
     if not p:
         return 0
-    for register, pulses, random in further.by_themselves(block, chance):
+    for register, pulses, random in extra_pairs.by_themselves(block, chance):
         errors = random.events("one qubit", p * ONE_QUBIT_ERRORS / 4)
         errors = errors[(members[pulses] & register.present)[errors]]
         drawn = 1 + random.which("which Pauli", errors.size, np.ones(ONE_QUBIT_ERRORS))
@@ -141,7 +141,7 @@ def _hit(
 
 
 def of_gates(gates: Gates, one_qubit: int, two_qubit: int) -> float:
-    """Return how many seconds so many gates one after the other take."""
+    """Return how many seconds these gates take one after the other."""
     return one_qubit * gates.one_qubit_s + two_qubit * gates.two_qubit_s
 
 
@@ -171,13 +171,13 @@ def noise_of_detectors(layer: PhysicalLayer, block: Block, place: str) -> Effect
     if model is None:
         return None
     now_ns = layer.clock.now_ns()
-    return part_noise.effect_of(model, layer.draws, block, "detectors", place, now_ns)
+    return device_noise.effect_of(model, layer.draws, block, "detectors", place, now_ns)
 
 
 def misread(
-    layer: PhysicalLayer, block: Block, found: Bytes, what: str, bits: int = 1
+    layer: PhysicalLayer, block: Block, outcomes: Bytes, what: str, bits: int = 1
 ) -> tuple[Bytes, int]:
-    """Return what a node tells, of so many bits each, and how many outcomes of it are wrong.
+    """Return the outcomes as read, of this number of bits each, and how many are wrong.
 
     Two bits are of a Bell measurement by gates; one is of a qubit that is kept, or of light.
     """
@@ -185,14 +185,14 @@ def misread(
     by_gates = block.kept or bits > 1
     error = device.gates.readout_error if by_gates else device.detectors.readout_error
     if not error:
-        return found, 0
+        return outcomes, 0
     place = block.draws_for(f"readout, {what} {block.resends}")
-    random = PhotonRandom(layer.draws, block.name, place, found.size)
-    flips = np.zeros(found.size, np.uint8)
+    random = PhotonRandom(layer.draws, block.name, place, outcomes.size)
+    flips = np.zeros(outcomes.size, np.uint8)
     for bit in range(bits):
         flips[random.events(f"bit {bit}", error)] ^= np.uint8(1 << bit)
-    flips[found == NO_CLICK] = 0
-    return found ^ flips, int(np.count_nonzero(flips))
+    flips[outcomes == NO_CLICK] = 0
+    return outcomes ^ flips, int(np.count_nonzero(flips))
 
 
 def misprepared(layer: PhysicalLayer, block: Block) -> int:

@@ -3,12 +3,12 @@
 Photons that are alone go by either output, each for itself. One in each arm are Bell-measured,
 whatever they are entangled with. Several, as of weak laser pulses, interfere all at once: how they
 leave follows from their states (dispatcher.devices.overlap), which have to be known for it.
-A photon of the second arm that can be told from those of the first, by time, colour or, of qubits
-in time bins, polarisation, is alone.
+A photon of the second arm that is distinguishable from those of the first, by time, colour or, of
+qubits in time bins, polarisation, is alone.
 
 The cardinal states of qubits, of those that are in no joint state with others.
 
-Only a simulation knows; who asks must let nobody learn more of it than a measurement tells.
+Only a simulation knows; a caller must reveal no more of it than a measurement does.
 """
 
 from typing import NamedTuple
@@ -22,10 +22,10 @@ from dispatcher.devices.overlap import (
     MODES,
     MOST_PHOTONS,
     Overlap,
+    detected_in,
     of_bell_states,
     outputs,
     read,
-    told_to,
 )
 from dispatcher.layer import drift
 from dispatcher.layer.layer import PhysicalLayer
@@ -113,32 +113,32 @@ class Interference:
         mismatch = Mismatch(halves, apart_ps)
         left = self._meet(analyser, mismatch, overlap)
         noise, size = _noise(halves, self._random), halves[0].present.size
-        found = [
+        detections = [
             arm.detect(
                 np.full(size, NO_CLICK, np.uint8),
                 None if noise is None else noise[polarisation],
                 halves[0].train,
                 self._random.at(f"polarisation {polarisation}"),
-                told_to(polarisation, *left),
+                detected_in(polarisation, *left),
             )
             for polarisation, arm in enumerate(analyser.arms)
         ]
-        outcomes = read((found[0], found[1]))
+        outcomes = read((detections[0], detections[1]))
         late = analyser.late(
-            outcomes != NO_CLICK, (found[0], found[1]), halves, mismatch, self._random
+            outcomes != NO_CLICK, (detections[0], detections[1]), halves, mismatch, self._random
         )
         outcomes[late] = NO_CLICK
         wrong_pulses = of_outcomes(CROWD, self._wrong, outcomes != NO_CLICK)
         self._blocks[0].pulses.approximations |= wrong_pulses
-        for detection in found:
+        for detection in detections:
             for name, count in detection.incidents().items():
                 self._incidents[name] = self._incidents.get(name, 0) + count
         if late.size:
             self._incidents["late"] = late.size
-        # An output told wrongly makes Psi- of Psi+, and a second one Psi+ again.
+        # A wrong output makes Psi- of Psi+, and a second one Psi+ again.
         if wrong := analyser.misread(outcomes, self._random, (PHASE, PHASE)):
             self._incidents["misread"] = wrong
-        return Analysis(outcomes, sum(each.clicks for each in found), self._incidents)
+        return Analysis(outcomes, sum(each.clicks for each in detections), self._incidents)
 
     def _meet(self, analyser: Analyser, mismatch: Mismatch, overlap: Overlap) -> Left:
         """Let all photons pass the beam splitter."""
@@ -170,12 +170,12 @@ class Interference:
     def _photons(self, block: Block) -> Photons:
         """Take all photons of a block into a register, by their pulses."""
         drift.twirl(block, self._layer.sabot, self._layer.draws)
-        own = np.flatnonzero(block.register.present)
-        picks, pulses = [Pick(block.register, own.astype(np.uint32))], own
-        if block.further is not None:
-            there = np.flatnonzero(block.further.register.present)
-            picks.append(Pick(block.further.register, there.astype(np.uint32)))
-            pulses = np.concatenate([own, block.further.pulses[there]])
+        present = np.flatnonzero(block.register.present)
+        picks, pulses = [Pick(block.register, present.astype(np.uint32))], present
+        if block.extra_pairs is not None:
+            there = np.flatnonzero(block.extra_pairs.register.present)
+            picks.append(Pick(block.extra_pairs.register, there.astype(np.uint32)))
+            pulses = np.concatenate([present, block.extra_pairs.pulses[there]])
         gathered = Photons(self._layer.sabot.gather(picks), pulses)
         order = np.argsort(pulses, kind="stable")
         if (np.diff(order) == 1).all():
@@ -200,15 +200,15 @@ class Interference:
     def _indistinguishable(
         self, analyser: Analyser, mismatch: Mismatch, overlap: Overlap, pulses: Pulses
     ) -> Mask:
-        """Draw which photons of the second arm cannot be told from those of the first."""
+        """Draw which photons of the second arm are indistinguishable from those of the first."""
         apart_ps = mismatch.ps[pulses] if mismatch.ps is not None else np.float64(mismatch.all_ps)
         alike = analyser.visibility(apart_ps, overlap.of(pulses))
         if np.all(alike == 1):
             return np.ones(pulses.size, dtype=bool)
-        told = self._random.generator("distinguishable").random(pulses.size) >= alike
-        if count := int(np.count_nonzero(told)):
+        distinguishable = self._random.generator("distinguishable").random(pulses.size) >= alike
+        if count := int(np.count_nonzero(distinguishable)):
             self._incidents["distinguishable"] = count
-        return ~told
+        return ~distinguishable
 
     def _note_crowds(self, crowded: Mask) -> None:
         if count := int(np.count_nonzero(crowded)):
@@ -248,19 +248,19 @@ class Interference:
             return NOTHING
         states = [self._states(arm, f"crowd {which}") for which, arm in enumerate((first, second))]
         pulses = np.unique(first.pulses)
-        ways = [
+        paths = [
             np.split(own, np.searchsorted(arm.pulses, pulses)[1:])
             for own, arm in zip(states, (first, second), strict=True)
         ]
         kinds: dict[tuple[tuple[int, ...], ...], list[int]] = {}
-        for place, met in enumerate(zip(*ways, strict=True)):
+        for place, met in enumerate(zip(*paths, strict=True)):
             key = tuple(tuple(sorted(arm.tolist())) for arm in met)
             kinds.setdefault(key, []).append(place)
         drawn = self._random.generator("crowds").random(pulses.size)
         left = []
         for (one, other), places in kinds.items():
             if len(set(one)) > 1 or len(set(other)) > 1:
-                self._wrong[pulses[places]] = True  # noise has met one, which is then told apart
+                self._wrong[pulses[places]] = True  # noise makes one distinguishable
             photons, chances = outputs(one, other)
             chosen = photons[np.searchsorted(chances.cumsum()[:-1], drawn[places], side="right")]
             modes = np.tile(np.arange(MODES, dtype=np.uint8), len(places))
@@ -284,9 +284,9 @@ class Interference:
 
 def _noise(halves: tuple[Half, Half], random: PhotonRandom) -> tuple[Bytes, Bytes] | None:
     """Return how many photons that are noise come to the detectors of either polarisation."""
-    given = [half.extras for half in halves if half.extras is not None]
-    if not given:
+    extras = [half.extras for half in halves if half.extras is not None]
+    if not extras:
         return None
-    counts = np.minimum(sum(each.astype(np.int64) for each in given), 255)
+    counts = np.minimum(sum(each.astype(np.int64) for each in extras), 255)
     first = random.generator("noise").binomial(counts, 0.5)
     return first.astype(np.uint8), (counts - first).astype(np.uint8)

@@ -39,11 +39,11 @@ MAX_EMISSION_S = 30.0
 
 def states(request: CreateRequest) -> Bytes | None:
     """Return the state of each photon of a block that is to be prepared, None of any other."""
-    given = request.states or request.state_dibits
+    states = request.states or request.state_dibits
     if request.state != CreateRequest.PREPARED:
-        if given:
+        if states:
             name = CreateRequest.State.Name(request.state)
-            raise invalid(f"{len(given)} states for a block of {name}; only PREPARED has any")
+            raise invalid(f"{len(states)} states for a block of {name}; only PREPARED has any")
         return None
     if not request.state_dibits:
         return packed("states", request.states, request.count, len(emission.STATES) - 1)
@@ -56,7 +56,7 @@ def states(request: CreateRequest) -> Bytes | None:
 
 
 def levels(request: CreateRequest, intensities: int) -> Bytes | None:
-    """Return with which of so many intensities each pulse is prepared, None if all with the first.
+    """Return the number of each pulse's intensity, None if all have the first.
 
     Refuse those of a block that is not prepared, and what the source cannot make.
     """

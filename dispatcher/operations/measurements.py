@@ -8,10 +8,10 @@ from dispatcher.approximations import SEVERAL_PAIRS, of_outcomes
 from dispatcher.devices import hardware
 from dispatcher.devices.analyser import Analyser, Analysis, Half
 from dispatcher.devices.detector import Train
-from dispatcher.devices.detectors import Detection, Told
+from dispatcher.devices.detectors import Detection, ExtraBits
 from dispatcher.devices.overlap import Overlap, overlap
 from dispatcher.fiber.turn import alignment
-from dispatcher.layer import drift, further, part_noise, pulses
+from dispatcher.layer import device_noise, drift, extra_pairs, pulses
 from dispatcher.layer.layer import PhysicalLayer, block_name, tally
 from dispatcher.layer.ownership import Block, BlockName, Pulses
 from dispatcher.operations import imperfections, limits
@@ -56,28 +56,31 @@ class Measurements:
         feedback = layer.feedback(block)
         feedback.time_ns = done_ns
         effect = imperfections.noise_of_detectors(layer, block, "measure")
-        part_noise.in_front(layer.sabot, layer.draws, block, effect, "measure", values)
+        device_noise.in_front(layer.sabot, layer.draws, block, effect, "measure", values)
         bits = layer.sabot.measure(block.register, values, self._draws(block))
-        more = further.measure(layer.sabot, block, values, layer.draws, "measure")
+        more = extra_pairs.measure(layer.sabot, block, values, layer.draws, "measure")
         layer.ownership.remove(block)
         place = block.draws_for(f"detectors of {node}")
-        found = clicks(layer, block, train(block), place, bits, more)
-        told, wrong = imperfections.misread(layer, block, found.bits, "measure")
+        detection = clicks(layer, block, train(block), place, bits, more)
+        outcomes, wrong = imperfections.misread(layer, block, detection.bits, "measure")
         feedback.exact = layer.count_exact((block,))
-        told = part_noise.told(told, effect)
-        incidents = found.incidents() | ({"misread": wrong} if wrong else {})
-        detail = f"{tally(values, BASES)}: {tally(told, ('0', '1'))}" + listed(incidents)
-        each = partial(outcome, told, ("0", "1"))
+        outcomes = device_noise.reported(outcomes, effect)
+        incidents = detection.incidents() | ({"misread": wrong} if wrong else {})
+        detail = f"{tally(values, BASES)}: {tally(outcomes, ('0', '1'))}" + listed(incidents)
+        each = partial(outcome, outcomes, ("0", "1"))
         layer.record(node, "measure", block, detail=detail, each=each)
-        feedback.clicks = found.clicks
-        _tell_bits(feedback, told, request.packed)
+        feedback.clicks = detection.clicks
+        _tell_bits(feedback, outcomes, request.packed)
         seconds = layer.devices.of(node).gates.readout_s if block.kept else 0.0
         return imperfections.lasts(feedback, seconds)
 
     def _require_capacity(self, block: Block, values: Bytes) -> None:
         """Refuse bases between those of Pauli operators that the backend cannot hold."""
         if (values >= PAULI_BASES).any():
-            registers = [block.register, *([block.further.register] if block.further else [])]
+            registers = [
+                block.register,
+                *([block.extra_pairs.register] if block.extra_pairs else []),
+            ]
             for register in registers:
                 self._layer.sabot.require_capacity(register, [DIAGONAL])
 
@@ -88,29 +91,31 @@ class Measurements:
         feedback = layer.feedback(first, second)
         feedback.first_ns = min(first.first_ns, second.first_ns)
         feedback.last_ns = max(first.last_ns, second.last_ns)
-        like = layer.devices.of(node).analyser
-        by_gates = like.kind == "gates"
-        matched = _matched(like, first.pulses, second.pulses, first.register.size)
+        device = layer.devices.of(node).analyser
+        by_gates = device.kind == "gates"
+        matched = _matched(device, first.pulses, second.pulses, first.register.size)
         waited, apart_ps = "", 0.0
         if not by_gates:
-            waited, apart_ps = self._let_wait(like, matched, (first, second))
+            waited, apart_ps = self._let_wait(device, matched, (first, second))
         errors = imperfections.before_bell_measurement(layer, first, second) if by_gates else {}
         effect = imperfections.noise_of_detectors(layer, first, "Bell")
         as_it_is = np.zeros(first.register.size, np.uint8)
-        part_noise.in_front(layer.sabot, layer.draws, first, effect, "Bell", as_it_is)
-        look = self._interfere if like.kind == BEAM_SPLITTER else self._analyse
-        found = look(node, (first, second), matched, apart_ps)
+        device_noise.in_front(layer.sabot, layer.draws, first, effect, "Bell", as_it_is)
+        look = self._interfere if device.kind == BEAM_SPLITTER else self._analyse
+        analysis = look(node, (first, second), matched, apart_ps)
         feedback.exact = layer.count_exact((first, second))
-        outcomes = part_noise.told(found.outcomes, effect, part_noise.BELL_STATE)
+        outcomes = device_noise.reported(analysis.outcomes, effect, device_noise.BELL_STATE)
         outcomes = self._analyser(node).named(outcomes)
         if by_gates:
             outcomes, wrong = imperfections.misread(layer, first, outcomes, "Bell", bits=2)
             errors |= {"misread": wrong} if wrong else {}
-        told = f"with {second.name.number}/{second.name.half}: {tally(outcomes, BELL_STATES)}"
-        told += waited + listed(errors)
+        detail = f"with {second.name.number}/{second.name.half}: {tally(outcomes, BELL_STATES)}"
+        detail += waited + listed(errors)
         each = partial(outcome, outcomes, BELL_STATES)
-        layer.record(node, "bell-measure", first, detail=told + listed(found.incidents), each=each)
-        feedback.clicks = found.clicks
+        layer.record(
+            node, "bell-measure", first, detail=detail + listed(analysis.incidents), each=each
+        )
+        feedback.clicks = analysis.clicks
         _tell_bell_states(feedback, outcomes, request.packed)
         gates = layer.devices.of(node).gates
         return imperfections.lasts(feedback, imperfections.of_bell_measurement(gates) * by_gates)
@@ -136,17 +141,17 @@ class Measurements:
         states = layer.sabot.bell_measure(
             first.register, second.register, (self._draws(first), self._draws(second))
         )
-        random, several = self._random(node, first), further.several(first, second)
+        random, several = self._random(node, first), extra_pairs.several(first, second)
         analyser = self._analyser(node)
         halves = self._halves(analyser, first, second, present, random)
         drift.twirl_pairs(first, second, states, layer.draws)
         for block in blocks:
             layer.ownership.remove(block)
-        found = analyser.analyse(states, halves, random, matched, apart_ps)
+        analysis = analyser.analyse(states, halves, random, matched, apart_ps)
         if several is not None:  # they would interfere
-            told = found.outcomes != NO_CLICK
-            first.pulses.approximations |= of_outcomes(SEVERAL_PAIRS, several, told)
-        return found
+            coincident = analysis.outcomes != NO_CLICK
+            first.pulses.approximations |= of_outcomes(SEVERAL_PAIRS, several, coincident)
+        return analysis
 
     def _interfere(
         self, node: str, blocks: tuple[Block, Block], matched: Overlap, apart_ps: float
@@ -165,7 +170,7 @@ class Measurements:
         return PhotonRandom(self._layer.draws, block.name, place, block.register.size)
 
     def _let_wait(
-        self, like: BellAnalyser, matched: Overlap, halves: tuple[Block, Block]
+        self, device: BellAnalyser, matched: Overlap, halves: tuple[Block, Block]
     ) -> tuple[str, float]:
         """Let light whose way was shorter wait in a delay line, if it comes too early otherwise.
 
@@ -174,21 +179,21 @@ class Measurements:
         when it is wanted.
         """
         first, second = halves
-        later_ps = round(first.way_ps - second.way_ps, DIGITS_PS)
+        later_ps = round(first.path_ps - second.path_ps, DIGITS_PS)
         if not later_ps or any(half.retimed or not half.fibers_passed for half in halves):
             return "", 0.0
-        too_early = abs(later_ps) > like.coincidence_window_s * 1e12 or matched.rad_per_s > 0
-        most_ps = like.delay_line_km * 1e15 / SPEED_IN_FIBER_M_PER_S
+        too_early = abs(later_ps) > device.coincidence_window_s * 1e12 or matched.rad_per_s > 0
+        most_ps = device.delay_line_km * 1e15 / SPEED_IN_FIBER_M_PER_S
         waits_ps = min(abs(later_ps), most_ps) if too_early else 0.0
         left_ps = later_ps - float(np.sign(later_ps)) * waits_ps
-        told = f", {abs(left_ps) / 1e3:g} ns apart" if left_ps else ""
+        detail = f", {abs(left_ps) / 1e3:g} ns apart" if left_ps else ""
         if not waits_ps:
-            return told, left_ps
+            return detail, left_ps
         waiting = second if later_ps > 0 else first
         length_km = waits_ps * 1e-15 * SPEED_IN_FIBER_M_PER_S
         return self._delay(
-            waiting, length_km, like.delay_line_db_per_km * length_km
-        ) + told, left_ps
+            waiting, length_km, device.delay_line_db_per_km * length_km
+        ) + detail, left_ps
 
     def _delay(self, block: Block, length_km: float, loss_db: float) -> str:
         """Let a block pass a delay line of this loss; return what the event log says."""
@@ -199,7 +204,7 @@ class Measurements:
             passes = 10 ** (-loss_db / 10)
             lost = layer.sabot.lose(block.register, ~random.happens("pass", passes))
             everything = np.ones(block.register.size, dtype=bool)
-            further.thin(layer.sabot, block, everything, passes, random, "further")
+            extra_pairs.thin(layer.sabot, block, everything, passes, random, "further")
             layer.photons_lost += lost
             layer.photons_lost_waiting += lost
         which = f"{block.name.number}/{block.name.half}"
@@ -214,31 +219,31 @@ class Measurements:
         random: PhotonRandom,
     ) -> tuple[Half, Half]:
         """Return the light that comes to both arms, its further photons measured."""
-        more = self._further(analyser, first, second, random)
+        more = self._extra_pairs(analyser, first, second, random)
         one, other = (
-            Half(there, block.pulses.extras, block.pulses.delays_ps, train(block), told)
-            for there, block, told in zip(present, (first, second), more, strict=True)
+            Half(there, block.pulses.extras, block.pulses.delays_ps, train(block), bits)
+            for there, block, bits in zip(present, (first, second), more, strict=True)
         )
         return one, other
 
-    def _further(
+    def _extra_pairs(
         self, analyser: Analyser, first: Block, second: Block, random: PhotonRandom
-    ) -> tuple[Told | None, Told | None]:
+    ) -> tuple[ExtraBits | None, ExtraBits | None]:
         """Bell-measure further photons; one alone takes either detector of its arm at random."""
         layer = self._layer
-        matched = further.bell_measure(layer.sabot, first, second, layer.draws)
+        matched = extra_pairs.bell_measure(layer.sabot, first, second, layer.draws)
         if matched is None:
             return None, None
-        drift.twirl_further(first, second, matched.pulses, matched.outcomes, layer.draws)
+        drift.twirl_extra_pairs(first, second, matched.pulses, matched.outcomes, layer.draws)
         there = matched.outcomes != NO_CLICK
         pulses = matched.pulses[there]
         outcomes = analyser.at_detectors(matched.outcomes[there], random.at("further pairs"))
-        told = []
+        arms = []
         for arm, bits in enumerate((outcomes >> np.uint8(1), outcomes & np.uint8(1))):
             alone = matched.alone[arm]
             coins = random.coins(f"further photon alone {arm}", alone.size)
-            told.append(Told(np.append(pulses, alone), np.append(bits, coins)))
-        return told[0], told[1]
+            arms.append(ExtraBits(np.append(pulses, alone), np.append(bits, coins)))
+        return arms[0], arms[1]
 
     def _analyser(self, node: str) -> Analyser:
         devices = self._layer.devices
@@ -250,20 +255,20 @@ class Measurements:
         return self._layer.draws.photons(block.name, purpose, block.register.size)
 
 
-def _matched(like: BellAnalyser, one: Pulses, other: Pulses, photons: int) -> Overlap:
+def _matched(device: BellAnalyser, one: Pulses, other: Pulses, photons: int) -> Overlap:
     """Return how alike the photons of two blocks are to an analyser."""
-    spectra = overlap(one.spectrum, other.spectrum, like.bandwidth_rad_per_s)
+    spectra = overlap(one.spectrum, other.spectrum, device.bandwidth_rad_per_s)
     aligned = alignment(one.polarization, other.polarization, photons)
     return spectra._replace(most=spectra.most * aligned)
 
 
-def _tell_bits(feedback: Feedback, told: Bytes, packed: bool) -> None:
+def _tell_bits(feedback: Feedback, outcomes: Bytes, packed: bool) -> None:
     """Write bits, and where there was no click, into feedback."""
     if packed:
-        feedback.bits = np.packbits(told & np.uint8(1)).tobytes()
-        feedback.missed = _packed_mask(told == NO_CLICK)
+        feedback.bits = np.packbits(outcomes & np.uint8(1)).tobytes()
+        feedback.missed = _packed_mask(outcomes == NO_CLICK)
     else:
-        feedback.outcomes = told.tobytes()
+        feedback.outcomes = outcomes.tobytes()
 
 
 def _tell_bell_states(feedback: Feedback, outcomes: Bytes, packed: bool) -> None:
@@ -282,9 +287,9 @@ def _packed_mask(mask: Mask) -> bytes:
     return np.packbits(mask).tobytes() if mask.any() else b""
 
 
-def outcome(found: Bytes, names: tuple[str, ...], position: int) -> str:
+def outcome(outcomes: Bytes, names: tuple[str, ...], position: int) -> str:
     """Return what was found of one photon or pair."""
-    outcome = int(found[position])
+    outcome = int(outcomes[position])
     return "no click" if outcome == NO_CLICK else names[outcome]
 
 
@@ -293,7 +298,7 @@ def train(block: Block) -> Train:
 
 
 def clicks(
-    layer: PhysicalLayer, light: Block, when: Train, place: str, bits: Bytes, more: Told | None
+    layer: PhysicalLayer, light: Block, when: Train, place: str, bits: Bytes, more: ExtraBits | None
 ) -> Detection:
     """Return what the detectors of a block's node see of its light, in the state of these bits."""
     random = PhotonRandom(layer.draws, light.name, place, bits.size)

@@ -13,12 +13,12 @@ from google.protobuf.message import Message
 from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.operations.adjustment import adjust
 from dispatcher.operations.blocks import Operations
+from dispatcher.operations.eavesdropping import Resending, Splitting
 from dispatcher.operations.gathering import Gathering
 from dispatcher.operations.heralding import Heralding
 from dispatcher.operations.imperfections import over
-from dispatcher.operations.looking import look, sense, tell
 from dispatcher.operations.measurements import Measurements
-from dispatcher.operations.resending import Resending, Splitting
+from dispatcher.operations.state_inspection import look, sense, tell
 from dispatcher.operations.switching import Switching
 from dispatcher.operations.transport import Transport
 from dispatcher.refusal import invalid

@@ -95,16 +95,16 @@ class Switching:
     def __init__(self, layer: PhysicalLayer) -> None:
         self._layer = layer
         self._switches = layer.network.switches
-        self._wanted: dict[str, list[Connection]] = {}  # what each was told last
+        self._wanted: dict[str, list[Connection]] = {}  # the latest request of each
         self._watchers: dict[str, set[asyncio.Event]] = {name: set() for name in self._switches}
 
     async def cross_connect(self, _node: str, request: CrossConnectRequest) -> int:
         """Replace a switch's cross-connects; return when all were open, once they are."""
         switch = self._switches[request.switch]
-        wanted = limits.cross_connects(request.connections)
-        for port in (port for connection in wanted.items() for port in connection):
+        requested = limits.cross_connects(request.connections)
+        for port in (port for connection in requested.items() for port in connection):
             _require_port(switch, port)
-        _require_not_stuck(switch, wanted)
+        _require_not_stuck(switch, requested)
         self._wanted[request.switch] = list(request.connections)
         ready_ns = self._connect(switch)
         await self._layer.clock.wait_until(ready_ns)
@@ -202,14 +202,14 @@ class Switching:
         """Make what was wanted last, as far as nothing that is stuck is in its way."""
         layer, stuck = self._layer, switch.stuck
         open_circuits = switch.timeline.open_circuits
-        wanted, circuits = dict(stuck), {**(stuck_circuits or {})}
+        requested, circuits = dict(stuck), {**(stuck_circuits or {})}
         circuits |= {i: open_circuits[i] for i, o in stuck.items() if _is_open(switch, i, o)}
         for connection in self._wanted.get(switch.name, ()):
             in_port, out_port = connection.in_port, connection.out_port
             if stuck.get(in_port) == out_port or _is_free(stuck, in_port, out_port):
-                wanted[in_port], circuits[in_port] = out_port, connection.circuit
+                requested[in_port], circuits[in_port] = out_port, connection.circuit
         now_ns = layer.clock.now_ns()
-        ready_ns, opened, closed = switch.timeline.connect(wanted, now_ns, circuits)
+        ready_ns, opened, closed = switch.timeline.connect(requested, now_ns, circuits)
         layer.software.switches(now_ns, ready_ns)
         wall_ns = layer.time.wall_ns
         changes = (("close", closed, wall_ns(now_ns)), ("open", opened, wall_ns(ready_ns)))
@@ -232,13 +232,13 @@ def _is_free(stuck: dict[int, int], in_port: int, out_port: int) -> bool:
 
 def _require_port(switch: OpticalSwitch, port: int) -> None:
     if port not in switch.ports:
-        known = ", ".join(map(str, switch.ports)) or "none"
-        raise not_found(f"port {port} of {switch.name} has no fibre; fibres end in {known}")
+        ports = ", ".join(map(str, switch.ports)) or "none"
+        raise not_found(f"port {port} of {switch.name} has no fibre; fibres end in {ports}")
 
 
-def _require_not_stuck(switch: OpticalSwitch, wanted: dict[int, int]) -> None:
+def _require_not_stuck(switch: OpticalSwitch, requested: dict[int, int]) -> None:
     """Refuse connections that something stuck is in the way of."""
-    for in_port, out_port in wanted.items():
+    for in_port, out_port in requested.items():
         for stuck_in, stuck_out in _in_the_way(switch.stuck, in_port, out_port):
             raise precondition(
                 f"{switch.name} cannot connect {in_port} -> {out_port}: its cross-connect "

@@ -8,7 +8,7 @@ import grpc
 from dispatcher.approximations import UNLIKE_LIGHT, approximation
 from dispatcher.devices import hardware
 from dispatcher.fiber.noise import Pattern
-from dispatcher.layer import cutoff, drift, further, pulses
+from dispatcher.layer import cutoff, drift, extra_pairs, pulses
 from dispatcher.layer.layer import PhysicalLayer, block_name
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations import limits
@@ -62,8 +62,8 @@ class Transport:
             last_ns=max(departure.last_ns for departure in departures),
         )
         layer.mark(feedback, blocks)
-        for way in zip(blocks, ends, departures, strict=True):
-            self._launch(*way)
+        for path in zip(blocks, ends, departures, strict=True):
+            self._launch(*path)
         layer.software.light(node, start_ns, node, feedback.last_ns)
         # A caller that goes away cancels this wait; its photons fly on.
         await layer.clock.wait_until(feedback.last_ns)
@@ -163,10 +163,10 @@ class Transport:
         drift.turn(block, arrival.turn)
         if arrival.polarization is not None:
             block.pulses.polarization = arrival.polarization.after(block.pulses.polarization)
-        block.way_ps += arrival.way_ps
+        block.path_ps += arrival.path_ps
         block.pulses.dispersion_ps_per_nm += arrival.dispersion_ps_per_nm
         block.start_ns = arrival.schedule.first_ns
-        lit = further.lit(block)
+        lit = extra_pairs.lit(block)
         first, last = int(lit.argmax()), lit.size - 1 - int(lit[::-1].argmax())
         block.first_ns = arrival.schedule.time_ns(first)
         block.last_ns = arrival.schedule.time_ns(last)
@@ -189,20 +189,20 @@ class Transport:
             layer.ownership.move(block, node, port)
             return
         if there.maker != block.maker:
-            layer.record(node, "discard", block, port, f"{there.maker} has made what is there")
+            layer.record(node, "discard", block, port, f"{there.maker} has made it")
             layer.drop(block)
             return
         layer.recall(there)
         for part in (there, block):
             drift.twirl_turn(part, layer.sabot, layer.draws)
-        if (further.lit(there) & further.lit(block)).any():  # angles are of pulses
+        if (extra_pairs.lit(there) & extra_pairs.lit(block)).any():  # angles are of pulses
             for part in (there, block):
                 drift.twirl(part, layer.sabot, layer.draws)
             if there.pulses.polarization is not block.pulses.polarization:
                 there.pulses.approximations |= approximation(UNLIKE_LIGHT, 0.5)
-        pulses.unite(there.pulses, block.pulses, further.lit(block))
+        pulses.unite(there.pulses, block.pulses, extra_pairs.lit(block))
         layer.sabot.unite(there.register, block.register)
-        further.unite(layer.sabot, there, block)
+        extra_pairs.unite(layer.sabot, there, block)
         there.first_ns = min(there.first_ns, block.first_ns)
         there.last_ns = max(there.last_ns, block.last_ns)
         there.fibers_passed = max(there.fibers_passed, block.fibers_passed)
@@ -217,7 +217,7 @@ class Transport:
                 waiter.set_result(None)
 
     def _whole(self, name: BlockName, node: str, port: str) -> Block | None:
-        """Return what has come of a block to a port, None if there is nothing or more will come."""
+        """Return the part of a block at a port, None if there is none or more will come."""
         block = self._layer.ownership.at(name, node, port)
         return None if block is None or self._layer.ownership.rest_flies(block) else block
 

@@ -179,8 +179,12 @@ class TracedSabot:
         for register, positions in picks:
             traced = self._traced.get(register, {})
             self._places.pop(register, None)
-            known = np.flatnonzero(np.isin(positions, np.array(list(traced), dtype=np.uint32)))
-            own |= {start + int(place): traced.pop(int(positions[place])) for place in known}
+            traced_places = np.flatnonzero(
+                np.isin(positions, np.array(list(traced), dtype=np.uint32))
+            )
+            own |= {
+                start + int(place): traced.pop(int(positions[place])) for place in traced_places
+            }
             start += positions.size
         if own:
             self._traced[gathered] = own

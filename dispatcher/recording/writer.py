@@ -42,15 +42,15 @@ class QasmWriter:
 
     def begin(self, sizes: Iterable[int], origin: str) -> list[Chunk] | None:
         """Return qubits in |0> for registers of these sizes; None if the file is full."""
-        wanted = [min(size, PHOTONS) for size in sizes]
-        if not self._has_capacity(wanted):
+        limited = [min(size, PHOTONS) for size in sizes]
+        if not self._has_capacity(limited):
             if not self._full:
                 self.comment("the file is full: blocks that are made from here on are left out")
             self._full = True
             return None
-        self._promised_bits += sum(wanted)
+        self._promised_bits += sum(limited)
         self.comment(origin)
-        return [self._chunk(size) for size in wanted]
+        return [self._chunk(size) for size in limited]
 
     def line(self, text: str, comment: str = "") -> None:
         self._write(f"{text} // {_one_line(comment)}\n" if comment else f"{text}\n")
@@ -65,13 +65,13 @@ class QasmWriter:
         self.line(f"creg {name}[{size}];", comment)
         return name
 
-    def _has_capacity(self, wanted: list[int]) -> bool:
+    def _has_capacity(self, sizes: list[int]) -> bool:
         declared = sum(chunk.size for chunk in self._chunks)
-        new = sum(size for size in wanted if self._free(size) is None)
+        new = sum(size for size in sizes if self._free(size) is None)
         return (
             self._written < FULL_BYTES
-            and declared + sum(wanted if new else ()) <= MAX_QUBITS
-            and self._promised_bits + sum(wanted) <= MAX_BITS
+            and declared + sum(sizes if new else ()) <= MAX_QUBITS
+            and self._promised_bits + sum(sizes) <= MAX_BITS
         )
 
     def _free(self, size: int) -> Chunk | None:

@@ -88,7 +88,7 @@ class Backend(Protocol):
 
 
 class Begin(Protocol):
-    """What makes a backend's states: its class, or what chooses between its classes."""
+    """A constructor of a backend's states: its class, or a choice between its classes."""
 
     @property
     def NAME(self) -> str:  # noqa: N802 (a constant of classes)
@@ -138,5 +138,5 @@ def independent_groups(support: Bits) -> list[tuple[list[int], list[int]]]:
             else:
                 apart.append((group_qubits, group_rows))
         groups = [*apart, (qubits, rows)]
-    found = [(sorted(rows), np.flatnonzero(qubits).tolist()) for qubits, rows in groups]
-    return sorted(found, key=lambda group: group[1])
+    factors = [(sorted(rows), np.flatnonzero(qubits).tolist()) for qubits, rows in groups]
+    return sorted(factors, key=lambda group: group[1])

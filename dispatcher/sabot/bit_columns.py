@@ -224,7 +224,7 @@ class BitColumns(NamedGates):
 
 
 def _parity_below(bits: int, places: int) -> int:
-    """Return for each of so many places whether the bits below it are odd in number."""
+    """Return for each place whether the bits below it are odd in number."""
     shift = 1
     while shift < places:
         bits ^= bits << shift

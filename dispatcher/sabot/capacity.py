@@ -27,7 +27,7 @@ DIAGONAL = GateStep("RY", angle_rad=np.pi / 4)  # before a measurement halfway b
 
 
 def require_amplitudes(qubits: int, members: int, live: int) -> None:
-    """Raise TooLarge if a state vector for each of so many members is too much."""
+    """Raise TooLarge if a state vector for each member is too large."""
     if qubits > MAX_QUBITS:
         raise TooLarge(
             f"{qubits} qubits would be entangled in one state vector, which has at most "
@@ -74,7 +74,7 @@ def require_capacity(register: Register, steps: Sequence[GateStep], live: int) -
 
 
 class Systems(NamedTuple):
-    """What is entangled once some registers are joined, by kinds of systems."""
+    """The entangled systems once some registers are joined, by kind."""
 
     qubits: NDArray[np.int64]
     dense: NDArray[np.bool_]  # whether state vectors are among them
@@ -102,10 +102,10 @@ def _systems(registers: Sequence[Register]) -> Systems:
             at = share.positions
             lowest[at] = np.minimum(lowest[at], numbers[share.component])
         for share in shares:
-            own = numbers[share.component]
-            found = np.minimum(own, lowest[share.positions])
-            changed |= bool((found != own).any())
-            numbers[share.component] = found
+            systems = numbers[share.component]
+            smallest = np.minimum(systems, lowest[share.positions])
+            changed |= bool((smallest != systems).any())
+            numbers[share.component] = smallest
     return _counted(numbers, size)
 
 

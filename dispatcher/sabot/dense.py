@@ -17,7 +17,7 @@ MAX_QUBITS = 12  # of one component
 MAX_AMPLITUDES = 1 << 22  # of all components together: 64 MiB
 
 DIGITS = 12  # of a probability; what differs by less is rounding
-TOLERANCE = 1e-9  # of amplitudes, where a product is told from an entangled state
+TOLERANCE = 1e-9  # of amplitudes, to distinguish a product from an entangled state
 
 Amplitudes = NDArray[np.complex128]
 
@@ -66,13 +66,13 @@ class Dense:
         """
         members = np.arange(state.members)
         probe, zeros = state.take(members), NoBits(state.members)
-        found = np.zeros(state.members, dtype=np.int64)
+        choices = np.zeros(state.members, dtype=np.int64)
         for qubit in range(state.qubits):
             bits, _determined = probe.measure(qubit, zeros)
-            found |= bits.astype(np.int64) << qubit
+            choices |= bits.astype(np.int64) << qubit
         dense = cls(state.qubits, state.members)
         dense._amplitudes[:, 0] = 0
-        dense._amplitudes[members, found] = 1
+        dense._amplitudes[members, choices] = 1
         x, z, signs = state.generators()
         for row, minus in enumerate(signs):
             dense._project(_mask(x[row]), _mask(z[row]), minus)

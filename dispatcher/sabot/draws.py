@@ -18,7 +18,7 @@ Uniform = NDArray[np.float64]
 
 
 class DrawsName(NamedTuple):
-    """What random numbers depend on, by which another process can draw the same."""
+    """The key of random numbers, by which another process can draw the same."""
 
     seed: int
     key: Key
@@ -107,7 +107,7 @@ class Draws:
 
 
 class _Key(np.random.bit_generator.ISeedSequence):
-    """Gives Philox a key as it is; numpy would ask the system for entropy first, if told `key`."""
+    """Gives Philox a key as it is; with `key` numpy would first ask the system for entropy."""
 
     def __init__(self, digest: bytes) -> None:
         """Hold a key of 16 bytes."""

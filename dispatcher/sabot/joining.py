@@ -101,12 +101,12 @@ def _merge(store: Store, share: Share, other: Share, size: int) -> None:
     store.link(Component(tensor(one.state, state), one.shares + two.shares))
 
 
-def _members(positions: Positions, wanted: Positions, size: int) -> Members:
+def _members(positions: Positions, numbers: Positions, size: int) -> Members:
     if isinstance(positions, slice):
-        return np.arange(size)[wanted]
+        return np.arange(size)[numbers]
     where = np.zeros(size, dtype=np.intp)
     where[positions] = np.arange(positions.size)
-    return where[wanted]
+    return where[numbers]
 
 
 def _rings(steps: Members) -> Members:

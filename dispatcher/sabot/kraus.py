@@ -16,7 +16,7 @@ DIGITS = 12  # of a probability; what differs by less is rounding
 
 
 def wrong_with(operators: Operators, qubits: int) -> str | None:
-    """Return why these are not a channel of so many qubits, in words; None if they are one."""
+    """Return in words why these are no channel of this number of qubits; None if they are one."""
     one = operators.ndim == 3 or (operators.ndim == 4 and len(operators) == qubits)
     if not one or operators.shape[-2:] != (2, 2):
         return f"shape {operators.shape} is neither (m, 2, 2) nor ({qubits}, m, 2, 2)"
@@ -30,8 +30,8 @@ def wrong_with(operators: Operators, qubits: int) -> str | None:
         return None
     worst = int(off.argmax())
     whose = f" of photon {worst}" if operators.ndim > 3 else ""
-    found = np.array2string(sums[worst], precision=6, separator=", ").replace("\n", "")
-    return f"they are not complete: the sum of K†K{whose} is {found}, not 1"
+    text = np.array2string(sums[worst], precision=6, separator=", ").replace("\n", "")
+    return f"they are not complete: the sum of K†K{whose} is {text}, not 1"
 
 
 def of_qubits(operators: Operators, positions: NDArray[np.integer] | slice) -> Operators:

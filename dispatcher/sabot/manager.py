@@ -30,7 +30,7 @@ TURNS_RAD = -np.pi / 4, np.pi / 4  # about Y, that bring Z+X and Z-X to Z
 class Sabot:
     """All quantum states of a network, on one backend.
 
-    What a backend of stabilizer states cannot hold becomes state vectors, if it is small.
+    States that are no stabilizer states become state vectors, if they are small.
     Lost qubits stay in their states, where nobody sees them: that is to trace them out.
     """
 
@@ -105,10 +105,10 @@ class Sabot:
         for share in register.shares:
             if cliffords is None:
                 dense = self._store.make_dense(share.component)
-                own = angle_rad
+                angle = angle_rad
                 if isinstance(angle_rad, np.ndarray):
-                    own = angle_rad[share.positions]
-                dense.gate(name, share.qubit, angle_rad=own)
+                    angle = angle_rad[share.positions]
+                dense.gate(name, share.qubit, angle_rad=angle)
             for clifford in cliffords or ():
                 share.component.state.gate(clifford, share.qubit)
 
@@ -255,10 +255,10 @@ class Sabot:
     def _create(self, count: int, registers: int) -> list[Register]:
         if self.backend == Dense.NAME:
             require_amplitudes(registers, count, self._store.live_amplitudes)
-        made = [Register(count) for _ in range(registers)]
-        shares = [Share(register, WHOLE) for register in made]
+        created = [Register(count) for _ in range(registers)]
+        shares = [Share(register, WHOLE) for register in created]
         self._store.link(Component(self._backend(registers, count), shares))
-        return made
+        return created
 
     def _read_out(self, register: Register, draws: PhotonDraws) -> Bytes:
         """Measure Z of every qubit and discard the register."""

@@ -26,7 +26,7 @@ class StimState:
 
     def __init__(self, qubits: int, members: int = 1) -> None:
         """Begin with every qubit of every member in |0>."""
-        # What the simulator draws is undone by the frames: outcomes come from the caller.
+        # The frames undo the simulator's draws: outcomes come from the caller.
         self._simulator = stim.TableauSimulator(seed=0)
         self._simulator.set_num_qubits(qubits)
         self._x: Bytes = np.zeros((qubits, members), dtype=np.uint8)
@@ -94,12 +94,12 @@ class StimState:
         An outcome that is not determined is the fair bit.
         """
         outcome, kickback = self._simulator.measure_kickback(qubit)
-        found = self._x[qubit] ^ np.uint8(outcome)
+        value = self._x[qubit] ^ np.uint8(outcome)
         if kickback is None:
-            return found, True
+            return value, True
         bits = randomness.bits().copy()
         x, z = kickback.to_numpy()
-        flips = found ^ bits
+        flips = value ^ bits
         self._x[: len(x)][x] ^= flips
         self._z[: len(z)][z] ^= flips
         return bits, False

@@ -56,9 +56,9 @@ class Callers:
         nonce = self.challenges.take(metadata.get(NONCE_KEY), peer)
         if nonce is None:
             raise _unknown("the challenge is not of this connection, or was used before")
-        told = str(metadata[PROOF_KEY]).encode()
+        token_proof = str(metadata[PROOF_KEY]).encode()
         for node, token in self._tokens.items():
-            if hmac.compare_digest(told, proof(token, nonce, method).encode()):
+            if hmac.compare_digest(token_proof, proof(token, nonce, method).encode()):
                 return node
         raise _unknown(f"no node's token proves {method} so")
 
@@ -80,11 +80,11 @@ class Callers:
         if node != RUNNER:
             raise denied(f"{node} may not {act}; only {RUNNER} may")
 
-    def watched_by(self, node: str, wanted: str) -> str:
+    def watched_by(self, node: str, requested: str) -> str:
         """Return which node's events a caller hears; only the runner hears those of others."""
-        if node != RUNNER and wanted not in ("", node):
-            raise denied(f"{node} may not watch {wanted}; only {RUNNER} may")
-        return wanted if node == RUNNER else node
+        if node != RUNNER and requested not in ("", node):
+            raise denied(f"{node} may not watch {requested}; only {RUNNER} may")
+        return requested if node == RUNNER else node
 
     def require_agent(self, node: str, switch: str, act: str) -> None:
         """Refuse all but the switch's own agent."""
@@ -101,8 +101,8 @@ class Callers:
     def require_known(self, switch: str) -> None:
         """Refuse the name of a switch that there is not."""
         if switch not in self._switches:
-            known = ", ".join(sorted(self._switches)) or "none"
-            raise not_found(f"no quantum switch {switch}; there is {known}")
+            names = ", ".join(sorted(self._switches)) or "none"
+            raise not_found(f"no quantum switch {switch}; there is {names}")
 
 
 def _unknown(problem: str) -> Refusal:
@@ -135,10 +135,10 @@ class Challenges:
         self._of[address] += 1
         return nonce
 
-    def take(self, told: str | bytes | None, peer: str) -> bytes | None:
+    def take(self, nonce_text: str | bytes | None, peer: str) -> bytes | None:
         """Return the one that is meant, which is used by that; None if it is not of this peer."""
         try:
-            nonce = bytes.fromhex(told) if isinstance(told, str) else b""
+            nonce = bytes.fromhex(nonce_text) if isinstance(nonce_text, str) else b""
         except ValueError:
             return None
         if self._peers.get(nonce) != peer:

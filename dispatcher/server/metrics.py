@@ -37,7 +37,7 @@ class MeasuredService(Service):
 
 
 class CurrentMetrics(Collector):
-    """What the physical layer counts anyway."""
+    """Counts that the physical layer keeps anyway."""
 
     def __init__(self, service: Service) -> None:
         self._service = service

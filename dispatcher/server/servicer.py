@@ -125,7 +125,7 @@ class Orders:
         return feedbacks
 
     async def _received(self, number: int, receive: Awaitable[Feedback]) -> Feedback:
-        """Wait for light, until it is said to be lost."""
+        """Wait for light, until it is reported as lost."""
         try:
             async with asyncio.timeout(None) as self._receiving[number]:
                 return await receive
@@ -209,8 +209,8 @@ class Service(DispatcherServicer):
             await context.write(outcome)
 
         try:
-            asked = self._asked(orders, counts)
-            await Orders(act, write, self.table.transport.settled).run(asked)
+            requests = self._asked(orders, counts)
+            await Orders(act, write, self.table.transport.settled).run(requests)
         finally:
             counts.ended()
 

@@ -31,7 +31,7 @@ class Light:
     """Light that comes to a port: in which pulses of a block, when, and its colour."""
 
     pulses: Mask
-    photons: Mask  # of those, the ones whose own photon is there
+    photons: Mask  # of those, the ones whose own photon is not lost
     times_ns: Times
     frequency_mhz: int
     others: NDArray[np.int64]  # the pulses of photons beside the own ones, shape (m,)
@@ -54,7 +54,7 @@ class Passed(NamedTuple):
 
 
 class Channel(NamedTuple):
-    """What a multiplexer fixes: the middle of its channel, and how far the next one is."""
+    """The grid of a multiplexer: the middle of its channel, and how far the next one is."""
 
     frequency_mhz: int
     grid_mhz: int

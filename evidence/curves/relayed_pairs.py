@@ -88,7 +88,11 @@ def source_of(values: Values) -> PairSource:
 def _photons(laboratory: Laboratory, name: tuple[int, int], size: int) -> NDArray[np.int64]:
     (block,) = laboratory.layer.ownership.parts(BlockName(SESSION, *name))
     own = block.register.present.astype(np.int64)
-    return own if block.further is None else own + np.bincount(block.further.pulses, minlength=size)
+    return (
+        own
+        if block.extra_pairs is None
+        else own + np.bincount(block.extra_pairs.pulses, minlength=size)
+    )
 
 
 def key(counts: Counts, sent: int) -> Estimate:

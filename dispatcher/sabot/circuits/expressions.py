@@ -108,8 +108,8 @@ class _Reader:
         if name.text in self._parameters:
             return lambda parameters: parameters[name.text]
         if name.text not in ("pi", "π"):
-            known = ", ".join(["pi", *self._parameters])
-            problem = f"unknown parameter {name.text!r}; known are {known}"
+            names = ", ".join(["pi", *self._parameters])
+            problem = f"unknown parameter {name.text!r}; known are {names}"
             self._tokens.fail(problem, name.position)
         return lambda _parameters: math.pi
 

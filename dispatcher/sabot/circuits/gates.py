@@ -70,8 +70,8 @@ class Definition:
 class Gates:
     """Gates by name; one that is defined later hides an earlier one."""
 
-    def __init__(self, known: Mapping[str, Primitive | Definition]) -> None:
-        self.known = dict(known)
+    def __init__(self, gates: Mapping[str, Primitive | Definition]) -> None:
+        self.known = dict(gates)
 
     def define(self, tokens: Tokens) -> None:
         """Read what follows the word gate, and add that gate.
@@ -111,13 +111,13 @@ class Gates:
         if gate is None:
             names = ", ".join(sorted(self.known)[:MOST_NAMES])
             raise BadGate(f"unknown gate {name!r}; define it, or use one of {names}")
-        for what, given, fitting in (
+        for what, count, fitting in (
             ("qubit", qubits, gate.qubits),
             ("parameter", parameters, gate.parameters),
         ):
-            if given != fitting:
+            if count != fitting:
                 plural = "" if fitting == 1 else "s"
-                raise BadGate(f"{name} takes {fitting} {what}{plural}, not {given}")
+                raise BadGate(f"{name} takes {fitting} {what}{plural}, not {count}")
         return gate
 
     def _read_body(
@@ -135,8 +135,8 @@ class Gates:
             tokens.expect(";")
             for operand in operands:
                 if operand not in qubits:
-                    known = ", ".join(qubits)
-                    raise BadGate(f"{operand!r} is not a qubit of the gate; it has {known}")
+                    names = ", ".join(qubits)
+                    raise BadGate(f"{operand!r} is not a qubit of the gate; it has {names}")
             if name != "barrier":
                 gate = self._require(name, len(arguments), len(operands))
                 _require_different(name, operands)

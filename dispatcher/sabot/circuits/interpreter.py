@@ -228,9 +228,9 @@ class _Batch:
     def _equals(self, register: ClassicalRegister, value: int) -> Mask:
         if value >> register.size:
             return np.zeros(self._shots, dtype=np.bool_)
-        wanted = np.array([value >> bit & 1 for bit in range(register.size)], dtype=np.uint8)
-        found = self.bits[register.first : register.first + register.size]
-        equal: Mask = (found == wanted[:, None]).all(axis=0)
+        expected = np.array([value >> bit & 1 for bit in range(register.size)], dtype=np.uint8)
+        actual = self.bits[register.first : register.first + register.size]
+        equal: Mask = (actual == expected[:, None]).all(axis=0)
         return equal
 
     def _pauli(self, qubit: int, pauli: int, where: Mask | None) -> None:

@@ -102,14 +102,14 @@ def count(circuit: Circuit, batches: Iterable[Bytes]) -> list[tuple[str, int]]:
         values, numbers = np.unique(packed, axis=1, return_counts=True)
         for column, number in zip(values.T, numbers.tolist(), strict=True):
             counts[column.tobytes()] += number
-    found = [(_text(circuit, packed), number) for packed, number in counts.items()]
-    return sorted(found, key=lambda each: (-each[1], each[0]))
+    texts = [(_text(circuit, packed), number) for packed, number in counts.items()]
+    return sorted(texts, key=lambda each: (-each[1], each[0]))
 
 
 def _text(circuit: Circuit, packed: bytes) -> str:
     bits = np.unpackbits(np.frombuffer(packed, dtype=np.uint8), count=circuit.bits)
     words = []
     for register in circuit.registers:
-        own = bits[register.first : register.first + register.size]
-        words.append("".join(map(str, own[::-1].tolist())))
+        values = bits[register.first : register.first + register.size]
+        words.append("".join(map(str, values[::-1].tolist())))
     return " ".join(words)

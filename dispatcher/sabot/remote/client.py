@@ -1,7 +1,7 @@
 """The simulation manager in another process: each operation is a call over its Unix socket.
 
-A call blocks the caller, as the work itself does when the manager is in this process. What is
-lost is known on this side, too, because the physical layer asks for it all the time.
+A call blocks the caller, as the work itself does when the manager is in this process. Lost photons
+are known on this side, too, because the physical layer asks for it all the time.
 """
 
 from collections.abc import Callable, Iterable, Sequence

@@ -62,7 +62,7 @@ class Workspaces:
     """All clients' registers."""
 
     def __init__(self, max_live_qubits: int) -> None:
-        """Hold at most so many qubits."""
+        """Limit the number of live qubits."""
         self._max_live_qubits = max_live_qubits
         self._all: dict[int, Workspace] = {}
         self._next = count(1)
@@ -181,17 +181,17 @@ def require_vectors(workspace: Workspace) -> None:
 
 def operators(request: messages.KrausRequest, mask: Mask) -> Operators:
     """Return the Kraus operators of all qubits, or those of each; where none are meant, 1."""
-    count, given = request.operators, len(request.real)
+    count, length = request.operators, len(request.real)
     met = int(np.count_nonzero(mask))
     if not 1 <= count <= MOST_OPERATORS:
         raise invalid(f"operators {count}; send 1 to {MOST_OPERATORS}")
-    if not given or len(request.imaginary) != given or given not in (4 * count, 4 * count * met):
+    if not length or len(request.imaginary) != length or length not in (4 * count, 4 * count * met):
         raise invalid(
-            f"{given} real and {len(request.imaginary)} imaginary numbers for {count} operators "
+            f"{length} real and {len(request.imaginary)} imaginary numbers for {count} operators "
             f"on {met} qubits; send 4 for each operator, of all qubits or of each"
         )
     values = np.array(request.real) + 1j * np.array(request.imaginary)
-    alike = given == 4 * count
+    alike = length == 4 * count
     own: Operators = values.reshape((count, 2, 2) if alike else (met, count, 2, 2))
     if (wrong := wrong_with(own, met)) is not None:
         raise invalid(f"Kraus operators: {wrong}; send those of a channel")
@@ -205,15 +205,15 @@ def operators(request: messages.KrausRequest, mask: Mask) -> Operators:
 
 def picks(workspace: Workspace, picked: Sequence[messages.GatherRequest.Pick]) -> list[Pick]:
     """Return the qubits that are picked: of registers and at positions named once each."""
-    found: list[Pick] = []
+    result: list[Pick] = []
     for pick in picked:
         register = workspace.require(pick.register)
-        if any(register is other.register for other in found):
+        if any(register is other.register for other in result):
             raise invalid(f"register {pick.register} is picked twice; pick all of it at once")
         positions = limits.positions("positions", pick.positions, register.size)
-        found.append(Pick(register, positions))
-    limits.require_count(sum(pick.positions.size for pick in found))
-    return found
+        result.append(Pick(register, positions))
+    limits.require_count(sum(pick.positions.size for pick in result))
+    return result
 
 
 def require_pair(first: Register, second: Register) -> None:

@@ -40,12 +40,12 @@ def dumped(
     workspace: Workspace, registers: Sequence[Register], members: int
 ) -> Iterator[DumpReply.State]:
     """Yield the states of the first members of registers, each state once."""
-    known: set[Component] = set()
+    seen: set[Component] = set()
     for register in registers:
         for share in list(register.shares):
-            if share.component in known:
+            if share.component in seen:
                 continue
-            known.add(share.component)
+            seen.add(share.component)
             places = [_positions(own) for own in share.component.shares]
             here = _positions(share)
             for member in np.flatnonzero(here < members):
@@ -112,7 +112,7 @@ class SabotService(SabotServicer):
     """Serves workspaces; calls come one at a time."""
 
     def __init__(self, max_live_qubits: int) -> None:
-        """Hold at most so many qubits."""
+        """Limit the number of live qubits."""
         self._workspaces = Workspaces(max_live_qubits)
 
     @call
@@ -139,8 +139,8 @@ class SabotService(SabotServicer):
         self._workspaces.require_capacity(request.count * (1 + pairs))
         workspace.require_place(1 + pairs)
         sabot = workspace.sabot
-        made = sabot.bell_pairs(request.count) if pairs else (sabot.zeros(request.count),)
-        numbers = [workspace.add(register) for register in made]
+        registers = sabot.bell_pairs(request.count) if pairs else (sabot.zeros(request.count),)
+        numbers = [workspace.add(register) for register in registers]
         return messages.CreateReply(registers=numbers, done=_done(workspace))
 
     @call

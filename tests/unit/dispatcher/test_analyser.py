@@ -10,7 +10,7 @@ from test_detectors import COUNT, TRAIN, NoDraws
 
 from dispatcher.devices.analyser import Analyser, Analysis, Half
 from dispatcher.devices.detector import Train
-from dispatcher.devices.detectors import DetectorPair, Told
+from dispatcher.devices.detectors import DetectorPair, ExtraBits
 from dispatcher.devices.overlap import Spectrum, angular_width, overlap
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.draws import Draws
@@ -55,18 +55,20 @@ def test_linear_optics_tell_psi_apart_and_report_both_phi_as_phi_plus() -> None:
     assert np.array_equal(outcomes, np.array([0, 1, 0, 3], dtype=np.uint8)[STATES])
 
 
-@pytest.mark.parametrize("further", [False, True])
-def test_unlike_detectors_do_not_tell_linear_optics_what_these_cannot_tell(further: bool) -> None:
+@pytest.mark.parametrize("extra_pairs", [False, True])
+def test_unlike_detectors_do_not_tell_linear_optics_what_these_cannot_tell(
+    extra_pairs: bool,
+) -> None:
     """By enumeration: Phi reaches either detector of the phase, which see 1 and 1 - m of it."""
     mismatch, light = 0.8, (LIGHT, LIGHT)
     detectors, analyser = Detectors(efficiency_mismatch=mismatch), BellAnalyser(kind="linear")
     states = STATES
-    if further:  # the same pairs, as those beside the own ones of their pulses
+    if extra_pairs:  # the same pairs, as those beside the own ones of their pulses
         device, every = Device(detectors=detectors, analyser=analyser), np.arange(COUNT)
         arms = DetectorPair(detectors), DetectorPair(detectors)
         found = Analyser(device, arms).at_detectors(STATES, CHANCE.at("further"))
-        told = Told(every, found >> np.uint8(1)), Told(every, found & np.uint8(1))
-        light = replace(DARKNESS, further=told[0]), replace(DARKNESS, further=told[1])
+        told = ExtraBits(every, found >> np.uint8(1)), ExtraBits(every, found & np.uint8(1))
+        light = replace(DARKNESS, extra_pairs=told[0]), replace(DARKNESS, extra_pairs=told[1])
         states = NONE
     outcomes = analyse(analyser, detectors, states, light).outcomes
     seen = {0: 1 - mismatch / 2, 1: 1 - mismatch, 2: 1 - mismatch / 2, 3: (1 - mismatch) ** 2}
@@ -246,7 +248,7 @@ def test_the_delay_line_takes_out_how_much_later_one_half_has_come() -> None:
     assert np.array_equal(analyse(halves=(LIGHT, delayed)).outcomes, STATES)
 
 
-def test_further_photons_make_outcomes_random() -> None:
+def test_extra_pairs_photons_make_outcomes_random() -> None:
     extras = np.ones(COUNT, dtype=np.uint8)
     half = replace(DARKNESS, extras=extras)
     found = analyse(states=NONE, halves=(half, half))

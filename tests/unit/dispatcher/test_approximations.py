@@ -70,7 +70,7 @@ def test_flips_for_a_phase_are_wrong_by_half_the_sine_of_its_angle(angle_rad: fl
 
 
 @pytest.mark.nightly
-def test_no_state_is_further_from_its_twirled_turn_than_is_said() -> None:
+def test_no_state_is_extra_pairs_from_its_twirled_turn_than_is_said() -> None:
     generator = np.random.default_rng(1)
     for _ in range(12):
         turned = generator.standard_normal(4)

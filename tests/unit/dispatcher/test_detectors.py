@@ -10,7 +10,7 @@ from five_sigma import within
 from numpy.typing import NDArray
 
 from dispatcher.devices.detector import Detector, Train
-from dispatcher.devices.detectors import Detection, DetectorPair, Told
+from dispatcher.devices.detectors import Detection, DetectorPair, ExtraBits
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.draws import Draws
 from wire.outcomes import NO_CLICK
@@ -36,9 +36,9 @@ def random(number: int = 0, count: int = COUNT) -> PhotonRandom:
     return PhotonRandom(Draws(1), (7, number, 0), "detectors", count)
 
 
-def look(bits: NDArray[np.uint8] = BITS, train: Train = TRAIN, **like: Any) -> Detection:
+def look(bits: NDArray[np.uint8] = BITS, train: Train = TRAIN, **device: Any) -> Detection:
     """Look at light with detectors like this."""
-    return DetectorPair(Detectors(**like)).detect(bits, None, train, random(count=train.count))
+    return DetectorPair(Detectors(**device)).detect(bits, None, train, random(count=train.count))
 
 
 def test_ideal_detectors_tell_the_bits_and_draw_nothing() -> None:
@@ -77,7 +77,7 @@ def test_two_clicks_at_once_are_squashed_to_a_random_bit() -> None:
     assert within(int(found.bits.sum()), COUNT, dark / 2)
 
 
-def test_further_photons_of_a_pulse_click_in_either_detector() -> None:
+def test_extra_pairs_photons_of_a_pulse_click_in_either_detector() -> None:
     """With n photons and efficiency e, neither clicks with (1-e)^n, both with what is left."""
     extras = np.full(COUNT, 2, dtype=np.uint8)
     found = DetectorPair(Detectors(efficiency=0.6)).detect(DARK, extras, TRAIN, random())
@@ -158,7 +158,7 @@ def test_afterpulses_of_a_block_are_seen_in_the_next() -> None:
 @pytest.mark.parametrize("dead_slots", [1, 2, 7])
 def test_dead_time_and_afterpulses_together_are_as_one_after_the_other(dead_slots: int) -> None:
     count = 20_000
-    like = Detectors(
+    device = Detectors(
         gate_s=20e-9,
         dead_time_s=dead_slots * 20e-9,
         afterpulse_probability=0.4,
@@ -166,7 +166,7 @@ def test_dead_time_and_afterpulses_together_are_as_one_after_the_other(dead_slot
     )
     light = np.random.default_rng(1).random(count) < 0.3
     drawn = random(0, count)
-    found = Detector(like).watch(light, Train(START_NS, 20.0, count), drawn)
+    found = Detector(device).watch(light, Train(START_NS, 20.0, count), drawn)
     causes = drawn.events("afterpulse", 0.4)
     waits = drawn.generator("afterpulse delay").standard_exponential(causes.size) * 5
     target = dict(zip(causes.tolist(), np.rint(causes + waits).astype(int).tolist(), strict=True))
@@ -180,8 +180,8 @@ def test_dead_time_and_afterpulses_together_are_as_one_after_the_other(dead_slot
 
 
 def test_the_same_block_is_seen_the_same_whatever_was_measured_before() -> None:
-    like = Detectors(efficiency=0.7, dark_count_hz=1e7)
-    alone, second = DetectorPair(like), DetectorPair(like)
+    device = Detectors(efficiency=0.7, dark_count_hz=1e7)
+    alone, second = DetectorPair(device), DetectorPair(device)
     second.detect(BITS, None, TRAIN, random(1))
     one, other = (pair.detect(BITS, None, TRAIN, random(2)) for pair in (alone, second))
     assert np.array_equal(one.bits, other.bits)
@@ -202,26 +202,26 @@ def test_photons_of_a_pulse_have_each_a_jitter_of_its_own() -> None:
     """Each is in the gate with p = erf(half / (sqrt(2) sigma)): both are not with (1 - p)^2."""
     jitter_ps, gate_s = 1e3, 1e-9
     train = Train(START_NS, 1e6, COUNT)  # so far apart that none is on another slot
-    like = Detectors(jitter_ps=jitter_ps, gate_s=gate_s)
+    device = Detectors(jitter_ps=jitter_ps, gate_s=gate_s)
     zeros = np.zeros(COUNT, np.uint8)
-    further = Told(np.arange(COUNT), zeros)
-    found = DetectorPair(like).detect(zeros, None, train, random(), further, timed=True)
+    extra_pairs = ExtraBits(np.arange(COUNT), zeros)
+    found = DetectorPair(device).detect(zeros, None, train, random(), extra_pairs, timed=True)
     in_gate = erf(gate_s * 5e11 / (sqrt(2) * jitter_ps))
     assert within(int((found.bits == 0).sum()), COUNT, 1 - (1 - in_gate) ** 2)
 
 
-def test_so_it_is_with_photons_that_have_no_state_and_with_further_ones() -> None:
+def test_so_it_is_with_photons_that_have_no_state_and_with_extra_pairs_ones() -> None:
     """Two photons each in either detector, of .6 and .3: none clicks in the first with .7^2."""
-    like = Detectors(efficiency=0.6, efficiency_mismatch=0.5)
+    device = Detectors(efficiency=0.6, efficiency_mismatch=0.5)
     noise = np.full(COUNT, 2, dtype=np.uint8)
-    found = DetectorPair(like).detect(DARK, noise, TRAIN, random())
+    found = DetectorPair(device).detect(DARK, noise, TRAIN, random())
     neither = (1 - 0.45) ** 2
     only_zero, only_one = (1 - 0.15) ** 2 - neither, (1 - 0.3) ** 2 - neither
     both = 1 - neither - only_zero - only_one
     assert within(int((found.bits == NO_CLICK).sum()), COUNT, neither)
     assert within(int((found.bits == 0).sum()), COUNT, only_zero + both / 2)
     assert within(int((found.bits == 1).sum()), COUNT, only_one + both / 2)
-    ones = Told(np.arange(COUNT), np.ones(COUNT, np.uint8))
-    further = DetectorPair(like).detect(DARK, None, TRAIN, random(), ones)
-    assert within(int((further.bits == 1).sum()), COUNT, 0.3)
-    assert not (further.bits == 0).any()
+    ones = ExtraBits(np.arange(COUNT), np.ones(COUNT, np.uint8))
+    extra_pairs = DetectorPair(device).detect(DARK, None, TRAIN, random(), ones)
+    assert within(int((extra_pairs.bits == 1).sum()), COUNT, 0.3)
+    assert not (extra_pairs.bits == 0).any()

@@ -301,11 +301,11 @@ def of(settings: Settings, place: str) -> Settings:
 
 def device(settings: Settings, host: str) -> Device:
     """Return the device of a host."""
-    like = Device()
+    device = Device()
     for name, value in of(settings, host).items():
         part, _dot, which = name.partition(".")
-        like = replace(like, **{part: replace(getattr(like, part), **{which: value})})
-    return like
+        device = replace(device, **{part: replace(getattr(device, part), **{which: value})})
+    return device
 
 
 def told(act: Act, settings: Settings) -> list[object]:
@@ -352,7 +352,7 @@ def test_an_extreme_of_a_setting_changes_what_hosts_are_told(
 def test_every_setting_is_tried_at_an_extreme() -> None:
     tried = {name.partition(".")[2] if name.count(".") == 2 else name for _, name, _, _ in CASES}
     parts: dict[str, Any] = {each.name: each.default for each in fields(Device)}
-    settings = {f"{part}.{each.name}" for part, like in parts.items() for each in fields(like)}
+    settings = {f"{part}.{each.name}" for part, device in parts.items() for each in fields(device)}
     settings |= {f"fiber.{each.name}" for each in fields(FiberOptics)}
     settings |= {f"switch.{each.name}" for each in fields(QuantumSwitch) if each.name != "name"}
     assert settings - tried == set(ELSEWHERE)

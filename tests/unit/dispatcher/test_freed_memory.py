@@ -10,12 +10,12 @@ import sys
 
 import numpy as np
 
-from dispatcher.layer import freed_memory
+from dispatcher import build
 
 PR_SET_THP_DISABLE = 41  # huge pages would hide how many small ones are cleared
 assert ctypes.CDLL(None).prctl(PR_SET_THP_DISABLE, 1, 0, 0, 0) == 0
 if sys.argv[1] == "kept":
-    assert freed_memory.keep()
+    assert build.keep_freed_memory()
 before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
 for _ in range(50):
     np.ones(250_000) + np.ones(250_000)

@@ -191,7 +191,7 @@ def test_gates_and_paulis_act_on_all_photons_of_a_pulse() -> None:
     run(PairSource(statistics="poisson", mean_pairs=1.0), act)
 
 
-def test_gathered_pulses_take_their_further_photons_along() -> None:
+def test_gathered_pulses_take_their_extra_pairs_photons_along() -> None:
     expected = pulses_told("poisson", 1.0, 1.0)
 
     async def act(laboratory: Laboratory) -> None:
@@ -208,7 +208,7 @@ def test_gathered_pulses_take_their_further_photons_along() -> None:
     run(PairSource(statistics="poisson", mean_pairs=1.0), act)
 
 
-def test_a_bell_analyser_sees_the_further_pairs_of_a_pulse() -> None:
+def test_a_bell_analyser_sees_the_extra_pairs_pairs_of_a_pulse() -> None:
     """An approximation: photons of two pairs interfere, too."""
     told = arms_told("poisson", 1.0, 0.5)
     expected = [told[phase, parity] for phase, parity in ((0, 0), (0, 1), (1, 0), (1, 1))]

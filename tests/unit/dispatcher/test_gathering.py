@@ -223,9 +223,9 @@ WAITED_S = 0.3
 T2_S = 0.5
 
 
-def memory(**like: Any) -> dict[str, Device]:
+def memory(**device: Any) -> dict[str, Device]:
     """Return such a memory at alice's."""
-    return {"alice": Device(memory=Memory(**like))}
+    return {"alice": Device(memory=Memory(**device))}
 
 
 async def fidelity_counts(laboratory: Laboratory, block: BlockKey, other: BlockKey) -> list[int]:

@@ -70,7 +70,7 @@ def split(mode: str, efficiency: float, visibility: float) -> list[tuple[str, fl
 
 def clicks(modes: Modes, bins: list[str], dark: float) -> dict[int, float]:
     """Return how likely photons in these modes are told as Psi+ (1) or Psi- (3)."""
-    told: dict[int, float] = defaultdict(float)
+    bell_states: dict[int, float] = defaultdict(float)
     for pattern in product("cd", repeat=len(bins)):  # the one that clicks in each bin
         chance = 1.0
         for when, clicking in zip(bins, pattern, strict=True):
@@ -79,8 +79,8 @@ def clicks(modes: Modes, bins: list[str], dark: float) -> dict[int, float]:
                 fires = 1.0 if light else dark
                 chance *= fires if side == clicking else 1 - fires
         same = len(set(pattern)) == 1 if len(bins) > 1 else pattern == ("c",)
-        told[1 if same else 3] += chance
-    return told
+        bell_states[1 if same else 3] += chance
+    return bell_states
 
 
 def in_fock_space(
@@ -104,8 +104,8 @@ def in_fock_space(
     bins = ["early", "late"] if scheme == "two-click" else ["early"]
     for modes in {modes for _qubits, modes in amplitudes}:
         vector = np.array([amplitudes.get((qubits, modes), 0.0) for qubits in range(4)])
-        for told, chance in clicks(modes, bins, dark).items():
-            states[told] += chance * np.outer(vector, vector.conj())
+        for bell_states, chance in clicks(modes, bins, dark).items():
+            states[bell_states] += chance * np.outer(vector, vector.conj())
     return states
 
 
@@ -127,10 +127,10 @@ def test_heralds_are_those_of_a_simulation_in_fock_space(
     arms = first, second
     heralds = SCHEMES[scheme](arms, dark, visibility)
     states = in_fock_space(scheme, arms, dark, visibility)
-    for told, state in states.items():
+    for bell_states, state in states.items():
         assert np.trace(state).real == pytest.approx(heralds.probability / 2, rel=1e-12)
         ours = [fidelity(scheme, heralds, visibility, right) for right in (True, False)]
-        theirs = [(PSI[bell] @ state @ PSI[bell]).real for bell in (told, told ^ 2)]
+        theirs = [(PSI[bell] @ state @ PSI[bell]).real for bell in (bell_states, bell_states ^ 2)]
         theirs = [each / np.trace(state).real for each in theirs]
         assert ours == pytest.approx(theirs, rel=1e-9, abs=1e-12)
         for kind in ("00", "11"):
@@ -252,20 +252,20 @@ async def heralded(
     await laboratory.host("bob").attempt((0, 1), "bob-q0")
     station = laboratory.host("charlie")
     found = await station.herald(count, ("charlie-q0", "charlie-q1"), timeout_s)
-    told = np.frombuffer(found.outcomes, np.uint8)
-    return told, found.attempts, (found.last_ns - found.first_ns) / 1e9
+    bell_states = np.frombuffer(found.outcomes, np.uint8)
+    return bell_states, found.attempts, (found.last_ns - found.first_ns) / 1e9
 
 
 async def correlations(
-    laboratory: Laboratory, told: NDArray[np.uint8]
+    laboratory: Laboratory, bell_states: NDArray[np.uint8]
 ) -> dict[str, tuple[int, int]]:
     """Return how often outcomes are as those of the pairs told, by basis, and of how many."""
     alice, bob = laboratory.host("alice"), laboratory.host("bob")
-    size, right = told.size, {}
+    size, right = bell_states.size, {}
     bases = (np.arange(size) % 3).astype(np.uint8)
     mine = await alice.measure((0, 0), bases=bases)
     yours = await bob.measure((0, 1), bases=bases)
-    phase = (told == 3).astype(np.uint8)  # of Psi+: equal in X and in Y, not in Z
+    phase = (bell_states == 3).astype(np.uint8)  # of Psi+: equal in X and in Y, not in Z
     for number, basis in enumerate("ZXY"):
         at = bases == number
         differ = np.ones(size, np.uint8) if basis == "Z" else phase
@@ -278,12 +278,12 @@ def test_a_link_makes_p_pairs_in_each_round_trip_to_the_station() -> None:
     device = Device(emitter=Emitter("two-click", efficiency=0.3))
 
     async def act(laboratory: Laboratory) -> None:
-        told, attempts, took_s = await heralded(laboratory, 3000)
-        assert told.size == 3000
-        assert within(told.size, attempts, 0.045)
-        assert within(int(np.count_nonzero(told == 1)), told.size, 0.5)
+        bell_states, attempts, took_s = await heralded(laboratory, 3000)
+        assert bell_states.size == 3000
+        assert within(bell_states.size, attempts, 0.045)
+        assert within(int(np.count_nonzero(bell_states == 1)), bell_states.size, 0.5)
         assert took_s / attempts == pytest.approx(2 * 10_000 / M_PER_S, rel=1e-3)
-        right = await correlations(laboratory, told)
+        right = await correlations(laboratory, bell_states)
         assert all(found == of for found, of in right.values())
 
     scene(act, device)
@@ -332,9 +332,9 @@ def test_single_clicks_are_common_and_1_minus_alpha_is_their_fidelity() -> None:
     bright = state[3, 3].real / np.trace(state).real  # both have emitted
 
     async def act(laboratory: Laboratory) -> None:
-        told, attempts, _took_s = await heralded(laboratory, count)
+        bell_states, attempts, _took_s = await heralded(laboratory, count)
         assert within(count, attempts, 2 * np.trace(state).real)
-        right = await correlations(laboratory, told)
+        right = await correlations(laboratory, bell_states)
         assert within(*right["Z"], 1 - bright)
         assert within(*right["X"], 1 - bright / 2)
         assert within(*right["Y"], 1 - bright / 2)
@@ -355,9 +355,9 @@ def test_dark_counts_herald_pairs_that_are_none(scheme: str) -> None:
     state = (states[1] + np.diag([1, 1, -1, -1]) @ states[3] @ np.diag([1, 1, -1, -1])) / chance
 
     async def act(laboratory: Laboratory) -> None:
-        told, attempts, _took_s = await heralded(laboratory, count)
+        bell_states, attempts, _took_s = await heralded(laboratory, count)
         assert within(count, attempts, chance)
-        right = await correlations(laboratory, told)
+        right = await correlations(laboratory, bell_states)
         assert within(*right["Z"], (state[1, 1] + state[2, 2]).real)
         assert within(*right["X"], (1 + 2 * (state[1, 2] + state[0, 3]).real) / 2)
         assert within(*right["Y"], (1 + 2 * (state[1, 2] - state[0, 3]).real) / 2)
@@ -379,7 +379,7 @@ def test_bits_of_unlike_hosts_are_their_own() -> None:
     likely = np.array(rest) + entangled * np.array([0, 0.5, 0.5, 0])
 
     async def act(laboratory: Laboratory) -> None:
-        told, attempts, _took_s = await heralded(laboratory, count)
+        bell_states, attempts, _took_s = await heralded(laboratory, count)
         assert within(count, attempts, likely.sum())
         bits = [
             await laboratory.host(host).measure((0, half))
@@ -387,7 +387,7 @@ def test_bits_of_unlike_hosts_are_their_own() -> None:
         ]
         found = np.bincount(2 * bits[0] + bits[1], minlength=4)
         for number, chance in zip(found, likely / likely.sum(), strict=True):
-            assert within(int(number), told.size, float(chance))
+            assert within(int(number), bell_states.size, float(chance))
 
     scene(act, device, station, own={"alice": {"loss_db_per_km": 1.0}})
 
@@ -403,8 +403,8 @@ def test_clicks_that_are_told_of_the_other_detector_flip_phases(scheme: str) -> 
     keeps = 1 - 2 * error if scheme == "single-click" else 1 - 4 * error * (1 - error)
 
     async def act(laboratory: Laboratory) -> None:
-        told, _attempts, _took_s = await heralded(laboratory, count)
-        right = await correlations(laboratory, told)
+        bell_states, _attempts, _took_s = await heralded(laboratory, count)
+        right = await correlations(laboratory, bell_states)
         assert within(*right["Z"], psi)
         assert within(*right["X"], (1 + psi * keeps) / 2)
         assert within(*right["Y"], (1 + psi * keeps) / 2)
@@ -419,8 +419,8 @@ def test_noise_of_fibres_and_of_emitters_is_in_the_pairs() -> None:
     keeps = (1 - 4 * (1 - fidelity) / 3) ** 2 * (1 - p) ** 4
 
     async def act(laboratory: Laboratory) -> None:
-        told, _attempts, _took_s = await heralded(laboratory, count)
-        for found, of in (await correlations(laboratory, told)).values():
+        bell_states, _attempts, _took_s = await heralded(laboratory, count)
+        for found, of in (await correlations(laboratory, bell_states)).values():
             assert within(found, of, (1 + keeps) / 2)
 
     scene(act, device, depolarizing=p)
@@ -452,9 +452,9 @@ def test_scattered_classical_light_heralds_pairs_that_are_none(scheme: str) -> N
     device = Device(emitter=Emitter(scheme, 0.0, 0.0, modes=1000))
 
     async def act(laboratory: Laboratory) -> None:
-        told, attempts, _took_s = await heralded(laboratory, 20_000)
-        assert within(told.size, attempts, chance)
-        right = await correlations(laboratory, told)
+        bell_states, attempts, _took_s = await heralded(laboratory, 20_000)
+        assert within(bell_states.size, attempts, chance)
+        right = await correlations(laboratory, bell_states)
         zeros = 0.0 if scheme == SINGLE else 0.5  # of qubits that are both in |0>, or in any state
         assert within(*right["Z"], zeros)
         assert within(*right["X"], 0.5)
@@ -473,10 +473,10 @@ def test_detectors_that_are_unlike_tell_one_state_less_often(scheme: str) -> Non
     detectors = Detectors(efficiency_mismatch=mismatch)
 
     async def act(laboratory: Laboratory) -> None:
-        told, attempts, _took_s = await heralded(laboratory, count)
-        assert within(told.size, attempts, chance_of(scheme, (1 + less) / 2))
-        assert within(int(np.count_nonzero(told == 3)), told.size, minus)
-        right = await correlations(laboratory, told)
+        bell_states, attempts, _took_s = await heralded(laboratory, count)
+        assert within(bell_states.size, attempts, chance_of(scheme, (1 + less) / 2))
+        assert within(int(np.count_nonzero(bell_states == 3)), bell_states.size, minus)
+        right = await correlations(laboratory, bell_states)
         assert within(*right["X"], 0.95 if scheme == SINGLE else 1.0)
 
     scene(act, of_little_light(scheme), Device(detectors=detectors, analyser=STATION.analyser))
@@ -506,8 +506,8 @@ def test_a_click_of_one_photon_needs_that_one_alone(scheme: str, tmp_path: Path)
     own: Any = {"noise": f"{tmp_path}/some.py:Some", "noise_parameters": {"lost": 0.4}}
 
     async def act(laboratory: Laboratory) -> None:
-        told, attempts, _took_s = await heralded(laboratory, 20_000)
-        assert within(told.size, attempts, chance_of(scheme, 0.6))
+        bell_states, attempts, _took_s = await heralded(laboratory, 20_000)
+        assert within(bell_states.size, attempts, chance_of(scheme, 0.6))
 
     scene(act, of_little_light(scheme), own={"alice": own, "bob": own})
 
@@ -536,8 +536,8 @@ def test_light_that_comes_outside_the_gate_is_no_herald(scheme: str, what: str) 
     fiber: dict[str, Any] = {"dispersion_ps_per_nm_km": 20.0} if what == "dispersion" else {}
 
     async def act(laboratory: Laboratory) -> None:
-        told, attempts, _took_s = await heralded(laboratory, 20_000)
-        assert within(told.size, attempts, chance_of(scheme, inside))
+        bell_states, attempts, _took_s = await heralded(laboratory, 20_000)
+        assert within(bell_states.size, attempts, chance_of(scheme, inside))
 
     device = of_little_light(scheme, source=source)
     scene(act, device, Device(detectors=detectors, analyser=STATION.analyser), **fiber)
@@ -549,8 +549,8 @@ def test_clicks_that_are_too_far_apart_are_no_coincidence() -> None:
     analyser = BellAnalyser("linear", coincidence_window_s=1e-10)
 
     async def act(laboratory: Laboratory) -> None:
-        told, attempts, _took_s = await heralded(laboratory, 20_000)
-        assert within(told.size, attempts, chance_of(DOUBLE) * erf(1 / sqrt(2) / sqrt(2)))
+        bell_states, attempts, _took_s = await heralded(laboratory, 20_000)
+        assert within(bell_states.size, attempts, chance_of(DOUBLE) * erf(1 / sqrt(2) / sqrt(2)))
 
     scene(act, of_little_light(DOUBLE), Device(detectors=detectors, analyser=analyser))
 
@@ -562,9 +562,9 @@ def test_noise_of_one_s_own_of_a_station_s_detectors_is_in_its_heralds(tmp_path:
     detectors = Detectors(noise=f"{tmp_path}/some.py:Some", noise_parameters=parameters)
 
     async def act(laboratory: Laboratory) -> None:
-        told, attempts, _took_s = await heralded(laboratory, 20_000)
-        assert within(told.size, attempts, 0.7 * chance_of(DOUBLE))
-        right = await correlations(laboratory, told)
+        bell_states, attempts, _took_s = await heralded(laboratory, 20_000)
+        assert within(bell_states.size, attempts, 0.7 * chance_of(DOUBLE))
+        right = await correlations(laboratory, bell_states)
         assert within(*right["Z"], 1.0)
         assert within(*right["X"], 0.9)
         assert within(*right["Y"], 0.9)
@@ -612,8 +612,8 @@ def test_a_station_reports_when_hardly_any_light_comes_in_its_gate(count: int) -
     """Two clicks with a jitter of 1 ms in gates of 1 ns: (1e-9 / 1e-3)^2 / 2 pi of the attempts."""
 
     async def act(laboratory: Laboratory) -> None:
-        told, attempts, _took_s = await heralded(laboratory, count)
-        assert told.size == 0
+        bell_states, attempts, _took_s = await heralded(laboratory, count)
+        assert bell_states.size == 0
         assert 0 < attempts < 3_000_000
 
     station = replace(STATION, detectors=Detectors(jitter_ps=1e9))
@@ -646,7 +646,7 @@ def test_light_of_one_arm_that_comes_late_tells_where_it_came_from(
         for host, ps in (("alice", alices), ("bob", bobs))
     }
     device = Device(emitter=Emitter(scheme, 0.05, 0.1, modes=100))
-    like = BellAnalyser("linear", visibility=best, bandwidth_rad_per_s=rad_per_s)
+    analyser = BellAnalyser("linear", visibility=best, bandwidth_rad_per_s=rad_per_s)
     arms = (Arm(0.05, 0.1),) * 2
     # Late light is other light to the phase of a pair only: how many click together does not move.
     states = in_fock_space(scheme, arms, 0.0, best * exp(-(mismatch**2)))
@@ -654,12 +654,12 @@ def test_light_of_one_arm_that_comes_late_tells_where_it_came_from(
     state = (states[1] + np.diag([1, 1, -1, -1]) @ states[3] @ np.diag([1, 1, -1, -1])) / chance
 
     async def act(laboratory: Laboratory) -> None:
-        told, _attempts, _took_s = await heralded(laboratory, count)
-        right = await correlations(laboratory, told)
+        bell_states, _attempts, _took_s = await heralded(laboratory, count)
+        right = await correlations(laboratory, bell_states)
         assert within(*right["X"], (1 + 2 * (state[1, 2] + state[0, 3]).real) / 2)
         assert within(*right["Y"], (1 + 2 * (state[1, 2] - state[0, 3]).real) / 2)
 
-    scene(act, device, Device(analyser=like), own=own)
+    scene(act, device, Device(analyser=analyser), own=own)
 
 
 def test_light_of_attempts_meets_no_kraus_operators() -> None:
@@ -682,8 +682,8 @@ def test_each_qubit_waits_from_its_own_emission() -> None:
     )
 
     async def act(laboratory: Laboratory) -> None:
-        told, _attempts, took_s = await heralded(laboratory, count)
-        right = await correlations(laboratory, told)
+        bell_states, _attempts, took_s = await heralded(laboratory, count)
+        right = await correlations(laboratory, bell_states)
         assert right["Z"][0] == right["Z"][1]
         # Heralds come evenly in time: both qubits have waited anything up to all of it.
         mean = -expm1(-2 * took_s / t2_s) / (2 * took_s / t2_s)
@@ -698,10 +698,10 @@ def test_no_more_is_heralded_than_time_allows() -> None:
     device = Device(emitter=Emitter("two-click", efficiency=0.01))
 
     async def act(laboratory: Laboratory) -> None:
-        told, attempts, took_s = await heralded(laboratory, 3000, timeout_s=2.0)
+        bell_states, attempts, took_s = await heralded(laboratory, 3000, timeout_s=2.0)
         assert took_s == pytest.approx(2.0, rel=1e-3)
         assert attempts == pytest.approx(2.0 / (2 * 10_000 / M_PER_S), rel=1e-3)
-        assert within(told.size, attempts, 0.01**2 / 2)
+        assert within(bell_states.size, attempts, 0.01**2 / 2)
 
     scene(act, device)
 
@@ -721,8 +721,8 @@ def test_light_that_a_switch_let_go_while_it_came_is_no_herald() -> None:
             await wait(time_ns)
 
         laboratory.clock.wait_until = closing  # type: ignore[method-assign]
-        told, attempts, _took_s = await heralded(laboratory, 3000, timeout_s=1.0)
-        assert within(told.size, attempts // 10, 0.045)
+        bell_states, attempts, _took_s = await heralded(laboratory, 3000, timeout_s=1.0)
+        assert within(bell_states.size, attempts // 10, 0.045)
 
     scene(act, device)
 
@@ -761,8 +761,8 @@ def test_light_of_who_attempts_under_the_name_of_another_is_not_taken_for_its_li
 
     async def act(laboratory: Laboratory) -> None:
         await laboratory.host("bob").attempt((0, 0), "bob-q0")
-        told, _attempts, _seconds = await heralded(laboratory, 3)
-        assert told.size == 3
+        bell_states, _attempts, _seconds = await heralded(laboratory, 3)
+        assert bell_states.size == 3
         assert (await laboratory.host("alice").measure((0, 0))).size == 3
 
     scene(act, device)
@@ -799,11 +799,11 @@ def test_no_host_finds_a_heralded_pair_before_news_of_it_can_be_there(
         if copper_s is not None:
             laboratory.layer.software = SoftwareTime({"alice": {"charlie": copper_s}})
         layer, clock = laboratory.layer, laboratory.clock
-        told, jump = asyncio.Event(), clock.wait_until
+        bell_states, jump = asyncio.Event(), clock.wait_until
 
         async def wait(time_ns: int) -> None:
             if asyncio.current_task() is not station:
-                await told.wait()
+                await bell_states.wait()
             await jump(time_ns)
 
         clock.wait_until = wait  # type: ignore[method-assign]
@@ -826,7 +826,7 @@ def test_no_host_finds_a_heralded_pair_before_news_of_it_can_be_there(
             while not watcher.idle:
                 assert (await watcher.next()).kind == "attempt"
             clock.time_ns = clicked_ns + news_ns
-            told.set()
+            bell_states.set()
             assert (await alice.measure((0, 0))).size == 3
             await station
             assert "heralded" in [each.kind for each in await watcher.some()]

@@ -247,7 +247,7 @@ def test_fibres_act_in_the_order_in_which_light_passes_them(model: str) -> None:
         act(run, fibers=fibers, rotation=1)
 
 
-def test_further_photons_of_a_pulse_meet_it_too(model: str) -> None:
+def test_extra_pairs_photons_of_a_pulse_meet_it_too(model: str) -> None:
     """Damped wholly, every photon is in |0>: no pulse of two has both detectors click."""
     fiber = {"noise": model, "noise_parameters": {"kraus": damping(1.0)}}
 

@@ -4,7 +4,7 @@ from math import sqrt
 
 import numpy as np
 
-from dispatcher.operations.looking import density
+from dispatcher.operations.state_inspection import density
 
 
 def test_a_qubit_of_a_bell_pair_is_mixed_and_the_pair_is_not() -> None:

@@ -315,7 +315,7 @@ def test_discarding_frees_the_memory(tmp_path: Path) -> None:
     run(tmp_path, act, capacity=100)
 
 
-def test_further_photons_are_lost_with_the_efficiency_too(tmp_path: Path) -> None:
+def test_extra_pairs_photons_are_lost_with_the_efficiency_too(tmp_path: Path) -> None:
     async def act(bench: Bench, _clock: JumpingClock) -> None:
         await bench.alice.create(COUNT)
         (part,) = bench.layer.ownership.parts(BlockName(7, 0, 0))

@@ -25,9 +25,9 @@ def test_outliers_are_as_common_and_as_far_out_as_normal_numbers(least: float) -
     assert within(int((photons < COUNT // 3).sum()), photons.size, 1 / 3)
     assert within(int((numbers > 0).sum()), photons.size, 1 / 2)
     assert (np.abs(numbers) >= least).all()
-    for further in (0.1, 0.3, 1.0):
-        farther = int((np.abs(numbers) > least + further).sum())
-        assert within(farther, photons.size, beyond(least + further) / beyond(least))
+    for extra_pairs in (0.1, 0.3, 1.0):
+        farther = int((np.abs(numbers) > least + extra_pairs).sum())
+        assert within(farther, photons.size, beyond(least + extra_pairs) / beyond(least))
 
 
 def test_nothing_is_so_far_out_that_no_number_reaches_there() -> None:
@@ -35,7 +35,7 @@ def test_nothing_is_so_far_out_that_no_number_reaches_there() -> None:
     assert photons.size == numbers.size == 0
 
 
-def test_further_photons_have_random_numbers_of_their_own() -> None:
+def test_extra_pairs_photons_have_random_numbers_of_their_own() -> None:
     few = PhotonRandom(Draws(1), (7, 0, 0), "here", 1000)
     for photons in (few.beside(1000), few.at("there")):
         assert not (photons.uniform("lost") == few.uniform("lost")).any()

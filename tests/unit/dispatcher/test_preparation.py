@@ -12,7 +12,7 @@ import uvloop
 from five_sigma import within
 
 from dispatcher.build import build_layer
-from dispatcher.devices.source import emit, most_further
+from dispatcher.devices.source import emit, most_extra_pairs
 from dispatcher.laboratory import SESSION, JumpingClock, Laboratory, LaboratoryHost, block_id
 from dispatcher.operations.blocks import Operations
 from dispatcher.operations.emission import STATES
@@ -205,7 +205,7 @@ def test_g2_is_that_of_the_photons_counted(g2: float) -> None:
     counted = (photons * (photons - 1)).mean() / photons.mean() ** 2
     several = int((found == 2).sum())
     assert counted == pytest.approx(g2, abs=5 * g2 / several**0.5)
-    assert several <= most_further(source, count)
+    assert several <= most_extra_pairs(source, count)
 
 
 @pytest.mark.parametrize("basis", [Z, X, Y])

@@ -67,7 +67,7 @@ async def send(
     return held(bench, "alice", number)
 
 
-def test_further_photons_come_through_as_likely_as_any_and_without_the_pulse_s_own(
+def test_extra_pairs_photons_come_through_as_likely_as_any_and_without_the_pulse_s_own(
     tmp_path: Path,
 ) -> None:
     async def scene(bench: Bench) -> None:
@@ -113,7 +113,7 @@ def test_light_that_nobody_lets_out_is_gone_with_all_its_photons(tmp_path: Path)
 
 
 @pytest.mark.parametrize("with_their_own", [True, False])
-def test_further_photons_go_the_way_that_was_open_and_meet_again(
+def test_extra_pairs_photons_go_the_way_that_was_open_and_meet_again(
     tmp_path: Path, with_their_own: bool
 ) -> None:
     async def run() -> None:

@@ -15,7 +15,7 @@ from dispatcher.build import build_layer
 from dispatcher.laboratory import JumpingClock, Laboratory
 from dispatcher.layer.ownership import Block, BlockName
 from dispatcher.operations.blocks import Operations
-from dispatcher.operations.resending import ALONE, Resending
+from dispatcher.operations.eavesdropping import ALONE, Resending
 from dispatcher.refusal import Refusal
 from dispatcher.sabot.backend import Bytes
 from wire.config import DispatcherConfig, Fiber, FiberEnd
@@ -196,8 +196,8 @@ def test_of_a_pulse_of_many_photons_one_is_left() -> None:
         bases[::2] = ALONE
         await intercepted(laboratory, 1, bases)
         (block,) = laboratory.layer.ownership.parts(BlockName(1, 0, 1))
-        assert block.further is not None
-        left = block.further.pulses[block.further.register.present]
+        assert block.extra_pairs is not None
+        left = block.extra_pairs.pulses[block.extra_pairs.register.present]
         assert left.size
         assert not (left % 2).any()
 

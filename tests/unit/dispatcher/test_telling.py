@@ -23,5 +23,5 @@ def test_instructions_are_an_event_of_the_host_that_tells_them() -> None:
 
 @pytest.mark.parametrize("text", ["", "x" * 4001, "h Q0\n2026 bob measure", "\x1b[2J", "é", "\0"])
 def test_what_is_not_one_line_of_a_log_is_refused(text: str) -> None:
-    with pytest.raises(Refusal, match="1 to 4000 printable ASCII characters are told"):
+    with pytest.raises(Refusal, match="1 to 4000 printable ASCII characters are allowed"):
         told(text)

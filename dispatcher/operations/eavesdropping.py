@@ -5,12 +5,12 @@
     outcomes   0       1   no click
     after     |0>  b  |->      e
 
-What is put in a place is one photon, which leaves when the other would have left.
+The replacement is one photon, which leaves when the other would have left.
 
 Photon-number splitting: counts the photons of pulses, and takes one out of those with several.
 
     pulse      0   1   2    3
-    photons    1   0   3    2        told, and no state is looked at
+    photons    1   0   3    2        reported; no state is looked at
     taken      .   .   one  one      into a block of their own, each in the place of its pulse
 
 No law of physics forbids it, though nobody has built it (Brassard, Luetkenhaus, Mor, Sanders,
@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 
 from dispatcher.devices import hardware
 from dispatcher.fiber.turn import merged
-from dispatcher.layer import drift, further, part_noise, pulses
+from dispatcher.layer import device_noise, drift, extra_pairs, pulses
 from dispatcher.layer.layer import PhysicalLayer, block_name, tally
-from dispatcher.layer.ownership import Block, BlockName, Further, Pulses
+from dispatcher.layer.ownership import Block, BlockName, ExtraPairs, Pulses
 from dispatcher.operations import emission, imperfections
 from dispatcher.operations.gathering import require_places
 from dispatcher.operations.measurements import clicks, listed, outcome, train
@@ -66,13 +66,13 @@ class Splitting:
         counts = photons(block)
         taken = self._take(block, into, counts >= SEVERAL)
         layer.ownership.add(taken)
-        told = Counter(np.minimum(counts, SEVERAL + 1).tolist())
-        words = " ".join(f"{_named(count)}={told[count]}" for count in sorted(told))
+        numbers = Counter(np.minimum(counts, SEVERAL + 1).tolist())
+        text = " ".join(f"{_named(count)}={numbers[count]}" for count in sorted(numbers))
         layer.record(
             node,
             "split",
             block,
-            detail=f"photons in pulses: {words}; one of several into {into.number}/{into.half}",
+            detail=f"photons in pulses: {text}; one of several into {into.number}/{into.half}",
             each=lambda position: f"{counts[position]} photons",
         )
         feedback = layer.feedback(block, taken)
@@ -80,11 +80,11 @@ class Splitting:
         return feedback
 
     def _take(self, block: Block, into: BlockName, several: Mask) -> Block:
-        """Take a photon out of each of these pulses, its own if that is there."""
+        """Take a photon out of each of these pulses, its own unless that is lost."""
         layer = self._layer
         drift.twirl_turn(block, layer.sabot, layer.draws)
         own = several & block.register.present
-        others = self._take_further(block, several & ~own)
+        others = self._take_extra_pairs(block, several & ~own)
         taken = Block(
             into,
             layer.sabot.part(block.register, own),
@@ -93,33 +93,33 @@ class Splitting:
             last_ns=block.last_ns,
             fibers_passed=block.fibers_passed,
             pulses=replace(block.pulses, extras=None),
-            further=others,
+            extra_pairs=others,
             start_ns=block.start_ns,
             interval_ns=block.interval_ns,
-            way_ps=block.way_ps,
+            path_ps=block.path_ps,
             retimed=block.retimed,
             lineage=f"split off {block.name} {block.lineage}",
         )
         block.pulses.approximations |= taken.pulses.approximations
         return taken
 
-    def _take_further(self, block: Block, members: Mask) -> Further | None:
+    def _take_extra_pairs(self, block: Block, members: Mask) -> ExtraPairs | None:
         """Take one of the photons beside the own ones of these pulses, which have lost theirs."""
-        light = block.further
+        light = block.extra_pairs
         if light is None or not members.any():
             return None
         there = np.flatnonzero(light.register.present & members[light.pulses])
         _pulses, first = np.unique(light.pulses[there], return_index=True)
         chosen = there[first]
         register = self._layer.sabot.gather([Pick(light.register, chosen.astype(np.uint32))])
-        return Further(register, light.pulses[chosen])
+        return ExtraPairs(register, light.pulses[chosen])
 
 
 def photons(block: Block) -> NDArray[np.uint8]:
     """Return how many photons with a state each pulse has, MOST_COUNTED at most; shape (k,)."""
     counts: NDArray[np.int64] = block.register.present.astype(np.int64)
-    if block.further is not None:
-        at = block.further.pulses[block.further.register.present]
+    if block.extra_pairs is not None:
+        at = block.extra_pairs.pulses[block.extra_pairs.register.present]
         counts += np.bincount(at, minlength=counts.size)
     return np.minimum(counts, MOST_COUNTED).astype(np.uint8)
 
@@ -139,7 +139,7 @@ class Resending:
         self._layer = layer
 
     def resend(self, node: str, request: ResendRequest) -> Feedback:
-        """Measure the photons that have a basis, and replace them by what was found."""
+        """Measure the photons that have a basis, and replace them by the outcomes."""
         layer, name = self._layer, block_name(request.block)
         block = layer.ownership.require(name, node)
         hardware.require(layer.devices, node, MEASURE)
@@ -157,22 +157,22 @@ class Resending:
         effect = imperfections.noise_of_detectors(layer, taken, place)
         block.pulses.approximations |= taken.pulses.approximations
         looked_at = values * chosen
-        part_noise.in_front(layer.sabot, layer.draws, taken, effect, place, looked_at)
+        device_noise.in_front(layer.sabot, layer.draws, taken, effect, place, looked_at)
         bits = layer.sabot.measure(taken.register, looked_at, draws)
-        more = further.measure(layer.sabot, taken, looked_at, layer.draws, place)
+        more = extra_pairs.measure(layer.sabot, taken, looked_at, layer.draws, place)
         detectors = f"{place}, detectors of {node}"
-        found = clicks(layer, taken, train(block), detectors, bits, more)
-        outcomes = found.bits | (~chosen * np.uint8(NO_CLICK))
-        told, wrong = imperfections.misread(layer, block, outcomes, "resend")
-        told = part_noise.told(told, effect)
-        again = (told != NO_CLICK) & free
-        left = outcomes if block.kept else told  # new light is as what was told
-        self._replace(block, fresh, again, values << np.uint8(1) | left & np.uint8(1))
-        incidents = found.incidents() | ({"misread": wrong} if wrong else {})
-        detail = f"{tally(values, BASES)}: {tally(told, ('0', '1'))}{listed(incidents)}"
-        layer.record(node, "resend", block, detail=detail, each=partial(_each, chosen, told))
+        detection = clicks(layer, taken, train(block), detectors, bits, more)
+        outcomes = detection.bits | (~chosen * np.uint8(NO_CLICK))
+        reported, wrong = imperfections.misread(layer, block, outcomes, "resend")
+        reported = device_noise.reported(reported, effect)
+        again = (reported != NO_CLICK) & free
+        bits_left = outcomes if block.kept else reported  # new light is as reported
+        self._replace(block, fresh, again, values << np.uint8(1) | bits_left & np.uint8(1))
+        incidents = detection.incidents() | ({"misread": wrong} if wrong else {})
+        detail = f"{tally(values, BASES)}: {tally(reported, ('0', '1'))}{listed(incidents)}"
+        layer.record(node, "resend", block, detail=detail, each=partial(_each, chosen, reported))
         feedback = layer.feedback(block)
-        feedback.clicks, feedback.outcomes = found.clicks, told.tobytes()
+        feedback.clicks, feedback.outcomes = detection.clicks, reported.tobytes()
         seconds = layer.devices.of(node).gates.readout_s if block.kept else 0.0
         return imperfections.lasts(feedback, seconds, [block])
 
@@ -207,7 +207,7 @@ class Resending:
             pulses=own,
             lineage=block.lineage,
             maker=block.maker,
-            further=further.part(layer.sabot, block, chosen),
+            extra_pairs=extra_pairs.part(layer.sabot, block, chosen),
         )
         drift.twirl(part, layer.sabot, layer.draws)
         _renew(block.pulses, chosen)

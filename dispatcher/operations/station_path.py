@@ -21,7 +21,7 @@ from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.layer.network import Line
 from dispatcher.layer.ownership import BlockName
 from dispatcher.operations.flight import meets
-from dispatcher.operations.ways import Crossing, Step, nanoseconds, way_of
+from dispatcher.operations.paths import Crossing, Step, nanoseconds, path_of
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.refusal import precondition
 from dispatcher.sabot.registers import Mask
@@ -73,7 +73,7 @@ class StationWay:
 
 @dataclass
 class Met:
-    """What light has met on the way; arrays have shape (k,), None: nothing."""
+    """Effects on light on its way; arrays have shape (k,), None: no effect."""
 
     open: Mask  # its way has been open all the time
     arrived: Mask  # it has not been lost beside what the chance of a herald knows
@@ -85,9 +85,9 @@ class Met:
     approximations: Approximations = EXACT
 
 
-def find_way(layer: PhysicalLayer, start: FiberEnd, frequency_mhz: int) -> StationWay:
+def find_path(layer: PhysicalLayer, start: FiberEnd, frequency_mhz: int) -> StationWay:
     """Return the way on which light leaves a port just now; refuse if it ends in the dark."""
-    steps = list(way_of(layer, start, frequency_mhz))
+    steps = list(path_of(layer, start, frequency_mhz))
     if steps and steps[-1].line.far.node not in layer.network.switches:
         return StationWay(
             tuple(step.line for step in steps),
@@ -119,10 +119,10 @@ class Follower:
     """Follows the light of heralded attempts of one host."""
 
     def __init__(
-        self, layer: PhysicalLayer, way: StationWay, source: PairSource, phase_only: bool
+        self, layer: PhysicalLayer, path: StationWay, source: PairSource, phase_only: bool
     ) -> None:
-        """Follow light of such qubits; phase_only: that is there or not, and has a phase."""
-        self._layer, self._way, self._phase_only = layer, way, phase_only
+        """Follow light of such qubits; phase_only: a photon or none, with a phase."""
+        self._layer, self._path, self._phase_only = layer, path, phase_only
         self._encoding = "time-bin" if phase_only else source.encoding
         self._jitter_ps = source.jitter_ps
         self._width_rad_per_s = angular_width(source.bandwidth_nm)
@@ -130,19 +130,19 @@ class Follower:
     def follow(self, name: BlockName, place: str, times_ns: NDArray[np.int64]) -> Met:
         """Return what light has met that left at these ascending times, which are over."""
         everything = np.ones(times_ns.size, bool)
-        met = Met(everything, everything, np.full(times_ns.size, self._way.rotation, "u1"))
+        met = Met(everything, everything, np.full(times_ns.size, self._path.rotation, "u1"))
         if self._jitter_ps:
             emission = PhotonRandom(self._layer.draws, name, f"{place} emission", times_ns.size)
             met.delays_ps = emission.normal("jitter") * self._jitter_ps
-        for crossing in self._way.crossings:
+        for crossing in self._path.crossings:
             there = times_ns + nanoseconds(crossing.delay_ps)
             switch, ports = crossing.switch, (crossing.in_port, crossing.out_port)
             met.open = met.open & (switch.timeline.path(ports[0], there) == ports[1])
-            met.open &= switch.transmission(*ports, there, self._way.frequency_mhz) > 0
+            met.open &= switch.transmission(*ports, there, self._path.frequency_mhz) > 0
         delay_ps = 0.0
-        for number, line in enumerate(self._way.lines):
+        for number, line in enumerate(self._path.lines):
             delay_ps += line.delay_ps
-            # Processes of the fibre are told that the photons come evenly, as they do on average.
+            # To processes of the fibre the photons come evenly, as they do on average.
             interval_ns = (times_ns[-1] - times_ns[0]) / max(times_ns.size - 1, 1)
             pattern = Pattern(max(float(interval_ns), 1.0), times_ns.size)
             schedule = Schedule(int(times_ns[0]) + nanoseconds(delay_ps), pattern)
@@ -160,8 +160,8 @@ class Follower:
             passage = Passage(draws, name, here, schedule, history, self._width_rad_per_s)
             effect = effect_on(self._encoding, model, passage)
             met.approximations |= effect.approximations
-            for given, what in ((effect.kraus, "Kraus operators"), (effect.extras, "extras")):
-                if given is not None and not isinstance(model, ChannelCrosstalk):
+            for array, what in ((effect.kraus, "Kraus operators"), (effect.extras, "extras")):
+                if array is not None and not isinstance(model, ChannelCrosstalk):
                     raise BadConfig(
                         f"{what} of noise in the fibre to {line.far.port} of {line.far.node}: "
                         "light of heralded attempts cannot meet any; let the model return Paulis"
@@ -192,11 +192,11 @@ class Follower:
         return np.where(paulis & FLIPS_BIT, coins * PHASE, paulis).astype(np.uint8)
 
     def count(self, attempts: int, efficiency: float, name: BlockName) -> None:
-        """Let switches count the photons of so many attempts, which succeed to emit so often."""
+        """Let switches count the photons of these attempts, which emit with this probability."""
         drawn = self._layer.draws.generator(name, "photons of attempts")
         coming, before = int(drawn.binomial(attempts, efficiency)), 1.0
-        lines = iter(self._way.lines)
-        for crossing in self._way.crossings:
+        lines = iter(self._path.lines)
+        for crossing in self._path.crossings:
             fiber = 10 ** (-next(lines).fiber.loss_db / 10)
             coming = int(drawn.binomial(coming, fiber))
             through = crossing.transmission / (before * fiber) if crossing.transmission else 0.0

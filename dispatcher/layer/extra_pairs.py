@@ -5,7 +5,7 @@
     further            d   -   e        register d e f, pulses 1 3 3
                                f
 
-What is done to a pulse is done to all its photons, each of which is lost, errs and is measured for
+An operation on a pulse acts on all its photons, each of which is lost, errs and is measured by
 itself. Gates on two blocks, and their noise, act on the pulses' own photons alone. Light without a
 state, such as Raman noise, is counted (`Pulses.extras`), not simulated.
 """
@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.devices.detectors import Told
+from dispatcher.devices.detectors import ExtraBits
 from dispatcher.fiber.noise import Effect
 from dispatcher.layer import pulses
-from dispatcher.layer.ownership import Block, Further
+from dispatcher.layer.ownership import Block, ExtraPairs
 from dispatcher.photon_random import PhotonRandom
 from dispatcher.sabot.backend import Angle, Bytes, GateName
 from dispatcher.sabot.draws import Draws, PhotonDraws
@@ -42,8 +42,8 @@ class Photons(NamedTuple):
 def by_themselves(block: Block, random: PhotonRandom) -> Iterator[Photons]:
     """Yield the own photons of a block and the further ones, with random numbers of their own."""
     yield Photons(block.register, slice(None), random)
-    if block.further is not None:
-        light = block.further
+    if block.extra_pairs is not None:
+        light = block.extra_pairs
         yield Photons(light.register, light.pulses, random.beside(light.pulses.size))
 
 
@@ -56,16 +56,16 @@ def owners(photons: NDArray[np.uint8]) -> NDArray[np.int64]:
 def lit(block: Block) -> Mask:
     """Return in which pulses of a block there is light: a photon of its own, or another."""
     light = pulses.lit(block)
-    if block.further is not None:
+    if block.extra_pairs is not None:
         light = light.copy()
-        light[block.further.pulses[block.further.register.present]] = True
+        light[block.extra_pairs.pulses[block.extra_pairs.register.present]] = True
     return light
 
 
 def share(block: Block) -> float:
-    if block.further is None:
+    if block.extra_pairs is None:
         return 0.0
-    there = block.further.pulses[block.further.register.present]
+    there = block.extra_pairs.pulses[block.extra_pairs.register.present]
     return np.unique(there).size / max(1, int(np.count_nonzero(held(block))))
 
 
@@ -74,39 +74,41 @@ def several(first: Block, second: Block) -> Mask | None:
 
     None if no pulse has a further photon.
     """
-    lights = [block.further for block in (first, second) if block.further is not None]
+    lights = [block.extra_pairs for block in (first, second) if block.extra_pairs is not None]
     if not lights:
         return None
     size = first.register.size
     there = np.concatenate([light.pulses[light.register.present] for light in lights])
     more = np.bincount(there, minlength=size)
-    own = first.register.present.astype(np.int64) + second.register.present
-    return np.asarray((more > 0) & (more + own > 1))
+    counts = first.register.present.astype(np.int64) + second.register.present
+    return np.asarray((more > 0) & (more + counts > 1))
 
 
 def held(block: Block) -> Mask:
     present = block.register.present
-    if block.further is not None:
+    if block.extra_pairs is not None:
         present = present.copy()
-        present[block.further.pulses[block.further.register.present]] = True
+        present[block.extra_pairs.pulses[block.extra_pairs.register.present]] = True
     return present
 
 
 def pauli(sabot: Simulation, block: Block, paulis: Bytes) -> None:
     """Apply to all photons of a pulse the same operator; shape (k,)."""
     sabot.pauli(block.register, paulis)
-    if block.further is not None:
-        sabot.pauli(block.further.register, paulis[block.further.pulses])
+    if block.extra_pairs is not None:
+        sabot.pauli(block.extra_pairs.register, paulis[block.extra_pairs.pulses])
 
 
 def gate(sabot: Simulation, block: Block, name: GateName, angle_rad: Angle) -> None:
-    if block.further is not None:
-        own = angle_rad[block.further.pulses] if isinstance(angle_rad, np.ndarray) else angle_rad
-        sabot.gate(name, block.further.register, angle_rad=own)
+    if block.extra_pairs is not None:
+        angles = (
+            angle_rad[block.extra_pairs.pulses] if isinstance(angle_rad, np.ndarray) else angle_rad
+        )
+        sabot.gate(name, block.extra_pairs.register, angle_rad=angles)
 
 
 def meet(sabot: Simulation, block: Block, members: Mask, effect: Effect) -> None:
-    light = block.further
+    light = block.extra_pairs
     if light is None:
         return
     here = members[light.pulses]
@@ -126,7 +128,7 @@ def thin(
 ) -> None:
     """Let each photon beside the own ones of the members' pulses through so likely."""
     pulses.thin(block.pulses, members, transmission, random, purpose)
-    light = block.further
+    light = block.extra_pairs
     if light is None:
         return
     if isinstance(transmission, np.ndarray):
@@ -138,68 +140,75 @@ def thin(
 def darken(sabot: Simulation, block: Block, members: Mask) -> None:
     """Take all but the own photons out of the members' pulses."""
     pulses.darken(block.pulses, members)
-    if block.further is not None:
-        sabot.lose(block.further.register, members[block.further.pulses])
+    if block.extra_pairs is not None:
+        sabot.lose(block.extra_pairs.register, members[block.extra_pairs.pulses])
 
 
-def part(sabot: Simulation, block: Block, members: Mask) -> Further | None:
+def part(sabot: Simulation, block: Block, members: Mask) -> ExtraPairs | None:
     """Take the members' further photons out of a block."""
-    return None if block.further is None else part_of(sabot, block, members[block.further.pulses])
+    return (
+        None
+        if block.extra_pairs is None
+        else part_of(sabot, block, members[block.extra_pairs.pulses])
+    )
 
 
-def part_of(sabot: Simulation, block: Block, taken: Mask) -> Further | None:
+def part_of(sabot: Simulation, block: Block, members: Mask) -> ExtraPairs | None:
     """Take some further photons, shape (m,), out of a block."""
-    light = block.further
-    return light and Further(sabot.part(light.register, taken), light.pulses)
+    light = block.extra_pairs
+    return light and ExtraPairs(sabot.part(light.register, members), light.pulses)
 
 
 def unite(sabot: Simulation, block: Block, other: Block) -> None:
     """Take in the further photons of another part of a block."""
-    if block.further is None:
-        block.further = other.further
-    elif other.further is not None:
-        sabot.unite(block.further.register, other.further.register)
+    if block.extra_pairs is None:
+        block.extra_pairs = other.extra_pairs
+    elif other.extra_pairs is not None:
+        sabot.unite(block.extra_pairs.register, other.extra_pairs.register)
 
 
-def gather(sabot: Simulation, picked: Sequence[tuple[Block, NDArray[np.uint32]]]) -> Further | None:
+def gather(
+    sabot: Simulation, picked: Sequence[tuple[Block, NDArray[np.uint32]]]
+) -> ExtraPairs | None:
     """Take the further photons of pulses at these positions of blocks, one after the other."""
     start, picks, places = 0, [], []
     for block, positions in picked:
-        if block.further is not None:
+        if block.extra_pairs is not None:
             new = np.full(block.register.size, NOBODY)
             new[positions] = np.arange(start, start + positions.size)
-            new = new[block.further.pulses]
+            new = new[block.extra_pairs.pulses]
             chosen = np.flatnonzero(new != NOBODY)
             chosen = chosen[np.argsort(new[chosen], kind="stable")]
             if chosen.size:
-                picks.append(Pick(block.further.register, chosen.astype(np.uint32)))
+                picks.append(Pick(block.extra_pairs.register, chosen.astype(np.uint32)))
                 places.append(new[chosen])
         start += positions.size
-    return Further(sabot.gather(picks), np.concatenate(places)) if picks else None
+    return ExtraPairs(sabot.gather(picks), np.concatenate(places)) if picks else None
 
 
 def drop(sabot: Simulation, block: Block, draws: Draws) -> None:
     """Discard a block's further photons."""
-    if block.further is not None:
+    if block.extra_pairs is not None:
         sabot.drop(
-            block.further.register, _draws(block, "discard", draws, block.further.pulses.size)
+            block.extra_pairs.register,
+            _draws(block, "discard", draws, block.extra_pairs.pulses.size),
         )
-        block.further = None
+        block.extra_pairs = None
 
 
 def measure(
     sabot: Simulation, block: Block, bases: Bytes, draws: Draws, purpose: str
-) -> Told | None:
+) -> ExtraBits | None:
     """Measure the further photons, each in the basis of its pulse; bases have shape (k,)."""
-    light = block.further
+    light = block.extra_pairs
     if light is None:
         return None
     bits = sabot.measure(
         light.register, bases[light.pulses], _draws(block, purpose, draws, light.pulses.size)
     )
-    block.further = None
+    block.extra_pairs = None
     there = bits != NO_CLICK
-    return Told(light.pulses[there], bits[there])
+    return ExtraBits(light.pulses[there], bits[there])
 
 
 class Matched(NamedTuple):
@@ -213,14 +222,14 @@ class Matched(NamedTuple):
 def bell_measure(sabot: Simulation, first: Block, second: Block, draws: Draws) -> Matched | None:
     """Measure further photons in the Bell basis: the n-th of a pulse with the n-th of the other."""
     blocks = first, second
-    if all(block.further is None for block in blocks):
+    if all(block.extra_pairs is None for block in blocks):
         return None
-    mine, yours = (_ranks(block.further) for block in blocks)
+    mine, yours = (_ranks(block.extra_pairs) for block in blocks)
     both, *chosen = np.intersect1d(mine, yours, assume_unique=True, return_indices=True)
     alone, registers = [], []
     for block, places in zip(blocks, chosen, strict=True):
-        left, taken = _take(sabot, block.further, places)
-        alone.append(left)
+        rest, taken = _take(sabot, block.extra_pairs, places)
+        alone.append(rest)
         registers.append(taken)
     matched = both // RANKS
     one, other = registers
@@ -228,19 +237,19 @@ def bell_measure(sabot: Simulation, first: Block, second: Block, draws: Draws) -
     if one is not None and other is not None:
         present = one.present, other.present
         alone = [
-            np.concatenate([left, matched[here & ~there]])
-            for left, here, there in zip(alone, present, present[::-1], strict=True)
+            np.concatenate([rest, matched[here & ~there]])
+            for rest, here, there in zip(alone, present, present[::-1], strict=True)
         ]
-        own = [_draws(block, "measure", draws, matched.size) for block in blocks]
-        outcomes = sabot.bell_measure(one, other, (own[0], own[1]))
+        purposes = [_draws(block, "measure", draws, matched.size) for block in blocks]
+        outcomes = sabot.bell_measure(one, other, (purposes[0], purposes[1]))
     for block, register in zip(blocks, registers, strict=True):
-        if block.further is not None and block.further.register is register:
-            block.further = None  # it is used up
+        if block.extra_pairs is not None and block.extra_pairs.register is register:
+            block.extra_pairs = None  # it is used up
         drop(sabot, block, draws)
     return Matched(matched, outcomes, (alone[0], alone[1]))
 
 
-def _ranks(light: Further | None) -> NDArray[np.int64]:
+def _ranks(light: ExtraPairs | None) -> NDArray[np.int64]:
     if light is None:
         return np.zeros(0, np.int64)
     first = np.searchsorted(light.pulses, light.pulses)
@@ -248,7 +257,7 @@ def _ranks(light: Further | None) -> NDArray[np.int64]:
 
 
 def _take(
-    sabot: Simulation, light: Further | None, places: NDArray[np.int64]
+    sabot: Simulation, light: ExtraPairs | None, places: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], Register | None]:
     """Take photons out of further ones; return the pulses of those left that are there."""
     if light is None:

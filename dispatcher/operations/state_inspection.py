@@ -13,7 +13,7 @@ it exactly; a phase of quarter turns stays with the stabilisers.
 import numpy as np
 from numpy.typing import NDArray
 
-from dispatcher.layer import drift, further
+from dispatcher.layer import drift, extra_pairs
 from dispatcher.layer.layer import PhysicalLayer, block_name
 from dispatcher.refusal import exhausted, invalid, precondition
 from dispatcher.sabot.capacity import GateStep
@@ -31,12 +31,12 @@ def sense(layer: PhysicalLayer, node: str, request: SenseRequest) -> Feedback:
         block.kept = True
     drift.twirl_turn(block, layer.sabot, layer.draws)
     layer.sabot.gate("RZ", block.register, angle_rad=phase_rad)
-    further.gate(layer.sabot, block, "RZ", phase_rad)
+    extra_pairs.gate(layer.sabot, block, "RZ", phase_rad)
     layer.record(node, "sense", block, detail=f"phase {phase_rad:g} rad")
     return layer.feedback(block)
 
 
-MOST_QUBITS = 8  # of a state that is told
+MOST_QUBITS = 8  # of a state in a reply
 
 Matrix = NDArray[np.complex128]
 MOST = 4000  # characters
@@ -78,6 +78,6 @@ def tell(layer: PhysicalLayer, node: str, request: TellRequest) -> Feedback:
     """Record a subroutine; refuse a text that would not be one line of a log."""
     text = request.text
     if not 0 < len(text) <= MOST or not (text.isascii() and text.isprintable()):
-        raise invalid(f"text {text[:20]!r}: 1 to {MOST} printable ASCII characters are told")
+        raise invalid(f"text {text[:20]!r}: 1 to {MOST} printable ASCII characters are allowed")
     layer.record(node, "subroutine", detail=text)
     return Feedback(time_ns=layer.clock.now_ns(), exact=True)

@@ -14,7 +14,7 @@ Name = tuple[int, int, int]  # session, number, half
 
 @dataclass(slots=True)
 class Made:
-    """What a node has made under a name: how many places for photons, in how many parts by now."""
+    """Light that a node has made under a name: its places for photons, and its parts by now."""
 
     places: int
     parts: int = 1
@@ -22,7 +22,7 @@ class Made:
 
 
 class Makers:
-    """What every node has made that is live, or of whose end it cannot have heard yet."""
+    """The light of each node that is live, or whose end it cannot have heard of yet."""
 
     def __init__(self, now_ns: Callable[[], int], news_ns: Callable[[str, str], int]) -> None:
         """Begin with nothing; `news_ns` is how long news takes from a place to a node."""
@@ -35,9 +35,9 @@ class Makers:
     def add(self, maker: str, name: Name, places: int) -> None:
         """Note a new block, or that one has come apart."""
         self._hear()
-        made = self._made.get((maker, name))
-        if made is not None:
-            made.parts += 1
+        light = self._made.get((maker, name))
+        if light is not None:
+            light.parts += 1
             return
         self._made[maker, name] = Made(places)
         self._places[maker] += places
@@ -45,24 +45,24 @@ class Makers:
 
     def end(self, maker: str, name: Name, place: str) -> None:
         """Note that a part has ended at a node, or on its way if there is none."""
-        made = self._made[maker, name]
-        made.parts -= 1
+        light = self._made[maker, name]
+        light.parts -= 1
         if place != maker:
-            made.heard_ns = max(made.heard_ns, self._now_ns() + self._news_ns(place, maker))
-        if made.parts:
+            light.heard_ns = max(light.heard_ns, self._now_ns() + self._news_ns(place, maker))
+        if light.parts:
             return
-        if made.heard_ns:
-            heapq.heappush(self._ended, (made.heard_ns, maker, name))
+        if light.heard_ns:
+            heapq.heappush(self._ended, (light.heard_ns, maker, name))
         else:
             self._forget(maker, name)
 
     def parts(self, maker: str, name: Name) -> int:
         """Return of how many parts under a name its maker cannot have heard that they ended."""
         self._hear()
-        made = self._made.get((maker, name))
-        if made is None:
+        light = self._made.get((maker, name))
+        if light is None:
             return 0
-        return made.parts + (made.heard_ns > self._now_ns())
+        return light.parts + (light.heard_ns > self._now_ns())
 
     def places_of(self, maker: str) -> int:
         self._hear()
@@ -79,13 +79,13 @@ class Makers:
         now_ns = self._now_ns()
         while self._ended and self._ended[0][0] <= now_ns:
             heard_ns, maker, name = heapq.heappop(self._ended)
-            made = self._made.get((maker, name))
-            if made is not None and not made.parts and made.heard_ns == heard_ns:
+            light = self._made.get((maker, name))
+            if light is not None and not light.parts and light.heard_ns == heard_ns:
                 self._forget(maker, name)
 
     def _forget(self, maker: str, name: Name) -> None:
-        made = self._made.pop((maker, name))
-        for counted, less in ((self._places, made.places), (self._blocks, 1)):
+        light = self._made.pop((maker, name))
+        for counted, less in ((self._places, light.places), (self._blocks, 1)):
             counted[maker] -= less
             if not counted[maker]:
                 del counted[maker]

@@ -59,19 +59,25 @@ class Channels:
         They have shape (m, 2, 2), or (k, m, 2, 2): those of each pulse, or of each own photon and
         then of each further one.
         """
-        block, further = self._block, self._block.further
-        size, of_further = block.register.size, None
+        block, extra_pairs = self._block, self._block.extra_pairs
+        size, of_extra_pairs = block.register.size, None
         if operators.ndim == EACH_ITS_OWN and operators.shape[0] > size:
-            operators, of_further = operators[:size], operators[size:]
+            operators, of_extra_pairs = operators[:size], operators[size:]
         purpose = block.draws_for(f"{self._place} {what}")
         draws = self._draws.photons(block.name, purpose, block.register.size)
         mask = members & block.register.present
         self._sabot.kraus(block.register, operators, mask, draws)
-        if further is not None:
-            here = members[further.pulses]
-            own = of_qubits(operators, further.pulses) if of_further is None else of_further
-            drawn = self._draws.photons(block.name, f"{purpose} further", further.pulses.size)
-            self._sabot.kraus(further.register, own, here & further.register.present, drawn)
+        if extra_pairs is not None:
+            here = members[extra_pairs.pulses]
+            extra_operators = (
+                of_qubits(operators, extra_pairs.pulses)
+                if of_extra_pairs is None
+                else of_extra_pairs
+            )
+            drawn = self._draws.photons(block.name, f"{purpose} further", extra_pairs.pulses.size)
+            self._sabot.kraus(
+                extra_pairs.register, extra_operators, here & extra_pairs.register.present, drawn
+            )
 
     def settle(self) -> None:
         """Let what has turned the whole block be in its state."""
@@ -134,10 +140,10 @@ def effect_of(
     """
     if waited_s is None:
         waited_s = np.zeros(block.register.size)
-    if what != "detectors" and block.further is not None:
-        waited_s = np.concatenate([waited_s, waited_s[block.further.pulses]])
-    own = block.draws_for(place)
-    effect = model.effect(draws, block.name, what, own, time_ns, waited_s, qubits)
+    if what != "detectors" and block.extra_pairs is not None:
+        waited_s = np.concatenate([waited_s, waited_s[block.extra_pairs.pulses]])
+    key = block.draws_for(place)
+    effect = model.effect(draws, block.name, what, key, time_ns, waited_s, qubits)
     block.pulses.approximations |= effect.approximations
     return effect
 
@@ -149,7 +155,7 @@ def meet(
     effect: Effect | None,
     place: str,
     members: Mask | None = None,
-    with_further: bool = True,
+    with_extra_pairs: bool = True,
 ) -> int:
     """Let it happen to the photons of the members' pulses; return how many qubits are lost.
 
@@ -160,8 +166,8 @@ def meet(
     if members is None:
         members = everything(block.register.size)
     if effect.paulis is not None:
-        for register, met, here in _photons(block, members, with_further):
-            paulis = effect.paulis[here] * met
+        for register, affected, here in _photons(block, members, with_extra_pairs):
+            paulis = effect.paulis[here] * affected
             sabot.explain(register, f"noise of its own at {block.node}", paulis)
             sabot.pauli(register, paulis)
             if register is block.register:
@@ -173,18 +179,20 @@ def meet(
     if effect.lost is None:
         return 0
     pulses.darken(block.pulses, effect.lost[: members.size] & members)
-    gone = _photons(block, members, with_further)
-    return sum(sabot.lose(register, effect.lost[here] & met) for register, met, here in gone)
+    gone = _photons(block, members, with_extra_pairs)
+    return sum(
+        sabot.lose(register, effect.lost[here] & affected) for register, affected, here in gone
+    )
 
 
 def _photons(
-    block: Block, members: Mask, with_further: bool
+    block: Block, members: Mask, with_extra_pairs: bool
 ) -> Iterator[tuple[Register, Mask, slice]]:
     """Yield own and further photons: which are of the members, and where an effect has them."""
     size = block.register.size
     yield block.register, members, slice(size)
-    if block.further is not None and with_further:
-        yield block.further.register, members[block.further.pulses], slice(size, None)
+    if block.extra_pairs is not None and with_extra_pairs:
+        yield block.extra_pairs.register, members[block.extra_pairs.pulses], slice(size, None)
 
 
 def in_front(
@@ -192,7 +200,7 @@ def in_front(
 ) -> None:
     """Let Kraus operators act in front of detectors that tell each qubit's basis, shape (k,).
 
-    They are of what is told: |0> is the state that is told as 0, whatever the basis. Of a Bell
+    They act on the outcome: |0> is the state that is reported as 0, in any basis. Of a Bell
     measurement they act on the first half, in the basis 0.
     """
     if effect is not None and effect.kraus is not None:
@@ -200,14 +208,14 @@ def in_front(
         meet(sabot, draws, block, Effect(kraus=operators), place)
 
 
-def told(found: Bytes, effect: Effect | None, bits: np.uint8 = BIT) -> Bytes:
-    """Return what is told of outcomes: X flips a bit, of a Bell state X the parity, Z the phase."""
+def reported(outcomes: Bytes, effect: Effect | None, bits: np.uint8 = BIT) -> Bytes:
+    """Return outcomes after an effect: X flips a bit, of a Bell state the parity, Z its phase."""
     if effect is None:
-        return found
-    flips = np.zeros(found.size, np.uint8) if effect.paulis is None else effect.paulis.copy()
+        return outcomes
+    flips = np.zeros(outcomes.size, np.uint8) if effect.paulis is None else effect.paulis.copy()
     flips &= bits
-    flips[found == NO_CLICK] = 0
-    outcomes = found ^ flips
+    flips[outcomes == NO_CLICK] = 0
+    changed = outcomes ^ flips
     if effect.lost is not None:
-        outcomes[effect.lost] = NO_CLICK
-    return outcomes
+        changed[effect.lost] = NO_CLICK
+    return changed

@@ -37,7 +37,7 @@ class Step(NamedTuple):
     crossing: Crossing | None
 
 
-def way_of(layer: PhysicalLayer, start: FiberEnd, frequency_mhz: int) -> Iterator[Step]:
+def path_of(layer: PhysicalLayer, start: FiberEnd, frequency_mhz: int) -> Iterator[Step]:
     """Yield the fibres of the way on which light of a colour leaves a port just now."""
     now = np.array([layer.clock.now_ns()])
     end: FiberEnd | None = start
