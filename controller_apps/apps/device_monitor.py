@@ -29,8 +29,7 @@ from controller_apps.apps.host_orders import (
     session_of,
 )
 from controller_apps.console.questions import EventQuestion, Refused, reply
-from controller_apps.devices.device_view import host_view, switch_view
-from controller_apps.devices.hosts_state import Hosts, Place, Told
+from controller_apps.devices.hosts_state import Hosts, Place, Told, host_view, switch_view
 from controller_apps.devices.switch_state import SwitchState
 from controller_apps.light.optics import SwitchPort
 from controller_apps.openflow import flow_entries
@@ -49,8 +48,7 @@ from controller_apps.openflow.framework import (
 from controller_apps.packets.datagrams import CONTROLLER_MAC, Frame
 from controller_apps.policy.policy import Policy
 from controller_apps.policy.reading import BadPolicy, read_policy
-from controller_apps.port_lines import PortLines
-from controller_apps.record import Record
+from controller_apps.record import PortLines, Record
 from controller_apps.sessions.actions import HostOrder
 from controller_apps.sessions.chains import orders
 from controller_apps.timeouts import DEVICE_TICK_S, SET_TIMEOUT_S

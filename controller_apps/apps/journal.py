@@ -10,8 +10,7 @@ from controller_apps.console.views import light_view, name_of, request_view
 from controller_apps.devices.hosts_state import Place
 from controller_apps.light.paths import Network
 from controller_apps.packets.segments import FiveTuple
-from controller_apps.port_lines import PortLines
-from controller_apps.record import Record
+from controller_apps.record import PortLines, Record
 from controller_apps.sessions.actions import Drop, Note
 from controller_apps.sessions.link_monitors import Links, names_of
 from controller_apps.sessions.sessions import Sessions

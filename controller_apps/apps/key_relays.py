@@ -18,8 +18,7 @@ from controller_apps.openflow import flow_entries
 from controller_apps.openflow.framework import DEAD, MAIN, App, Datapath, ofp_event, ofproto, on
 from controller_apps.packets.datagrams import CONTROLLER_MAC, Frame
 from controller_apps.policy.reading import BadPolicy, read_policy
-from controller_apps.port_lines import PortLines
-from controller_apps.record import Record
+from controller_apps.record import PortLines, Record
 from wire.config import ControllerConfig
 from wire.device import DEVICE_PORT, Datagram, host_of, open_sealed
 from wire.key_routes import (

@@ -30,6 +30,7 @@ from controller_apps.console.views import (
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Network
 from controller_apps.openflow import flow_entries
+from controller_apps.openflow.discovery import Identities
 from controller_apps.openflow.fibers import Fibers
 from controller_apps.openflow.framework import (
     CONFIG,
@@ -44,7 +45,6 @@ from controller_apps.openflow.framework import (
     on,
     shows_life,
 )
-from controller_apps.openflow.identities import Identities
 from controller_apps.openflow.mac_table import MacTable
 from controller_apps.openflow.switches import Switches
 from controller_apps.packets.segments import FiveTuple, is_tcp
@@ -63,12 +63,10 @@ from controller_apps.sessions.actions import (
 from controller_apps.sessions.admission import Admission
 from controller_apps.sessions.arbiter import Arbiter
 from controller_apps.sessions.idle_light import IdleLight
-from controller_apps.sessions.link_monitors import NO_LINKS, LinkMonitors
+from controller_apps.sessions.link_monitors import NO_LINKS, PREEMPTED, LinkMonitors
 from controller_apps.sessions.permission import Permission
-from controller_apps.sessions.preempted import PREEMPTED
-from controller_apps.sessions.restore import take_over
 from controller_apps.sessions.snapshot import encode_hosts
-from controller_apps.sessions.state_folder import StateFolder
+from controller_apps.sessions.state_folder import StateFolder, take_over
 from controller_apps.timeouts import DISCOVERY_S, SESSION_TICK_S
 from wire.config import ControllerConfig
 from wire.malformed import MalformedPacket

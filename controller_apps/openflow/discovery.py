@@ -8,7 +8,8 @@ remains: a host with fibres to two switches that has not announced itself can ca
 messages from one to the other, both ways, and so pose as the fibre that it could be.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from hashlib import blake2b
 from hmac import compare_digest
 from ipaddress import IPv4Address
@@ -18,6 +19,7 @@ from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import HostPort
 from controller_apps.openflow.framework import lldp
 from controller_apps.timeouts import LINK_TTL_S
+from wire.announcement import open_seal
 from wire.features import NodeFeatures
 from wire.lldp import (
     FEATURES,
@@ -32,6 +34,9 @@ from wire.lldp import (
 )
 from wire.lldp import switch_message as message_of
 from wire.malformed import MalformedPacket
+
+MAX_PORTS_OF_ONE = 1024
+
 
 SEAL_LENGTH = 16
 
@@ -155,3 +160,37 @@ def seal(at: SwitchPort, key: bytes) -> bytes:
 
 def is_genuine(message: SwitchSaid, key: bytes) -> bool:
     return compare_digest(message.seal, seal(message.at, key))
+
+
+@dataclass
+class Identities:
+    """The device keys and IPv4 addresses of the hosts of this network, by name."""
+
+    keys: Mapping[str, str]
+    addresses: Mapping[str, str]
+    _numbers: dict[str, dict[str, int]] = field(default_factory=dict)  # the last, by host and port
+
+    def check(self, announcement: Announcement) -> None:
+        """Raise MalformedPacket for what somebody else says in the name of a host of this network.
+
+        A host that is not of this network, in name or address, is taken at its word.
+        """
+        host_port = announcement.host_port
+        host, address, port = host_port.host, host_port.address, host_port.name
+        if host not in self.keys:
+            if address in self.addresses.values():
+                raise MalformedPacket(f"LLDP of {host} with the address {address} of another host")
+            return
+        if not announcement.seal:
+            raise MalformedPacket(f"LLDP in the name of {host} without its seal")
+        if address != self.addresses.get(host, address):
+            raise MalformedPacket(
+                f"LLDP of {host} with the address {address}, which is not its own"
+            )
+        number = open_seal(announcement.seal, announcement.sealed, self.keys[host])
+        numbers = self._numbers.setdefault(host, {})
+        if number <= numbers.get(port, 0):
+            raise MalformedPacket(f"LLDP of {host} for {port} that was heard before")
+        if port not in numbers and len(numbers) >= MAX_PORTS_OF_ONE:
+            raise MalformedPacket(f"LLDP of {host} for {port}: {len(numbers)} ports are its most")
+        numbers[port] = number

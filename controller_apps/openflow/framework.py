@@ -14,8 +14,7 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any, Protocol, TypeVar, cast
 
-from controller_apps.openflow.connection import Connection, SharedAccept
-from controller_apps.openflow.speakers import Speakers, owner
+from controller_apps.openflow.connection import Connection, SharedAccept, Speakers, owner
 from programs.faults import report_fault
 
 VARIABLE = "QMN_CONTROLLER_FRAMEWORK"

@@ -74,9 +74,10 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, TypeVar
 
-from controller_apps.policy.orders import ORDERS, SLOTS, Queue
 from controller_apps.policy.policy import (
     ALARMS,
+    MAX_WATCHES,
+    RANGES,
     TELL,
     WHO,
     Filter,
@@ -85,15 +86,18 @@ from controller_apps.policy.policy import (
     Rule,
     Tap,
     Trusted,
+    Watch,
 )
 from controller_apps.policy.schedules import (
+    ORDERS,
     PARALLEL,
     PROTOCOLS,
     SCHEDULES,
+    SLOTS,
     UNPURIFIED,
     Purification,
+    Queue,
 )
-from controller_apps.policy.watches import MAX_WATCHES, RANGES, Watch
 from wire.device import (
     MAX_LEVEL_ROUNDS,
     MAX_SHARE,

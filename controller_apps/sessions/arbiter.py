@@ -49,21 +49,17 @@ from dataclasses import dataclass, field, replace
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop, Network
 from controller_apps.packets.segments import FiveTuple, parse
-from controller_apps.policy.orders import IN_TURN, Queue
 from controller_apps.policy.policy import Policy
+from controller_apps.policy.schedules import IN_TURN, Queue
 from controller_apps.sessions.actions import Action, Drop, Forward, Note
-from controller_apps.sessions.connections import Connections
-from controller_apps.sessions.enquiries import Enquiries
-from controller_apps.sessions.expiry import Expiry
-from controller_apps.sessions.handshakes import Handshakes
+from controller_apps.sessions.connections import Connections, Handshakes
 from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.light_queue import LightQueue
-from controller_apps.sessions.ordering import Ordering
-from controller_apps.sessions.preempted import Preempted
-from controller_apps.sessions.recovery import Recovery
-from controller_apps.sessions.repairs import Repairs
+from controller_apps.sessions.link_monitors import Preempted
+from controller_apps.sessions.recovery import Enquiries, Recovery
+from controller_apps.sessions.repairs import Expiry, Repairs
 from controller_apps.sessions.sessions import Arrival, Session, Sessions, read_setup
-from controller_apps.sessions.setups import Setups
+from controller_apps.sessions.setups import Ordering, Setups
 from controller_apps.sessions.slots import SlotGrants
 from controller_apps.sessions.terms import UNFILTERED, Terms
 from controller_apps.sessions.verdicts import Verdicts

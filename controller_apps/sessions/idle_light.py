@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 from controller_apps.light.paths import Network, directions
 from controller_apps.packets.segments import FiveTuple
-from controller_apps.policy.watches import Watch
+from controller_apps.policy.policy import Watch
 from controller_apps.sessions.actions import Action, Note, Order
 from controller_apps.sessions.admission import Admission
 from controller_apps.sessions.sessions import Sessions

@@ -13,12 +13,12 @@ from math import inf
 from controller_apps.light.paths import directions
 from controller_apps.light.routing import LightPath
 from controller_apps.packets.segments import FiveTuple
-from controller_apps.policy.orders import ORDERS
+from controller_apps.policy.schedules import ORDERS
 from controller_apps.sessions.actions import Action, Note
 from controller_apps.sessions.admission import Admission
 from controller_apps.sessions.chains import links_of
 from controller_apps.sessions.light_paths import Light
-from controller_apps.sessions.preempted import PREEMPTED, Preempted
+from controller_apps.sessions.link_monitors import PREEMPTED, Preempted
 from controller_apps.sessions.sessions import Refusal, Request, Session, Sessions
 from controller_apps.sessions.terms import Terms
 from controller_apps.sessions.verdicts import Verdicts

@@ -1,4 +1,11 @@
-"""Links that link monitors watch, and those that are closed because of an alarm.
+"""Light of link monitors that sessions want: a monitor ends, or loses its light.
+
+wanted --GiveBack to the opener--> over between two blocks, its light free
+                                   `--PREEMPTION_S--> torn down
+
+No photon of a monitor is under way then, which another path could turn. No socket, no clock.
+
+Links that link monitors watch, and those that are closed because of an alarm.
 
     granted(session)   the monitor's links are known, also when it is over
     watched(number)    links its light crosses: the policy may close them at an alarm
@@ -8,11 +15,15 @@ A host is believed only about monitors that it has opened. No socket, no clock.
 """
 
 from collections.abc import Iterable
+from dataclasses import dataclass, field
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Hop, Network
-from controller_apps.sessions.sessions import Session
+from controller_apps.sessions.actions import Action, Note, Order
+from controller_apps.sessions.sessions import Request, Session, Sessions
+from controller_apps.timeouts import PREEMPTION_S
 from wire.metadata.vocabulary import Service
+from wire.seal_orders import GiveBack
 
 Links = frozenset[frozenset[str]]  # pairs of switches, by their names
 MAX_MONITORS = 1024  # that are remembered
@@ -61,3 +72,41 @@ class LinkMonitors:
 
 def names_of(links: Links) -> list[str]:
     return sorted("-".join(sorted(link)) for link in links)
+
+
+PREEMPTED = "a session wants its light"
+
+
+@dataclass
+class Preempted:
+    """The link monitors that have been asked to end."""
+
+    sessions: Sessions
+    _since: dict[int, float] = field(default_factory=dict)  # by session
+
+    def holders(self, request: Request) -> list[Session]:
+        """Return the link monitors that have light which a request waits for."""
+        occupied = self.sessions.occupied
+        # A monitor that has only the other direction is in the way by its tuning.
+        numbers = {occupied.get(path, occupied.get(path.opposite)) for path in request.obstacles}
+        return [
+            session
+            for number, session in self.sessions.by_number.items()
+            if number in numbers and session.setup.service == Service.SEAL
+        ]
+
+    def end(self, monitor: Session, now: float) -> list[Action]:
+        """Ask the opener of a link monitor to end it, once."""
+        if monitor.number in self._since:
+            return []
+        self._since[monitor.number] = now
+        request = Order(monitor.owner.source, GiveBack(0, monitor.number))
+        return [Note("wanted", monitor.number), request]
+
+    def late(self, now: float) -> list[Session]:
+        """Return the link monitors that have not ended in time; forget those that are over."""
+        standing = self.sessions.by_number
+        self._since = {number: since for number, since in self._since.items() if number in standing}
+        return [
+            standing[number] for number, since in self._since.items() if now - since >= PREEMPTION_S
+        ]

@@ -12,7 +12,7 @@ from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import Direction, Hop, directions
 from controller_apps.light.routing import LightPath
 from controller_apps.packets.segments import FiveTuple, Segment
-from controller_apps.policy.orders import Waiting
+from controller_apps.policy.schedules import Waiting
 from controller_apps.sessions.holders import Ends, Holders
 from wire.malformed import MalformedPacket
 from wire.metadata.decoding import decode, message_length

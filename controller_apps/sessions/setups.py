@@ -1,18 +1,25 @@
-"""The decision on a set-up message: drop it, refuse it, queue it, or open its light."""
+"""The decision on a set-up message: drop it, refuse it, queue it, or open its light.
+
+A request for a chain of repeaters waits until every node has answered its order.
+
+set-up --> ordered --last answer--> granted
+              `--refusal, silence--> refused, with the address of that node
+"""
 
 from dataclasses import dataclass
 
-from controller_apps.sessions.actions import Action, Drop, Forward, Note
+from controller_apps.policy.schedules import Purification
+from controller_apps.sessions.actions import Action, Drop, Forward, Note, SwapsOrdered
 from controller_apps.sessions.admission import Admission, admit
-from controller_apps.sessions.handshakes import Handshakes
+from controller_apps.sessions.connections import Handshakes
 from controller_apps.sessions.light_paths import Light
 from controller_apps.sessions.light_queue import LightQueue
-from controller_apps.sessions.ordering import Ordering
 from controller_apps.sessions.recovery import Recovery
 from controller_apps.sessions.sessions import (
     Arrival,
     Refusal,
     Request,
+    Session,
     Sessions,
     new_request,
     read_setup,
@@ -20,9 +27,59 @@ from controller_apps.sessions.sessions import (
 from controller_apps.sessions.slots import SlotGrants
 from controller_apps.sessions.terms import Terms
 from controller_apps.sessions.verdicts import Verdicts
+from controller_apps.timeouts import NODE_TIMEOUT_S
 from wire.metadata.header import session_of
 from wire.metadata.setup import SETUP_LENGTH, Setup, refused
 from wire.metadata.vocabulary import Handshake, Reason, Service, UnknownService, Verdict
+
+
+@dataclass
+class Ordering:
+    """Acts on the sessions that have chains."""
+
+    sessions: Sessions
+    light: Light
+    verdicts: Verdicts
+
+    def order(
+        self,
+        request: Request,
+        session: Session,
+        admission: Admission,
+        schedule: str,
+        purification: Purification,
+    ) -> list[Action]:
+        """Send their orders to the nodes of a chain; the request waits for their answers."""
+        session.chain = admission.chain
+        request.unanswered = {stop.address for stop in admission.chain}
+        self.light.hold(request)
+        return [
+            SwapsOrdered(session.number, admission.chain, schedule, purification, admission.blocks)
+        ]
+
+    def node_answered(self, number: int, node: str, reason: Reason, now: float) -> list[Action]:
+        """Note the answer of a node (its address); grant the request after the last."""
+        session = self.sessions.by_number.get(number)
+        request = session.requests.get(session.owner) if session is not None else None
+        if request is None or node not in request.unanswered:
+            return []
+        if reason != Reason.OK:
+            return self.verdicts.refuse(request, Refusal(reason, node, node), now)
+        request.unanswered.discard(node)
+        if request.unanswered:
+            return []
+        elapsed_ms = (now - request.started) * 1000
+        return self.verdicts.grant(request, Note("chain_ready", number, elapsed_ms))
+
+    def give_up(self, request: Request, now: float) -> list[Action]:
+        """Refuse a request for which a node has been silent for too long."""
+        session = self.sessions.of(request)
+        if session is None or now - request.started < NODE_TIMEOUT_S:
+            return []
+        nodes = (stop.address for stop in session.chain)
+        silent = next(node for node in nodes if node in request.unanswered)
+        return self.verdicts.refuse(request, Refusal(Reason.NODE_SILENT, silent, silent), now)
+
 
 UNOPENED = "a set-up message on a connection that its other end has not opened"
 

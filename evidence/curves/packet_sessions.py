@@ -9,7 +9,7 @@ from math import inf
 
 import numpy as np
 
-from controller_apps.policy.orders import Queue
+from controller_apps.policy.schedules import Queue
 from controller_apps.sessions.arbiter import Arbiter
 from evidence.curves.contention import FOR_EVER_S
 from evidence.curves.estimates import Estimate, mean_of_draws, proportion

@@ -20,7 +20,7 @@ import numpy as np
 
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import HostPort
-from controller_apps.policy.orders import Queue
+from controller_apps.policy.schedules import Queue
 from controller_apps.sessions.arbiter import Arbiter
 from evidence.curves.contention import FOR_EVER_S
 from evidence.curves.scheduling import away, network_of

@@ -10,7 +10,7 @@ from random import Random
 
 from controller_apps.light.optics import SwitchOptics, SwitchPort
 from controller_apps.light.paths import HostPort, Network
-from controller_apps.policy.orders import ORDERS, Queue
+from controller_apps.policy.schedules import ORDERS, Queue
 from controller_apps.sessions.arbiter import Arbiter
 from evidence.curves.contention import FOR_EVER_S, batched
 from evidence.curves.estimates import Estimate

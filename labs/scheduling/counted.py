@@ -9,7 +9,7 @@ from pathlib import Path
 
 from numpy.random import default_rng
 
-from controller_apps.policy.orders import Queue
+from controller_apps.policy.schedules import Queue
 from evidence.curves.packets import Drawn, measured, tree_of
 from qmn.results.run_folder import make_folder
 from topologies.catalogue.maps import read_map

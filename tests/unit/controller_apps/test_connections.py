@@ -18,7 +18,7 @@ from metadata_scene import (
 
 from controller_apps.packets.segments import FiveTuple
 from controller_apps.policy.policy import Filter, Policy
-from controller_apps.sessions import handshakes
+from controller_apps.sessions import connections
 from controller_apps.sessions.actions import (
     Action,
     AddBypass,
@@ -119,7 +119,7 @@ def test_after_another_controller_handshakes_are_not_known_for_a_while() -> None
 def test_the_handshakes_of_one_host_crowd_out_its_own_alone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(handshakes, "MAX_OF_ONE", 4)
+    monkeypatch.setattr(connections, "MAX_OF_ONE", 4)
     state = state_of()
     accept(state)
     for port in range(5):  # to charlie, and from bob: as if he had asked

@@ -1,8 +1,8 @@
 """Fibres between switches as heard from both ends."""
 
-from controller_apps.light.links import ANNOUNCEMENTS_PER_S, FAST_TIMES, LEAST_AT_ONCE, Links
 from controller_apps.light.optics import SwitchPort
 from controller_apps.light.paths import HostPort, Network
+from controller_apps.openflow.fibers import ANNOUNCEMENTS_PER_S, FAST_TIMES, LEAST_AT_ONCE, Links
 from controller_apps.timeouts import LINK_EXPIRY_S, LINK_FAST_PERIOD_S, LINK_PERIOD_S
 
 ONE, OTHER, THIRD = SwitchPort(1, 3), SwitchPort(2, 4), SwitchPort(3, 5)

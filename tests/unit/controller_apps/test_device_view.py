@@ -1,6 +1,6 @@
 """Devices as the console and REST show them."""
 
-from controller_apps.devices.device_view import in_use
+from controller_apps.devices.hosts_state import in_use
 from wire.device import OF_LIGHT, DeviceReport
 
 

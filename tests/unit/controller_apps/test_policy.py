@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from controller_apps.policy.orders import Queue
 from controller_apps.policy.policy import Host, Policy, Reporting, SessionRequest
 from controller_apps.policy.reading import SHIPPED, BadPolicy, parse_policy, read_policy
+from controller_apps.policy.schedules import Queue
 from wire.device import DeviceSettings
 
 ALICE, BOB, CHARLIE = (

@@ -5,7 +5,7 @@ import logging
 import pytest
 
 from controller_apps.light.optics import SwitchPort
-from controller_apps.port_lines import PortLines
+from controller_apps.record import PortLines
 
 FLOODED, OTHER = SwitchPort(1, 3), SwitchPort(1, 4)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from controller_apps.openflow.speakers import Speakers, owner
+from controller_apps.openflow.connection import Speakers, owner
 from programs.local_users import NOBODY
 
 DEAD, HERE, Q1 = "dead", "main", 0x1001

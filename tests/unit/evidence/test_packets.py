@@ -10,7 +10,7 @@ from statistics import fmean, stdev
 import numpy as np
 import pytest
 
-from controller_apps.policy.orders import Queue
+from controller_apps.policy.schedules import Queue
 from controller_apps.sessions.arbiter import Arbiter
 from evidence.curves.contention import FOR_EVER_S, address, trunk
 from evidence.curves.packet_sessions import as_sessions, counted, of_counted, of_emulated

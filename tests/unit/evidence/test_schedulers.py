@@ -11,7 +11,7 @@ from statistics import fmean, stdev
 
 import pytest
 
-from controller_apps.policy.orders import Queue
+from controller_apps.policy.schedules import Queue
 from controller_apps.sessions.arbiter import Arbiter
 from evidence.curves.contention import FOR_EVER_S, PAIRS, address, trunk
 from evidence.curves.experiment import Outcome

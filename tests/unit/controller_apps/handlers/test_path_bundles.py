@@ -8,7 +8,7 @@ import pytest
 from controller_apps.light.paths import Hop
 from controller_apps.openflow import flow_entries, optical_messages
 from controller_apps.openflow.framework import ProtocolDesc, ofproto, parser
-from controller_apps.openflow.path_bundles import path_bundle, xid_of
+from controller_apps.openflow.switches import path_bundle, xid_of
 from controller_apps.sessions.actions import OpenPaths
 
 Q1, SESSION, FREQUENCY_MHZ = 2, 0xFEDCBA9876543210, 193_400_000
