@@ -17,6 +17,14 @@ WITH_VALUE = (
     *("--hosts", "--switches", "--leaves", "--spines"),
 )
 WITHOUT_VALUE = ("--stations", "--both-ways")
+# Other options of these verbs.
+OPTIONS: Mapping[str, tuple[str, str]] = {
+    "--capture": ("--captures", "full"),
+    "--no-capture": ("--captures", "none"),
+    "--no-events": ("--without", "events"),
+    "--no-record": ("--without", "record"),
+    "--no-report": ("--without", "report"),
+}
 
 
 def translated(words: Sequence[str]) -> list[str]:
@@ -26,10 +34,10 @@ def translated(words: Sequence[str]) -> list[str]:
         if tuple(today[: len(old)]) == old:
             today[: len(old)] = new
     if today[:1] and today[0] in WITH_NETWORK:
-        today = _with_parameters(today)
+        today = _with_parameters([new for word in today for new in OPTIONS.get(word, (word,))])
     if today != [*words]:
         print(
-            f"qmn: these words are old; the new ones: {shlex.join(['qmn', *today])}",
+            f"note: these words are old; the new ones: {shlex.join(['qmn', *today])}",
             file=sys.stderr,
         )
     return today

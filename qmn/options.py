@@ -167,7 +167,8 @@ def _how(option: "Field[Any]", said: Words) -> dict[str, Any]:
     if "const" in said:
         how["nargs"] = "?"
     if kind is tuple:
-        return {**how, "action": "append", "default": [], "help": help_text}
+        many = {"action": "append", "default": []}
+        return {**how, **many, "type": said.get("parse", str), "help": help_text}
     return {**how, "type": said.get("parse", kind), "default": default, "help": help_text}
 
 
@@ -183,15 +184,20 @@ def _value(option: "Field[Any]", given: Any) -> Any:
     if given is None and option.default is None:
         return None
     if kind is tuple:
-        return tuple(map(str, given)) if isinstance(given, list | tuple) else (str(given),)
+        values = given if isinstance(given, list | tuple) else (given,)
+        return tuple(_parsed(option, str, value) for value in values)
     if kind is bool:
         if not isinstance(given, bool):
             raise BadInput(f"{option.name} {given!r}: choose True or False")
         return given
-    try:
-        value = said.get("parse", kind)(str(given))
-    except (ValueError, argparse.ArgumentTypeError) as error:
-        raise BadInput(f"{option.name}: {error}") from error
+    value = _parsed(option, kind, given)
     if "choices" in said:
         check_choice(option.name, value, said["choices"], BadInput)
     return value
+
+
+def _parsed(option: "Field[Any]", kind: Callable[[str], Any], given: Any) -> Any:
+    try:
+        return option.metadata.get("parse", kind)(str(given))
+    except (ValueError, argparse.ArgumentTypeError) as error:
+        raise BadInput(f"{option.name}: {error}") from error

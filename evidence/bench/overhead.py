@@ -36,10 +36,10 @@ ROUNDS = 5
 RATE_HZ = 1_000_000_000
 NOTHING, EVERYTHING = "nothing written", "everything written"
 KINDS = {
-    NOTHING: RunOptions(capture=False, events=False, record=False),
-    "events alone": RunOptions(capture=False, record=False),
-    "captures alone": RunOptions(events=False, record=False),
-    "replay record alone": RunOptions(capture=False, events=False),
+    NOTHING: RunOptions(captures="none", without=("events", "record")),
+    "events alone": RunOptions(captures="none", without=("record",)),
+    "captures alone": RunOptions(without=("events", "record")),
+    "replay record alone": RunOptions(captures="none", without=("events",)),
     EVERYTHING: RunOptions(),
 }
 # As it comes, and with what qmn tells the C library of memory, which it is faster with, too.

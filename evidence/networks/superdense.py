@@ -71,8 +71,8 @@ def request(values: Values, seed: int, message: Path, runs: Path) -> SuperdenseR
         seed=seed,
         fiber=said_of_fibers(values, FIBER),
         runs=runs,
-        capture=False,
-        report=False,
+        captures="none",
+        without="report",
         **places.network(values),
         **named,
     )

@@ -78,8 +78,8 @@ def request(values: Values, seed: int, runs: Path) -> ServiceRequest:
         device=tuple(f"{receiver}.memory.{name}={time}" for name, time in times.items()),
         runs=runs,
         classical_mbps=values[RATE.name],
-        capture=False,
-        report=False,
+        captures="none",
+        without="report",
         **places.network(values),
     )
 

@@ -76,7 +76,7 @@ def findings(runs: Runs) -> Sequence[Finding]:
     return [*found, kept, Finding("", "Gbit/s beside it", Estimate(told["gbit_per_s"], 0.0))]
 
 
-SAID = "run teleport --state 0 --block-pairs 262144 --captures none --no-report --no-record"
+SAID = "run teleport --state 0 --block-pairs 262144 --captures none --without report,record"
 LAB = Lab(
     title="teleportation beside classical light in the same fibre",
     paper="Thomas et al., Optica 11, 1700 (2024), arXiv:2404.10738",

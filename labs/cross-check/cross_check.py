@@ -24,7 +24,7 @@ def said(figure: dict[str, Any]) -> str:
         parts.append(f"{host}.gates.two_qubit_depolarizing={1 - figure['gate']:g}")
         parts.append(f"{host}.gates.readout_error={1 - figure['readout']:g}")
     devices = " ".join(f"--device {part}" for part in parts)
-    return f"{RUN} {devices} --captures none --no-report --no-record"
+    return f"{RUN} {devices} --captures none --without report,record"
 
 
 def words(figure: dict[str, Any], what: str) -> str:

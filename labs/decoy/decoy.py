@@ -18,7 +18,7 @@ MEANS = (0.5, paper.WEAK, 0.0)
 SIFTED = {0: 100_000, 10: 60_000, 25: 40_000, 50: 20_000}  # by distance (km)
 FIBERS = 2  # from alice to bob, by a switch
 SESSION = (
-    "run qkd --bound asymptotic --captures none --no-report --no-record"
+    "run qkd --bound asymptotic --captures none --without report,record"
     f" --device alice.source.statistics=poisson --device alice.source.mean_pairs={MEANS[0]}"
     f" --device 'alice.source.decoys=[{MEANS[1]}, {MEANS[2]}]'"
     f" --device bob.detectors.efficiency={paper.EFFICIENCY}"

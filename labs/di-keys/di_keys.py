@@ -17,7 +17,7 @@ THERE = {
     "rate": Published(0.07, 0.005, "abstract: key"),
 }
 FIDELITIES = {"paper": FIDELITY, "less": 0.87, "more": 0.93, "perfect": 1.0}
-KEYS = "run qkd --protocol e91 --count 200000 --bound asymptotic --captures none --no-report"
+KEYS = "run qkd --protocol e91 --count 200000 --bound asymptotic --captures none --without report"
 KEY_ROUNDS = 1 / 4  # alice has four settings, bob two: two of these eight are for the key
 ION_PAIRS = "source.bell_diagonal=[0.96,0.0072,0.0256,0.0072]"  # F; 1.44 % errors in Z
 ION_F, ION_QBER = Published(0.960, 0.001, "Oxford"), Published(0.0144, 0.0002, "Oxford, figure 3")
@@ -107,7 +107,7 @@ LAB = Lab(
     | {
         "ions": f"{KEYS} --device charlie.{ION_PAIRS} --length-km 0.001",
         "ions-z": "run ghz --line alice,bob --count 200000 --length-km 0.001 --captures none"
-        f" --no-report --device alice.{ION_PAIRS}",
+        f" --without report --device alice.{ION_PAIRS}",
     },
     findings=findings,
     rows=rows(),

@@ -10,7 +10,7 @@ CZ, GROVER = Published(0.86, 0.005, "abstract"), Published(0.71, 0.005, "abstrac
 # A CZ by pairs of fidelity F, and nothing else amiss, has (4F + 1)/5.
 PAIRS, FIDELITIES = "fidelity of the pairs", {"paper": (5 * CZ.value - 1) / 4, "better": 0.95}
 HERE = shlex.quote(str(Path(__file__).parent))
-RUN = f"netqasm {HERE} --captures none --no-report --no-record --rounds 3"
+RUN = f"netqasm {HERE} --captures none --without report,record --rounds 3"
 
 
 def search(fidelity: float) -> float:

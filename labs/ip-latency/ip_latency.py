@@ -35,7 +35,7 @@ def said(node: str, copper_km: int) -> str:
     memories = [f"--device {host}.memory.t2_s={T2_S[node]:g}" for host in ("alice", "bob")]
     return (
         "run distribute --purification none --count 8000 --sample 0.5 --time-scale 40"
-        f" --copper-km {copper_km} {' '.join(memories)} --captures none --no-report --no-record"
+        f" --copper-km {copper_km} {' '.join(memories)} --captures none --without report,record"
     )
 
 

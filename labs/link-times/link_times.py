@@ -15,8 +15,9 @@ LINKS = {(1, "sequence"): (1, 30), (10, "sequence"): (10, 15), (25, "sequence"):
 LINKS |= {(1, "quisp"): (1, 60), (10, "quisp"): (10, 60), (25, "quisp"): (20, 15)}
 PARTS = "source.statistics=none emitter.scheme=two-click emitter.efficiency={emitted}"
 RUN = (
-    "run distribute --node charlie=station --count 900 --sample 0.1 --captures none --no-report"
-    " --no-record --loss-db-per-km {db_per_km} --device charlie.detectors.efficiency={detected}"
+    "run distribute --node charlie=station --count 900 --sample 0.1 --captures none"
+    " --without report,record --loss-db-per-km {db_per_km}"
+    " --device charlie.detectors.efficiency={detected}"
 )
 
 

@@ -25,7 +25,7 @@ def said(kind: str, copper_km: int) -> str:
     return (
         "run distribute --purification none --count 8000 --sample 0.5 --time-scale 8"
         f" --copper-km {copper_km} --device charlie.source.fidelity={TOLD['fidelity']}"
-        f" {' '.join(parts)} --captures none --no-report --no-record"
+        f" {' '.join(parts)} --captures none --without report,record"
     )
 
 

@@ -94,7 +94,7 @@ def files(runs: Runs, folder: Path) -> Sequence[Path]:
 LAB = Lab(
     title="the source paper's figures: a handshake for each Bell state, seen in Wireshark",
     paper="Dasari, Sadlier, Prout, Williams, Humble (2016), arXiv:1604.01276",
-    runs={"handshakes": f"run sdc --handshake sequential --message {MESSAGE} --no-report"},
+    runs={"handshakes": f"run sdc --handshake sequential --message {MESSAGE} --without report"},
     findings=findings,
     files=files,
 )

@@ -10,7 +10,7 @@ from evidence.labs.lab import Chart, Finding, Lab, Published, Runs
 
 TOLD = json.loads(Path(__file__).with_name("figures.json").read_text())
 CONFIDENCE_95 = 1.959964  # standard errors
-PAIRS = "--count 20000 --sample 0.5 --captures none --no-report --no-record"
+PAIRS = "--count 20000 --sample 0.5 --captures none --without report,record"
 # By what is compared: the run, whose sources make the pairs, and whose gates and readings err.
 TASKS = {
     "purified": (

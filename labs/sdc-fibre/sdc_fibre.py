@@ -12,7 +12,7 @@ from evidence.curves.estimates import information
 from evidence.labs.lab import Chart, Finding, Lab, Published, PublishedRow, Runs, exactly
 
 LEAF = shlex.quote(str(Path(__file__).with_name("leaf.png")))
-SEND = f"run sdc --file {LEAF} --frame-bytes 1 --captures none --no-report"
+SEND = f"run sdc --file {LEAF} --frame-bytes 1 --captures none --without report"
 # Of Werner pairs; that of the preset fiber-2017 is what makes 1.665 bits.
 FIDELITIES = {"perfect": 1.0, "fibre": 1 - 0.75 * theory.EXPERIMENT_P, "worse": 0.9, "worst": 0.85}
 CAPACITY = Published(*theory.EXPERIMENT_BITS, "abstract")

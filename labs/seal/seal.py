@@ -8,7 +8,7 @@ from evidence.labs.lab import Chart, Finding, Lab, Published, Runs, exactly
 FALSE_ALARM, MISSED = 1e-9, 1e-4  # abstract: 1e-9, and detection with more than .9999
 INTERVAL_S = 10.0  # abstract: sampling interval
 COMPARED = 40_000
-WATCH = f"--false-alarm {FALSE_ALARM:g} --missed {MISSED:g} --captures none --no-report"
+WATCH = f"--false-alarm {FALSE_ALARM:g} --missed {MISSED:g} --captures none --without report"
 # Tests that take so many differing pairs for a whole fibre go on, so that these can be counted.
 PATIENT = f"run seal --whole-error 0.2 --fraction 1 --count {COMPARED} {WATCH}"
 TAPPED = {"whole": 0.0, "a-quarter": 0.25, "half": 0.5, "seven-tenths": 0.7}

@@ -174,7 +174,7 @@ def tell_estimate(request: SuperdenseRequest, size: int, console: Console) -> No
         text += " (--captures headers or none saves these)"
     if request.run.record:
         recorded = pairs * RECORDED_BYTES_PER_PAIR[options.handshake] / 1e6
-        text += f", {recorded:,.0f} MB of record (--no-record saves these)"
+        text += f", {recorded:,.0f} MB of record (--without record saves these)"
     console.print(f"{text}; losses take more. Ctrl-C ends it cleanly.")
 
 

@@ -1,17 +1,26 @@
 """Options of every run, of what it leaves behind and how fast bits go."""
 
+from argparse import ArgumentTypeError
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
 from qmn.machines.options import MACHINES, MachineOptions
 from topologies.networks.captures import HEADERS_BYTES, MAX_PACKET_BYTES
+from wire.parameters.checks import check_choice
 from wire.parameters.network import LEAST_MBPS, MOST_MBPS
 from wire.parameters.option import CONTROL, SIMULATION, option
 
 # Bytes of each packet at most.
 PACED, STEPPED = "paced", "stepped"
+EVENTS, RECORD, REPORT = "events", "record", "report"  # files of a run that it can do without
 CAPTURES = {"full": MAX_PACKET_BYTES, "headers": HEADERS_BYTES, "none": 0}
+
+
+def omitted(text: str) -> str:
+    for each in text.split(","):
+        check_choice("file", each, (EVENTS, RECORD, REPORT), ArgumentTypeError)
+    return text
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +37,7 @@ class RunOptions(LiveOptions, MachineOptions):
     """What every run can be told beside its network and its job."""
 
     NOT_KEPT: ClassVar = (
-        *("runs", "time", "qasm", "captures", "capture", "events", "record", "report", "live"),
+        *("runs", "time", "qasm", "captures", "without", "live"),
         *MACHINES,
     )
     runs: Path = option(Path("runs"), "folder for what runs leave (runs)", metavar="DIR")
@@ -51,12 +60,33 @@ class RunOptions(LiveOptions, MachineOptions):
         "of each packet, what is captured: full, headers (its first 640 bytes), or none (full)",
         choices=CAPTURES,
     )
-    capture: bool = option(True, "do not capture packets, as --captures none")
-    events: bool = option(True, "do not write what happens to qubits")
-    record: bool = option(True, "do not record what `qmn replay` needs")
-    report: bool = option(True, "draw no report; `qmn report` makes it later")
+    without: tuple[str, ...] = option(
+        (),
+        f"leave out {EVENTS} of qubits, the {RECORD} for `qmn replay`, or the {REPORT}, which "
+        f"`qmn report` makes later, as {EVENTS},{REPORT}",
+        metavar="FILES",
+        parse=omitted,
+    )
 
     @property
     def packet_bytes(self) -> int:
         """Return how many bytes of each packet are captured at most; 0: there are no captures."""
-        return CAPTURES[self.captures] if self.capture else 0
+        return CAPTURES[self.captures]
+
+    @property
+    def events(self) -> bool:
+        """Return whether what happens to qubits is written."""
+        return self._has(EVENTS)
+
+    @property
+    def record(self) -> bool:
+        """Return whether what `qmn replay` needs is written."""
+        return self._has(RECORD)
+
+    @property
+    def report(self) -> bool:
+        """Return whether a report is drawn at the end."""
+        return self._has(REPORT)
+
+    def _has(self, file: str) -> bool:
+        return file not in ",".join(self.without).split(",")

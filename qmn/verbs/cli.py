@@ -21,7 +21,7 @@ from qmn.network.programs import NetworkProgram, Start
 from qmn.network.topologies import TakeTopology, described_topologies, topology
 from qmn.options import BadInput, add_options, read
 from qmn.registered import PROGRAMS, registered
-from qmn.requests.run_options import LiveOptions
+from qmn.requests.run_options import CAPTURES, LiveOptions
 from qmn.results import schema, software_share
 from qmn.results.run_folder import begin_folder, give_to_invoker
 from qmn.running.metrics_targets import urls
@@ -82,7 +82,11 @@ class CliOptions(LiveOptions):
     """What is done beside the network."""
 
     runs: Path = option(Path("runs"), "where logs go (runs)", metavar="DIR")
-    capture: bool = option(False, "capture packets, as `qmn run` does")
+    captures: str = option(
+        "none",
+        "of each packet, what is captured: full, headers (its first 640 bytes), or none (none)",
+        choices=CAPTURES,
+    )
 
 
 def start_and_obey(
@@ -105,8 +109,9 @@ def start_and_obey(
             chosen = description.scale
             print(f"time scale {chosen.scale:g}: {chosen.reason}", flush=True)
         with running(description, folder, where) as network:
-            if extras.capture:
-                network.capture(*network.copper_switches, openflow=True)
+            if packet_bytes := CAPTURES[extras.captures]:
+                switches = network.copper_switches
+                network.capture(*switches, openflow=True, packet_bytes=packet_bytes)
             start_beside(network, [start for start in starts if start is not None])
             with live_view(extras.live, folder):
                 status = obey(network)

@@ -86,7 +86,7 @@ def compare(run: Path, allow_code: bool = False) -> tuple[Comparison, int]:
     except OSError as error:
         raise BadRun(
             f"cannot read {error.filename}: {error.strerror}; name the folder of a run that was "
-            "made without --no-record"
+            "made with --without record"
         ) from error
     except NamesCode as error:
         raise BadRun(

@@ -112,7 +112,9 @@ def events(options: SpyOptions) -> Iterator[Event]:
             raise BadFilter(f"unknown node {node!r}: {remedy(node, sorted(known))}")
     if options.follow is False:
         if not config.event_capture:
-            raise BadFilter("--no-follow: this network writes no events (--no-events); follow it")
+            raise BadFilter(
+                "--no-follow: this network writes no events (--without events); follow it"
+            )
         return recorded(find_record(Path(config.event_capture)), follow=False)
     return attached(config, watch_request(options))
 

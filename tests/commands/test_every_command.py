@@ -191,7 +191,7 @@ def running(command: str, folder: Path, first: str = "") -> Iterator[str]:
 @pytest.fixture
 def network(folder: Path) -> Iterator[None]:
     """Have a network that runs, and has sent something."""
-    with running("qmn cli sdc --capture", folder, "alice qsend bob hello\n") as printed:
+    with running("qmn cli sdc --captures full", folder, "alice qsend bob hello\n") as printed:
         assert "bob: hello" in printed
         yield
 

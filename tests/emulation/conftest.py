@@ -105,7 +105,7 @@ def verb(*words: str) -> subprocess.CompletedProcess[str]:
 
 def qmn_words(runs: Path, report: bool = False) -> list[str]:
     """Return what is said to the command; the last word names the folder for runs."""
-    return ["run", "sdc", *([] if report else ["--no-report"]), "--runs", str(runs)]
+    return ["run", "sdc", *([] if report else ["--without", "report"]), "--runs", str(runs)]
 
 
 def qmn_command(runs: Path) -> list[str]:

@@ -46,7 +46,7 @@ def qmn(*words: str, timeout_s: float = PROGRAM_S) -> subprocess.CompletedProces
 
 def run(runs: Path, *words: str, timeout_s: float = PROGRAM_S) -> dict[str, Any]:
     """Run to the end; return the result."""
-    done = qmn(*words, "--no-report", "--runs", str(runs), timeout_s=timeout_s)
+    done = qmn(*words, "--without", "report", "--runs", str(runs), timeout_s=timeout_s)
     assert done.returncode == 0, done.stdout + done.stderr
     require_schema(runs / "latest")
     result: dict[str, Any] = json.loads((runs / "latest" / "result.json").read_text())
@@ -68,7 +68,7 @@ def test_keys_of_a_host_on_a_second_machine_are_those_of_one_machine_and_come_ba
     second: SecondMachine, tmp_path: Path
 ) -> None:
     told = {}
-    words = ["run", "keys", *LINK, "--seconds", "6", "--captures", "none", "--no-events"]
+    words = ["run", "keys", *LINK, "--seconds", "6", "--captures", "none", "--without", "events"]
     for name, where in (("one", ()), ("two", ON_SECOND)):
         keys = ("--keys", str(tmp_path / f"{name}-keys"))
         told[name] = run(tmp_path / name, *words, *keys, *where)
@@ -132,7 +132,18 @@ def test_a_tunnel_between_machines_closes_while_eve_listens_and_the_file_arrives
     file = tmp_path / "file"
     file.write_bytes(random.Random(SEED).randbytes(4_000_000))
     words = ["run", "vpn", "--with", program, "--file", str(file), "--rotate", "1"]
-    words += ["--key-lifetime", "2", "--eve", "0.6", "--at", "2", "--until", "8", "--no-events"]
+    words += [
+        "--key-lifetime",
+        "2",
+        "--eve",
+        "0.6",
+        "--at",
+        "2",
+        "--until",
+        "8",
+        "--without",
+        "events",
+    ]
     words += ["--machines", "2", "--scheduler", SCHEDULER]
     words += [word for place in places for word in ("--place", place)]
     result = run(tmp_path / "runs", *words, timeout_s=PROGRAM_S)
@@ -292,7 +303,7 @@ def test_a_worker_that_is_killed_ends_the_job_by_name_and_leaves_nothing(
     words, program, said = LASTING[job]
     app = str(application(tmp_path / "app"))
     told = [app if word == "APP" else word for word in words]
-    told += ["--no-report", "--runs", str(tmp_path / "runs"), *ON_SECOND]
+    told += ["--without", "report", "--runs", str(tmp_path / "runs"), *ON_SECOND]
     log = tmp_path / "runs" / "latest" / f"{program}.log"
     command, pipe = [sys.executable, "-m", "qmn", *told], subprocess.PIPE
     with subprocess.Popen(command, cwd=ROOT, stdout=pipe, stderr=pipe, text=True) as process:

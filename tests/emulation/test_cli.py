@@ -159,7 +159,7 @@ def test_ctrl_c_ends_the_verb_and_ctrl_d_the_network(tmp_path: Path) -> None:
 def test_a_signal_ends_the_network_in_mid_command_and_what_was_captured_stays(
     tmp_path: Path,
 ) -> None:
-    with Keyboard("sdc", "--capture", "--runs", str(tmp_path), "--seed", "5") as keyboard:
+    with Keyboard("sdc", "--captures", "full", "--runs", str(tmp_path), "--seed", "5") as keyboard:
         keyboard.read_until("qmn> ", SOON_S)
         keyboard.type("alice qsend bob seen\n")
         keyboard.read_until("4 bytes")

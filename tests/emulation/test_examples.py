@@ -100,7 +100,7 @@ def test_a_topology_of_one_s_own_needs_no_alice_and_no_bob(
 
 
 def test_the_command_line_takes_a_topology_of_one_s_own(tmp_path: Path) -> None:
-    words = ("cli", f"{EXAMPLES}/my_net.py:MyNet", "--runs", str(tmp_path), "--capture")
+    words = ("cli", f"{EXAMPLES}/my_net.py:MyNet", "--runs", str(tmp_path), "--captures", "full")
     assert "h2: hello" in run(*words, commands="h1 qsend h2 hello\n")
     assert "s1-eth1" in captured(tmp_path)
 
@@ -228,7 +228,7 @@ def test_openssl_talks_tls_by_a_key_of_photons(tmp_path: Path) -> None:
     program = DOCS / "keys" / "tls_psk.py"
     alice = f"alice python {program} bob 'hello there'\n"
     commands = listening(program, tmp_path / "log") + alice + "bob wait\n"
-    printed = said(commands, tmp_path / "runs", "--key-pair", "alice:bob", "--capture")
+    printed = said(commands, tmp_path / "runs", "--key-pair", "alice:bob", "--captures", "full")
     assert "ereht olleh" in printed
     assert "Protocol version: TLSv1.3" in printed
     assert "No peer certificate" in printed

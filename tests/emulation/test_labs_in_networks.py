@@ -19,7 +19,7 @@ from evidence.labs.lab import Lab, exactly
 LAB = Lab(
     "a lab that cannot agree",
     "nobody's",
-    {"short": "run sdc --message N --captures none --no-report"},
+    {"short": "run sdc --message N --captures none --without report"},
     lambda runs: [exactly("Bell pairs", runs["short"].result["pairs_made"], 5, "nowhere")],
 )
 """
@@ -158,7 +158,14 @@ def test_classical_light_in_the_photons_band_spoils_what_is_teleported(tmp_path:
     """10 mW at 1550 nm: F = .58986 by the supplement's equations, and .96513 without them."""
     settings = catalogue.lab("coexistence").findings.__globals__["settings"]
     command = [sys.executable, "-m", "qmn", "run", "teleport", "--state", "0"]
-    command += ["--count", "1000000", "--block-pairs", "262144", "--no-report", "--no-record"]
+    command += [
+        "--count",
+        "1000000",
+        "--block-pairs",
+        "262144",
+        "--without",
+        "report,record",
+    ]
     command += ["--runs", str(tmp_path)]
     done = subprocess.run(
         [*command, "--captures", "none", "--seed", "1", *settings("c-band", 10.0)],

@@ -61,7 +61,7 @@ def started(tmp_path: Path, *options: str) -> Iterator[tuple[Running, str]]:
 @contextmanager
 def network_with_a_page(tmp_path: Path) -> Iterator[str]:
     """Run a network with its page, and end it as its user would; yield the address."""
-    with started(tmp_path, "--capture") as (network, url):
+    with started(tmp_path, "--captures", "full") as (network, url):
         assert network.stdin is not None
         yield url
         network.stdin.write("exit\n")

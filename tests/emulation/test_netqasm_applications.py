@@ -35,7 +35,7 @@ RANKS = Path(__file__).parents[1] / "unit/applications/netqasm_styles/netqmpi"
 
 def run(runs: Path, application: str, *options: str) -> dict[str, Any]:
     """Run an application to its end; return result.json."""
-    words = str(APPS / application), "--no-report", "--runs", str(runs)
+    words = str(APPS / application), "--without", "report", "--runs", str(runs)
     done = run_qmn("netqasm", *words, *options)
     assert done.returncode == 0, done.stdout + done.stderr
     result: dict[str, Any] = json.loads((runs / "latest" / "result.json").read_text())
@@ -238,7 +238,7 @@ def test_anonymous_transmission_is_as_good_as_the_pairs_of_its_ghz_states(tmp_pa
     kept = of_z, of_both, of_x  # of the state along X, Y and Z
     expected = (1 + sum(n**2 * each for n, each in zip(bloch, kept, strict=True))) / 2
     words = ["--topology", "tapped", "--place", "david=eve", "--rounds", str(rounds)]
-    words += ["--depolarizing", str(1 - sqrt(w)), "--captures", "none", "--no-events"]
+    words += ["--depolarizing", str(1 - sqrt(w)), "--captures", "none", "--without", "events"]
     for given in ("alice.sender=true", f"alice.phi={phi}", f"alice.theta={theta}"):
         words += ["--input", given]
     result = run(tmp_path, "anonymous_transmission", *words, "--input", "charlie.receiver=true")

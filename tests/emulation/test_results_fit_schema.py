@@ -23,8 +23,8 @@ def require_schema(folder: Path) -> None:
     "words",
     [
         ("sdc", "--message", "two bits", "--metrics"),
-        ("teleport", "--count", "100", "--no-capture"),
-        ("qkd", "--count", "20000", "--eve", "0.5", "--no-events"),
+        ("teleport", "--count", "100", "--captures", "none"),
+        ("qkd", "--count", "20000", "--eve", "0.5", "--without", "events"),
         ("sdc", "--message", "x", "--loss-db-per-km", "1000", "--loss-budget-db", "1"),
     ],
     ids=lambda words: " ".join(words[:2]),

@@ -36,7 +36,7 @@ def test_three_hosts_get_the_same_keys(noisy_network: Network) -> None:
 
 def test_who_measures_in_the_first_link_is_found_and_there_is_no_key(tmp_path: Path) -> None:
     """In Z or X by chance: a quarter of the parities in X are odd, and of the bits in Z differ."""
-    words = ["--eve", "1", "--count", "3000", "--captures", "none", "--no-report"]
+    words = ["--eve", "1", "--count", "3000", "--captures", "none", "--without", "report"]
     done = run_qmn("run", "conference", *words, "--runs", str(tmp_path))
     assert done.returncode != 0
     told = re.search(

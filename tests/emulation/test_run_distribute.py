@@ -19,7 +19,7 @@ BEGIN = MAGIC.to_bytes(2, "big") + bytes([VERSION, Setup.KIND])
 
 def run(runs: Path, *options: str) -> "subprocess.CompletedProcess[str]":
     """Run it to its end."""
-    return run_qmn("run", "distribute", "--no-report", "--runs", str(runs), *options)
+    return run_qmn("run", "distribute", "--without", "report", "--runs", str(runs), *options)
 
 
 def test_alice_and_bob_hold_purified_pairs_of_charlie(tmp_path: Path) -> None:

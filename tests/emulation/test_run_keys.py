@@ -24,7 +24,7 @@ from wire.key_manager import KeyLink
 
 def run_keys(runs: Path, *words: str) -> tuple[subprocess.CompletedProcess[str], dict[str, Any]]:
     """Keep keys for a while; return what was said, and the result."""
-    done = run_qmn("run", "keys", *words, "--no-report", "--runs", str(runs))
+    done = run_qmn("run", "keys", *words, "--without", "report", "--runs", str(runs))
     return done, json.loads((runs / "latest" / "result.json").read_text())
 
 
@@ -33,7 +33,9 @@ def test_an_eavesdropper_comes_and_leaves_on_one_time_line(tmp_path: Path) -> No
     # The marks are never reached, so that sessions follow one another.
     marks = ("--low-mark", "4000", "--high-mark", "4000", "--session-bits", "12000")
     eve = ("--eve", "1", "--at", "2", "--until", "4")
-    done, result = run_keys(tmp_path, "--seconds", "15", "--withhold", "--no-events", *marks, *eve)
+    done, result = run_keys(
+        tmp_path, "--seconds", "15", "--withhold", "--without", "events", *marks, *eve
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     moments = result["job"]["moments"]
     at = {each["event"]: each["at"] for each in moments if each["event"].startswith("eve")}

@@ -42,7 +42,16 @@ def test_light_is_handed_out_in_slots_and_none_is_given_too_late(tmp_path: Path)
     header = "at_s,opener,acceptor,holding_s,deadline_s,priority"
     trace.write_text("\n".join([header, *rows]) + "\n")
     words = ["run", "load", "--topology", f"{ROOT}/docs/traffic/trunk.py:Trunk", "--source", "own"]
-    words += ["--traffic", "trace", "--file", str(trace), "--policy", str(policy), "--no-capture"]
+    words += [
+        "--traffic",
+        "trace",
+        "--file",
+        str(trace),
+        "--policy",
+        str(policy),
+        "--captures",
+        "none",
+    ]
     words += ["--from", SIDES[0], "--to", SIDES[1], "--time-scale", "12"]  # quick software
     done = run_qmn(*words, "--runs", str(tmp_path), timeout_s=PROGRAM_S)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -83,7 +92,16 @@ def test_light_of_any_service_goes_by_the_shortest_ways_of_the_map(
     opener, acceptor, *others = hosts
     trace.write_text(f"at_s,opener,acceptor,others\n0.1,{opener},{acceptor},{' '.join(others)}\n")
     words = ["run", "load", "--topology", "map,abilene,hosts_at=kscyng,dnvrng,sttlng,snvang"]
-    words += ["--service", service, "--count", f"{count}", "--traffic", "trace", "--no-capture"]
+    words += [
+        "--service",
+        service,
+        "--count",
+        f"{count}",
+        "--traffic",
+        "trace",
+        "--captures",
+        "none",
+    ]
     words += ["--file", str(trace), *([] if back else ["--line", f"{len(hosts)}"])]
     done = run_qmn(*words, "--runs", str(tmp_path), timeout_s=PROGRAM_S)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -115,7 +133,17 @@ def node_of(end: str) -> str:
 @pytest.mark.nightly
 def test_two_fibres_are_busy_as_often_as_erlang_says(tmp_path: Path) -> None:
     words = ["run", "load", "--topology", f"{ROOT}/docs/traffic/trunk.py:Trunk", "--seed", "1"]
-    words += ["--from", SIDES[0], "--to", SIDES[1], "--source", "own", "--idle", "--no-capture"]
+    words += [
+        "--from",
+        SIDES[0],
+        "--to",
+        SIDES[1],
+        "--source",
+        "own",
+        "--idle",
+        "--captures",
+        "none",
+    ]
     words += ["--sessions", f"{SESSIONS}", "--rate-per-s", "12", "--holding-s", "0.15"]
     done = run_qmn(*words, "--runs", str(tmp_path), timeout_s=PROGRAM_S)
     assert done.returncode == 0, done.stdout + done.stderr

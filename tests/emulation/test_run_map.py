@@ -30,7 +30,7 @@ def test_seattle_and_washington_teleport_as_the_lengths_of_the_map_say(tmp_path:
         "--seed",
         "1",
     ]
-    words += ["--from", "sttlng", "--to", "washng", "--count", f"{COUNT}", "--no-capture"]
+    words += ["--from", "sttlng", "--to", "washng", "--count", f"{COUNT}", "--captures", "none"]
     words += ["--loss-db-per-km", f"{LOSS_DB_PER_KM}", "--depolarizing", f"{DEPOLARIZING}"]
     done = run_qmn(*words, "--runs", str(tmp_path), timeout_s=PROGRAM_S)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -27,7 +27,7 @@ GOOD = "source.fidelity=0.99"  # of photonic hosts beside ions
 
 def run(runs: Path, *words: str) -> "subprocess.CompletedProcess[str]":
     """Run a service to its end."""
-    return run_qmn("run", *words, "--no-report", "--runs", str(runs))
+    return run_qmn("run", *words, "--without", "report", "--runs", str(runs))
 
 
 def result_of(runs: Path, *words: str) -> dict[str, Any]:

@@ -32,7 +32,7 @@ LIAR = Path(__file__).parents[2] / "docs" / "mdi" / "lying_relay.py"
 
 def run_qkd(runs: Path, *words: str) -> tuple[subprocess.CompletedProcess[str], dict[str, Any]]:
     """Distribute keys; return what was said, and the result."""
-    done = run_qmn("run", "qkd", *words, "--no-report", "--runs", str(runs))
+    done = run_qmn("run", "qkd", *words, "--without", "report", "--runs", str(runs))
     return done, json.loads((runs / "latest" / "result.json").read_text())
 
 

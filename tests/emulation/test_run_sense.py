@@ -18,7 +18,16 @@ def test_the_sum_of_phases_is_told_at_the_limit_of_its_probes(
 ) -> None:
     """1 / sqrt(M) by M states, sqrt(3) times that by as many probes of each of three hosts."""
     words = [f"--device={name}.sensor.phase_rad={phase}" for name, phase in PHASES.items()]
-    words += ["--probes", probes, "--count", str(COUNT), "--captures", "none", "--no-report"]
+    words += [
+        "--probes",
+        probes,
+        "--count",
+        str(COUNT),
+        "--captures",
+        "none",
+        "--without",
+        "report",
+    ]
     done = run_qmn("run", "sense", *words, "--runs", str(tmp_path))
     assert done.returncode == 0, done.stdout + done.stderr
     result = json.loads((tmp_path / "latest" / "result.json").read_text())

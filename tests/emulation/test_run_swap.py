@@ -21,7 +21,7 @@ from wire.controller_lines import read_record
 
 def run(runs: Path, *options: str) -> dict[str, Any]:
     """Run it to its end; return the result."""
-    done = run_qmn("run", "swap", "--no-report", "--runs", str(runs), *options)
+    done = run_qmn("run", "swap", "--without", "report", "--runs", str(runs), *options)
     assert done.returncode == 0, done.stdout + done.stderr
     result: dict[str, Any] = json.loads((runs / "latest" / "result.json").read_text())
     return result

@@ -149,8 +149,8 @@ def test_the_tunnel_closes_while_eve_listens_and_the_file_arrives(
     words += [
         "--key-lifetime",
         str(LIFETIME_S),
-        "--no-events",
-        "--no-report",
+        "--without",
+        "events,report",
         "--runs",
         str(tmp_path / "runs"),
     ]
@@ -419,7 +419,7 @@ def test_strongswan_uses_the_key_before_no_longer_than_its_lifetime(tmp_path: Pa
 
 @pytest.mark.parametrize("struck", ["download-alice", "wireguard-bob"])
 def test_a_program_of_the_tunnel_that_is_killed_is_named(tmp_path: Path, struck: str) -> None:
-    words = ["run", "vpn", "--mbit-s", "0.5", "--no-report", "--runs", str(tmp_path)]
+    words = ["run", "vpn", "--mbit-s", "0.5", "--without", "report", "--runs", str(tmp_path)]
     with (tmp_path / "errors").open("w+") as errors, running_qmn(*words, errors=errors) as process:
         log = tmp_path / "latest" / f"{struck}.log"
         wait_until(log.exists, f"{struck} is started")

@@ -15,7 +15,7 @@ from loaded import run_qmn
 
 def run_service(runs: Path, *words: str, report: bool = False) -> dict[str, Any]:
     """Run a service; return its result."""
-    told = [] if report else ["--no-report"]
+    told = [] if report else ["--without", "report"]
     done = run_qmn("run", *words, "--runs", str(runs), *told)
     assert done.returncode == 0, done.stdout + done.stderr
     result: dict[str, Any] = json.loads((runs / "latest" / "result.json").read_text())

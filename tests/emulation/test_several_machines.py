@@ -154,7 +154,7 @@ def test_heavy_traffic_of_a_host_on_a_second_machine_is_that_of_one_machine(
     trace.write_text("\n".join(["at_s,opener,acceptor,others", *rows]) + "\n")
     hosts = "alice,bob,charlie"
     words = ["run", "load", "--service", "ghz", "--traffic", "trace", "--file", str(trace)]
-    words += ["--from", hosts, "--to", hosts, "--contention", "queue", "--no-report"]
+    words += ["--from", hosts, "--to", hosts, "--contention", "queue", "--without", "report"]
     words += ["--depolarizing", "0.05", "--loss-db-per-km", "50", "--seed", str(SEED)]
     told = {}
     by_open_vswitch = (*ON_SECOND, "--tunnels", "open-vswitch")

@@ -20,7 +20,7 @@ TELEPORT = (
 
 def result_of(folder: Path, *words: str) -> dict[str, Any]:
     """Run to the end, without a wrong leap; return the result."""
-    done = run_qmn("run", *words, "--no-report", "--runs", str(folder))
+    done = run_qmn("run", *words, "--without", "report", "--runs", str(folder))
     assert not done.returncode, done.stdout + done.stderr
     leaps = re.search(r"stopped: ([\d,]+) leaps, 0 wrong", (folder / "latest/gate.log").read_text())
     assert leaps is not None
@@ -57,7 +57,7 @@ def test_sessions_of_traffic_hold_light_as_long_as_planned_and_the_same_again(
     """Light and messages take microseconds in this ring; requests that have to wait try again."""
     runs = []
     for name in ("one", "other"):
-        words = ("load", "--time", "stepped", "--sessions", "8", "--no-report")
+        words = ("load", "--time", "stepped", "--sessions", "8", "--without", "report")
         done = run_qmn("run", *words, "--runs", str(tmp_path / name))
         assert not done.returncode, done.stdout + done.stderr
         runs.append(json.loads((tmp_path / name / "latest/result.json").read_text()))

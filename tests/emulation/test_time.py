@@ -163,7 +163,7 @@ def test_what_auto_means_is_held_against_what_the_run_was(tmp_path: Path, mbit_s
     words = ["--length-km", "0", "--device", "bob.memory.t2_s=1"]
     words += ["--count", "16384", "--block-pairs", "16384"]
     words += ["--classical-mbps", mbit_s] if mbit_s else []
-    words += ["--time-scale", "auto", "--no-report", "--runs", str(tmp_path)]
+    words += ["--time-scale", "auto", "--without", "report", "--runs", str(tmp_path)]
     done = run_qmn("run", "teleport", *words, timeout_s=SLOW_S)
     assert done.returncode == 0, done.stdout + done.stderr
     result = json.loads((tmp_path / "latest" / "result.json").read_text())
@@ -202,7 +202,9 @@ def teleported(runs: Path, length_km: float, t2_s: float) -> dict[str, Any]:
         "--time-scale",
         "4000",
     ]
-    done = run_qmn("run", "teleport", *words, "--no-report", "--runs", str(runs), timeout_s=SLOW_S)
+    done = run_qmn(
+        "run", "teleport", *words, "--without", "report", "--runs", str(runs), timeout_s=SLOW_S
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     result: dict[str, Any] = json.loads((runs / "latest" / "result.json").read_text())
     return result

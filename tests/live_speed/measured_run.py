@@ -57,7 +57,7 @@ def run(
     sent += ["--rate-hz", str(rate_hz)] if rate_hz else []
     message = folder / "message"
     message.write_bytes(bytes(range(250)) * (1 << 16))  # of which a run sends a part
-    command = [QMN, "run", "sdc", "--file", str(message), *sent, "--no-report"]
+    command = [QMN, "run", "sdc", "--file", str(message), *sent, "--without", "report"]
     with (
         subprocess.Popen([*command, "--runs", str(folder)], stdout=subprocess.DEVNULL) as network,
         browser() as (chromium, devtools),

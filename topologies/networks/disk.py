@@ -81,7 +81,7 @@ def nearly_full(folder: Path) -> str:
         return ""
     return (
         f"the disk of {folder} is nearly full: {shutil.disk_usage(folder).free / 1e6:,.0f} MB are "
-        "free; make room, or write less (--no-capture, --no-events, --no-record)"
+        "free; make room, or write less (--captures none --without events,record)"
     )
 
 

@@ -29,7 +29,7 @@ def drawn_handshake(folder: Path, network: NetworkFacts) -> str:
 
     since_ns = newest_setup_ns(folder, network)
     if not since_ns:
-        return "<p>No set-up has been captured (in <code>qmn cli</code>: --capture).</p>"
+        return "<p>No set-up has been captured (in <code>qmn cli</code>: --captures full).</p>"
     capture = folder / EVENT_CAPTURE
     events = [
         event

@@ -24,7 +24,7 @@ from wire.results.run_result import KeysJob, LoadJob
 
 MOST_NAMED = 12  # light paths, also in the figure of their losses
 MOST_WAITS = 10  # in a table
-NOT_WRITTEN = "what happened to qubits was not written (--no-events)."
+NOT_WRITTEN = "what happened to qubits was not written (--without events)."
 METADATA = (
     '<span class="metadata">quantum metadata</span> as it leaves one host and reaches another'
 )

@@ -62,8 +62,10 @@ SAME = [
         ),
     ),
     (
-        "run qkd --protocol e91 --count 500 --rate-hz 7 --eve 1 --seed 3 --no-capture --runs /r",
-        service_request("e91", count=500, rate_hz=7, eve=1, seed=3, capture=False, runs=Path("/r")),
+        "run qkd --protocol e91 --count 500 --rate-hz 7 --eve 1 --seed 3 --captures none --runs /r",
+        service_request(
+            "e91", count=500, rate_hz=7, eve=1, seed=3, captures="none", runs=Path("/r")
+        ),
     ),
     ("run ghz --line c,a,b", service_request("ghz", line="c,a,b")),
     (
@@ -143,7 +145,7 @@ def test_what_a_result_keeps_fits_its_schema_and_is_read_back(
 
 def test_what_means_nothing_is_not_kept() -> None:
     """Of an eavesdropper who is not there, of the run's files, of what a result tells beside."""
-    parameters = kept(said("run", "keys", "--seed", "7", "--metrics", "--no-events"))
+    parameters = kept(said("run", "keys", "--seed", "7", "--metrics", "--without", "events"))
     named = {"eve", "at", "until", "seed", "metrics", "events", "keys", "controller", "place"}
     assert not parameters.keys() & named
 

@@ -22,12 +22,15 @@ from qmn.old_words import translated
         ("cli --live ring --switches 4", "cli --live ring,switches=4"),
         ("cli a.py:Net --switches 4", "cli a.py:Net,switches=4"),
         ("cli --map garr", "cli map,map=garr"),
+        ("run qkd --no-capture --no-record", "run qkd --captures none --without record"),
+        ("run qkd --no-events --no-report", "run qkd --without events --without report"),
+        ("cli sdc --capture", "cli sdc --captures full"),
         ("netqasm app --map garr", "netqasm app --topology map,map=garr"),
     ],
 )
 def test_old_words_are_translated(old: str, new: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert shlex.join(translated(old.split())) == new
-    assert capsys.readouterr().err == f"qmn: these words are old; the new ones: qmn {new}\n"
+    assert capsys.readouterr().err == f"note: these words are old; the new ones: qmn {new}\n"
 
 
 @pytest.mark.parametrize(

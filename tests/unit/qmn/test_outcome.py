@@ -135,7 +135,7 @@ JOBS = {
 
 def status_of(words: str, runs: Path) -> int:
     """Return the status of a command that writes into this folder of runs."""
-    whole = [*words.split(), "--runs", str(runs), "--no-report"]
+    whole = [*words.split(), "--runs", str(runs), "--without", "report"]
     arguments = described(whole).parse_args(whole)
     status: int = arguments.call(arguments)
     return status

@@ -324,4 +324,4 @@ def test_what_a_network_does_not_write_can_only_be_followed(
     spy.add_parser(arguments.add_subparsers())
     parsed = arguments.parse_args(["spy", "--no-follow"])
     assert parsed.call(parsed) == 1
-    assert "writes no events (--no-events)" in capsys.readouterr().err
+    assert "writes no events (--without events)" in capsys.readouterr().err

@@ -59,7 +59,7 @@ def test_a_disk_that_is_nearly_full_ends_the_run_by_name(
     full = type(shutil.disk_usage(tmp_path))(total=200 << 30, used=199 << 30, free=900_000_000)
     monkeypatch.setattr(shutil, "disk_usage", lambda _folder: full)
     keeper.look()
-    with pytest.raises(NetworkError, match=r"is nearly full: 900 MB are free; .*--no-capture"):
+    with pytest.raises(NetworkError, match=r"is nearly full: 900 MB are free; .*--captures none"):
         keeper.check()
 
 

@@ -150,7 +150,7 @@ def test_a_run_that_wrote_no_events_does_not_say_that_nothing_happened(tmp_path:
     (tmp_path / "result.json").write_text(json.dumps({**result, "events": False}))
     page = made_page(tmp_path)
     assert "The handshake, in the classical layer" in figures(page)
-    assert page.count("what happened to qubits was not written (--no-events)") == 4
+    assert page.count("what happened to qubits was not written (--without events)") == 4
     assert "No light path stood" not in page
     assert "no Bell pair was measured" not in page
 
