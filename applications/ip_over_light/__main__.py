@@ -15,7 +15,7 @@ from wire.config import BadConfig
 
 
 def run(config: IpOverLightConfig) -> int:
-    """Carry packets until told to stop, or until a part fails."""
+    """Carry packets until a signal, or until a part fails."""
     ended: queue.SimpleQueue[BaseException | None] = queue.SimpleQueue()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda _number, _frame: ended.put(None))

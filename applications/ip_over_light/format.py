@@ -6,8 +6,8 @@ from typing import Any
 from wire.config import Config
 
 INTERFACE = "q0"
-# At the stacks: where each host waits for the packets of others. What comes on a session's own
-# light comes to the second one.
+# At the stacks: where each host waits for packets of others. Packets on the light of a
+# session itself go to the second one.
 PACKETS_PORT = 15
 RETURNED_PACKETS_PORT = 16
 MIN_MTU = 576  # of IPv4

@@ -28,7 +28,7 @@ FIBERS = 2  # that a host needs to receive, or to make pairs
 
 @dataclass(frozen=True)
 class IpOverLight:
-    """What every q0 is like."""
+    """The parameters of every q0."""
 
     mtu: int = DEFAULT_MTU
     idle_s: float = 2.0  # without a packet: then light is given back

@@ -17,7 +17,7 @@ from wire.parameters.option import option
 
 @dataclass(frozen=True, kw_only=True)
 class Q0Options:
-    """What every q0 is like, if there is one."""
+    """The parameters of every q0, if there are any."""
 
     GROUP: ClassVar[str] = "IP over light"
     q0: bool = option(

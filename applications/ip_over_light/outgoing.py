@@ -57,7 +57,7 @@ class WantedLight:
 
 
 class Outgoing:
-    """What this host sends to one other; `offer` from any thread, `run` in one of its own.
+    """Packets from this host to one other; `offer` from any thread, `run` in one of its own.
 
     How long it keeps light without a packet, and waits for light, are seconds of the wall here.
     """
@@ -101,7 +101,7 @@ class Outgoing:
         self._refuse(packet, refused[0])
 
     def incoming(self, service: str, sessions: int) -> None:
-        """Note that so many more sessions of the other host bring packets.
+        """Count more sessions of the other host that bring packets.
 
         A return has no light without the session that it goes back on.
         """
@@ -109,7 +109,7 @@ class Outgoing:
             self._incoming[service] += sessions
             if self._returned_on is not None and not self._incoming[SENT]:
                 stranded, self._returned_on = self._returned_on, None
-                stranded.close()  # whoever waits for it hears of that
+                stranded.close()  # its waiters hear of that
             self._changed.notify_all()
 
     def run(self) -> None:
@@ -179,7 +179,7 @@ class Outgoing:
                 self._changed.wait(LIGHT_RETRY_S)
 
     def _stands(self, service: str, light: QuantumSocket) -> bool:
-        """Note what a return goes back on; tell whether that is there still."""
+        """Note the session of a return; tell whether it still exists."""
         with self._changed:
             if service == RETURNED:
                 self._returned_on = light if self._incoming[SENT] else None

@@ -15,7 +15,7 @@ CODES: Mapping[Reason, Unreachable] = MappingProxyType(
         Reason.LOSS_TOO_HIGH: Unreachable.NETWORK,
     }
 )
-# What may be otherwise in a moment: others have the light, the return's session is just over, or
+# Reasons that may pass in a moment: others have the light, the return's session is just over, or
 # the other host, or its q0, is not up yet.
 PASSING = frozenset(
     {

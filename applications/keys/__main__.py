@@ -22,7 +22,7 @@ from wire.key_manager import KeyManagerConfig
 
 
 async def run(config: KeyManagerConfig) -> None:
-    """Serve, and keep stores filled, until told to stop; if one part fails, all end."""
+    """Serve, and keep stores filled, until a signal; if one part fails, all end."""
     stopped = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, stopped.set)
@@ -53,7 +53,7 @@ async def run(config: KeyManagerConfig) -> None:
 def main() -> int:
     """Read the arguments, run, and turn faults into one line and an exit status."""
     path = config_path("python -m applications.keys", __doc__)
-    logging.getLogger("tornado.access").setLevel(logging.ERROR)  # what is given is said, in words
+    logging.getLogger("tornado.access").setLevel(logging.ERROR)  # deliveries are logged in words
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
     try:
         config = KeyManagerConfig.read(path)

@@ -45,10 +45,10 @@ Tell = Callable[[str, Assignment], Awaitable[None]]  # a host's key manager; rai
 
 
 class Router(Protocol):
-    """Who knows by whom keys can go to other hosts."""
+    """Finds key managers by which keys can go to other hosts."""
 
     async def ask(self, host: str, stored: int, master: str, slave: str) -> KeyRoute:
-        """Return by whom so many stored keys can go to a host; raise Refused if by nobody."""
+        """Return the manager by which stored keys can go to a host; raise Refused if none."""
 
     async def register(self, host: str, master: str, slave: str) -> None:
         """Note an application whose keys need no relay."""
@@ -71,7 +71,7 @@ class KeyDelivery:
         self.withholds = config.withhold  # whether too many errors close the way to a host
 
     async def status(self, caller: str, slave: str) -> Status:
-        """Say what is there for a master and a slave; raise Refused for anybody else."""
+        """Return the status of keys for a master and a slave; raise Refused for others."""
         self._require_own(caller)
         target = self._host_of(slave)
         count = await self._available(caller, slave, target)
@@ -236,7 +236,7 @@ class KeyDelivery:
     def _made(
         self, ids: Sequence[UUID], size: int, stored: Sequence[Sequence[StoredKey]] | None
     ) -> list[DeliveredKey]:
-        """Return keys of so many bytes: the beginning of stored ones, or drawn here."""
+        """Return keys of a size in bytes: the beginning of stored ones, or drawn here."""
         if stored is None:
             return [DeliveredKey(key_id, os.urandom(size)) for key_id in ids]
         return [

@@ -2,7 +2,7 @@ r"""Keeps the stores of a host filled: opens sessions, and takes part in those o
 
     keys of one direction
     high ........  .          .        sessions, one after another, until both directions have
-           .     ./   \      /         so many; then none until one has fewer than low
+           .     ./   \      /         batches; then none until one has fewer than low
     low  ...\.../......\..../......
              ^ consumed, sessions again
 

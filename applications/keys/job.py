@@ -96,8 +96,8 @@ def run(request: KeysRequest, signals: Signals, console: Console) -> int:
             noted = moments_of(network, managers.programs, console)
             kept.moments = noted.all
             watch(network, noted, eve, waits, request.seconds)
-            kept.asking = told = moments.summary(noted.all, noted.now_s)
-        facts.delivered = told.keys > 0
+            kept.asking = summary = moments.summary(noted.all, noted.now_s)
+        facts.delivered = summary.keys > 0
     result.show(console, facts, folder, ended.report)
     return 0 if facts.delivered else 1
 
@@ -139,6 +139,6 @@ def introduce(console: Console, managers: KeyManagers) -> None:
 
 
 def show(console: Console, moment: Moment) -> None:
-    """Print what an opener of sessions or the run itself has said."""
+    """Print what an opener of sessions or the run itself prints."""
     if not isinstance(moment, SessionMoment) or moment.opened:
         console.print(moments.words(moment), soft_wrap=True, markup=False)

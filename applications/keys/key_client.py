@@ -28,7 +28,7 @@ class NoKey(Exception):
 
 @dataclass(frozen=True)
 class KeyClient:
-    """What an application knows of its key manager; certificates are paths of PEM files."""
+    """An application's view of its key manager; certificates are paths of PEM files."""
 
     address: str
     port: int

@@ -25,7 +25,7 @@ CERTIFICATES = "certificates"  # in the private folder
 
 @dataclass(frozen=True)
 class KeyService:
-    """What key managers are to do; a pair of hosts that keeps keys is (opener, acceptor)."""
+    """The task of key managers; a pair of hosts that keeps keys is (opener, acceptor)."""
 
     pairs: Sequence[tuple[str, str]] = ()
     link: KeyLink = field(default_factory=lambda: KeyLink(peer="", opens=True))  # of every pair

@@ -10,7 +10,7 @@ from hosts.middleware.qkd.key_store import KEY_BITS
 from wire.key_manager import KeyManagerConfig
 from wire.key_routes import UNKNOWN, LinkState
 
-RATE_WINDOW_S = 60.0  # over which the rate of secret key is told
+RATE_WINDOW_S = 60.0  # over which the rate of secret key is measured
 PPM = 1_000_000
 
 

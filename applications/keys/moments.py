@@ -25,7 +25,7 @@ class Moments:
         tell: Callable[[Moment], None],
         ahead_s: Mapping[str, float] = NOT_AHEAD,
     ) -> None:
-        """Read what these programs of hosts say from now on; `tell` is told each moment.
+        """Read the output of these programs from now on; call `tell` with each moment.
 
         `ahead_s` says how far the clocks of hosts are ahead of this machine's, where they are.
         """
@@ -51,14 +51,14 @@ class Moments:
         self._note(moment({"event": event, **fields}, self.now_s))
 
     def gather(self) -> None:
-        """Note what the programs have said since the last time, in the order of its times."""
-        said = [
+        """Note the output since the last time, in the order of its times."""
+        lines = [
             {**line, "host": host, "at": float(line["at"]) - self._ahead_s.get(host, 0.0)}
             for host, lines in self._lines
             for line in lines.new()
             if "event" in line and "at" in line
         ]
-        for line in sorted(said, key=itemgetter("at")):
+        for line in sorted(lines, key=itemgetter("at")):
             since_s = line["at"] - self._since_ns / 1e9
             self._note(moment(line, self._time.network_s(since_s)))
 
@@ -102,8 +102,8 @@ def words(happened: Moment) -> str:
         if name not in known and value is not None
     )
     why = getattr(happened, "text", "")
-    said = f"{host}{happened.event.replace('_', ' ')}{': ' if rest else ''}{rest}"
-    return f"{happened.at:8.2f} s  {said}{f' ({why})' if why else ''}"
+    text = f"{host}{happened.event.replace('_', ' ')}{': ' if rest else ''}{rest}"
+    return f"{happened.at:8.2f} s  {text}{f' ({why})' if why else ''}"
 
 
 def _text(value: Any) -> str:

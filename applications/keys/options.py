@@ -18,7 +18,7 @@ MOST_MARK = 16_384
 
 @dataclass(frozen=True, kw_only=True)
 class KeyServiceOptions:
-    """What key managers are told; without a pair there are none."""
+    """The options of key managers; without a pair there are none."""
 
     GROUP: ClassVar[str] = "key managers"
     key_pair: tuple[str, ...] = option(

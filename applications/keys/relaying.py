@@ -28,7 +28,7 @@ Keep = Callable[[str, Sequence[str], Sequence[DeliveredKey]], None]  # for slave
 
 
 def stored_for(number: int, size: int) -> int:
-    """Return how many stored keys each hop takes for so many keys of so many bits."""
+    """Return how many stored keys each hop takes for a number of keys of a size."""
     return 1 + -(-number * (size // 8) // (KEY_BITS // 8))
 
 
@@ -73,7 +73,7 @@ class Relaying:
             self._deliver(relay, plain)
 
     def _place(self, manager: str, relay: Relay) -> int:
-        """Return where in the route this host is; Refused if the controller has not said so."""
+        """Return where in the route this host is; Refused without word of the controller."""
         nodes = relay.nodes
         place = nodes.index(self._config.address) if self._config.address in nodes else 0
         if not place or not all(node in self._hosts for node in nodes):

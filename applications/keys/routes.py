@@ -1,7 +1,7 @@
 """Talk of a key manager with the controller: links, and routes for relayed keys.
 
 Datagrams of wire.key_routes, which the classical switch takes up to the controller and to nobody
-else. Any may be lost: links are told again and again, a question until it is answered.
+else. Any may be lost: links are reported again and again, a question until it is answered.
 """
 
 import asyncio
@@ -63,7 +63,7 @@ class Routes(asyncio.DatagramProtocol):
             asked.set_exception(unavailable(f"the controller: {message.text}"))
 
     def error_received(self, error: Exception) -> None:
-        """Go on: what could not be sent is said again."""
+        """Go on: send again what could not be sent."""
         log.info("not sent: %s", error)
 
     def _open(self, data: bytes) -> Message:
@@ -83,11 +83,11 @@ class Routes(asyncio.DatagramProtocol):
             await wall_sleep(LINKS_PERIOD_S)
 
     async def ask(self, host: str, stored: int, master: str, slave: str) -> KeyRoute:
-        """Return by whom so many stored keys can go to a host; raise Refused if by nobody."""
+        """Return the manager by which stored keys can go to a host; raise Refused if none."""
         self._request += 1
         number = self._request
         answer = self._asked[number] = asyncio.get_running_loop().create_future()
-        # What is left may have changed since links were told last.
+        # Stored keys may have changed since links were last reported.
         self._send(KeyLinks(0, (await asyncio.to_thread(self._links))[:MAX_LINKS]))
         request = KeyRouteRequest(number, self._config.hosts[host], stored, master, slave)
         try:

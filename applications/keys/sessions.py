@@ -16,7 +16,7 @@ class StackGone(Exception):
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a session came to at this end."""
+    """The outcome of a session at this end."""
 
     keys: int
     qber: float | None  # of the sample, if one was disclosed
@@ -58,8 +58,8 @@ async def _outcome(reader: asyncio.StreamReader) -> Outcome:
     qber = None
     while True:
         call, fields = await _read(reader)
-        told = fields.get("qber")
-        qber = told if isinstance(told, float) else qber
+        value = fields.get("qber")
+        qber = value if isinstance(value, float) else qber
         if call == Call.CLOSE:
             return Outcome(int(fields["keys"]), qber)
         if call == Call.FAILED:

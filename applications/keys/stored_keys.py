@@ -13,7 +13,7 @@ from hosts.network_loop import now_s
 from hosts.timeouts import STORING_LOOK_S, STORING_TIMEOUT_S
 from wire.key_manager import KeyManagerConfig, manager_name
 
-MOST_VOID = 4096  # ids that another manager has not been told to throw away
+MOST_VOID = 4096  # ids that another manager has yet to throw away
 
 
 class StoredKeys:
@@ -34,7 +34,7 @@ class StoredKeys:
             raise unavailable(f"no key is given with {manager_name(host)}: {self.withheld[host]}")
 
     async def taken(self, host: str, count: int) -> list[StoredKey]:
-        """Return so many stored keys that are this end's to hand out first; or raise Refused."""
+        """Return stored keys that this end hands out first; or raise Refused."""
         try:
             return await asyncio.to_thread(self.stores[host].take_oldest, count)
         except MissingKey as error:

@@ -61,7 +61,7 @@ class WaitingKeys:
                 self._counts[slave] = self._counts.get(slave, 0) + 1
 
     def require_capacity(self, slaves: Iterable[str], count: int) -> None:
-        """Raise Refused if so many more keys cannot wait for these slaves."""
+        """Raise Refused if this number of further keys cannot wait for these slaves."""
         self._throw_away()
         for slave in slaves:
             if self._counts.get(slave, 0) + count > MOST_WAITING:

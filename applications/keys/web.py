@@ -133,7 +133,7 @@ class NothingHandler(Handler):
     """Every other path."""
 
     def prepare(self) -> None:
-        """Say that nothing is there; called by Tornado."""
+        """Answer 404; called by Tornado."""
         raise HTTPError(404)
 
 

@@ -1,6 +1,6 @@
 """The folder of a NetQASM application whose roles are on other machines, too: copies go there.
 
-What programs there write beside themselves, and what the SDK logs, comes back at the end.
+Files of programs there, and logs of the SDK, come back at the end.
 """
 
 from collections.abc import Collection, Mapping
@@ -23,7 +23,7 @@ class CarriedApplication:
     hosts: Collection[str]  # of its roles
     runs: Path  # folder of what runs leave, which does not go along
     _packed: bytes = b""
-    _copies: dict[str, Path] = field(default_factory=dict)  # by host: where it is there
+    _copies: dict[str, Path] = field(default_factory=dict)  # by host: its folder there
 
     @property
     def folder(self) -> Path:
@@ -43,7 +43,7 @@ class CarriedApplication:
     def come_back(self, network: Network, folder: Path) -> None:
         """Bring what the SDK has logged to where it is of hosts here.
 
-        What programs have written beside themselves goes into a folder of the host in this one.
+        Files that programs have written go into a folder of the host in this one.
         """
         for host, copy in self._copies.items():
             logs = network.runtime.written_folder(host)

@@ -24,11 +24,11 @@ NAME, SIM_STATES = "netqasm.sdk.external", "netqasm.sdk.toolbox.sim_states"
 
 @contextmanager
 def installed(
-    placement: Placement, told: Callable[[int], None] = lambda _number: None
+    placement: Placement, on_round: Callable[[int], None] = lambda _number: None
 ) -> Iterator[Mapping[str, RoundEnd]]:
     """Let programs of the roles that run here use our network; yield the end of their rounds.
 
-    If a program requests a simulation of an application, `told` hears the number of each round
+    If a program requests a simulation of an application, `on_round` hears the number of each round
     done.
     """
     for role in placement.hosts:
@@ -46,7 +46,7 @@ def installed(
     channel = type("BroadcastChannel", (BroadcastChannel,), {"_socket_class": own})
     module.BroadcastChannel = channel  # type: ignore[attr-defined]
     module.get_qubit_state = get_qubit_state  # type: ignore[attr-defined]
-    module.simulate_application = partial(simulate_application, placement, told, ends)  # type: ignore[attr-defined]
+    module.simulate_application = partial(simulate_application, placement, on_round, ends)  # type: ignore[attr-defined]
     # Of the simulators that the SDK knows, the one whose own parts it never imports.
     os.environ.setdefault(SIMULATOR_ENV, Simulator.SIMULAQRON.value)
     netqasm.sdk.external, netqasm.sdk.toolbox.sim_states = module, sim_states

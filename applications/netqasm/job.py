@@ -44,7 +44,7 @@ MOST_SHOWN = 3  # rounds
 
 @dataclass(frozen=True)
 class Application:
-    """What is to run: hosts and inputs by role."""
+    """A program to run: hosts and inputs by role."""
 
     path: Path
     hosts: Mapping[str, str]
@@ -76,7 +76,7 @@ def run(request: NetqasmRequest, signals: Signals, console: Console) -> int:
         running_network(context, facts, copies.prepare) as network,
         lost_light(network, console) as lost,
     ):
-        console.print(f"{application.path.name}: {told(application.hosts)}")
+        console.print(f"{application.path.name}: {assigned(application.hosts)}")
         play(application, copies, network, folder, played.outputs, lost.look)
         facts.delivered = True
     of_every_run = result.rows_of_every_run(facts, folder, ended.report)
@@ -130,7 +130,7 @@ def _other_nodes(
     others = {role: node for role, node in nodes.items() if role not in of_file}
     if not others:
         return []
-    instead = told({role: found[role] for role in others})
+    instead = assigned({role: found[role] for role in others})
     return [f"roles.yaml: there is no host {', '.join(map(str, others.values()))}; {instead}"]
 
 
@@ -146,7 +146,7 @@ def _other_network(file: Path) -> list[str]:
 
 
 def roles_of(path: Path, ranks: int | None) -> list[str]:
-    """Return the roles of the application in a folder, or of a program of so many ranks.
+    """Return the roles of the application in a folder, or of a program of a number of ranks.
 
     Raise BadInput if there is none.
     """
@@ -186,7 +186,7 @@ def placement(
                 raise BadInput(text)
             chosen[role] = free.pop(0)
     if len(set(chosen.values())) < len(chosen):
-        raise BadInput(f"two roles on one host: {told(chosen)}; give each its own (--place)")
+        raise BadInput(f"two roles on one host: {assigned(chosen)}; give each its own (--place)")
     return {role: chosen[role] for role in roles}
 
 
@@ -249,7 +249,7 @@ def _start(
 
 
 def rows(outputs: Sequence[Round]) -> dict[str, str]:
-    """Return what a person is told of the outputs: those of the last rounds."""
+    """Return the outputs to print: those of the last rounds."""
     shown = {}
     for number in range(max(0, len(outputs) - MOST_SHOWN), len(outputs)):
         for role, output in outputs[number].items():
@@ -258,7 +258,7 @@ def rows(outputs: Sequence[Round]) -> dict[str, str]:
     return shown
 
 
-def told(hosts: Mapping[str, str]) -> str:
+def assigned(hosts: Mapping[str, str]) -> str:
     """Return where roles are, as people read it."""
     return ", ".join(f"{role} on {host}" for role, host in hosts.items())
 

@@ -97,11 +97,11 @@ def main() -> int:
     def work_of_rank() -> None:
         own = sys.stdout
 
-        def told(number: int) -> None:
+        def on_round(number: int) -> None:
             with redirect_stdout(own):
                 say("round", {"round": number})
 
-        with installed(placement, told), redirect_stdout(sys.stderr):
+        with installed(placement, on_round), redirect_stdout(sys.stderr):
             rank, size = list(placement.hosts).index(role), len(placement.hosts)
             with located(role, folder):
                 found = counts(arguments.path, rank, size, arguments.rounds)

@@ -18,7 +18,7 @@ from applications.netqasm.round_end import RoundEnd
 
 def simulate_application(
     placement: Placement,
-    told: Callable[[int], None],
+    on_round: Callable[[int], None],
     ends: Mapping[str, RoundEnd],
     app_instance: ApplicationInstance,
     num_rounds: int = 1,
@@ -63,7 +63,7 @@ def simulate_application(
         for number in range(num_rounds):
             playing = {program.party: pool.submit(play, program) for program in own}
             results.append({party: each.result() for party, each in playing.items()})
-            told(number)
+            on_round(number)
     if post_function is not None:
         post_function(None)  # of a simulator there is nothing to hand over
     return results

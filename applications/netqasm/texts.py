@@ -230,8 +230,8 @@ class BroadcastChannel(BroadcastChannelBySockets):
     def recv(self, block: bool = True, timeout: float | None = None) -> tuple[str, str]:
         """Return who has sent the next text, and the text; raise as Socket does.
 
-        Of those who have said something it is who was heard least: programs count texts, and
-        somebody may be a round ahead. Who has ended may have said all that there was to say:
+        Of roles with texts take the one that was read least: programs count texts, and
+        somebody may be a round ahead. A role that has ended may have sent all its texts:
         others are waited for.
         """
         deadline = None if timeout is None else time.monotonic() + timeout

@@ -28,7 +28,7 @@ def say(event: str, **fields: object) -> None:
 def download(url: str, output: Path, bytes_per_s: float, clock: NetworkTime) -> None:
     """Write what comes to a file."""
     digest, received, chunk = sha256(), 0, max(1, int(bytes_per_s / CHUNKS_PER_S))
-    told = time.monotonic()
+    reported = time.monotonic()
     with (
         urlopen(url, timeout=clock.wall_s(DOWNLOAD_TIMEOUT_S)) as response,  # noqa: S310
         output.open("wb") as file,
@@ -39,12 +39,12 @@ def download(url: str, output: Path, bytes_per_s: float, clock: NetworkTime) -> 
             file.write(data)
             digest.update(data)
             received += len(data)
-            if begun - told >= DOWNLOAD_TELL_S:
-                told = begun
+            if begun - reported >= DOWNLOAD_TELL_S:
+                reported = begun
                 say("received", bytes=received)
             time.sleep(clock.wall_s(len(data) / bytes_per_s))
     if received != whole:
-        raise HTTPException(f"{received} bytes came of {whole}")
+        raise HTTPException(f"{received} bytes arrived of {whole}")
     say("downloaded", bytes=received, sha256=digest.hexdigest())
 
 

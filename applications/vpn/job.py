@@ -146,7 +146,7 @@ def use_network(
     context: RunContext,
     kept: KeysJob,
 ) -> None:
-    """Make keys, a tunnel of them, and move the file through it; add what comes of it."""
+    """Make keys, a tunnel of them, and move the file through it; add the outcome."""
     ends = request.sender, request.receiver
     link = KeyLink("", True, ENOUGH, ENOUGH, pause_s=1.0, options={"count": request.session_bits})
     managers = start_key_managers(network, KeyService([ends], link, withhold=True))
@@ -192,7 +192,7 @@ def watch(
     moved: MovedFile,
     seconds: float,
 ) -> None:
-    """Gather what happens until the file is there; NetworkError if it is not in time."""
+    """Gather events until the file is there; NetworkError if it comes too late."""
     while True:
         running = moved.download.running  # asked first, so that no line after it is missed
         network.check()

@@ -16,7 +16,7 @@ DEFAULT_S = 20.0  # that the default file takes at the rate that is asked for
 
 @dataclass(frozen=True, kw_only=True)
 class VpnRequest:
-    """What the tunnel is made with, how often its key changes, and what goes through it."""
+    """The tunnel's kind, how often its key changes, and the file that goes through it."""
 
     NOT_KEPT: ClassVar = ("file", "seconds")
     program: str = option(

@@ -114,8 +114,8 @@ class StrongSwan:
 
     def _associations(self, name: str) -> list[dict[str, Any]]:
         with self._asking("list-sas"):
-            told = list(self._charon.list_sas({"ike": name}))
-        return [association for each in told for association in each.values()]
+            replies = list(self._charon.list_sas({"ike": name}))
+        return [association for each in replies for association in each.values()]
 
     def _ask(self, request: str, words: Mapping[str, Any]) -> None:
         """Let charon do something; raise TunnelError if it does not."""

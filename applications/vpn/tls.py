@@ -4,8 +4,8 @@
 
 Each key is a connection of its own; its key ID is the identity. There are no certificates: who
 lacks the key cannot finish the handshake. X25519 goes into the keys of TLS as well. The packets
-stand one behind the other, each after its length; a length of 0 asks whether the other end is
-there, and is answered by the same.
+stand one behind the other, each after its length; a length of 0 asks for a sign of
+life, and is answered by the same.
 """
 
 import base64

@@ -132,7 +132,7 @@ def died(program: Program) -> NetworkError:
 
 
 def wireguard_words(_network: Network, hosts: Sequence[str]) -> list[dict[str, Any]]:
-    """Return what WireGuard's ends are told of keys and interfaces; the keys are new."""
+    """Return the settings of WireGuard's ends: new keys, and interfaces."""
     keys = [X25519PrivateKey.generate() for _ in hosts]
     private = [base64.b64encode(key.private_bytes_raw()).decode() for key in keys]
     public = [base64.b64encode(key.public_key().public_bytes_raw()).decode() for key in keys]
@@ -143,7 +143,7 @@ def wireguard_words(_network: Network, hosts: Sequence[str]) -> list[dict[str, A
 
 
 def tls_words(network: Network, hosts: Sequence[str]) -> list[dict[str, Any]]:
-    """Return what the ends of TLS are told: their interface, and where OpenSSL gets keys."""
+    """Return the settings of the ends of TLS: their interface, and where OpenSSL gets keys."""
     folder = network.runtime.folder
     return [
         {"interface": "tls0", "session_file": str(folder / f"tls-{host}.pem")} for host in hosts
@@ -151,7 +151,7 @@ def tls_words(network: Network, hosts: Sequence[str]) -> list[dict[str, Any]]:
 
 
 def strongswan_words(network: Network, hosts: Sequence[str]) -> list[dict[str, Any]]:
-    """Return what strongSwan's ends are told: where charon is, and a new secret of both."""
+    """Return the settings of strongSwan's ends: where charon is, and a new secret of both."""
     secret = secrets.token_hex(32)
     return [{"private_key": secret, "socket": charon_socket(network, host)} for host in hosts]
 
@@ -208,7 +208,7 @@ def no_dead_sockets(hosts: Sequence[str]) -> Iterator[None]:
 
 
 # The program that carries a host's packets, if that is not the end's own child, and what ends are
-# told beside the rest.
+# reported beside the rest.
 MADE_BY: dict[str, tuple[Carry | None, Tell]] = {
     WIREGUARD: (start_wireguard, wireguard_words),
     STRONGSWAN: (start_charon, strongswan_words),
@@ -221,7 +221,7 @@ def serve_and_download(
 ) -> MovedFile:
     """Let the host that follows serve a file inside the tunnel, and the other download it.
 
-    So many megabit pass in a second of the network.
+    The rate is in megabit per second of the network.
     """
     loading, serving = tunnel.hosts
     shared = network.runtime.folder / "shared"

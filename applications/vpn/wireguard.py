@@ -1,4 +1,4 @@
-"""WireGuard as any program drives it: by `wg` and `ip`, whoever wrote what carries the packets.
+"""WireGuard as any program drives it: by `wg` and `ip`, any program may carry the packets.
 
 A preshared key acts at the next handshake only, which WireGuard holds every two minutes. So the
 peer is removed and added with the new key by one command: its session ends, and a handshake with
@@ -56,5 +56,5 @@ class WireGuard:
         command(["wg", "set", self.interface, "peer", self.peer, "remove"])
 
     def handshake_done(self) -> bool:
-        said = command(["wg", "show", self.interface, "latest-handshakes"]).split()
-        return dict(zip(said[::2], said[1::2], strict=True)).get(self.peer, "0") != "0"
+        lines = command(["wg", "show", self.interface, "latest-handshakes"]).split()
+        return dict(zip(lines[::2], lines[1::2], strict=True)).get(self.peer, "0") != "0"

@@ -49,7 +49,7 @@ def test_the_page_of_a_network_in_a_container_is_on_this_machines_loopback() -> 
             f"{page}act", act, {"Content-Type": "application/json"}
         )
         with urllib.request.urlopen(request, timeout=DEADLINE_S) as answer:  # noqa: S310
-            assert "bob received 'hello' from alice" in json.loads(answer.read())["said"]
+            assert "bob received 'hello' from alice" in json.loads(answer.read())["output"]
         relays = said_by("docker", "ps", "--quiet", "--filter", f"name=qmn-live-{network.pid}-")
         assert len(relays.split()) == 1
         network.communicate("exit\n", timeout=DEADLINE_S)

@@ -1,6 +1,6 @@
 """The layout of a message's fields, read off the classes that encode and decode it.
 
-What is generated from here cannot drift apart from them: the tables of the Wireshark
+Files generated from here cannot drift apart from them: the tables of the Wireshark
 dissectors (views/dissection/dissectors.py) and the scapy layers (views/dissection/scapy_layers.py).
 """
 
@@ -46,7 +46,7 @@ KEY_ENUMS: Enums = MappingProxyType(
     }
 )
 OPEN = {"topic"}  # whose numbers need no name: services define their own
-# What follows the fixed fields. A counted list has its number of elements as last fixed field;
+# The fields behind the fixed ones. A counted list has its number of elements as last fixed field;
 # numbers that are packed without gaps are as many as a fixed field, or the ones before them, say.
 TEXT, BYTES, COUNTED, UNTIL_END, PACKED = "text", "bytes", "counted", "until_end", "packed"
 
@@ -64,7 +64,7 @@ class Field:
 
 @dataclass(frozen=True)
 class Tail:
-    """What follows the fixed fields: text, bytes, elements with fields of their own, or numbers."""
+    """The part behind the fixed fields: text, bytes, elements with fields, or numbers."""
 
     name: str
     kind: str

@@ -50,7 +50,7 @@ def split(stream: bytes) -> Iterator[QKey]:
 def key_messages(packets: Iterable[Packet], sender: str) -> list[QKey]:
     """Return what a host (by its address) says of keys, from packets of one link.
 
-    Raise MalformedPacket for what cannot be that. What is behind a gap is left out.
+    Raise MalformedPacket for what cannot be that. Leave out bytes behind a gap.
     """
     data: defaultdict[int, bytes] = defaultdict(bytes)  # by session
     for stream in _streams(packets, sender):

@@ -74,7 +74,7 @@ def _is_number(text: str) -> bool:
 
 
 async def perform(words: list[str], folder: Path) -> tuple[int, dict[str, Any]]:
-    """Run the command; return its time and what it said, which are noted in the folder, too."""
+    """Run the command; return its time and its output; note both in the folder."""
     process = await asyncio.create_subprocess_exec(
         *QMN,
         *words,
@@ -83,14 +83,14 @@ async def perform(words: list[str], folder: Path) -> tuple[int, dict[str, Any]]:
         stderr=asyncio.subprocess.STDOUT,
     )
     try:
-        said, _nothing = await asyncio.wait_for(process.communicate(), LIVE_ACT_S)
-        text, status = said.decode(errors="replace").strip(), process.returncode
+        output, _nothing = await asyncio.wait_for(process.communicate(), LIVE_ACT_S)
+        text, status = output.decode(errors="replace").strip(), process.returncode
     except TimeoutError:
         process.kill()
         await process.wait()
         text, status = f"no end within {LIVE_ACT_S:g} s", 1
     time_ns = time.time_ns()
-    done = {"command": words, "status": status, "said": text}
+    done = {"command": words, "status": status, "output": text}
     with (folder / ACTS).open("a") as file:
         file.write(json.dumps({"time_ns": time_ns, **done}) + "\n")
     return time_ns, done

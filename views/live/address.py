@@ -1,4 +1,4 @@
-"""Where the page of a live view is: on the loopback, or behind whoever leads there.
+"""Where the page of a live view is: on the loopback, or behind a command that leads there.
 
 docker/run leads to the page in a container from the machine's loopback; a command that starts
 several networks leads to that of each from one address (command_page.py).
@@ -22,7 +22,7 @@ from topologies.system.namespaces import machine_listener
 from views.live.pages import NUMBER, Pages
 
 LOOPBACK = "127.0.0.1"
-SAID = "live view"
+ANNOUNCEMENT = "live view"
 DESKTOP = ("PATH", "LANG", "DISPLAY", "WAYLAND_DISPLAY", "XAUTHORITY", "DBUS_SESSION_BUS_ADDRESS")
 
 REDIRECT = """<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>qmn</title>
@@ -46,10 +46,10 @@ class Place:
 
 def place_given() -> Place | None:
     """Return where a command of several networks, or docker/run, wants it; None if neither."""
-    told, pages = os.environ.get, Pages.of_command()
-    if pages is not None and (number := int(told(NUMBER, "0"))):
+    setting, pages = os.environ.get, Pages.of_command()
+    if pages is not None and (number := int(setting(NUMBER, "0"))):
         return Place(pages.port, Path(pages.socket(number)), pages.secret, number)
-    path, port = told("QMN_LIVE_SOCKET"), told("QMN_LIVE_PORT")
+    path, port = setting("QMN_LIVE_SOCKET"), setting("QMN_LIVE_PORT")
     return Place(int(port), Path(path)) if path and port else None
 
 
@@ -65,7 +65,7 @@ def listen(place: Place) -> tuple[SharedListener, int]:
 
 
 def say(address: str, browser: bool) -> None:
-    print(f"{SAID}: {address}", flush=True)
+    print(f"{ANNOUNCEMENT}: {address}", flush=True)
     if browser and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         try:
             open_browser(address)

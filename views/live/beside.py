@@ -16,7 +16,7 @@ from qmn.timeouts import LIVE_START_S
 from topologies.system.processes.programs import Program, python
 from topologies.system.runs.runtime import LIVE_PAGES
 from views.live.acts import ACTS
-from views.live.address import SAID
+from views.live.address import ANNOUNCEMENT
 from views.live.pages import NUMBER, Pages
 
 Say = Callable[[str], None]
@@ -43,9 +43,9 @@ def live_view(wanted: bool, folder: Path, say: Say = SAY) -> Iterator[None]:
             command = ["env", f"{NUMBER}={number}", *command, "--no-browser"]
         stack.callback(server.stop)
         server.start(command)
-        server.wait_for(SAID, LIVE_START_S)
+        server.wait_for(ANNOUNCEMENT, LIVE_START_S)
         if pages is None:
-            say(address_said(server))
+            say(announced_address(server))
         yield
 
 
@@ -69,15 +69,15 @@ def begin_page_of_command(say: Say = SAY) -> Program:
     server = Program("live", folder / "live.log")
     server.start([python(), "-m", "views.live.command_page", str(folder)])
     try:
-        server.wait_for(SAID, LIVE_START_S)
+        server.wait_for(ANNOUNCEMENT, LIVE_START_S)
     except BaseException:
         server.stop()
         shutil.rmtree(folder, ignore_errors=True)
         raise
-    say(address_said(server))
+    say(announced_address(server))
     os.environ[LIVE_PAGES] = str(folder)
     return server
 
 
-def address_said(server: Program) -> str:
-    return next(line for line in server.output().splitlines() if line.startswith(SAID))
+def announced_address(server: Program) -> str:
+    return next(line for line in server.output().splitlines() if line.startswith(ANNOUNCEMENT))

@@ -8,7 +8,7 @@ GET /SECRET/networks    the networks of the command: names by number, which run,
                         with ?next as soon as one runs, or the command has ended
     /SECRET/NUMBER/...  whatever the server of that network answers
 
-It runs until it is told to end, and takes the folder away.
+It runs until a signal ends it, and takes the folder away.
 """
 
 import asyncio
@@ -98,7 +98,7 @@ async def answered(
     try:
         if asked and asked[3]:
             await next_network(pages, over)
-        writer.write(answer_to(pages, number, path, over.is_set()) if asked else said(404))
+        writer.write(answer_to(pages, number, path, over.is_set()) if asked else response(404))
         with suppress(ConnectionError):
             await writer.drain()
         writer.close()
@@ -118,19 +118,19 @@ def answer_to(pages: Pages, number: int, path: str, over: bool) -> bytes:
     names = pages.names()
     running = [each for each in names if pages.runs(each)]
     if path == "networks" and not number:
-        return said(200, JSON, json.dumps({"names": names, "running": running, "over": over}))
+        return response(200, JSON, json.dumps({"names": names, "running": running, "over": over}))
     if path == SCRIPT.name and not number:
-        return said(200, "text/javascript", SCRIPT.read_text())
+        return response(200, "text/javascript", SCRIPT.read_text())
     if path:
-        return said(404)
+        return response(404)
     if running:
-        return said(302, more=f"Location: /{pages.secret}/{running[-1]}/\r\n")
+        return response(302, more=f"Location: /{pages.secret}/{running[-1]}/\r\n")
     last = max(names, default=0)
     words = ENDED.format(last, escape(names[last])) if last else NONE_YET
-    return said(200, HTML, WAITING % (pages.secret, words))
+    return response(200, HTML, WAITING % (pages.secret, words))
 
 
-def said(status: int, kind: str = "text/plain", text: str = "", more: str = "") -> bytes:
+def response(status: int, kind: str = "text/plain", text: str = "", more: str = "") -> bytes:
     body = text.encode()
     head = f"HTTP/1.1 {status} -\r\nContent-Type: {kind}\r\nContent-Length: {len(body)}\r\n"
     return f"{head}{HEADERS}{more}\r\n".encode() + body

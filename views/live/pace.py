@@ -1,4 +1,4 @@
-"""How often a page is told what is new: seldom where it would take processors from its network.
+"""How often a page hears of news: seldom where it would take processors from its network.
 
 A browser that draws 16 pictures a second takes a tenth or more of a processor. Where nothing else
 wants that, nobody misses it; where all processors are in use, the network that is shown does.
@@ -11,7 +11,7 @@ from pathlib import Path
 from qmn.timeouts import LIVE_LIST_S, LIVE_LOOK_S, LIVE_SELDOM_S
 
 # Shares of the processors that are idle: with less it is seldom, with more often again. A page
-# that is told seldom leaves more of them idle, which shall not be a reason to tell it often.
+# that seldom hears of news leaves more of them idle, which is no reason to update it often.
 NONE_LEFT, SOME_LEFT = 0.05, 0.25
 STAT = Path("/proc/stat")
 Times = tuple[int, int]  # of all processors since the machine has started: idle, and in all

@@ -33,7 +33,7 @@ class Pages:
 
     @property
     def secret(self) -> str:
-        """What the address ends with; it is made when it is first asked for."""
+        """The end of the address; it is made when it is first asked for."""
         file = self.folder / SECRET
         if not file.exists():
             file.touch(mode=0o600)

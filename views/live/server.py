@@ -39,7 +39,7 @@ POLICY += "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
 
 @dataclass
 class View:
-    """What is shown, and what may be done."""
+    """A timeline to show, and the acts that are allowed."""
 
     name: str
     network: dict[str, Any]  # layout.described
@@ -49,7 +49,7 @@ class View:
     acts: bool  # whether one may act
     handshake: Callable[[], str]  # an element of the page, or words in its place
     pace: Pace = field(default_factory=Pace)
-    over: str = "a run that is over"  # said of one that does not go on
+    over: str = "a run that is over"  # of one that does not go on
     opening_s: float = -math.inf  # when a page was asked for that has not asked for messages yet
     streams: set["asyncio.Task[Any]"] = field(default_factory=set)  # of messages, being sent
 
@@ -74,7 +74,7 @@ async def serve(view: View, place: Place, opened: Callable[[str], None]) -> None
         ],
         log_function=lambda _handler: None,
     )
-    # Who leads here from an address of several pages looks at the first request of a connection.
+    # The address of several pages, if it leads here, looks at the first request of a connection.
     alone = place.number == 0
     server = HTTPServer(application, max_body_size=MOST_REQUEST, no_keep_alive=not alone)
     server.add_socket(listener)
@@ -145,7 +145,7 @@ class Answer(Guarded):
 
 
 class Network(Answer):
-    """What the network is made of."""
+    """The parts of the network."""
 
     def initialize(self, view: View, number: int) -> None:  # type: ignore[override]
         """Know the view, and the number of the network in its command; 0: it is the only one."""
@@ -232,10 +232,10 @@ class Messages(Answer):
 
 
 class Act(Answer):
-    """What the page asks to be done."""
+    """Acts that the page requests."""
 
     async def post(self) -> None:
-        """Do it, and say what it was and what came of it."""
+        """Perform it; answer with the command and its output."""
         view = self.view
         if not view.acts:
             raise HTTPError(403, reason="this view is to be looked at alone")
@@ -245,7 +245,7 @@ class Act(Answer):
             words = words_of(decode_json(self.request.body, MOST_REQUEST, MOST_DEPTH))
         except (BadAct, MalformedPacket) as error:
             self.set_status(400)
-            self.write({"said": str(error), "status": 2})
+            self.write({"output": str(error), "status": 2})
             return
         time_ns, done = await perform(words, view.folder)
         view.timeline.add(ACT, time_ns, done)

@@ -47,9 +47,9 @@ def timeline_of_run(folder: Path) -> Timeline:
     ]
     for what, facts in ((CONTROLLER, read_record(folder)), (ACT, read_acts(folder))):
         found += [(fact["time_ns"], what, _shown(fact)) for fact in facts]
-    said = [fields_of(line) for line in read_lines(folder / SENDER_LOG)]
+    reports = [fields_of(line) for line in read_lines(folder / SENDER_LOG)]
     last_ns = max((each[0] for each in found), default=0)
-    found += [(last_ns, JOB, fields) for fields in said[-1:]]
+    found += [(last_ns, JOB, fields) for fields in reports[-1:]]
     found.sort(key=lambda each: each[0])
     timeline = Timeline(found[0][0] if found else 0)
     for time_ns, what, fields in found:
@@ -78,7 +78,7 @@ def following(timeline: Timeline, config: DispatcherConfig, folder: Path) -> Ite
         lambda: _follow_lines(timeline, JOB, folder / SENDER_LOG, over),
         lambda: _follow_devices(timeline, over),
     )
-    # Daemons: a thread that reads from the dispatcher cannot be told to end.
+    # Daemons: a thread that reads from the dispatcher has no way to be ended.
     threads = [threading.Thread(target=follower, daemon=True) for follower in followers]
     for thread in threads:
         thread.start()
@@ -114,8 +114,8 @@ def _follow_lines(timeline: Timeline, what: str, file: Path, over: threading.Eve
 
 
 def _follow_devices(timeline: Timeline, over: threading.Event) -> None:
-    """Ask what devices have told the controller, and what the sessions are, when it has changed."""
-    known: dict[str, Any] = {}
+    """Add the controller's devices and sessions to the timeline when they change."""
+    last: dict[str, Any] = {}
     while not over.is_set() and not timeline.ended:
         try:
             now = {
@@ -125,9 +125,9 @@ def _follow_devices(timeline: Timeline, over: threading.Event) -> None:
             }
         except NoAnswer:
             now = {}  # it starts, or has ended, of which the dispatcher tells
-        told = {name: [_still(each) for each in values] for name, values in now.items()}
-        if told and told != known:
-            known = told
+        state = {name: [_still(each) for each in values] for name, values in now.items()}
+        if state and state != last:
+            last = state
             timeline.add(DEVICES, time.time_ns(), now)
         over.wait(LIVE_DEVICES_S)
 

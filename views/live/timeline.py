@@ -72,19 +72,19 @@ class Timeline:
             self._tell()
 
     def _tell(self) -> None:
-        for told in self._waiting:
-            told()
+        for wake in self._waiting:
+            wake()
 
     @contextmanager
-    def telling(self, told: Callable[[], object]) -> Iterator[None]:
+    def telling(self, wake: Callable[[], object]) -> Iterator[None]:
         """Call this, in any thread, when there is more, or the end, as long as this lasts."""
         with self._lock:
-            self._waiting.append(told)
+            self._waiting.append(wake)
         try:
             yield
         finally:
             with self._lock:
-                self._waiting.remove(told)
+                self._waiting.remove(wake)
 
     def after(self, position: int, most: int) -> tuple[list[str], int, int]:
         """Return messages behind a position, the position behind these, and how many were missed.

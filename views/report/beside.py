@@ -41,11 +41,11 @@ def report_beside() -> Iterator[Draw]:
             ours.send(run)
             if not ours.poll(REPORT_TIMEOUT_S):
                 return f"not made in {REPORT_TIMEOUT_S:g} s: `qmn report {run}` makes it"
-            said: str = ours.recv()
+            reply: str = ours.recv()
         except (EOFError, ConnectionError):
             drawer.join()
             return f"not made, its process ended ({drawer.exitcode}): `qmn report {run}` makes it"
-        return said
+        return reply
 
     try:
         yield draw

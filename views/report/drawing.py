@@ -51,7 +51,7 @@ STYLE: dict[Any, Any] = {
 }
 styled = mpl.rc_context(STYLE)  # decorates what draws: matplotlib asks for a style at many times
 SMALL_INCHES = (4.4, 3.0)  # a chart: two beside each other, or one on a phone
-# What labels take at most, as "500 M" on the left: to measure them, all would be drawn twice.
+# The widest labels, as "500 M" on the left: to measure them, all would be drawn twice.
 LEFT_INCHES, RIGHT_INCHES, BOTTOM_INCHES, TOP_INCHES, LEGEND_INCHES = 0.76, 0.15, 0.48, 0.08, 0.4
 
 

@@ -31,7 +31,7 @@ class ErrorCounts:
 
 
 def reported(folder: Path, network: NetworkFacts, sender: str) -> ErrorCounts | None:
-    """Return what reports said as they came to a sending host; None if none is captured.
+    """Return the counts of reports that reached a sending host; None if none is captured.
 
     Pairs of which no light came to the sender itself are in no report: they are those that the
     sender ordered, less those that it announced.
@@ -64,13 +64,13 @@ def reported(folder: Path, network: NetworkFacts, sender: str) -> ErrorCounts | 
     return ErrorCounts(seconds, dict(zip(NAMES, columns, strict=True)), text)
 
 
-def said(told: Sequence[SentFigures], scale: float) -> ErrorCounts | None:
-    """Return what the sending application said; None if it said nothing.
+def printed(lines: Sequence[SentFigures], scale: float) -> ErrorCounts | None:
+    """Return the counts that the sending application printed; None if it printed none.
 
     Of its time, that of the network, a second took `scale` seconds here.
     """
-    if not told:
+    if not lines:
         return None
-    counts = {label: [0, *(getattr(each, name) for each in told)] for label, name in NAMES.items()}
+    counts = {label: [0, *(getattr(each, name) for each in lines)] for label, name in NAMES.items()}
     text = "As reported to the sender, chunk by chunk"
-    return ErrorCounts([0.0, *(each.elapsed_s * scale for each in told)], counts, text)
+    return ErrorCounts([0.0, *(each.elapsed_s * scale for each in lines)], counts, text)

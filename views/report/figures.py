@@ -1,4 +1,4 @@
-"""The figures of a report with what is said of them, or why one cannot be drawn."""
+"""The figures of a report with their captions, or why one cannot be drawn."""
 
 from collections.abc import Iterator, Sequence
 from html import escape
@@ -69,8 +69,8 @@ def load_figure(run: RunFacts, job: LoadJob) -> str:
     elif len(use) - idle > MOST_FIBERS:
         text += f"The {MOST_FIBERS} that were in use longest are shown. "
     reasons = {**load.blocked, **load.broken}
-    said = ", ".join(f"{count} {escape(reason)}" for reason, count in reasons.items())
-    return figure(title, drawn, text + (f"Refused or broken: {said}." if said else ""), "wide")
+    broken = ", ".join(f"{count} {escape(reason)}" for reason, count in reasons.items())
+    return figure(title, drawn, text + (f"Refused or broken: {broken}." if broken else ""), "wide")
 
 
 def waits_figure(job: LoadJob) -> str:
@@ -142,8 +142,8 @@ def chart_figures(run: RunFacts, paths: Sequence[LightPath]) -> Iterator[str]:
     if run.result.message is not None:
         yield _rate(run)
         yield _errors(run)
-        told = run.result.asking
-        bell_states = told.symbols if isinstance(told, SentFigures) else 0
+        sent = run.result.asking
+        bell_states = sent.symbols if isinstance(sent, SentFigures) else 0
         yield _confusion(run, bell_states if bell_states in SYMBOLS else max(SYMBOLS))
     yield _losses(run, paths)
     yield _setup_times(run)
@@ -165,7 +165,7 @@ def _rate(run: RunFacts) -> str:
 def _errors(run: RunFacts) -> str:
     title = "Errors over time"
     sender = run.result.hosts[0]
-    found = error_counts.reported(run.folder, run.network, sender) or error_counts.said(
+    found = error_counts.reported(run.folder, run.network, sender) or error_counts.printed(
         run.sender, run.result.time_scale or 1.0
     )
     if found is None:

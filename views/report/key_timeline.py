@@ -78,8 +78,8 @@ def _tunnel(axes: Axes, moments: Sequence[Moment], end: float) -> None:
 
 
 def _file(axes: Axes, moments: Sequence[Moment], _end: float) -> None:
-    told = [each for each in moments if isinstance(each, FileMoment)]
-    points = [each.at for each in told], [each.bytes / 1e6 for each in told]
+    parts = [each for each in moments if isinstance(each, FileMoment)]
+    points = [each.at for each in parts], [each.bytes / 1e6 for each in parts]
     axes.plot(*points, color=METADATA, linewidth=1.8)
     axes.set_ylabel("file (MB)")
     axes.set_ylim(bottom=0)

@@ -89,16 +89,16 @@ def _verdict(result: RunResult) -> str:
     return f"{result.service}: {result.error or 'not done'}"
 
 
-def _numbers(told: Figures) -> dict[str, str]:
-    if isinstance(told, SentFigures):
-        rate = told.symbol_error_rate
+def _numbers(figures: Figures) -> dict[str, str]:
+    if isinstance(figures, SentFigures):
+        rate = figures.symbol_error_rate
         return {
-            "Bell pairs": f"{told.bell_pairs:,}",
-            "Bell pairs/s": f"{told.pairs_per_s:,.0f}",
-            "lost pairs": f"{told.lost_pairs:,}",
+            "Bell pairs": f"{figures.bell_pairs:,}",
+            "Bell pairs/s": f"{figures.pairs_per_s:,.0f}",
+            "lost pairs": f"{figures.lost_pairs:,}",
             "symbol error rate": "–" if rate is None else f"{rate:.3g}",  # noqa: RUF001
         }
-    numbers = {name: value for name, value in vars(told).items() if not isinstance(value, str)}
+    numbers = {name: value for name, value in vars(figures).items() if not isinstance(value, str)}
     return {name.replace("_", " "): number_text(value) for name, value in numbers.items()}
 
 
@@ -138,10 +138,10 @@ def _fibers(run: RunFacts) -> str:
         )
     heads = ["fibre", "kind", "length", "loss", "delay", "photons to its host", "of these lost"]
     note = "<p>Photons count with the blocks they belong to; lost: anywhere before.</p>"
-    told = f"{table(heads, rows)}{note}"
+    section = f"{table(heads, rows)}{note}"
     if len(rows) > MOST_FIBERS:
-        told = f"<details><summary>{len(rows):,} fibres</summary>{told}</details>"
-    return f"<section><h2>Fibres</h2>{told}</section>"
+        section = f"<details><summary>{len(rows):,} fibres</summary>{section}</details>"
+    return f"<section><h2>Fibres</h2>{section}</section>"
 
 
 def _parameters(result: RunResult) -> str:
@@ -153,28 +153,28 @@ def _parameters(result: RunResult) -> str:
         "time_scale_kept",
         "acausal",
     )
-    rows = [[name, _said(getattr(result, name))] for name in (*names, *of_time)]
+    rows = [[name, _cell(getattr(result, name))] for name in (*names, *of_time)]
     met = result.approximations
     rows += [[f"approximated: {each.name}", said_size(each)] for each in met]
-    rows += [[name, _said(value)] for name, value in result.told_parameters.items()]
+    rows += [[name, _cell(value)] for name, value in result.told_parameters.items()]
     if isinstance(result.asking, SentFigures):
         used = {name: getattr(result.asking, name) for name in OF_LIGHT}
-        rows += [[f"in use: {name}", _said(setting_name(name, used[name]))] for name in used]
+        rows += [[f"in use: {name}", _cell(setting_name(name, used[name]))] for name in used]
     optics = vars(result.every_fiber) if result.every_fiber else {}
-    rows += [[f"fibre: {name}", _said(value)] for name, value in optics.items()]
-    told = {host: device.to_dict() for host, device in result.devices.items()}
-    rows += [[f"device: {host}", _said(parts)] for host, parts in told.items() if parts]
+    rows += [[f"fibre: {name}", _cell(value)] for name, value in optics.items()]
+    devices = {host: device.to_dict() for host, device in result.devices.items()}
+    rows += [[f"device: {host}", _cell(parts)] for host, parts in devices.items() if parts]
     made = table(["parameter", "value"], rows, "parameters")
     return f"<section><h2>Parameters and seed</h2>{made}</section>"
 
 
-def _said(value: Any) -> str:
+def _cell(value: Any) -> str:
     if isinstance(value, list | tuple):
-        return ", ".join(map(_said, value)) or "–"  # noqa: RUF001
+        return ", ".join(map(_cell, value)) or "–"  # noqa: RUF001
     if isinstance(value, dict):
-        return ", ".join(f"{name}: {_said(each)}" for name, each in value.items())
+        return ", ".join(f"{name}: {_cell(each)}" for name, each in value.items())
     if is_dataclass(value) and not isinstance(value, type):
-        return _said(asdict(value))
+        return _cell(asdict(value))
     if value is None or value == "":
         return "–"  # noqa: RUF001
     return value if isinstance(value, str) else json.dumps(value)

@@ -43,7 +43,7 @@ class RunFacts:
     network: NetworkFacts
     events: list[Event]  # of blocks, not of single photons
     setup_ms: list[float]  # of every light path
-    sender: list[SentFigures]  # what the sending application said, line by line
+    sender: list[SentFigures]  # lines of the sending application
 
     @property
     def confusion(self) -> NDArray[np.int64] | None:
@@ -81,7 +81,7 @@ def read_run(folder: Path) -> RunFacts:
         network,
         [event for event in events if not event.photon],
         _setup_ms(read_record(folder)),
-        _said(folder / SENDER_LOG) if result.message else [],
+        _sender_lines(folder / SENDER_LOG) if result.message else [],
     )
 
 
@@ -128,12 +128,12 @@ def _check(network: NetworkFacts, folder: Path) -> None:
 
 def _setup_ms(facts: list[dict[str, Any]]) -> list[float]:
     """Return how long the set-up of each light path took; raise MalformedPacket for no number."""
-    told = [fact.get("setup_ms") for fact in facts if fact["event"] == "path_ready"]
-    return typed_json.read(list[float], told, "setup_ms of light paths")
+    setup_ms = [fact.get("setup_ms") for fact in facts if fact["event"] == "path_ready"]
+    return typed_json.read(list[float], setup_ms, "setup_ms of light paths")
 
 
-def _said(file: Path) -> list[SentFigures]:
+def _sender_lines(file: Path) -> list[SentFigures]:
     """Return how far the sender was, line by line; nothing if there is no log."""
     lines = file.read_text(errors="replace").splitlines() if file.exists() else []
-    told = (figures(line) for line in map(fields_of, lines) if line.get("event") in TELLING)
-    return [each for each in told if isinstance(each, SentFigures)]
+    reports = (figures(line) for line in map(fields_of, lines) if line.get("event") in TELLING)
+    return [each for each in reports if isinstance(each, SentFigures)]

@@ -227,7 +227,7 @@ def _switch_port(flow: Flow, port: int) -> int:
 
 
 def _between(spoken: Iterable[Spoken], begin_ns: int, end_ns: int) -> Iterator[Spoken]:
-    """Yield what was said in a span of time; captures are in time order, or nearly so."""
+    """Yield the messages of a span of time; captures are in time order, or nearly so."""
     for each in spoken:
         if each[0] > end_ns:
             return

@@ -33,7 +33,7 @@ from wire.results.network_facts import NetworkFacts
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """What shall be shown, and how."""
+    """The run to show, and how."""
 
     port: int = option(0, "of the page, on the loopback (one that is free)", range=(0, 65535))
     read_only: bool = option(False, "a page to look at: one cannot act")

@@ -31,8 +31,8 @@ BLIND_ALLEYS = {"topology": f"{__file__}:BlindAlleys"}
 class BlindAlleys(RepeatersTopo):
     """Of charlie, with one fibre, and of the quantum switch q3."""
 
-    def build(self, **parameters: Any) -> None:
-        super().build(**parameters)
+    def build(self, repeaters: int = 1, stations: bool = False, **fiber: Any) -> None:
+        super().build(repeaters, stations, **fiber)
         self.add_host("charlie", "10.0.0.30")
         self.join("charlie", "q1", 1)
         self.addSwitch("q3", cls=OpticalSwitch)

@@ -57,11 +57,11 @@ export function show(at, chosen, network, state, perform, leave) {
   }
   const forms = document.createElement("div");
   forms.className = "acts";
-  const said = element("p", "");
-  said.setAttribute("role", "status");
-  for (const form of formsOf(chosen, network)) forms.append(made(form, perform, said));
-  forms.append(made({ act: "policy", label: "reload the policy", given: {} }, perform, said));
-  at.append(forms, said);
+  const result = element("p", "");
+  result.setAttribute("role", "status");
+  for (const form of formsOf(chosen, network)) forms.append(made(form, perform, result));
+  forms.append(made({ act: "policy", label: "reload the policy", given: {} }, perform, result));
+  at.append(forms, result);
 }
 
 function scrolled(id) {
@@ -91,7 +91,7 @@ function fiber(state, { ends, km, loss_db }) {
   return rows;
 }
 
-function made({ act, label, given, fields = [] }, perform, said) {
+function made({ act, label, given, fields = [] }, perform, result) {
   const form = document.createElement("form");
   const inputs = fields.map(({ name, words, value, kind }) => {
     const box = document.createElement("label"), input = document.createElement("input");
@@ -107,11 +107,11 @@ function made({ act, label, given, fields = [] }, perform, said) {
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
     button.disabled = true;
-    said.textContent = "…";
+    result.textContent = "…";
     const done = await perform({ act, ...given, ...Object.fromEntries(new FormData(form)) });
-    said.replaceChildren(element("code", done.command ? ["qmn", ...done.command].join(" ") : ""), ` ${done.said}`);
-    said.className = done.status ? "failed" : "good";
-    said.scrollIntoView({ block: "nearest" });
+    result.replaceChildren(element("code", done.command ? ["qmn", ...done.command].join(" ") : ""), ` ${done.output}`);
+    result.className = done.status ? "failed" : "good";
+    result.scrollIntoView({ block: "nearest" });
     button.disabled = false;
   });
   return form;

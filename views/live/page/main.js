@@ -40,9 +40,9 @@ async function perform(fields) {
       method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(fields),
     });
     if (answer.ok || answer.status === 400) return await answer.json();
-    return { said: `${answer.status} ${answer.statusText}`, status: 1 };
+    return { output: `${answer.status} ${answer.statusText}`, status: 1 };
   } catch (error) {
-    return { said: `the view does not answer (${error.message}): has the network ended?`, status: 1 };
+    return { output: `the view does not answer (${error.message}): has the network ended?`, status: 1 };
   }
 }
 
@@ -61,7 +61,7 @@ function listen() {
 
 function status() {
   const words = !network.live ? network.over
-    : view.ended || view.connected ? networks.said(view.follow ? "live" : "live, looking back")
+    : view.ended || view.connected ? networks.describe(view.follow ? "live" : "live, looking back")
     : "no connection: has the network ended?";
   const missed = timeline.missed + timeline.state.missed;
   const seldom = pictures.seldom && view.connected && !view.ended

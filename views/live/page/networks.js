@@ -3,7 +3,7 @@
 const LOOK_MS = 1000;
 
 export class Networks {
-  // `number` is that of the network shown, 0 if it is the only one; `status` says it anew.
+  // `number` is that of the network shown, 0 if it is the only one; `status` shows it.
   constructor(number, list, view, status) {
     Object.assign(this, { number, list, view, status, names: {}, running: [], over: false });
     if (!number) return;
@@ -40,8 +40,8 @@ export class Networks {
     this.list.replaceChildren(...shown.map((each, place) => new Option(words[place], each, false, each === this.number)));
   }
 
-  // What is said of the network shown, if all is well with the connection.
-  said(live) {
+  // The status of the network shown, if all is well with the connection.
+  describe(live) {
     if (!this.number) return this.view.ended ? "the network has ended" : live;
     const before = Object.keys(this.names).map(Number).filter((each) => each < this.number);
     const ended = before.filter((each) => !this.running.includes(each)).length;

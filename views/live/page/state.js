@@ -185,7 +185,7 @@ function controller(state, m, names) {
 }
 
 function act(state, m) {
-  decide(state, m.t, "you", `${["qmn", ...m.command].join(" ")}: ${m.said || (m.status ? "failed" : "done")}`);
+  decide(state, m.t, "you", `${["qmn", ...m.command].join(" ")}: ${m.output || (m.status ? "failed" : "done")}`);
 }
 
 function decide(state, t, who, text) {
