@@ -5,7 +5,7 @@ with Processor() as processor:           # of the host that the program runs on
     half.h()
     print(half.measure())
 
-At bob the same with `receive_pairs("alice")`. What programs tell each other goes by TCP, as
+At bob the same with `receive_pairs("alice")`. Messages between programs go by TCP, as
 anywhere: `processor.nodes` has the addresses. Gates are gathered until an outcome is wanted.
 """
 
@@ -27,8 +27,8 @@ from wire.parameters.checks import remedy
 MOST_QUBITS = 255
 R = range(16)  # NetQASM's registers, by their numbers
 QUBIT, OTHER, OUTCOME = 32, 33, 48  # Q0, Q1, M0
-NUMBERS, WORDS, TOLD = range(3)  # addresses of arrays: of qubits, of a request, of its pairs
-TOLD_OF_A_PAIR, WORDS_OF_A_REQUEST = 10, 22
+NUMBERS, WORDS, DESCRIPTIONS = range(3)  # arrays: of qubits, of a request, of its pairs
+WORDS_OF_A_PAIR, WORDS_OF_A_REQUEST = 10, 22
 KEEP = 0
 
 
@@ -89,7 +89,7 @@ class Qubit:
 
 
 class Processor:
-    """What a program asks of the processing unit of its host; all its qubits go when it closes."""
+    """A program's access to the processing unit of its host; all its qubits go when it closes."""
 
     def __init__(self, stack: Path | str | None = None) -> None:
         """Connect to the host's stack (QMN_STACK); raise QuantumSocketError if there is none."""
@@ -163,19 +163,19 @@ class Processor:
             self._socket.send(encode_host_message(OpenSocket(0, channel, node, channel)))
             self._open.add((host, channel))
         self._array(NUMBERS, count, enumerate(qubit.number for qubit in qubits))
-        self._array(TOLD, count * TOLD_OF_A_PAIR, ())
+        self._array(DESCRIPTIONS, count * WORDS_OF_A_PAIR, ())
         if words:
             self._array(WORDS, WORDS_OF_A_REQUEST, words)
         self.do("set", R[0], node)
         self.do("set", R[1], channel)
         self.do("set", R[2], NUMBERS)
         self.do("set", R[3], WORDS)
-        self.do("set", R[4], TOLD)
+        self.do("set", R[4], DESCRIPTIONS)
         asked = R[:5] if words else (*R[:3], R[4])
         self.do(name, *asked)
         self.do("set", R[5], 0)
-        self.do("set", R[6], count * TOLD_OF_A_PAIR)
-        self.do("wait_all", TOLD, R[5], R[6])
+        self.do("set", R[6], count * WORDS_OF_A_PAIR)
+        self.do("wait_all", DESCRIPTIONS, R[5], R[6])
         self.flush()
         return qubits
 

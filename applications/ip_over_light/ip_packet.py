@@ -1,7 +1,7 @@
 """IP packets of both versions, back to back in a stream, and the ICMP errors that one is lost.
 
-Their own length says where each ends, so that the stream needs nothing between them. What cannot
-be a packet is refused, and with it all that comes behind: nobody knows where the next one begins.
+Their own length says where each ends, so that the stream needs nothing between them. Bytes that
+cannot be a packet end the stream: nobody knows where the next one begins.
 """
 
 from collections.abc import Callable

@@ -43,7 +43,7 @@ class AssignedKey:
 
 @dataclass(frozen=True)
 class Assignment:
-    """Keys of one master for one or more slaves at the manager that is told."""
+    """Keys of one master for one or more slaves at one manager."""
 
     master: str
     slaves: tuple[str, ...]

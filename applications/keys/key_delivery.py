@@ -35,7 +35,7 @@ _REQUEST = {
 
 @dataclass(frozen=True)
 class KeyRequest:
-    """What an application asks enc_keys for."""
+    """An application's request of enc_keys."""
 
     number: int = 1
     size: int | None = None  # bits; None: the KME's own
@@ -53,7 +53,7 @@ class DeliveredKey:
 
 @dataclass(frozen=True)
 class Status:
-    """What a KME says of the keys for a slave SAE; the names are the standard's."""
+    """A KME's status of the keys for a slave SAE; the names are the standard's."""
 
     source_KME_ID: str  # noqa: N815
     target_KME_ID: str  # noqa: N815

@@ -40,7 +40,7 @@ class Moments:
         return self._time.network_s((self._time.stamp_ns() - self._since_ns) / 1e9)
 
     def stepped_ns(self, seconds: float) -> int:
-        """Return when so many seconds have passed, on the clock of stepped time."""
+        """Return the end of a number of seconds, on the clock of stepped time."""
         return NEVER if seconds == math.inf else self._since_ns + round(1e9 * seconds)
 
     def listen(self, host: str, program: Program) -> None:

@@ -23,17 +23,17 @@ from hosts.middleware.session.errors import SessionError
 from wire.metadata.vocabulary import Reason
 from wire.outcomes import NO_CLICK
 
-FIELDS = 10  # that are told of each pair
+FIELDS = 10  # of each pair in its array
 PHI_PLUS = 0
-MOST_TOLD = 1000  # characters of a subroutine that those who watch are told
+MOST_EVENT_TEXT = 1000  # characters of a subroutine in quantum events
 
 
-def told(subroutine: Subroutine) -> str:
+def event_text(subroutine: Subroutine) -> str:
     instructions = [str(each) for each in subroutine.instructions]
     text = "; ".join(instructions) or "no instruction"
-    if len(text) <= MOST_TOLD:
+    if len(text) <= MOST_EVENT_TEXT:
         return text
-    return f"{text[:MOST_TOLD].rpartition(';')[0]}; ... of {len(instructions)} instructions"
+    return f"{text[:MOST_EVENT_TEXT].rpartition(';')[0]}; ... of {len(instructions)} instructions"
 
 
 @dataclass(eq=False)
@@ -44,7 +44,7 @@ class Request:
     socket: int
     pairs: int
     qubits: int | None  # address of the array of their numbers
-    into: int  # address of the array of what is told of them
+    into: int  # address of the array that describes them
     received: bool  # not created here
     made: int = 0  # pairs so far
     light_us: int = 0  # that these have taken
@@ -103,7 +103,7 @@ class Application:
     async def run(self, subroutine: Subroutine) -> list[ReturnedArray | ReturnedRegister]:
         """Execute a subroutine, and tell those who watch of it; return what it returns."""
         self._settle()
-        await self._qnic.tell(told(subroutine))
+        await self._qnic.tell(event_text(subroutine))
         return await self._machine.run(subroutine)
 
     async def look(self, qubit: int, entangled: bool) -> NDArray[np.complex128]:
@@ -122,11 +122,11 @@ class Application:
         """Begin to make pairs as an array of words says, or to receive some."""
         if (node, socket) not in self._sockets:
             raise _refused(f"socket {socket} to node {node} is not open")
-        told = len(self._machine.memory.array(into))
-        pairs = told // FIELDS if words is None else read_word(words, 1, 1)
-        if not 0 < pairs <= MAX_PAIRS or told != pairs * FIELDS:
+        length = len(self._machine.memory.array(into))
+        pairs = length // FIELDS if words is None else read_word(words, 1, 1)
+        if not 0 < pairs <= MAX_PAIRS or length != pairs * FIELDS:
             raise _refused(
-                f"{pairs} pairs, and an array of {told} numbers: ask for 1 to {MAX_PAIRS}, "
+                f"{pairs} pairs, and an array of {length} numbers: ask for 1 to {MAX_PAIRS}, "
                 f"with {FIELDS} numbers for each"
             )
         request = Request(node, socket, pairs, qubits, into, words is None)
@@ -235,7 +235,7 @@ class Application:
         return any(number in self._machine.memory.entries(address) for address in named)
 
     async def _settled(self, there: Callable[[], bool]) -> None:
-        """Wait until what is waited for is there; raise what keeps it from coming."""
+        """Wait until the condition holds; raise the error that prevents it."""
         while True:
             self._changed.clear()
             self._settle()

@@ -114,7 +114,7 @@ class Machine:
         return value
 
     async def _qubit(self, register: int) -> int:
-        """Return the number in a register, once a qubit that is to have it is there."""
+        """Return the number in a register, once a qubit with that number exists."""
         number = await self._known(register)
         if number not in self.qubits:
             await self._arrived(number)

@@ -21,7 +21,7 @@ CHOICES = {
     RandomBasis.XYZ: (X, Y, Z),
     RandomBasis.CHSH: (Z_PLUS_X, Z_MINUS_X),
 }
-# What turns the direction of a basis into that of Z.
+# Gates that turn the direction of a basis into that of Z.
 TURNS = {
     Z: (),
     X: ((Kind.RY, -pi / 2),),

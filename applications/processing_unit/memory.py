@@ -1,6 +1,6 @@
 """The classical memory of one application: registers and arrays of 32-bit integers.
 
-What was measured can be moved before it is known: then it is an Outcome.
+An outcome can be moved before it is known: then it is an Outcome.
 """
 
 from collections.abc import Sequence

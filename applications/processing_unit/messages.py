@@ -37,7 +37,7 @@ ANY_FIDELITY = 100  # what the SDK says where nobody asks for one
 
 
 class InitApplication(NamedTuple):
-    """An application begins, with so many qubits at most."""
+    """An application begins, with a maximum number of qubits."""
 
     application: int
     qubits: int
@@ -59,21 +59,21 @@ class StopApplication(NamedTuple):
 
 
 class StopUnit(NamedTuple):
-    """What the SDK says at the end of every connection; for a unit that others use, nothing."""
+    """The SDK's end of every connection; for a unit that others use, nothing."""
 
 
 HostMessage = InitApplication | OpenSocket | Subroutine | StopApplication | StopUnit
 
 
 class ReturnedArray(NamedTuple):
-    """What an array holds; None: not defined."""
+    """The contents of an array; None: not defined."""
 
     address: int
     values: list[int | None]
 
 
 class ReturnedRegister(NamedTuple):
-    """What a register holds."""
+    """The content of a register."""
 
     register: int
     value: int

@@ -27,7 +27,7 @@ MAX_LIGHT_US = (1 << 31) - 1  # as NetQASM's registers hold it
 
 
 class Use(IntEnum):
-    """What becomes of pairs: NetQASM's types of requests."""
+    """The use of pairs: NetQASM's types of requests."""
 
     KEEP = 0
     MEASURE = 1  # at both ends, at once
@@ -35,7 +35,7 @@ class Use(IntEnum):
 
 
 class Verdict(IntEnum):
-    """What the receiver's unit says."""
+    """The reply of the receiver's unit."""
 
     READY = 0
     NOBODY = 1  # no application there has asked to receive, for as long as a request waits

@@ -88,8 +88,8 @@ class Arriving:
     async def fail(self, error: BaseException) -> None:
         """Hand on why there are no pairs."""
         if not self.blocks.done():
-            told = error if isinstance(error, SessionError | HardwareError) else None
-            self.blocks.set_exception(told or SessionError(Reason.PROTOCOL, "the unit has ended"))
+            cause = error if isinstance(error, SessionError | HardwareError) else None
+            self.blocks.set_exception(cause or SessionError(Reason.PROTOCOL, "the unit has ended"))
         self.ended.set()
 
 
@@ -102,7 +102,7 @@ class Made(NamedTuple):
 
 @dataclass(eq=False)
 class Wanted:
-    """What an application here wants to receive."""
+    """Pairs that an application here wants to receive."""
 
     pairs: int
     can_keep: bool
@@ -162,7 +162,7 @@ class PairMaking:
     async def receive(
         self, key: Key, pairs: int, can_keep: bool, qubits: Qubits
     ) -> tuple[PairRequest, Made]:
-        """Return a request of another node, and this end's halves of at most so many pairs."""
+        """Return a request of another node, and this end's halves of at most `pairs` pairs."""
         wanted = Wanted(pairs, can_keep, qubits)
         self._wanted[key].append(wanted)
         try:

@@ -1,6 +1,6 @@
 """The qubits of one application, by the numbers that it calls them.
 
-What is done to them is gathered and given to the hardware in one call, when somebody needs to
+Gates are gathered and given to the hardware in one call, when somebody needs to
 know an outcome, or at the end of a subroutine. Between two calls they wait in the host's memory.
 """
 
@@ -40,7 +40,7 @@ class Qubits:
     """Qubits by number: allocated, acted on, measured, freed."""
 
     def __init__(self, qnic: Qnic, session: int, most: int) -> None:
-        """Begin with none; number so many at most. Their photons are of this session."""
+        """Begin with none; at most `most` qubits. Their photons are of this session."""
         self._qnic, self._session, self.most = qnic, session, most
         self._blocks: dict[int, BlockName] = {}
         self._numbers = count(1)
@@ -55,7 +55,7 @@ class Qubits:
         return BlockName(self._session, next(self._numbers), 0)
 
     def place(self, qubit: int, block: BlockName) -> None:
-        """Let a qubit that is there be called by this number; raise SessionError if one is."""
+        """Give an existing qubit this number; raise SessionError if another has it."""
         if not 0 <= qubit < self.most:
             text = f"qubit {qubit}: this application has {self.most}, from 0; ask for more"
             raise _refused(f"{text} (max_qubits)")

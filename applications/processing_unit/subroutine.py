@@ -96,7 +96,7 @@ NUMBERS = {name: number for number, (name, _kinds) in INSTRUCTIONS.items()}
 
 
 class Subroutine(NamedTuple):
-    """What a processing unit is to do for an application."""
+    """The instructions of an application for a processing unit."""
 
     application: int
     instructions: tuple[Instruction, ...]

@@ -1,6 +1,6 @@
 """The processing unit of a host: serves applications at the host's socket, each by itself.
 
-An application says PROCESS, is told which nodes there are, and then sends NetQASM's own messages
+An application says PROCESS, hears which nodes exist, and then sends NetQASM's own messages
 (applications.processing_unit.messages), one by one; each is answered when it has been dealt with.
 """
 

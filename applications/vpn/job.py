@@ -192,7 +192,7 @@ def watch(
     moved: MovedFile,
     seconds: float,
 ) -> None:
-    """Gather events until the file is there; NetworkError if it comes too late."""
+    """Gather events until the file has arrived; NetworkError if it comes too late."""
     while True:
         running = moved.download.running  # asked first, so that no line after it is missed
         network.check()
