@@ -9,6 +9,7 @@ from loaded import run_qmn
 SLOW_S = 150
 
 
+@pytest.mark.nightly
 @pytest.mark.waits
 @pytest.mark.timeout(2 * SLOW_S)
 def test_a_fibre_that_flaps_costs_the_light_of_the_time_without_a_path(tmp_path: Path) -> None:

@@ -73,6 +73,7 @@ def labs(names: list[str], out: Path, *words: str) -> "subprocess.Popen[str]":
     )
 
 
+@pytest.mark.nightly
 def test_labs_go_on_behind_one_that_fails_and_resume_does_what_is_left(tmp_path: Path) -> None:
     runs = {"one": ["a", "bad", "b"], "two": ["c"], "three": ["d"]}
     names, out = labs_of_scripts(tmp_path, runs, wrong="three"), tmp_path / "out"

@@ -66,6 +66,7 @@ def test_every_button_does_what_its_command_does(tmp_path: Path) -> None:
     assert {each["status"] for each in noted} == {0}
 
 
+@pytest.mark.nightly
 def test_the_page_of_an_attack_goes_from_its_first_network_to_its_second() -> None:
     words = ["attack", "replay", "--live"]
     with browser() as chromium, running_qmn(*words, end_s=DEADLINE_MS / 1000) as attack:

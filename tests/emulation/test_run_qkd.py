@@ -3,7 +3,6 @@
 import json
 import re
 import subprocess
-from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 from math import exp, sqrt
 from pathlib import Path
@@ -11,13 +10,12 @@ from typing import Any
 
 import pytest
 from conftest import TSHARK, typed
-from fabric_scene import NOISE, facts, served, taken_part
+from fabric_scene import NOISE, facts, served
 from loaded import run_qmn
 from scapy.utils import rdpcap
 
 import views.dissection.scapy_layers  # noqa: F401 (binds the layers)
 from evidence.curves.relay_theory import diagonal, rectilinear
-from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
 from topologies.networks.network import Network
 from views.dissection.scapy_keys import QKey, key_messages
@@ -257,16 +255,7 @@ def test_a_session_gets_the_light_of_one_that_has_just_ended(shared_network: Net
     network, bits = shared_network, 3_000_000
     before = len(facts(network, "torn_down"))
     for opener, acceptor in (("alice", "bob"), ("bob", "alice"), ("bob", "alice")):
-        with (
-            ThreadPoolExecutor(1) as pool,
-            ServiceSocket(network.runtime.socket(opener)) as asking,
-            ServiceSocket(network.runtime.socket(acceptor)) as listener,
-        ):
-            listener.listen(9, "bb84")
-            accepting = pool.submit(taken_part, listener)
-            list(asking.request("bb84", (acceptor, 9), count=bits))
-            asking.shutdown()
-            accepting.result(10.0)
-            assert asking.summary["sifted_bits"] >= bits
+        told = served(network, "bb84", opener, acceptor, count=bits)
+        assert told["sifted_bits"] >= bits
     over = [fact["detail"] for fact in facts(network, "torn_down")[before:]]
     assert over[:2] == ["close", "close"]

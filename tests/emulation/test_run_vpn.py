@@ -129,14 +129,15 @@ def messages_of(capture: Path, layer: type[UDP | TCP], port: int) -> list[tuple[
         ]
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.waits
 @pytest.mark.parametrize(
     ("program", "layer", "port", "scale"),
     [
         ("wireguard", UDP, PORT, 1),
         ("wireguard", UDP, PORT, 2),
-        pytest.param("strongswan", UDP, 4500, 1, marks=IF_THERE),
         ("tls", TCP, TLS_PORT, 1),
+        pytest.param("strongswan", UDP, 4500, 1, marks=IF_THERE),
     ],
 )
 def test_the_tunnel_closes_while_eve_listens_and_the_file_arrives(

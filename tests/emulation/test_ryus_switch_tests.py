@@ -195,6 +195,7 @@ def read(end: socket.socket) -> bytes:
     return frame
 
 
+@pytest.mark.nightly
 @pytest.mark.waits
 @pytest.mark.timeout(600)
 def test_copper_does_what_open_vswitch_does(tmp_path: Path) -> None:

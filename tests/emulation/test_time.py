@@ -210,6 +210,7 @@ def teleported(runs: Path, length_km: float, t2_s: float) -> dict[str, Any]:
     return result
 
 
+@pytest.mark.nightly
 @pytest.mark.timeout(2 * SLOW_S)
 def test_a_busy_machine_does_not_change_what_waiting_does_to_qubits(tmp_path: Path) -> None:
     """Bob's photons wait for a message over as much copper as light has passed of fibre.
