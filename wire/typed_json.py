@@ -7,7 +7,7 @@ Configurations of programs, results and requests are read by it, each by its own
 
 import re
 import reprlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
@@ -36,6 +36,16 @@ SURROGATES = re.compile("[\ud800-\udfff]")
 def read(kind: type[T], given: Any, place: str = "the result") -> T:
     """Return what decoded JSON says; raise MalformedPacket, which names the place, for others."""
     return cast("T", _read(kind, given, place))
+
+
+def read_fields(
+    kinds: Mapping[str, Any], needed: Collection[str], given: Mapping[str, Any], place: str
+) -> dict[str, Any]:
+    """Return values of these kinds, by name; raise MalformedPacket for a name too many or few."""
+    check_names(place, given, kinds, MalformedPacket)
+    if missing := [name for name in needed if name not in given]:
+        raise MalformedPacket(f"{place} has no {', '.join(missing)}")
+    return {name: _read(kinds[name], each, f"{place}.{name}") for name, each in given.items()}
 
 
 def _read(kind: Any, given: Any, place: str) -> Any:
@@ -78,11 +88,7 @@ def _can_be_used(given: Any) -> bool:
 
 def _read_dataclass(kind: Any, given: dict[str, Any], place: str) -> Any:
     given = {**getattr(kind, "EARLIER", {}), **given}
-    kinds, needed = _fields_of(kind)
-    check_names(place, given, kinds, MalformedPacket)
-    if missing := [name for name in needed if name not in given]:
-        raise MalformedPacket(f"{place} has no {', '.join(missing)}")
-    return kind(**{name: _read(kinds[name], v, f"{place}.{name}") for name, v in given.items()})
+    return kind(**read_fields(*_fields_of(kind), given, place))
 
 
 @cache

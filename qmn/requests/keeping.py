@@ -7,13 +7,12 @@ which this one means nothing.
 """
 
 from collections.abc import Collection, Mapping
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from qmn.options import NO_KINDS, Filling, Kind, Kinds, as_declared
 from wire import typed_json
-from wire.malformed import MalformedPacket
 from wire.results.run_result import Parameter
 
 if TYPE_CHECKING:
@@ -46,17 +45,9 @@ def read_kept(
 
 
 def read_fields(kept: "Mapping[str, Field[Any]]", given: Mapping[str, Any]) -> dict[str, Any]:
-    if unknown := given.keys() - kept.keys():
-        raise MalformedPacket(f"no parameter of this job: {', '.join(sorted(unknown))}")
-    needed = (name for name, each in kept.items() if _is_needed(each))
-    if missing := [name for name in needed if name not in given]:
-        raise MalformedPacket(f"this job has no parameter {', '.join(missing)}")
-    kinds: dict[str, Any] = {name: each.type for name, each in kept.items()}
-    return {name: typed_json.read(kinds[name], each, name) for name, each in given.items()}
-
-
-def _is_needed(each: "Field[Any]") -> bool:
-    return each.default is MISSING and each.default_factory is MISSING
+    kinds = {name: each.type for name, each in kept.items()}
+    needed = [name for name, each in kept.items() if typed_json.is_needed(each)]
+    return typed_json.read_fields(kinds, needed, given, "parameters")
 
 
 def kept_fields(
