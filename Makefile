@@ -131,7 +131,7 @@ commands: setup ## Run every command of the documentation, some an hour in all
 	@$(call in_folder,$(AS_ROOT),tests/commands)
 
 bench: setup ## Measure and print the speed of this machine
-	bin/qmn bench
+	bin/qmn lab bench
 
 house: setup ## Count lines, files, options and more (REVISION=HEAD~20: of that one)
 	@$(PYTHON) tests/house.py $(REVISION)
@@ -140,10 +140,10 @@ live-speed: setup browser ## Measure the live view: how far it is behind, its me
 	$(AS_ROOT) PYTHONPATH=.:tests/unit/qmn:tests/unit/views $(PYTHON) tests/live_speed/measure.py
 
 curves: setup ## Check the physics against theory and published figures, and draw it (curves/)
-	bin/qmn curves
+	bin/qmn lab curves
 
 labs: setup ## Hold published results beside runs of the network (runs/labs/; ARGS=--resume goes on)
-	bin/qmn lab --all $(value ARGS)
+	bin/qmn lab published --all $(value ARGS)
 
 picture: setup ## Rebuild the README's picture of a report
 	@setup/picture

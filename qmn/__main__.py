@@ -45,17 +45,10 @@ OWN: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "spy": "show what happens to the qubits",
             "wireshark": "look at a run in Wireshark",
             "runs": "list, compare, prune and give away runs",
-            "share": "copy a run without what is secret in it",
         },
         "change a running network": {
             "send": "send a text as light",
-            "link": "cut or mend links",
-            "set": "override a setting of a host",
-            "policy": "reload the policy file",
-            "fault": "make a quantum switch faulty",
-            "tap": "put an eavesdropper on a fibre",
-            "classical": "power of classical light in fibres",
-            "calibrate": "compensate the drift of fibres",
+            "set": "links, fibres, faults, eavesdroppers, settings, policy",
         },
         "use the simulator alone": {
             "sabot": "run quantum circuits on the simulator alone",

@@ -43,6 +43,7 @@ def completed() -> argparse.ArgumentParser:
     for action in actions(parser):
         if isinstance(action, argparse._SubParsersAction):
             for below in action.choices.values():  # of which the man page leaves epilogs out
+                below.complete()
                 below.description = "\n\n".join(filter(None, (below.description, below.epilog)))
         if action.metavar == "RUN":
             action.complete = RUN  # type: ignore[attr-defined]

@@ -6,9 +6,21 @@ from collections.abc import Mapping, Sequence
 
 TOPOLOGIES = ("sdc", "chain", "ring", "leaf-spine", "repeaters", "tree", "tapped", "map")
 USUAL = {"swap": "repeaters", "load": "ring"}  # topologies of jobs; of others sdc
+CHANGES = ("link", "fault", "tap", "classical", "calibrate", "policy")
+EXPERIMENTS = ("demo", "curves", "sweep", "attack", "bench")
 # First words of a command line, and what they are now.
 VERBS: Mapping[tuple[str, ...], tuple[str, ...]] = {
-    ("run", name): ("run", "sdc", "--topology", name) for name in TOPOLOGIES[1:]
+    **{("run", name): ("run", "sdc", "--topology", name) for name in TOPOLOGIES[1:]},
+    **{(name,): ("set", name) for name in CHANGES},
+    ("set",): ("set", "host"),
+    **{(name,): ("lab", name) for name in EXPERIMENTS},
+    ("lab",): ("lab", "published"),
+    ("share",): ("runs", "export"),
+}
+# Words behind verbs that had no kinds before, by which today's are known.
+OF_TODAY = {
+    "set": {*CHANGES, "host", "-h", "--help"},
+    "lab": {*EXPERIMENTS, "published", "-h", "--help"},
 }
 # Verbs that start networks, and options of theirs that are parameters of topologies now.
 WITH_NETWORK = ("run", "cli", "netqasm")
@@ -31,7 +43,7 @@ def translated(words: Sequence[str]) -> list[str]:
     """Return a command line in today's words; say on stderr what it is if it had others."""
     today = list(words)
     for old, new in VERBS.items():
-        if tuple(today[: len(old)]) == old:
+        if tuple(words[: len(old)]) == old and not _has_kind(words):
             today[: len(old)] = new
     if today[:1] and today[0] in WITH_NETWORK:
         today = _with_parameters([new for word in today for new in OPTIONS.get(word, (word,))])
@@ -41,6 +53,11 @@ def translated(words: Sequence[str]) -> list[str]:
             file=sys.stderr,
         )
     return today
+
+
+def _has_kind(words: Sequence[str]) -> bool:
+    """Return whether a verb that has kinds now is followed by one, or by nothing."""
+    return words[0] in OF_TODAY and {*words[1:2]} <= OF_TODAY[words[0]]
 
 
 def _with_parameters(words: Sequence[str]) -> list[str]:

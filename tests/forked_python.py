@@ -29,8 +29,8 @@ MODULES = (
     "hosts.applications.intercept",
     "qmn.running.event_sources",
     "qmn.verbs.replay",
+    "qmn.verbs.runs",
     "qmn.verbs.sabot",
-    "qmn.verbs.share",
     "qmn.verbs.spy",
 )
 REQUEST_BYTES = 1 << 20

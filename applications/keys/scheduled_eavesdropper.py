@@ -1,7 +1,7 @@
 """--eve FRACTION --at S --until S: an eavesdropper who comes to the fibre of a run, and leaves.
 
-The policy of the controller puts her on the fibre and takes her off again, as `qmn policy reload`
-would; sessions that are open stay as they are.
+The policy of the controller puts her on the fibre and takes her off again, as
+`qmn set policy reload` would; sessions that are open stay as they are.
 """
 
 import math

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from hosts.service_socket import ServiceSocket
 from hosts.stack_socket import QuantumSocketError
-from qmn.running.fiber_order import send as order
+from qmn.changes.fibers import adjust
 from qmn.running.network import dispatcher_of_running_network
 from qmn.scripting import QuantumNetwork, start
 from wire.controller_lines import read_record
@@ -84,7 +84,7 @@ def closed(network: QuantumNetwork) -> list[str]:
 def tap(one: str, other: str) -> None:
     """Put somebody on the fibres between two switches."""
     request = AdjustFiberRequest(a=one, b=other, tapped=TAPPED)
-    order(dispatcher_of_running_network(), request)
+    adjust(dispatcher_of_running_network(), request)
     say(f"somebody measures {TAPPED:g} of the photons between {one} and {other}")
 
 

@@ -1,1 +1,1 @@
-"""Measurements of this machine and of the product on it, for qmn bench."""
+"""Measurements of this machine and of the product on it, for qmn lab bench."""

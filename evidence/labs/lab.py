@@ -100,7 +100,7 @@ def paired(what: str, ours: ArrayLike, theirs: ArrayLike, source: str) -> Findin
 
 @dataclass(frozen=True)
 class PublishedRow:
-    """A published figure that needs no network: `qmn curves` has the physical layer give it.
+    """A published figure that needs no network: `qmn lab curves` has the physical layer give it.
 
     `points` are experiments of evidence.curves with values of their parameters; `of` makes our
     figure from the measurements, in this order (from none, where it follows from formulas of

@@ -1,4 +1,4 @@
-"""Published figures of papers that no lab is about, for the rows of `qmn curves`."""
+"""Published figures of papers that no lab is about, for the rows of `qmn lab curves`."""
 
 from functools import partial
 from operator import itemgetter

@@ -1,10 +1,15 @@
-"""qmn runs: what runs have left: list them, compare two, remove old ones, give one away as a file.
+"""qmn runs: list runs, compare two, remove old ones, give one away.
 
 qmn runs                        list them, the newest last
 qmn runs compare RUN RUN        parameters that differ, figures, and when what happened first
 qmn runs prune --older-than 30d remove old ones; --keep-gb 5: the oldest until the rest has room
-qmn runs export RUN FILE.zip    one file without what is secret in it (as `qmn share`)
+qmn runs export RUN FILE.zip    one file without what is secret in it
+qmn runs export RUN FOLDER      the same as a new folder
 qmn runs import FILE.zip        make a run of such a file
+
+A run's folder can be read by its owner alone. Captures and event logs show the state of every
+qubit: if a run may have made keys, they give the keys away, and an export leaves them out.
+Everything else is exported, readable by all. Keys that a run keeps are never in its folder.
 """
 
 import argparse
@@ -21,6 +26,7 @@ from qmn.run_archive import comparison as run_comparison
 from qmn.run_archive.archive import BadArchive, exported, imported
 from qmn.run_archive.index import BEGAN, Run, runs_in
 from qmn.run_archive.named_run import RUNS, UnknownRun, find_run
+from qmn.run_archive.shared_copy import CannotShare, share
 from qmn.running.controller_console import wide_console
 from qmn.running.network import announced_folders
 from qmn.running.tables import counted, table
@@ -59,12 +65,13 @@ def add_parser(verbs: Any) -> None:
     add("--keep-gb", type=float, metavar="GB", help="remove the oldest until the rest has so much")
     add("--dry-run", action="store_true", help="say what would go, and remove nothing")
     pruning.set_defaults(act=prune)
-    exporting = acts.add_parser("export", help="a run as one file")
+    exporting = acts.add_parser("export", help="a run as one file, or a folder, to give away")
     exporting.add_argument(
         "run", metavar="RUN", help="its name, a part of it, or its folder, as latest"
     )
-    exporting.add_argument("file", type=Path, metavar="FILE.zip")
-    text = "with what is secret in it, readable by you alone"
+    text = "a file, if it ends in .zip, or else a folder; neither exists yet"
+    exporting.add_argument("copy", type=Path, metavar="FILE.zip|FOLDER", help=text)
+    text = "a file with what is secret in it, readable by you alone"
     exporting.add_argument("--whole", action="store_true", help=text)
     exporting.set_defaults(act=export)
     importing = acts.add_parser("import", help="a run of such a file")
@@ -84,7 +91,7 @@ def call(arguments: argparse.Namespace) -> int:
     """Do what is asked; turn what is wrong into one line and an exit status."""
     try:
         arguments.act(arguments)
-    except (BadRequest, BadArchive, MalformedPacket, UnknownRun) as error:
+    except (BadRequest, BadArchive, CannotShare, MalformedPacket, UnknownRun) as error:
         print(f"qmn: {error}", file=sys.stderr)
         return 1
     except OSError as error:
@@ -200,10 +207,18 @@ def goes_on(folder: Path, run: Run) -> bool:
 
 
 def export(arguments: argparse.Namespace) -> None:
-    left_out = exported(find(arguments.runs, arguments.run), arguments.file, arguments.whole)
+    run, copy = find(arguments.runs, arguments.run), arguments.copy
+    if copy.suffix == ".zip":
+        left_out = exported(run, copy, arguments.whole)
+        end = f"{copy}: `qmn runs import {copy.name}` makes a run of it"
+    elif arguments.whole:
+        raise BadRequest(f"--whole: {copy} would be a folder; name a file, as {copy}.zip")
+    else:
+        left_out = share(run, copy)
+        end = f"copied to {copy}"
     for name in left_out:
         print(f"left out: {name}")
-    print(f"{arguments.file}: `qmn runs import {arguments.file.name}` makes a run of it")
+    print(end)
 
 
 def take(arguments: argparse.Namespace) -> None:

@@ -1,40 +1,22 @@
-"""qmn set HOST SETTING VALUE: override what new sessions of a host use."""
+"""qmn set WHAT …: change the network that runs."""
 
-import argparse
 from typing import Any
 
+from qmn.kinds import add_kinds
 from qmn.needs import Needs
-from qmn.running.controller_console import NoAnswer, answered, ask
-from wire.device import RANGES, setting_number
 
-DEFAULT = "default"
+WHAT = {
+    "link": ("cut or mend links", "qmn.changes.link:describe"),
+    "fault": ("make a quantum switch faulty, or repair it", "qmn.changes.fault:describe"),
+    "tap": ("put an eavesdropper on fibres", "qmn.changes.fibers:describe_tap"),
+    "classical": ("power of classical light in fibres", "qmn.changes.fibers:describe_classical"),
+    "calibrate": ("compensate the drift of fibres", "qmn.changes.fibers:describe_calibrate"),
+    "host": ("override a setting in new sessions", "qmn.changes.controller:describe_host"),
+    "policy": ("reload the policy file", "qmn.changes.controller:describe_policy"),
+}
 
 
 def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("set", description=__doc__)
-    parser.add_argument("device", metavar="HOST", help="alice, bob, ...")
-    names = [name.replace("_", "-") for name in RANGES]
-    parser.add_argument("setting", choices=names, metavar="SETTING", help=", ".join(names))
-    parser.add_argument(
-        "value", metavar="VALUE", help="a number, a name (fec golay), or `default` to undo it"
-    )
-    parser.set_defaults(call=call, needs=Needs.RUNNING)
-
-
-def call(arguments: argparse.Namespace) -> int:
-    return answered(lambda: change(arguments.device, arguments.setting, arguments.value))
-
-
-def change(device: str, setting: str, value: str) -> None:
-    name = setting.replace("-", "_")
-    try:
-        number = None if value == DEFAULT else _number(name, value)
-    except ValueError as error:
-        raise NoAnswer(f"{error}, or `{DEFAULT}`") from error
-    state = ask("set", device=device, settings={name: number})
-    in_force = ", ".join(f"{key} {number}" for key, number in state["overrides"].items())
-    print(f"{device}: overridden in new sessions: {in_force or 'nothing'}")
-
-
-def _number(name: str, value: str) -> int | None:
-    return setting_number(name, int(value) if value.isdecimal() else value)
+    add_kinds(parser, "WHAT", WHAT, required=True)
+    parser.set_defaults(needs=Needs.RUNNING)

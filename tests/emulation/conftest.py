@@ -291,11 +291,11 @@ def policy(network: Network, text: str) -> Iterator[None]:
     file = policy_of(network)
     file.write_text(text)
     try:
-        verb("policy", "reload")
+        verb("set", "policy", "reload")
         yield
     finally:
         file.write_text("")
-        verb("policy", "reload")
+        verb("set", "policy", "reload")
 
 
 def typed(page: str, number: int, run: Path) -> str:

@@ -105,7 +105,7 @@ def test_a_flood_leaves_others_their_light(tmp_path: Path) -> None:
 
 def test_the_verb_prints_the_count() -> None:
     assert {*ATTEMPTS, *TLS} == {each for each in ATTACKS if isinstance(ATTACKS[each], Attack)}
-    said = verb("attack", "set-up-flooding", "--attempts", "5", "--defence", "on").stdout
+    said = verb("lab", "attack", "set-up-flooding", "--attempts", "5", "--defence", "on").stdout
     assert "set-up-flooding" in said
     assert "handshakes on" in said
     assert "0 of 5 set-ups" in said

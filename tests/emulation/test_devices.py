@@ -36,7 +36,7 @@ def test_every_device_is_known_and_a_pulse_rate_is_overridden(shared_network: Ne
     )
     assert set(devices()) == {"q1", "alice", "bob", "charlie"}
     assert [port["up"] for port in devices()["bob"]["ports"]] == [True, True]
-    done = qmn("set", "alice", "rate-hz", "1000000")
+    done = qmn("set", "host", "alice", "rate-hz", "1000000")
     assert (done.returncode, done.stdout) == (
         0,
         "alice: overridden in new sessions: rate_hz 1000000\n",
@@ -76,7 +76,7 @@ def test_every_device_is_known_and_a_pulse_rate_is_overridden(shared_network: Ne
             wait_until(lambda: len(devices()["q1"]["paths"]) == 3, "q1 has told of its paths")
             receiver.close()
     wait_until(lambda: not devices()["q1"]["paths"], "q1 has told that they are gone")
-    assert qmn("set", "alice", "rate-hz", "default").stdout == (
+    assert qmn("set", "host", "alice", "rate-hz", "default").stdout == (
         "alice: overridden in new sessions: nothing\n"
     )
 
@@ -93,7 +93,7 @@ def test_a_refused_setting_a_cut_and_a_silent_host_are_told(shared_network: Netw
         (("alice", "rate-hz", "0"), "rate_hz 0: choose 1 to 4000000000"),
         (("alice", "rate-hz", "fast"), "rate_hz is 'fast': give a whole number, or `default`"),
     ):
-        done = qmn("set", *words)
+        done = qmn("set", "host", *words)
         assert done.returncode == 1
         assert text in done.stderr
     assert devices()["alice"]["overrides"] == {}
@@ -129,8 +129,8 @@ def test_hosts_cannot_set_each_other(shared_network: Network) -> None:
 
 
 def test_without_a_network_the_command_says_so() -> None:
-    for words in (["devices"], ["paths"], ["set", "alice", "fec", "0"], ["policy", "reload"]):
-        done = qmn(*words)
+    for words in ("devices", "paths", "set host alice fec 0", "set policy reload"):
+        done = qmn(*words.split())
         assert done.returncode == 1
         assert "no network runs on this machine" in done.stderr
 
@@ -149,11 +149,11 @@ def test_the_policy_decides_until_it_is_changed(shared_network: Network) -> None
             connect(network, "bob", "alice")
         assert caught.value.reason == Reason.NOT_ALLOWED
         file.write_text("default = 'deny'\n[[rule]]\naction = 'perhaps'")
-        done = qmn("policy", "reload")
+        done = qmn("set", "policy", "reload")
         assert "rule 1: action 'perhaps'" in done.stderr
         connect(network, "alice", "bob")
         file.write_text("default = 'deny'\n[device.bob]\nframe_bytes = 64")
-        assert qmn("policy", "reload").stdout == f"in force: {file}\n"
+        assert qmn("set", "policy", "reload").stdout == f"in force: {file}\n"
         with pytest.raises(QuantumSocketError, match="policy does not allow"):
             connect(network, "alice", "bob")
         wait_until(lambda: devices()["bob"].get("overrides") == {"frame_bytes": 64}, "bob is set")

@@ -1,4 +1,4 @@
-"""`qmn sweep --emulate` from outside: a network for each point, and what they measure."""
+"""`qmn lab sweep --emulate` from outside: a network for each point, and what they measure."""
 
 import csv
 import subprocess
@@ -15,7 +15,8 @@ from evidence.curves.cluster import HTTP_ADDRESS
 
 FIBERS_PASSED = 6
 TWO_POINTS = ("--depolarizing", "0.001,0.002")
-COMMAND = [sys.executable, "-m", "qmn", "sweep", "sdc", "--emulate", "--message-bytes", "4096"]
+SWEEP = ["qmn", "lab", "sweep", "sdc", "--emulate", "--message-bytes", "4096"]
+COMMAND = [sys.executable, "-m", *SWEEP]
 
 
 def sweep(out: Path, *words: str) -> subprocess.CompletedProcess[str]:

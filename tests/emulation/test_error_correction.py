@@ -28,8 +28,8 @@ class LinearTopo(SdcTopo):
 
 
 def change(*words: str) -> str:
-    """Run `qmn set`; return what it prints."""
-    done = run_qmn("set", *words, timeout_s=SOON_S)
+    """Run `qmn set host`; return what it prints."""
+    done = run_qmn("set", "host", *words, timeout_s=SOON_S)
     return done.stdout + done.stderr
 
 

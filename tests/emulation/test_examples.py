@@ -264,7 +264,7 @@ def test_an_alarm_closes_the_fibre_that_somebody_taps() -> None:
 
 @pytest.mark.nightly
 def test_the_sweep_measures_every_code(tmp_path: Path) -> None:
-    run("sweep", str(EXAMPLES / "codes.toml"), "--out", str(tmp_path))
+    run("lab", "sweep", str(EXAMPLES / "codes.toml"), "--out", str(tmp_path))
     with (tmp_path / "sdc.csv").open(newline="") as table:
         rows = list(csv.DictReader(table))
     assert len(rows) == 18

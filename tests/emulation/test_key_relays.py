@@ -151,11 +151,11 @@ def names(told: Any) -> dict[str, tuple[list[str], list[str]]]:
 
 def test_a_policy_that_trusts_nobody_ends_the_relay(scene: Scene) -> None:
     scene.policy.write_text("")
-    scene.qmn("policy", "reload")
+    scene.qmn("set", "policy", "reload")
     status, said = scene.curl("alice", "sae-bob/enc_keys")
     assert status == 503
     assert "no host that the policy trusts joins alice and bob: charlie could" in said["message"]
     assert scene.ready() == 0
     scene.policy.write_text(TRUSTED + 'between = ["bob", "alice"]\n')
-    scene.qmn("policy", "reload")
+    scene.qmn("set", "policy", "reload")
     assert scene.curl("alice", "sae-bob/enc_keys")[0] == 200

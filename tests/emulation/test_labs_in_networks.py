@@ -67,7 +67,7 @@ def labs_of_scripts(folder: Path, runs: dict[str, list[str]], wrong: str = "") -
 
 def labs(names: list[str], out: Path, *words: str) -> "subprocess.Popen[str]":
     """Begin to do labs."""
-    command = [sys.executable, "-m", "qmn", "lab", *names, "--out", str(out), *words]
+    command = [sys.executable, "-m", "qmn", "lab", "published", *names, "--out", str(out), *words]
     return subprocess.Popen(
         command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
@@ -122,7 +122,7 @@ def test_labs_that_were_interrupted_go_on(tmp_path: Path, number: int) -> None:
 
 def lab(name: str, out: Path) -> subprocess.CompletedProcess[str]:
     """Do a lab to its end."""
-    command = [sys.executable, "-m", "qmn", "lab", name, "--out", str(out)]
+    command = [sys.executable, "-m", "qmn", "lab", "published", name, "--out", str(out)]
     return subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=PROGRAM_S
     )

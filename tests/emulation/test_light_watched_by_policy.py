@@ -8,7 +8,7 @@ from typing import Any
 from conftest import wait_until
 from fabric_scene import facts, running, session, switches_on_the_way
 
-from qmn.running.fiber_order import send as order
+from qmn.changes.fibers import adjust
 from qmn.running.network import dispatcher_of_running_network
 from topologies.networks.network import Network
 from topologies.ring import RingTopo
@@ -71,7 +71,7 @@ def test_the_controller_watches_gives_back_closes_and_sends_light_another_way(
         later = seen(network, "watch", lambda fact: fact["time_ns"] > mine["time_ns"])
         seen(network, "granted", lambda fact: fact["session"] == later["session"])
         tapped = AdjustFiberRequest(a="q2", b="q3", tapped=0.5)
-        order(dispatcher_of_running_network(), tapped)
+        adjust(dispatcher_of_running_network(), tapped)
         alarm = seen(network, "alarm", lambda fact: fact["closed"])
         assert alarm["session"] == later["session"]
         assert alarm["watched"] == ["q2-q3"]

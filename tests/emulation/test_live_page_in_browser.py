@@ -14,29 +14,30 @@ from views.live.acts import ACTS
 
 DEADLINE_MS = 60_000
 FIBER, SWITCH, HOST = re.compile("^fibre alice-q0"), "quantum switch q1", "host alice"
+FRAME = {"setting": "frame-bytes"}
 Press = tuple[str | re.Pattern[str], dict[str, str], str, str]
 PRESSED: list[Press] = [  # what is chosen, what is typed, the button, the command
     (HOST, {}, "send", "send alice bob hello"),
-    (HOST, {"setting": "frame-bytes", "value": "64"}, "set", "set alice frame-bytes 64"),
-    (HOST, {"setting": "frame-bytes", "value": "default"}, "set", "set alice frame-bytes default"),
-    (HOST, {}, "reload the policy", "policy reload"),
-    (FIBER, {}, "cut", "link alice q1 down"),
-    (FIBER, {}, "mend", "link alice q1 up"),
-    (FIBER, {"fraction measured": "0.5"}, "put eve on it", "tap alice q1 0.5"),
-    (FIBER, {}, "take eve off", "tap alice q1 0"),
-    (FIBER, {"mW": "2"}, "classical light", "classical alice q1 2"),
-    (FIBER, {}, "calibrate", "calibrate alice q1"),
-    (SWITCH, {"in port": "2", "out port": "3"}, "stuck", "fault q1 stuck 2 3"),
-    (SWITCH, {"°C": "80"}, "temperature", "fault q1 temperature 80"),
-    (SWITCH, {}, "repair", "fault q1 repair"),
+    (HOST, FRAME | {"value": "64"}, "set", "set host alice frame-bytes 64"),
+    (HOST, FRAME | {"value": "default"}, "set", "set host alice frame-bytes default"),
+    (HOST, {}, "reload the policy", "set policy reload"),
+    (FIBER, {}, "cut", "set link alice q1 down"),
+    (FIBER, {}, "mend", "set link alice q1 up"),
+    (FIBER, {"fraction measured": "0.5"}, "put eve on it", "set tap alice q1 0.5"),
+    (FIBER, {}, "take eve off", "set tap alice q1 0"),
+    (FIBER, {"mW": "2"}, "classical light", "set classical alice q1 2"),
+    (FIBER, {}, "calibrate", "set calibrate alice q1"),
+    (SWITCH, {"in port": "2", "out port": "3"}, "stuck", "set fault q1 stuck 2 3"),
+    (SWITCH, {"°C": "80"}, "temperature", "set fault q1 temperature 80"),
+    (SWITCH, {}, "repair", "set fault q1 repair"),
 ]
 SEEN = {  # what the drawing shows behind a command: how many there are of what
-    "link alice q1 down": (".fiber.cut", 1),
-    "link alice q1 up": (".fiber.cut", 0),
-    "tap alice q1 0.5": (".fiber.tapped", 1),
-    "tap alice q1 0": (".fiber.tapped", 0),
-    "fault q1 stuck 2 3": (".node.faulty", 1),
-    "fault q1 repair": (".node.faulty", 0),
+    "set link alice q1 down": (".fiber.cut", 1),
+    "set link alice q1 up": (".fiber.cut", 0),
+    "set tap alice q1 0.5": (".fiber.tapped", 1),
+    "set tap alice q1 0": (".fiber.tapped", 0),
+    "set fault q1 stuck 2 3": (".node.faulty", 1),
+    "set fault q1 repair": (".node.faulty", 0),
 }
 
 
@@ -68,7 +69,7 @@ def test_every_button_does_what_its_command_does(tmp_path: Path) -> None:
 
 @pytest.mark.nightly
 def test_the_page_of_an_attack_goes_from_its_first_network_to_its_second() -> None:
-    words = ["attack", "replay", "--live"]
+    words = ["lab", "attack", "replay", "--live"]
     with browser() as chromium, running_qmn(*words, end_s=DEADLINE_MS / 1000) as attack:
         url = next(filter(None, map(ADDRESS.search, attack.stdout)))[1]
         page = chromium.new_page()

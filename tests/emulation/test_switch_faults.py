@@ -1,4 +1,4 @@
-"""`qmn fault` makes the quantum switch of a running network faulty, and whole again."""
+"""`qmn set fault` makes the quantum switch of a running network faulty, and whole again."""
 
 from conftest import wait_until
 from fabric_scene import session
@@ -10,7 +10,7 @@ from topologies.networks.network import Network
 
 def fault(*words: str) -> tuple[int, str]:
     """Run the verb; return its exit status and what it says."""
-    done = run_qmn("fault", *words, timeout_s=SOON_S)
+    done = run_qmn("set", "fault", *words, timeout_s=SOON_S)
     return done.returncode, done.stdout + done.stderr
 
 

@@ -7,7 +7,7 @@ import asyncio
 import json
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,26 +16,19 @@ from qmn.timeouts import LIVE_ACT_S
 ACTS = "acts.jsonl"
 QMN = (sys.executable, "-m", "qmn")
 MOST_BYTES = 4096  # of a field
-Fields = Mapping[str, str]
 
-# Names of the fields of each, and the words that they make.
-VERBS: Mapping[str, tuple[tuple[str, ...], Callable[[Fields], list[str]]]] = {
-    "link": (("a", "b", "state"), lambda f: ["link", f["a"], f["b"], f["state"]]),
-    "tap": (("a", "b", "fraction"), lambda f: ["tap", f["a"], f["b"], f["fraction"]]),
-    "classical": (("a", "b", "mw"), lambda f: ["classical", f["a"], f["b"], f["mw"]]),
-    "calibrate": (("a", "b"), lambda f: ["calibrate", f["a"], f["b"]]),
-    "stuck": (
-        ("switch", "in_port", "out_port"),
-        lambda f: ["fault", f["switch"], "stuck", f["in_port"], f["out_port"]],
-    ),
-    "temperature": (
-        ("switch", "celsius"),
-        lambda f: ["fault", f["switch"], "temperature", f["celsius"]],
-    ),
-    "repair": (("switch",), lambda f: ["fault", f["switch"], "repair"]),
-    "set": (("host", "setting", "value"), lambda f: ["set", f["host"], f["setting"], f["value"]]),
-    "policy": ((), lambda _f: ["policy", "reload"]),
-    "send": (("from", "to", "text"), lambda f: ["send", f["from"], f["to"], f["text"]]),
+# The words of each command; those in braces are fields of the page.
+VERBS: Mapping[str, str] = {
+    "link": "set link {a} {b} {state}",
+    "tap": "set tap {a} {b} {fraction}",
+    "classical": "set classical {a} {b} {mw}",
+    "calibrate": "set calibrate {a} {b}",
+    "stuck": "set fault {switch} stuck {in_port} {out_port}",
+    "temperature": "set fault {switch} temperature {celsius}",
+    "repair": "set fault {switch} repair",
+    "set": "set host {host} {setting} {value}",
+    "policy": "set policy reload",
+    "send": "send {from} {to} {text}",
 }
 
 
@@ -43,26 +36,28 @@ class BadAct(Exception):
     """Something that a page cannot ask for; the text names value and remedy."""
 
 
-def words_of(given: object) -> list[str]:
+def command_for(given: object) -> list[str]:
     """Return the words of the command that a page asks for; raise BadAct for anything else."""
     match given:
         case {"act": str(name), **fields} if name in VERBS:
-            wanted, make = VERBS[name]
+            words = VERBS[name].split()
         case {"act": name}:
             raise BadAct(f"unknown act {name!r}: one of {', '.join(VERBS)}")
         case _:
             raise BadAct('an act is an object such as {"act": "repair", "switch": "q1"}')
-    if set(fields) != set(wanted):
-        raise BadAct(f"{name} has the fields {', '.join(wanted) or 'none'}")
-    texts: dict[str, str] = {}
-    for field in wanted:
-        value = fields[field]
-        if not isinstance(value, str) or not 0 < len(value.encode()) <= MOST_BYTES or "\0" in value:
-            raise BadAct(f"{field} of {name} is a text of 1 to {MOST_BYTES} bytes")
-        if value.startswith("-") and not _is_number(value):
-            raise BadAct(f"{field} {value!r} of {name} begins as an option")
-        texts[field] = value
-    return make(texts)
+    names = [word.strip("{}") for word in words if word.startswith("{")]
+    if set(fields) != set(names):
+        raise BadAct(f"{name} has the fields {', '.join(names) or 'none'}")
+    texts = {f"{{{field}}}": _text(fields[field], f"{field} of {name}") for field in names}
+    return [texts.get(word, word) for word in words]
+
+
+def _text(value: object, field: str) -> str:
+    if not isinstance(value, str) or not 0 < len(value.encode()) <= MOST_BYTES or "\0" in value:
+        raise BadAct(f"{field} is a text of 1 to {MOST_BYTES} bytes")
+    if value.startswith("-") and not _is_number(value):
+        raise BadAct(f"{field} {value!r} begins as an option")
+    return value
 
 
 def _is_number(text: str) -> bool:

@@ -20,7 +20,7 @@ from tornado.iostream import StreamClosedError
 from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandler
 
 from qmn.timeouts import LIVE_LAST_S, LIVE_LIST_S, LIVE_NEWEST_S
-from views.live.acts import BadAct, perform, words_of
+from views.live.acts import BadAct, command_for, perform
 from views.live.address import LOOPBACK, Place, listen
 from views.live.pace import Pace
 from views.live.sources import ACT
@@ -242,7 +242,7 @@ class Act(Answer):
         if self.request.headers.get("Content-Type", "").partition(";")[0] != "application/json":
             raise HTTPError(415, reason="an act is application/json")
         try:
-            words = words_of(decode_json(self.request.body, MOST_REQUEST, MOST_DEPTH))
+            words = command_for(decode_json(self.request.body, MOST_REQUEST, MOST_DEPTH))
         except (BadAct, MalformedPacket) as error:
             self.set_status(400)
             self.write({"output": str(error), "status": 2})

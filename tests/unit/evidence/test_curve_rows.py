@@ -1,4 +1,4 @@
-"""The rows that `qmn curves` prints: of each figure the point that is furthest from theory."""
+"""The rows that `qmn lab curves` prints: of each figure the point that is furthest from theory."""
 
 import io
 import math
@@ -10,8 +10,8 @@ from evidence.curves.catalogue import EXPERIMENTS
 from evidence.curves.estimates import NOTHING, Estimate
 from evidence.curves.grid import Row
 from evidence.curves.sheet import Curve, Sheet
+from evidence.kinds.curves import furthest
 from evidence.labs.outcome import show
-from evidence.verbs.curves import furthest
 
 AXES: dict[str, object] = {"fidelity": "0.7:0.9:2"}
 CURVE = Curve("figure", "Teleportation", "fidelity", "F", "teleported")

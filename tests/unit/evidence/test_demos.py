@@ -1,6 +1,5 @@
 """Demos: sums of what networks tell them, by hand and by closed forms, and their grids."""
 
-import argparse
 import subprocess
 import sys
 from math import exp, isclose, log
@@ -10,9 +9,10 @@ import pytest
 
 from evidence.curves import grid
 from evidence.curves.estimates import mean_of_series
+from evidence.kinds import demo, sweep
 from evidence.networks import congestion, control, flapping, head_of_line
 from evidence.networks.catalogue import DEMOS, EMULATED, MEASURED_BY
-from evidence.verbs import demo, sweep
+from qmn.__main__ import described
 from wire.dispatcher_pb2 import Event
 from wire.parameters.fiber import Fiber, FiberEnd
 
@@ -26,17 +26,15 @@ def test_every_demo_is_a_sweep_on_a_grid_that_can_be(name: str) -> None:
 
 
 def test_a_demo_can_be_as_slow_as_one_says() -> None:
-    parser = argparse.ArgumentParser()
-    demo.add_parser(parser.add_subparsers())
-    words = ["demo", "flapping", "--time-scale", "5"]
-    own = sweep.grid_of(demo.options_of(parser.parse_args(words)))[0]
+    words = ["lab", "demo", "flapping", "--time-scale", "5"]
+    own = sweep.grid_of(demo.options_of(described(words).parse_args(words)))[0]
     periods = [0.25, 0.5, 1, 2, 4, 8]
     assert own.axes == {"period_s": periods, "time_scale": [5.0]}
 
 
 def test_demos_are_listed_without_root() -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "qmn", "demo"], capture_output=True, text=True, check=True
+        [sys.executable, "-m", "qmn", "lab", "demo"], capture_output=True, text=True, check=True
     )
     assert [line.split()[0] for line in done.stdout.splitlines()] == [*DEMOS]
 

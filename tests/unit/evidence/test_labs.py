@@ -12,11 +12,11 @@ from rich.console import Console
 
 from evidence.curves.estimates import NOTHING, Estimate
 from evidence.curves.figure import residuals
+from evidence.kinds.published import LabOptions, lab_done
 from evidence.labs import catalogue, outcome
 from evidence.labs.drawing import draw_charts, picture
 from evidence.labs.lab import Chart, Finding, Lab, Published, Run, exactly, in_range, paired
 from evidence.labs.networks import words_of
-from evidence.verbs.lab import LabOptions, lab_done
 from qmn.__main__ import described
 from qmn.needs import Needs, needs_of
 from qmn.options import BadInput
@@ -42,7 +42,8 @@ def status_of(lab: Lab, out: Path) -> bool:
 
 
 def test_the_list_names_every_folder_with_its_title(capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = described(["lab"]).parse_args(["lab"])
+    words = ["lab", "published"]
+    arguments = described(words).parse_args(words)
     assert arguments.call(arguments) == 0
     lines = capsys.readouterr().out.splitlines()
     folders = {path.name for path in catalogue.LABS.iterdir() if path.is_dir()}
@@ -94,7 +95,7 @@ def test_a_page_names_paper_and_parameters_and_what_is_not_reproduced(name: str)
     assert "this model under these parameters" in " ".join(sections["What is reproduced"].split())
     assert "experiment" not in sections["What is reproduced"]
     assert len(sections["What is not"].split()) >= 10
-    assert f"qmn lab {name}\n" in text
+    assert f"qmn lab published {name}\n" in text
 
 
 @pytest.mark.parametrize("name", NAMES)

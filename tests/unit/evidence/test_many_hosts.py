@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from evidence.verbs.bench import sizes
+from evidence.kinds.bench import sizes
 from topologies.system.namespaces import in_own_namespaces
 from topologies.system.processes.owners import this_process
 

@@ -1,4 +1,4 @@
-"""qmn sweep and qmn curves from the command line to table, figures and exit status."""
+"""qmn lab sweep and qmn lab curves from the command line to table, figures and exit status."""
 
 import argparse
 import csv
@@ -13,9 +13,10 @@ from distributed import LocalCluster
 from evidence.curves import cluster, sheets, theory
 from evidence.curves.parameters import BadGrid
 from evidence.curves.sheet import Curve, Sheet
+from evidence.kinds import sweep
 from evidence.labs import rows as published
 from evidence.labs.lab import Published, PublishedRow
-from evidence.verbs import curves, sweep
+from qmn.__main__ import described
 
 POINTS = ("--fidelity", "0.5,0.75,1", "--pairs", "6000")
 FIDELITY = 0.5
@@ -25,11 +26,9 @@ Words = tuple[str, ...]
 
 def parse(*words: str) -> argparse.Namespace:
     """Return what the command line says."""
-    parser = argparse.ArgumentParser()
-    verbs = parser.add_subparsers()
-    sweep.add_parser(verbs)
-    curves.add_parser(verbs)
-    return parser.parse_args(words)
+    whole = ["lab", *words]
+    arguments: argparse.Namespace = described(whole).parse_args(whole)
+    return arguments
 
 
 def run(*words: str) -> int:

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
+from qmn.changes.controller import set_host
 from qmn.running import controller_console, light_paths, tables
 from qmn.running.controller_console import NoAnswer, ask
 from qmn.verbs import devices
-from qmn.verbs.set import change
 from topologies.system.processes.owners import this_process
 
 SWITCH = {
@@ -184,10 +184,10 @@ def test_a_setting_is_asked_for_and_what_is_in_force_is_said(
         return b'{"result": {"overrides": {"frame_bytes": 64}}}\n'
 
     console[0] = answer
-    change("alice", "frame-bytes", "64")
-    change("alice", "rate-hz", "default")
-    change("alice", "fec", "golay")
-    change("alice", "interleave", "on")
+    set_host("alice", "frame-bytes", "64")
+    set_host("alice", "rate-hz", "default")
+    set_host("alice", "fec", "golay")
+    set_host("alice", "interleave", "on")
     assert [request["settings"] for request in asked] == [
         {"frame_bytes": 64},
         {"rate_hz": None},
@@ -196,7 +196,7 @@ def test_a_setting_is_asked_for_and_what_is_in_force_is_said(
     ]
     assert capsys.readouterr().out == "alice: overridden in new sessions: frame_bytes 64\n" * 4
     with pytest.raises(NoAnswer, match="fec is 'turbo': give one of none, repetition"):
-        change("alice", "fec", "turbo")
+        set_host("alice", "fec", "turbo")
 
 
 @pytest.mark.parametrize(

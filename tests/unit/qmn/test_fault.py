@@ -11,8 +11,9 @@ from pathlib import Path
 import pytest
 from forked_python import Forked
 
+from qmn.__main__ import described
+from qmn.changes import fault
 from qmn.running import network as running
-from qmn.verbs import fault
 from topologies.system.processes.owners import owner
 from topologies.system.processes.programs import NetworkError
 from wire.config import DispatcherConfig, Fiber, FiberEnd, QuantumSwitch
@@ -48,9 +49,8 @@ def network(folder: Path) -> Iterator[tuple[subprocess.Popen[str], Path]]:
 
 
 def parse(*words: str) -> argparse.Namespace:
-    parser = argparse.ArgumentParser()
-    fault.add_parser(parser.add_subparsers())
-    return parser.parse_args(["fault", *words])
+    whole = ["set", "fault", *words]
+    return described(whole).parse_args(whole)
 
 
 def run(

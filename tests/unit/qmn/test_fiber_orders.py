@@ -1,14 +1,13 @@
-"""The verbs calibrate, classical and tap against a real dispatcher that runs as its own process."""
+"""Changes of fibres against a real dispatcher that runs as its own process."""
 
-import argparse
 from pathlib import Path
 
 import pytest
 from test_fault import logged, network
 
-from qmn.running import fiber_order
+from qmn.__main__ import described
+from qmn.changes import fibers
 from qmn.running import network as running
-from qmn.verbs import calibrate, classical, tap
 
 
 def run(
@@ -16,16 +15,12 @@ def run(
 ) -> tuple[int, str]:
     """Run a verb with private folders under a root; return its status and what it says."""
     monkeypatch.setattr(
-        fiber_order,
+        fibers,
         "dispatcher_of_running_network",
         lambda: running.dispatcher_of_running_network(root),
     )
-    parser = argparse.ArgumentParser()
-    verbs = parser.add_subparsers()
-    calibrate.add_parser(verbs)
-    classical.add_parser(verbs)
-    tap.add_parser(verbs)
-    arguments = parser.parse_args(words.split())
+    whole = ["set", *words.split()]
+    arguments = described(whole).parse_args(whole)
     status = arguments.call(arguments)
     said = capsys.readouterr()
     return status, said.out + said.err

@@ -71,13 +71,14 @@ def test_a_checkout_without_its_set_up_says_what_to_type(tmp_path: Path) -> None
 
 
 STEERS = (
-    "run sdc|run qkd --eve 1|cli ring|devices|paths|spy|policy reload|set alice fec golay|enter ls|"
-    "fault q1 repair|calibrate alice q1|classical alice q1 1|tap alice q1 0|bench|"
-    "sweep sdc --emulate|lab paper|lab --all"
+    "run sdc|run qkd --eve 1|cli ring|devices|paths|spy|set policy reload|enter ls|"
+    "set host alice fec golay|set fault q1 repair|"
+    "set calibrate alice q1|set classical alice q1 1|set tap alice q1 0|lab bench|"
+    "lab sweep sdc --emulate|lab published paper|lab published --all"
 )
 LOOKS = (
     "spy runs/latest|report runs/latest|replay runs/latest|wireshark|doctor|sabot run bell.qasm|"
-    "sweep sdc|curves|lab"
+    "lab sweep sdc|lab curves|lab|lab published"
 )
 
 
@@ -142,7 +143,7 @@ def test_installed_it_runs_and_is_completed(prefix: Path, tmp_path: Path) -> Non
     usage = said(prefix / "bin" / "qmn", "--help").stdout
     assert usage.startswith("usage: qmn [-h] [--version] VERB")
     assert completions(prefix, "--ver") == {"--version"}
-    assert completions(prefix, "cal") == {"calibrate"}
+    assert completions(prefix, "set", "cal") == {"calibrate"}
     assert completions(prefix, "run", "tele") == {"teleport"}
     assert completions(prefix, "run", "sdc", "--controller", "") == {"ryu", "os-ken"}
     assert completions(prefix, "report", "READ") == {"README.md"}

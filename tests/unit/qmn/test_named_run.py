@@ -15,7 +15,6 @@ VERBS = {
     "live": (),
     "wireshark": (),
     "replay": (),
-    "share": ("COPY",),
 }
 
 

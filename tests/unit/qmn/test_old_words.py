@@ -1,33 +1,53 @@
 """Old words of the command line do what the new ones do, and name them."""
 
 import shlex
+import subprocess
+import sys
 
 import pytest
+from documentation import ROOT
 
-from qmn.old_words import translated
+from qmn.__main__ import VERBS as VERBS_OF_TODAY
+from qmn.old_words import VERBS, translated
+
+COMMANDS = [
+    ("run chain --fec golay", "run sdc --topology chain --fec golay"),
+    ("run ring --switches 4", "run sdc --topology ring,switches=4"),
+    ("run tree --hosts=9 --to h5", "run sdc --topology tree,hosts=9 --to h5"),
+    ("run sdc --both-ways", "run sdc --topology sdc,both_ways"),
+    ("run swap --repeaters 3 --seed 2", "run swap --seed 2 --topology repeaters,repeaters=3"),
+    ("run swap --stations", "run swap --topology repeaters,stations"),
+    ("run load --switches 5", "run load --topology ring,switches=5"),
+    ("run load --map garr --hosts-at a,b", "run load --topology map,map=garr,hosts_at=a,b"),
+    ("run qkd --topology=chain --fibers 1", "run qkd --topology chain,fibers=1"),
+    ("cli --live ring --switches 4", "cli --live ring,switches=4"),
+    ("cli a.py:Net --switches 4", "cli a.py:Net,switches=4"),
+    ("cli --map garr", "cli map,map=garr"),
+    ("run qkd --no-capture --no-record", "run qkd --captures none --without record"),
+    ("run qkd --no-events --no-report", "run qkd --without events --without report"),
+    ("cli sdc --capture", "cli sdc --captures full"),
+    ("netqasm app --map garr", "netqasm app --topology map,map=garr"),
+    ("link alice q1 down", "set link alice q1 down"),
+    ("fault q1 stuck 2 3", "set fault q1 stuck 2 3"),
+    ("tap alice q1 0.5", "set tap alice q1 0.5"),
+    ("classical alice q1 2", "set classical alice q1 2"),
+    ("calibrate alice q1", "set calibrate alice q1"),
+    ("policy reload", "set policy reload"),
+    ("set alice fec golay", "set host alice fec golay"),
+    ("share RUN COPY", "runs export RUN COPY"),
+    ("demo", "lab demo"),
+    ("demo flapping --time-scale 5", "lab demo flapping --time-scale 5"),
+    ("curves --only mdi", "lab curves --only mdi"),
+    ("sweep sdc --depolarizing 0:0.2:11", "lab sweep sdc --depolarizing 0:0.2:11"),
+    ("sweep load --map garr", "lab sweep load --map garr"),
+    ("attack all --defence off", "lab attack all --defence off"),
+    ("bench --hosts 4", "lab bench --hosts 4"),
+    ("lab paper decoy", "lab published paper decoy"),
+    ("lab --all --resume", "lab published --all --resume"),
+]
 
 
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("run chain --fec golay", "run sdc --topology chain --fec golay"),
-        ("run ring --switches 4", "run sdc --topology ring,switches=4"),
-        ("run tree --hosts=9 --to h5", "run sdc --topology tree,hosts=9 --to h5"),
-        ("run sdc --both-ways", "run sdc --topology sdc,both_ways"),
-        ("run swap --repeaters 3 --seed 2", "run swap --seed 2 --topology repeaters,repeaters=3"),
-        ("run swap --stations", "run swap --topology repeaters,stations"),
-        ("run load --switches 5", "run load --topology ring,switches=5"),
-        ("run load --map garr --hosts-at a,b", "run load --topology map,map=garr,hosts_at=a,b"),
-        ("run qkd --topology=chain --fibers 1", "run qkd --topology chain,fibers=1"),
-        ("cli --live ring --switches 4", "cli --live ring,switches=4"),
-        ("cli a.py:Net --switches 4", "cli a.py:Net,switches=4"),
-        ("cli --map garr", "cli map,map=garr"),
-        ("run qkd --no-capture --no-record", "run qkd --captures none --without record"),
-        ("run qkd --no-events --no-report", "run qkd --without events --without report"),
-        ("cli sdc --capture", "cli sdc --captures full"),
-        ("netqasm app --map garr", "netqasm app --topology map,map=garr"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new"), COMMANDS)
 def test_old_words_are_translated(old: str, new: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert shlex.join(translated(old.split())) == new
     assert capsys.readouterr().err == f"note: these words are old; the new ones: qmn {new}\n"
@@ -41,10 +61,31 @@ def test_old_words_are_translated(old: str, new: str, capsys: pytest.CaptureFixt
         "run",
         "run sdc --topology chain,switches=3 --to charlie",
         "cli ring,4",
-        "sweep sdc --topology ring --map garr",
-        "bench --hosts 4",
+        "lab",
+        "lab --help",
+        "lab sweep sdc --topology ring --map garr",
+        "lab bench --hosts 4",
+        "lab published --all",
+        "set",
+        "set -h",
+        "set host link fec golay",
+        "set link alice q1 down",
+        "runs export RUN COPY",
     ],
 )
 def test_words_of_today_stay(words: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert translated(words.split()) == words.split()
     assert capsys.readouterr().err == ""
+
+
+def test_every_old_verb_is_tried_and_is_no_verb() -> None:
+    """So the help, the completion and the count of verbs have none."""
+    assert {old.split()[0] for old, _new in COMMANDS} >= {old[0] for old in VERBS}
+    assert {old[0] for old in VERBS} & set(VERBS_OF_TODAY) == {"lab", "run", "set"}
+
+
+def test_a_command_in_old_words_runs() -> None:
+    command = [sys.executable, "-m", "qmn", "demo"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT, timeout=60)
+    assert done.stdout.startswith("congestion ")
+    assert done.stderr == "note: these words are old; the new ones: qmn lab demo\n"

@@ -1,4 +1,4 @@
-"""qmn share: what is in the copy, and what is not."""
+"""qmn runs export: what is in the copy, and what is not."""
 
 import json
 import subprocess
@@ -26,8 +26,8 @@ def run_of(folder: Path, service: str) -> Path:
     return run
 
 
-def share(run: Path, copy: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "qmn", "share", str(run), str(copy)]
+def share(run: Path, copy: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "qmn", "runs", "export", str(run), str(copy), *options]
     return forked_python.run(command, 30)
 
 
@@ -57,10 +57,12 @@ def test_a_copy_can_be_read_and_shows_no_key(
 def test_what_cannot_be_shared_is_named(tmp_path: Path) -> None:
     run = run_of(tmp_path, "sdc")
     there = share(run, tmp_path)
-    assert there.returncode == 2
+    assert there.returncode == 1
     assert f"cannot make {tmp_path}: File exists; name a folder that does not" in there.stderr
     empty = share(tmp_path, tmp_path / "copy")
-    assert empty.returncode == 2
-    words = f"cannot read {tmp_path}/result.json: No such file or directory; name the folder of a"
-    assert words in empty.stderr
+    assert empty.returncode == 1
+    assert f"{tmp_path}: no result of a run that has ended; `qmn runs`" in empty.stderr
+    whole = share(run, tmp_path / "copy", "--whole")
+    assert whole.returncode == 1
+    assert f"--whole: {tmp_path}/copy would be a folder; name a file, as" in whole.stderr
     assert not (tmp_path / "copy").exists()

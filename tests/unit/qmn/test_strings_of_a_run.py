@@ -86,7 +86,7 @@ def hostile(runs: Path) -> Path:
         ["runs", "compare", "20260101", "20260102"],
         ["runs", "prune", "--older-than", "1h", "--dry-run"],
         ["runs", "export", "20260102", "run.zip"],
-        ["share", "20260102", "copy"],
+        ["runs", "export", "20260102", "copy"],
         ["report", "20260102"],
         ["report", "2026"],  # of three runs, whose names are in the error
         ["report", "20260103"],

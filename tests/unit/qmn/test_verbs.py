@@ -70,9 +70,9 @@ def test_help_and_a_verb_do_not_wait_for_what_others_load(word: str, needed: set
             "qmn devices: error: there is no --xyzzy (`qmn devices --help` lists all)",
         ),
         (
-            ["policy", "relaod"],
-            "qmn policy: error: reload 'relaod': did you mean reload? "
-            "(`qmn policy --help` lists all)",
+            ["set", "policy", "relaod"],
+            "qmn set policy: error: reload 'relaod': did you mean reload? "
+            "(`qmn set policy --help` lists all)",
         ),
         (
             ["run", "sdc", "--captures", "som"],

@@ -112,7 +112,7 @@ def test_the_kernel_has_counted_what_processors_do() -> None:
 
 @pytest.mark.parametrize("name", acts.VERBS)
 def test_every_act_is_a_command_that_qmn_takes(name: str) -> None:
-    words = acts.words_of({"act": name, **EXAMPLES[name]})
+    words = acts.command_for({"act": name, **EXAMPLES[name]})
     parsed = parser(words).parse_args(words)
     assert set(EXAMPLES[name].values()) <= {
         value if isinstance(value, str) else f"{value:g}"
@@ -132,12 +132,12 @@ def test_every_act_is_a_command_that_qmn_takes(name: str) -> None:
         ({"act": "repair", "switch": ""}, "switch of repair is a text"),
         ({"act": "repair", "switch": "q\0"}, "switch of repair is a text"),
         ({"act": "repair", "switch": "q" * 5000}, "switch of repair is a text"),
-        ({"act": "repair", "switch": "--help"}, "'--help' of repair begins as an option"),
+        ({"act": "repair", "switch": "--help"}, "switch of repair '--help' begins as an option"),
     ],
 )
 def test_what_is_no_act_is_refused(given: object, words: str) -> None:
     with pytest.raises(acts.BadAct, match=words):
-        acts.words_of(given)
+        acts.command_for(given)
 
 
 def answer(url: str, body: bytes | None = None, **headers: str) -> tuple[int, str]:
@@ -235,7 +235,8 @@ STARTS_NETWORKS = [
     "netqasm DIR",
     "cli sdc",
 ]
-STARTS_NETWORKS += ["demo flapping", "attack replay", "lab paper", "sweep sdc --emulate"]
+STARTS_NETWORKS += ["lab demo flapping", "lab attack replay", "lab published paper"]
+STARTS_NETWORKS += ["lab sweep sdc --emulate"]
 
 
 @pytest.mark.parametrize("words", STARTS_NETWORKS)
@@ -254,9 +255,9 @@ def test_a_script_has_its_own_arguments_behind_its_file() -> None:
 @pytest.mark.parametrize(
     ("words", "why"),
     [
-        ("sweep sdc --depolarizing 0", "networks to look at start here with --emulate"),
-        ("sweep sdc --emulate --scheduler tcp://h:1", "without --scheduler"),
-        ("attack intercept-resend", "is on light alone"),
+        ("lab sweep sdc --depolarizing 0", "networks to look at start here with --emulate"),
+        ("lab sweep sdc --emulate --scheduler tcp://h:1", "without --scheduler"),
+        ("lab attack intercept-resend", "is on light alone"),
     ],
 )
 def test_what_starts_no_network_here_has_no_page(

@@ -477,11 +477,13 @@ def test_an_act_shows_its_command_and_what_came_of_it(
         page.keyboard.press("Enter")
         page.get_by_role("button", name="cut").click()
         answer = page.locator("#chosen .failed")  # no network runs here
-        expect(answer).to_contain_text("qmn link alice q1 down")
+        expect(answer).to_contain_text("qmn set link alice q1 down")
         expect(answer).to_contain_text("qmn: no network")
-        expect(page.locator("#decisions li").first).to_contain_text("you qmn link alice q1 down")
+        decided = page.locator("#decisions li").first
+        expect(decided).to_contain_text("you qmn set link alice q1 down")
         page.close()
-    assert '"command": ["link", "alice", "q1", "down"]' in (tmp_path / "acts.jsonl").read_text()
+    command = '"command": ["set", "link", "alice", "q1", "down"]'
+    assert command in (tmp_path / "acts.jsonl").read_text()
 
 
 def test_nothing_can_be_done_in_a_view_to_be_looked_at(

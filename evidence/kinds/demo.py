@@ -1,20 +1,20 @@
-"""qmn demo [NAME]: effects of a whole network, measured and drawn beside theory.
+"""Effects of a whole network, measured and drawn beside theory.
 
 Without a name: list the demos. Each is a sweep of emulated networks on a grid of its own;
-`qmn sweep NAME --emulate` takes other grids.
+`qmn lab sweep NAME --emulate` takes other grids.
 """
 
 import argparse
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from evidence.kinds import listing, sweep
 from evidence.networks.catalogue import DEMOS
 from evidence.networks.of_time import TIME_SCALE
-from evidence.verbs import sweep
 from qmn.needs import Needs
 from qmn.network.time_scale import REAL
 from qmn.options import add_options, read
+from qmn.parser import Parser
 from qmn.requests.run_options import LiveOptions
 from wire.parameters.option import option
 
@@ -34,12 +34,13 @@ class DemoOptions(LiveOptions):
     out: Path = option(Path("demos"), "(demos)", metavar="FOLDER")
 
 
-def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser(
-        "demo",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def names() -> dict[str, str]:
+    return {name: demo.what for name, demo in DEMOS.items()}
+
+
+def describe(parser: Parser) -> None:
+    parser.description = __doc__
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("name", nargs="?", choices=[*DEMOS], metavar="NAME", help=", ".join(DEMOS))
     add_options(parser, DemoOptions)
     parser.set_defaults(call=call, needs=_needed)
@@ -51,8 +52,7 @@ def _needed(arguments: argparse.Namespace) -> Needs:
 
 def call(arguments: argparse.Namespace) -> int:
     if arguments.name is None:
-        for name, demo in DEMOS.items():
-            print(f"{name:16}{demo.what}")
+        listing.show(names())
         return 0
     return sweep.run(options_of(arguments))
 

@@ -1,24 +1,15 @@
-"""qmn fault SWITCH: make a quantum switch of the running network faulty, or whole again."""
+"""Make a quantum switch of the running network faulty, or repair it: `qmn set fault`."""
 
 import argparse
-import sys
 from dataclasses import dataclass
-from typing import Any
 
-import grpc
-
-from qmn.needs import Needs
+from qmn.changes.change import BadChange, ask_dispatcher, reported
 from qmn.options import read
 from qmn.running.network import dispatcher_of_running_network
 from qmn.timeouts import ORDER_TIMEOUT_S
-from topologies.system.processes.programs import NetworkError
 from wire.config import DispatcherConfig, QuantumSwitch
 from wire.dispatcher_pb2 import Connection, InjectFaultRequest
-from wire.dispatcher_pb2_grpc import DispatcherStub
-from wire.dispatcher_service import RUNNER, metadata
 from wire.parameters.checks import remedy
-
-NO_CAUSE = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.DEADLINE_EXCEEDED)
 
 
 @dataclass(frozen=True)
@@ -45,13 +36,7 @@ Fault = Stuck | Temperature | Repair
 FAULTS: dict[str, type[Fault]] = {"stuck": Stuck, "temperature": Temperature, "repair": Repair}
 
 
-class BadFault(Exception):
-    """A fault that this network cannot have; the text names value and remedy."""
-
-
-def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
-    parser = verbs.add_parser("fault", description=__doc__)
+def describe(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("switch", metavar="SWITCH", help="its name, as q1")
     kinds = parser.add_subparsers(dest="kind", metavar="FAULT", required=True)
     text = "a cross-connect is made now, and nothing can change it"
@@ -63,51 +48,32 @@ def add_parser(verbs: Any) -> None:
     temperature.add_argument("temperature_c", type=float, metavar="CELSIUS")
     text = "nothing is stuck any more, and the temperature is as it was"
     kinds.add_parser("repair", help=text, description=text)
-    parser.set_defaults(call=call, needs=Needs.RUNNING)
+    parser.set_defaults(call=call)
 
 
 def call(arguments: argparse.Namespace) -> int:
-    """Inject the fault; turn what is wrong into one line and an exit status."""
-    try:
-        config = dispatcher_of_running_network()
-        fault = read(FAULTS[arguments.kind], arguments)
-        print(inject(config, arguments.switch, fault))
-    except (BadFault, NetworkError) as error:
-        print(f"qmn: {error}", file=sys.stderr)
-        return 1
-    return 0
+    fault = read(FAULTS[arguments.kind], arguments)
+    return reported(lambda: inject(dispatcher_of_running_network(), arguments.switch, fault))
 
 
 def inject(config: DispatcherConfig, name: str, fault: Fault) -> str:
-    """Ask the dispatcher for the fault of a switch; return what a person shall read."""
+    """Ask the dispatcher for the fault of a switch; return the outcome in words."""
     switch = find_switch(config, name)
-    request = build_request(config, name, fault)
     deadline_s = ORDER_TIMEOUT_S + switch.switching_time_s
-    with grpc.insecure_channel(f"unix:{config.socket}") as channel:
-        stub = DispatcherStub(channel)  # type: ignore[no-untyped-call]
-        try:
-            token = metadata(config.tokens[RUNNER])
-            stub.InjectFault(request, timeout=deadline_s, metadata=token)
-        except grpc.RpcError as error:
-            if error.code() in NO_CAUSE:
-                raise NetworkError(
-                    f"the dispatcher at {config.socket} does not answer ({error.details()}); "
-                    "has the network ended?"
-                ) from error
-            raise BadFault(str(error.details())) from error
-    return tell(switch, fault)
+    ask_dispatcher(config, "InjectFault", build_request(config, name, fault), deadline_s)
+    return outcome(switch, fault)
 
 
 def find_switch(config: DispatcherConfig, name: str) -> QuantumSwitch:
-    """Return the switch of this name; raise BadFault with those there are."""
+    """Raise BadChange, which lists the switches, for an unknown name."""
     switches = {switch.name: switch for switch in config.switches}
     if name not in switches:
-        raise BadFault(f"unknown quantum switch {name!r}: {remedy(name, sorted(switches))}")
+        raise BadChange(f"unknown quantum switch {name!r}: {remedy(name, sorted(switches))}")
     return switches[name]
 
 
 def build_request(config: DispatcherConfig, name: str, fault: Fault) -> InjectFaultRequest:
-    """Return what the user asks for; raise BadFault for a port without a fibre."""
+    """Raise BadChange for a port without a fibre."""
     if isinstance(fault, Repair):
         return InjectFaultRequest(switch=name, repair=True)
     if isinstance(fault, Temperature):
@@ -117,13 +83,12 @@ def build_request(config: DispatcherConfig, name: str, fault: Fault) -> InjectFa
     for port in (fault.in_port, fault.out_port):
         if port not in ports:
             known = ", ".join(map(str, ports)) or "none"
-            raise BadFault(f"port {port} of {name} has no fibre: choose one of {known}")
+            raise BadChange(f"port {port} of {name} has no fibre: choose one of {known}")
     connection = Connection(in_port=fault.in_port, out_port=fault.out_port)
     return InjectFaultRequest(switch=name, stuck=connection)
 
 
-def tell(switch: QuantumSwitch, fault: Fault) -> str:
-    """Return what has been done."""
+def outcome(switch: QuantumSwitch, fault: Fault) -> str:
     if isinstance(fault, Repair):
         return f"{switch.name}: repaired, {switch.temperature_c:g} C"
     if isinstance(fault, Stuck):

@@ -1,4 +1,4 @@
-"""qmn sweep WHAT|FILE.toml: measure a grid of parameters; a table and figures come out.
+"""Measure a grid of parameters, for a table and figures.
 
 On the dispatcher's physical layer alone, or with --emulate in a whole network for each point.
 """
@@ -33,7 +33,7 @@ from evidence.curves.table import Table, opened
 from evidence.networks.catalogue import EMULATED
 from qmn.needs import Needs
 from qmn.options import add_options, read, titled
-from qmn.parser import listed
+from qmn.parser import Parser, listed
 from qmn.requests.run_options import LiveOptions
 from qmn.results.run_folder import give_tree
 from topologies.networks.network import Interrupted, Signals, require_root
@@ -45,15 +45,15 @@ from wire.parameters.option import option
 MAX_WORKERS = 256
 PARTS = ("source", "detectors", "analyser", "memory", "gates")  # whose parameters are so named
 EXAMPLES = """
-`qmn sweep WHAT --help` lists the parameters of WHAT.
+`qmn lab sweep WHAT --help` lists the parameters of WHAT.
 
 values: 0.1   0.1,0.2,0.5   from:to:count (0:0.2:11)   from:to:count:log (1e-3:1:7:log)
 
 examples:
-  qmn sweep sdc --depolarizing 0:0.2:11
-  qmn sweep sdc --depolarizing 0.01:0.2:8 --fec none,golay --interleave off,on --pairs 1000000
-  qmn sweep sdc --emulate --depolarizing 0:0.002:5
-  qmn sweep teleport --emulate --classical-mbps 0.5:20:8:log --memory-t2-s 0.05
+  qmn lab sweep sdc --depolarizing 0:0.2:11
+  qmn lab sweep sdc --depolarizing 0.01:0.2:8 --fec none,golay --interleave off,on --pairs 1000000
+  qmn lab sweep sdc --emulate --depolarizing 0:0.002:5
+  qmn lab sweep teleport --emulate --classical-mbps 0.5:20:8:log --memory-t2-s 0.05
 """
 
 
@@ -64,7 +64,7 @@ class SweepOptions(LiveOptions):
     what: str  # an experiment, or a file that names one
     axes: Mapping[str, str]  # values of parameters, by name, as the user says them
     emulate: bool = option(
-        False, "a whole network for each point (root; sdc, teleport, and those of `qmn demo`)"
+        False, "a whole network for each point (root; sdc, teleport, and those of `qmn lab demo`)"
     )
     seed: int | None = option(None, "of all randomness (1)")
     out: Path = option(Path("sweeps"), "(sweeps)", metavar="FOLDER")
@@ -74,17 +74,15 @@ class SweepOptions(LiveOptions):
     scheduler: str = option("", "a Dask cluster instead of processes", metavar="tcp://…")
 
 
-def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
-    parser = verbs.add_parser(
-        "sweep",
-        usage="qmn sweep WHAT|FILE.toml [--PARAMETER VALUES …] [options]",
-        description=__doc__,
-        epilog=listed("WHAT", {each.name: each.what for each in EXPERIMENTS.values()}) + EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-        add_help=False,
-    )
+def names() -> dict[str, str]:
+    return {each.name: each.what for each in EXPERIMENTS.values()}
+
+
+def describe(parser: Parser) -> None:
+    parser.usage = "qmn lab sweep WHAT|FILE.toml [--PARAMETER VALUES …] [options]"
+    parser.description = __doc__
+    parser.epilog = listed("WHAT", names()) + EXAMPLES
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
     text = "one of those below, or a file that names one"
     parser.add_argument("what", metavar="WHAT|FILE.toml", help=text)
     parser.add_argument("-h", "--help", action=Help, help="show this; of WHAT, its parameters")

@@ -1,24 +1,30 @@
-"""qmn attack NAME: try an attack on an emulated network, without its defence and with it.
+"""Try an attack on an emulated network, without its defence and with it.
 
 A network is made for each trial, and nothing else is attacked. See docs/attacks.md.
 """
 
 import argparse
 import sys
-from typing import Any
 
+from evidence.attacks.laboratory import ATTACKS, LightAttack
 from qmn.needs import Needs
+from qmn.options import add_options
+from qmn.parser import Parser
+from qmn.requests.run_options import LiveOptions
+from topologies.system.processes.programs import NetworkError
+from topologies.system.processes.signals import Interrupted
+from views.live.beside import page_of_command
 
 EVERY = "all"
 OFF, ON = "off", "on"
 
 
-def add_parser(verbs: Any) -> None:
-    from evidence.attacks.laboratory import ATTACKS
-    from qmn.options import add_options
-    from qmn.requests.run_options import LiveOptions
+def names() -> dict[str, str]:
+    return {name: attack.counted for name, attack in ATTACKS.items()}
 
-    parser = verbs.add_parser("attack", description=__doc__)
+
+def describe(parser: Parser) -> None:
+    parser.description = __doc__
     parser.add_argument(
         "name", metavar="NAME", choices=[*ATTACKS, EVERY], help=", ".join([*ATTACKS, f"or {EVERY}"])
     )
@@ -29,12 +35,7 @@ def add_parser(verbs: Any) -> None:
 
 
 def call(arguments: argparse.Namespace) -> int:
-    """Try it; print what came of it."""
-    from evidence.attacks.laboratory import ATTACKS, LightAttack
-    from topologies.system.processes.programs import NetworkError
-    from topologies.system.processes.signals import Interrupted
-    from views.live.beside import page_of_command
-
+    """Try it, and print the count of each trial."""
     if arguments.attempts is not None and not 0 < arguments.attempts <= 10_000:
         print(f"qmn: {arguments.attempts} attempts: choose 1 to 10000", file=sys.stderr)
         return 1
@@ -43,10 +44,10 @@ def call(arguments: argparse.Namespace) -> int:
             f"qmn: --live: {arguments.name} is on light alone, without a network", file=sys.stderr
         )
         return 1
-    names = ATTACKS if arguments.name == EVERY else [arguments.name]
+    tried = ATTACKS if arguments.name == EVERY else [arguments.name]
     try:
         with page_of_command(arguments.live):
-            for name in names:
+            for name in tried:
                 for defence in [arguments.defence] if arguments.defence else [OFF, ON]:
                     print(trial(name, defence, arguments.attempts), flush=True)
     except NetworkError as error:
@@ -60,8 +61,6 @@ def call(arguments: argparse.Namespace) -> int:
 
 def trial(name: str, defence: str, attempts: int | None) -> str:
     """Try an attack once, in a network of its own; return its count in words."""
-    from evidence.attacks.laboratory import ATTACKS
-
     attack = ATTACKS[name]
     attempts = attempts or attack.attempts
     reached, tried = attack.trial(defence == ON, attempts)

@@ -1,4 +1,4 @@
-"""qmn lab [NAME …]: published results as runs of the network; without a name it lists them.
+"""Published results as runs of the network; without a name it lists them.
 
 Draws our figures beside the published points and prints the difference in standard errors; the
 status is 1 if one is beyond the lab's tolerance, or a run has failed. All labs are tried; with
@@ -10,18 +10,19 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from evidence.curves.lines import BadTable
+from evidence.kinds import listing
 from evidence.labs import catalogue, runs_done
 from evidence.labs.lab import Lab, Run
 from evidence.labs.networks import carry_out
 from qmn.jobs.run_context import guarded
 from qmn.needs import Needs
 from qmn.options import BadInput, add_options, read
+from qmn.parser import Parser
 from qmn.requests.run_options import LiveOptions
 from qmn.results.run_folder import give_tree, make_folder, writable
 from topologies.networks.network import Interrupted, Signals, require_root
@@ -43,13 +44,13 @@ class LabOptions(LiveOptions):
     out: Path = option(Path("runs/labs"), "(runs/labs)", metavar="FOLDER")
 
 
-def add_parser(verbs: Any) -> None:
-    """Describe the verb."""
-    parser = verbs.add_parser(
-        "lab",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def names() -> dict[str, str]:
+    return {name: catalogue.lab(name).title for name in catalogue.names()}
+
+
+def describe(parser: Parser) -> None:
+    parser.description = __doc__
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument(
         "names",
         nargs="*",
@@ -72,8 +73,7 @@ def call(arguments: argparse.Namespace) -> int:
 def do(options: LabOptions, signals: Signals, console: Console) -> int:
     """Do the labs asked for, and return 1 if one has failed or is beyond its tolerance."""
     if not options.names and not options.all:
-        for name in catalogue.names():
-            console.print(f"{name:<12} {catalogue.lab(name).title}", soft_wrap=True)
+        listing.show(names())
         return 0
     if options.names and options.all:
         raise BadInput("--all does every lab: say it, or name some")

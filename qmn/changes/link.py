@@ -1,4 +1,4 @@
-"""qmn link NODE NODE down|up: cut all fibres and copper between two nodes, or mend them.
+"""Cut all fibres and copper between two nodes, or mend them.
 
 As Mininet's command `link`, from another terminal. A fibre is cut at its switch; the command ends
 when the controller has heard of it, so that the next session finds it so.
@@ -6,13 +6,11 @@ when the controller has heard of it, so that the next session finds it so.
 
 import argparse
 import subprocess
-import sys
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-from qmn.needs import Needs
-from qmn.running.controller_console import NoAnswer, ask
+from qmn.changes.change import reported
+from qmn.running.controller_console import ask
 from qmn.running.network import announced_network
 from qmn.timeouts import ORDER_TIMEOUT_S
 from topologies.networks.heard_orders import ends_between, until_heard
@@ -24,37 +22,38 @@ from wire.results.network_facts import NetworkFacts
 INTERFACES = Path("/sys/class/net")
 
 
-def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("link", description=__doc__)
+def describe(parser: argparse.ArgumentParser) -> None:
+    parser.description = __doc__
     parser.add_argument("a", metavar="NODE", help="one end of the links, as alice")
     parser.add_argument("b", metavar="NODE", help="their other end, as q1")
     parser.add_argument("state", metavar="down|up", choices=["down", "up"])
-    parser.set_defaults(call=call, needs=Needs.RUNNING)
+    parser.set_defaults(call=call)
 
 
 def call(arguments: argparse.Namespace) -> int:
-    """Cut or mend; turn what is wrong into one line and an exit status."""
-    a, b, state = arguments.a, arguments.b, arguments.state
+    return reported(partial(set_links, arguments.a, arguments.b, arguments.state))
+
+
+def set_links(a: str, b: str, state: str) -> str:
+    """Cut or mend, and wait for the controller; return the outcome in words."""
+    network = announced_network()
+    facts = typed_json.read(NetworkFacts, network.network)
+    names = switch_ends(facts, a, b)
+    ends = ends_between(a, b, facts.fibers, network.datapath_ids)
+    with until_heard(partial(ask, "paths"), ends, state == "up", network.heard_in_s):
+        for name in names:
+            _run(["ip", "link", "set", name, state])
+    return f"{a} to {b}: {', '.join(names)} {state}"
+
+
+def _run(command: list[str]) -> None:
     try:
-        network = announced_network()
-        facts = typed_json.read(NetworkFacts, network.network)
-        names = switch_ends(facts, a, b)
-        ends = ends_between(a, b, facts.fibers, network.datapath_ids)
-        with until_heard(partial(ask, "paths"), ends, state == "up", network.heard_in_s):
-            for name in names:
-                command = ["ip", "link", "set", name, state]
-                subprocess.run(command, check=True, capture_output=True, timeout=ORDER_TIMEOUT_S)
-    except (NetworkError, NoAnswer) as error:
-        print(f"qmn: {error}", file=sys.stderr)
-        return 1
-    except subprocess.TimeoutExpired:
-        print(f"qmn: `{' '.join(command)}` did not end in {ORDER_TIMEOUT_S:g} s", file=sys.stderr)
-        return 1
+        subprocess.run(command, check=True, capture_output=True, timeout=ORDER_TIMEOUT_S)
+    except subprocess.TimeoutExpired as error:
+        words = f"`{' '.join(command)}` did not end in {ORDER_TIMEOUT_S:g} s"
+        raise NetworkError(words) from error
     except subprocess.CalledProcessError as error:
-        print(f"qmn: {error.stderr.decode().strip()}", file=sys.stderr)
-        return 1
-    print(f"{a} to {b}: {', '.join(names)} {state}")
-    return 0
+        raise NetworkError(error.stderr.decode().strip()) from error
 
 
 def switch_ends(facts: NetworkFacts, a: str, b: str) -> list[str]:

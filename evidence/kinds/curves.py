@@ -1,4 +1,4 @@
-"""qmn curves: measure the physical layer against theory and published figures, and draw it.
+"""Measure the physical layer against theory and published figures, and draw it.
 
 Fails, and names the point, if one is further from theory, or from what is published, than 5
 standard errors. Prints of each figure the point that is furthest from theory, and a row for each
@@ -12,7 +12,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import Progress
@@ -23,10 +23,11 @@ from evidence.curves.grid import Measurer, Row
 from evidence.curves.lines import BadTable
 from evidence.curves.parameters import BadGrid
 from evidence.curves.table import opened
+from evidence.kinds.sweep import MAX_WORKERS, progress_columns
 from evidence.labs.lab import Finding, Published, PublishedRow
 from evidence.labs.outcome import number, show, stated
-from evidence.verbs.sweep import MAX_WORKERS, progress_columns
 from qmn.options import add_options, read
+from qmn.parser import Parser
 from qmn.results.run_folder import give_tree
 from topologies.networks.network import Interrupted, Signals
 from wire.parameters.checks import remedy
@@ -52,15 +53,21 @@ class CurvesOptions:
     )
 
 
-def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("curves", description=__doc__)
+def names() -> dict[str, str]:
+    from evidence.curves.sheets import SHEETS
+
+    return {sheet.name: sheet.curves[0].title for sheet in SHEETS}
+
+
+def describe(parser: Parser) -> None:
+    parser.description = __doc__
     add_options(parser, CurvesOptions)
     parser.set_defaults(call=call)
 
 
 def call(arguments: argparse.Namespace) -> int:
     """Measure and draw everything; turn every fault into one line and an exit status."""
-    # Dask and matplotlib take a second to load: other verbs do not wait for them.
+    # Dask and matplotlib take a second to load: other kinds do not wait for them.
     from evidence.curves import running
 
     console, options = Console(highlight=False), read(CurvesOptions, arguments)

@@ -1,4 +1,4 @@
-"""qmn bench: measure this machine; print numbers, and ratios to a baseline of the same run."""
+"""Measure this machine; print numbers, and ratios to a baseline of the same run."""
 
 import argparse
 import os
@@ -26,6 +26,7 @@ from evidence.bench.service_rates import (
 from hosts.client import blocking_session
 from hosts.stack_socket import BYTES
 from qmn.needs import Needs
+from qmn.parser import Parser
 from qmn.timeouts import MEASURE_TIMEOUT_S, RUN_TIMEOUT_S
 from topologies.networks.network import Interrupted, Network, Signals, require_root
 from topologies.sdc import SdcTopo
@@ -41,8 +42,12 @@ LIVE_PAIRS = [100, 1_000, 10_000, 100_000, 1_000_000]
 PACKET_INS_PER_PAIR = 2  # the set-up message, and the end of its connection
 
 
-def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("bench", description=__doc__)
+def names() -> dict[str, str]:
+    return {}  # they are measured together
+
+
+def describe(parser: Parser) -> None:
+    parser.description = __doc__
     parser.add_argument("--pairs", type=int, default=256, help="of the per-pair handshake (256)")
     parser.add_argument("--setups", type=int, default=500, help="light paths to set up (500)")
     text = "sizes of networks to start, 3 to 1024, with commas (4,16,64)"

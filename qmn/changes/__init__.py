@@ -1,0 +1,1 @@
+"""Changes of a running network, one `qmn set WHAT` each."""
