@@ -29,8 +29,7 @@ from applications.vpn.tunnel import (
 )
 from qmn.jobs import eavesdropping
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
-from qmn.jobs.stepped import refuse_stepped
-from qmn.network.checks import FROM_TO, check_network, check_two_hosts
+from qmn.network.checks import FROM_TO, check_network, check_two_hosts, refuse_stepped
 from qmn.network.description import NetworkDescription, describe_network
 from qmn.network.felt_settings import checked_settings, everything, felt_by
 from qmn.network.light_checks import check_light
@@ -85,7 +84,7 @@ def checked(request: VpnRequest) -> tuple[VpnRequest, NetworkDescription]:
     network = checked_settings(PROTOCOL, felt, network)
     check_network(request.network)
     check_ranges(request.run)
-    refuse_stepped(request.run, "tunnels have timers of their own")
+    refuse_stepped(request.network, "tunnels have timers of their own")
     check_ranges(request)
     check_passing(request.eve, ends, network)
     if request.lifetime <= request.rotate:

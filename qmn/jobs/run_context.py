@@ -17,7 +17,7 @@ from qmn.network.options import settings
 from qmn.network.time_scale import Scale
 from qmn.options import BadInput
 from qmn.requests.request import Request
-from qmn.requests.run_options import STEPPED, RunOptions
+from qmn.requests.run_options import RunOptions
 from qmn.results.result import network_facts, note_files
 from qmn.results.run_folder import give_to_invoker, given_at_the_end, lasting
 from qmn.results.run_result import RunResult
@@ -115,7 +115,7 @@ def _running(
 ) -> Iterator[Network]:
     description, run, console = context.network, context.options, context.console
     options, chosen = description.options, description.scale
-    facts.time = run.time
+    facts.time = options.time
     facts.time_scale, facts.time_scale_because = chosen.scale, chosen.reason or None
     console.print(f"starting the network ({options.controller}, seed {options.seed}) ...")
     if chosen.reason:
@@ -129,7 +129,6 @@ def _running(
         record=run.record,
         qasm=run.qasm,
         events=run.events,
-        stepped=run.time == STEPPED,
     )
     runtime.places = places
     with (

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-from qmn.network.time_scale import AUTO, REAL, scale
+from qmn.network.time_scale import AUTO, PACED, REAL, STEPPED, pace, scale
 from topologies.catalogue.node_kinds import NODE_KINDS
 from topologies.catalogue.presets import PRESETS
 from topologies.system.runs.runtime import Runtime
@@ -89,12 +89,19 @@ class LightOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class TimeOptions:
-    """How fast time passes in a network."""
+    """How time passes in a network."""
 
     GROUP: ClassVar[str] = SIMULATION
+    time: str = option(
+        PACED,
+        f"{STEPPED}: it stands while software runs; {PACED}: by the wall; {PACED}=K: a second of "
+        f"the network takes K seconds here, {AUTO} as many as it needs ({PACED}; docs/time.md)",
+        metavar="MODE",
+        parse=pace,
+    )
     time_scale: float | str = option(
         REAL,
-        f"one second of the network takes K seconds here ({REAL}; {AUTO}: as slowly as it needs)",
+        f"the older word for --time {PACED}=K",
         metavar="K",
         parse=scale,
     )
@@ -106,15 +113,19 @@ class NetworkOptions(ShapeOptions, LightOptions, TimeOptions, NetworkSettings):
 
     # Of a run's result, which tells them elsewhere, or of which they do not change what comes out.
     NOT_KEPT: ClassVar = (
-        *("controller", "seed", "backend", "time_scale", "sabot", "policy", "rest", "apps"),
+        *("controller", "seed", "backend", "time", "time_scale", "sabot", "policy", "rest", "apps"),
         *("keys", "metrics", "gnmi", "history_depth", "per_qubit"),
     )
     topology: str = ""  # its name, or FILE.py:CLASS; empty: a script's own
 
     def __post_init__(self) -> None:
-        """Take the topology of maps if a map is named, but no topology."""
+        """Take the topology of maps if a map is named, but no topology; take the time apart."""
         if self.map is not None and not self.topology:
             object.__setattr__(self, "topology", MAP)
+        mode, equals, named = self.time.partition("=")
+        if equals:
+            object.__setattr__(self, "time", mode)
+            object.__setattr__(self, "time_scale", scale(named))
 
 
 KEYS = ("keys",)  # the options of networks over which keys may be distributed
@@ -127,7 +138,6 @@ def settings(
     record: bool = False,
     qasm: bool = False,
     events: bool = True,
-    stepped: bool = False,
 ) -> Runtime:
     """Return the settings of a network that leaves its logs in a folder; None: leaves none."""
     paths = {name: getattr(options, name) for name in ("sabot", "policy", "keys", "tls_from")}
@@ -141,5 +151,5 @@ def settings(
         record=record,
         qasm=qasm,
         events=events,
-        stepped=stepped,
+        stepped=options.time == STEPPED,
     )

@@ -1,4 +1,4 @@
-"""How slowly a network runs: `--time-scale K`, or auto, which chooses K by the network."""
+"""How time of a network passes: stepped, or paced by the wall at a scale that auto chooses."""
 
 import argparse
 import os
@@ -10,6 +10,7 @@ from qmn.timeouts import MOST_ROUND_TRIP_S
 from topologies.description.description import Description
 from wire.network_time import MOST_SCALE, NetworkTime
 
+PACED, STEPPED = "paced", "stepped"
 REAL, AUTO = 1.0, "auto"
 # What programs need from the arrival of a photon to what a host does next with it, and the bits
 # from its peer: 5 to 20 ms of idle processors, by `software_s` of runs on two cores.
@@ -34,6 +35,14 @@ def scale(text: str) -> float | str:
         return NetworkTime(float(text)).scale
     except ValueError as error:
         raise argparse.ArgumentTypeError(f"{text}: {error}, or {AUTO}") from error
+
+
+def pace(text: str) -> str:
+    """Return what the command line says: stepped, paced, or paced=K; raise ArgumentTypeError."""
+    mode, equals, named = text.partition("=")
+    if text != STEPPED and mode != PACED:
+        raise argparse.ArgumentTypeError(f"{text}: choose {STEPPED}, {PACED} or {PACED}=K")
+    return f"{PACED}={scale(named)}" if equals else text
 
 
 def scale_of(given: float | str, network: Description, round_trip_s: float = 0.0) -> Scale:

@@ -9,11 +9,10 @@ from qmn.machines.options import MACHINES, MachineOptions
 from topologies.networks.captures import HEADERS_BYTES, MAX_PACKET_BYTES
 from wire.parameters.checks import check_choice
 from wire.parameters.network import LEAST_MBPS, MOST_MBPS
-from wire.parameters.option import CONTROL, SIMULATION, option
+from wire.parameters.option import CONTROL, option
 
-# Bytes of each packet at most.
-PACED, STEPPED = "paced", "stepped"
 EVENTS, RECORD, REPORT = "events", "record", "report"  # files of a run that it can do without
+# Bytes of each packet at most.
 CAPTURES = {"full": MAX_PACKET_BYTES, "headers": HEADERS_BYTES, "none": 0}
 
 
@@ -36,10 +35,7 @@ class LiveOptions:
 class RunOptions(LiveOptions, MachineOptions):
     """What every run can be told beside its network and its job."""
 
-    NOT_KEPT: ClassVar = (
-        *("runs", "time", "qasm", "captures", "without", "live"),
-        *MACHINES,
-    )
+    NOT_KEPT: ClassVar = ("runs", "qasm", "captures", "without", "live", *MACHINES)
     runs: Path = option(Path("runs"), "folder for what runs leave (runs)", metavar="DIR")
     classical_mbps: float | None = option(
         None,
@@ -47,12 +43,6 @@ class RunOptions(LiveOptions, MachineOptions):
         metavar="MBPS",
         range=(LEAST_MBPS, MOST_MBPS),
         group=CONTROL,
-    )
-    time: str = option(
-        PACED,
-        f"{PACED} by the wall, or {STEPPED}: it stands while software runs ({PACED}; docs/time.md)",
-        choices=(PACED, STEPPED),
-        group=SIMULATION,
     )
     qasm: bool = option(False, "write what is done to qubits to quantum.qasm")
     captures: str = option(

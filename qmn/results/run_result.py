@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from qmn.network.options import NetworkOptions
+from qmn.network.time_scale import PACED
 from qmn.requests.keeping import kept
 from qmn.requests.request import Request
-from qmn.requests.run_options import PACED
 from wire.parameters.fiber import FiberOptics
 from wire.parameters.network import NetworkSettings
 from wire.parameters.physics import Device

@@ -3,8 +3,7 @@
 from collections.abc import Iterable
 from math import inf
 
-from qmn.network.time_scale import SHARE, Scale
-from qmn.requests.run_options import STEPPED
+from qmn.network.time_scale import SHARE, STEPPED, Scale
 from qmn.results.run_result import NetworkResult
 from wire.dispatcher_pb2 import SoftwareTime
 from wire.parameters.physics import Device

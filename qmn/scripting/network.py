@@ -13,8 +13,9 @@ from typing import Any, TypedDict, Unpack
 
 from mininet.topo import Topo
 
+from programs.network_waits import NetworkWaits
 from qmn.machines.options import MACHINES, MachineOptions, machine_facts, machines_of
-from qmn.network.checks import check_network, check_two_hosts
+from qmn.network.checks import check_network, check_two_hosts, refuse_stepped
 from qmn.network.description import (
     FIBER,
     NetworkDescription,
@@ -39,6 +40,7 @@ from qmn.scripting.tables import SIMPLE, Row, TableOf, Tabular, drawn, row_of
 from topologies.links.causality import worst
 from topologies.networks.network import Network, Signals
 from topologies.nodes import QuantumHost
+from topologies.system.namespaces import are_own
 from topologies.system.processes.programs import find_tools
 from views.live.beside import live_view
 from wire.parameters.checks import remedy
@@ -136,6 +138,11 @@ class QuantumNetwork(Network):
 
         return exchange(self, sender, receiver, parts(), keep=False, **options)
 
+    def sleep(self, seconds: float) -> None:
+        """Return after seconds of the network."""
+        with NetworkWaits(self.runtime.time) as waits:
+            waits.sleep(seconds)
+
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the network as a report draws it."""
         from views.report.network_diagram import network_diagram  # matplotlib
@@ -227,6 +234,10 @@ def start(
         description = describe_own(topo, asked)
     check_network(asked)
     where = from_keywords(MachineOptions, of_machines)
+    if not are_own():
+        refuse_stepped(asked, "other processes would hold its clock: start it by `qmn script`")
+    if where.machines > 1 or where.place:
+        refuse_stepped(asked, "other machines have clocks of their own")
     folder = Path(folder) if folder is not None else None
     with (
         running(description, folder, where) as network,
@@ -247,6 +258,7 @@ def running(
         artifacts_of(options, folder) as facts,
         machines_of(where, description.hosts, folder, signals.check) as places,
     ):
+        facts.time = options.time
         facts.time_scale, facts.time_scale_because = chosen.scale, chosen.reason or None
         runtime = settings(options, folder, chosen.scale)
         runtime.places = places

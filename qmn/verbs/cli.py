@@ -13,7 +13,7 @@ from typing import Any
 
 from qmn.machines.options import MachineOptions
 from qmn.needs import Needs
-from qmn.network.checks import check_network
+from qmn.network.checks import check_network, refuse_stepped
 from qmn.network.custom_topology import BadTopology, short_name
 from qmn.network.description import describe_network
 from qmn.network.options import NetworkOptions
@@ -99,6 +99,7 @@ def start_and_obey(
     for program, own in beside:
         options = program.network(own, options)
     check_network(options)
+    refuse_stepped(options, "people type by the wall")
     description = describe_network(options)
     starts = [program.prepare(own, description.hosts) for program, own in beside]
     require_free(description.topo)

@@ -139,6 +139,10 @@ CASES: dict[str, tuple[list[str], Callable[[Flat], bool]]] = {
         ["--seed", "7"],
         lambda told: {told[f"{name}.seed"] for name in (*HOSTS, "dispatcher", "copper")} == {7},
     ),
+    "time": (
+        ["--time", "paced=3"],
+        lambda told: {v for path, v in told.items() if path.endswith("time_scale")} == {3.0},
+    ),
     "time_scale": (
         ["--time-scale", "3"],
         lambda told: {v for path, v in told.items() if path.endswith("time_scale")} == {3.0},

@@ -131,6 +131,31 @@ def test_pauses_of_a_netqasm_program_dephase_what_waits_as_long_as_they_say(
     assert outputs["bob"]["took_s"] == pytest.approx(20 * wait_s, rel=0.01)
 
 
+SCRIPT = """
+import sys
+from qmn.scripting.network import start
+
+with start("sdc", length_km=20, time="stepped", folder=sys.argv[1]) as network:
+    time = network.runtime.time
+    for sent in [*network.ping("alice", "bob", 3)][1:]:  # the first has addresses to find
+        print(sent.setup_s)
+    began_ns = time.now_ns()
+    network.sleep(3_600)
+    print((time.now_ns() - began_ns) / 1e9)
+"""
+
+
+def test_a_script_steps_its_network_and_sleeps_in_it(tmp_path: Path) -> None:
+    """Each session is set up in the same time, and an hour of the network takes none here."""
+    (tmp_path / "script.py").write_text(SCRIPT)
+    done = run_qmn("script", str(tmp_path / "script.py"), str(tmp_path / "logs"))
+    assert not done.returncode, done.stdout + done.stderr
+    *set_up_s, hour_s = (float(line) for line in done.stdout.splitlines())
+    assert set_up_s == pytest.approx([set_up_s[0]] * 2, abs=1e-9)
+    assert hour_s == 3_600
+    assert json.loads((tmp_path / "logs/result.json").read_text())["time"] == "stepped"
+
+
 def test_what_the_wall_paces_is_refused_with_the_reason(tmp_path: Path) -> None:
     done = run_qmn("run", *TELEPORT, "--control-loss", "0.1", "--runs", str(tmp_path))
     assert done.returncode == 1

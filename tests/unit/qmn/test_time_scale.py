@@ -10,7 +10,7 @@ from recorded_run import service_run
 
 from qmn.network.description import describe_network
 from qmn.network.options import NetworkOptions
-from qmn.network.time_scale import SHARE, SOFTWARE_S, Scale, scale, scale_of
+from qmn.network.time_scale import SHARE, SOFTWARE_S, Scale, pace, scale, scale_of
 from qmn.options import add_options, read
 from qmn.results.run_result import RunResult
 from qmn.results.software_share import note_software, rows
@@ -33,6 +33,19 @@ def idle(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_what_is_no_scale_is_refused(text: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError):
         scale(text)
+
+
+@pytest.mark.parametrize("text", ["fast", "stepped=2", "paced=0.5", "paced=", ""])
+def test_what_is_no_mode_of_time_is_refused(text: str) -> None:
+    with pytest.raises(argparse.ArgumentTypeError):
+        pace(text)
+
+
+def test_a_pace_says_the_scale() -> None:
+    assert NetworkOptions(time=pace("paced=40")) == NetworkOptions(time_scale=40.0)
+    assert NetworkOptions(time=pace("paced=auto")) == NetworkOptions(time_scale="auto")
+    assert replace(NetworkOptions(time="paced=40"), seed=2).time_scale == 40.0
+    assert (pace("paced"), pace("stepped")) == ("paced", "stepped")
 
 
 def test_a_scale_that_is_named_is_taken_as_it_is() -> None:
