@@ -12,7 +12,6 @@ from mininet.topo import Topo
 
 from dispatcher.fiber import fiber_noise
 from qmn.network.custom_topology import BadTopology, is_custom
-from qmn.network.device_options import base_device
 from qmn.network.options import MAP, NetworkOptions
 from qmn.network.part_options import PartOptions, set_device
 from qmn.network.time_scale import AUTO, Scale, scale_of
@@ -113,7 +112,6 @@ def _described(
     assign_copper_lengths(topo)
     parts = describe(content)
     own = every is None or is_custom(options.topology)
-    base = base_device(options.node, words.preset)
     named = {host: parts.hosts[host] for host in words.named_hosts}
     return NetworkDescription(
         options,
@@ -121,7 +119,7 @@ def _described(
         parts,
         scale_of(options.time_scale, parts, round_trip_s(topo, options)),
         None if own or options.topology == MAP else every,
-        parts.hosts if own else {"every": base, **named},
+        parts.hosts if own else {"every": words.base_device, **named},
     )
 
 

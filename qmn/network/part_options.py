@@ -1,17 +1,18 @@
 """Options of single parts on the command line, and how a topology takes them when it is built.
 
---fiber q1-q2.length_km=40 --switch q1.insertion_loss_db=1.2 --device h3.detectors.efficiency=0.8
+--fiber q1-q2.length_km=40 --switch q1.insertion_loss_db=1.2
+--node ion-trap --node bob=photonic --device bob.detectors.efficiency=0.8
 """
 
 import json
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
 from qmn.network.custom_topology import BadTopology
-from qmn.network.device_options import devices, nodes
+from topologies.catalogue.node_kinds import NODE_KINDS, node_device
 from topologies.description.content import Content, Info
 from topologies.links.fiber import OPTICS as FIBER_OPTICS
 from topologies.links.fiber import resolved
@@ -31,6 +32,7 @@ SWITCH = {
     if each.name in SWITCH_OPTICS - {"paths"}
 } | {"preset": ""}
 
+IDEAL = asdict(Device())
 KIND_OF = {"fiber": "fibre", "switch": "quantum switch"}  # what an option is of
 
 
@@ -62,6 +64,12 @@ class PartOptions:
         kinds = [word.partition("=")[0] for word in self.node if "=" in word]
         return list(dict.fromkeys([*kinds, *(word.partition(".")[0] for word in self.device)]))
 
+    @property
+    def base_device(self) -> Device:
+        """The device of hosts that no word names; raise BadTopology."""
+        kind = kind_of_all(self.node)
+        return node_device(kind, self.preset) if kind else self.preset
+
     def set_parts(self, content: Content) -> None:
         """Change the parts of a topology as the words say; raise BadTopology, or ValueError."""
         self._set_fibers(content)
@@ -71,9 +79,8 @@ class PartOptions:
 
     def _set_devices(self, content: Content) -> None:
         hosts = {host.name: host.info for host in content.of(QuantumHost)}
-        named = nodes(self.node, self.preset)
         others = {host: device_of(host, info) for host, info in hosts.items()}
-        given = devices(self.device, Device(), others | named)
+        given = _changed_devices(others | _named_nodes(self.node, self.preset), self.device)
         for host in self.named_hosts:
             _require("--node or --device", host, hosts)
             set_device(hosts[host], given[host])
@@ -130,14 +137,14 @@ def _said(
         yield word, place, name, _value(option, word, text, known[name])
 
 
-def _value(option: str, word: str, text: str, default: Any) -> Any:
-    """Return a parameter's value as the kind of its default; one that may be None is a number."""
-    kind = float if default is None else type(default)
+def _value(option: str, word: str, text: str, default: Any, of_none: type = float) -> Any:
+    """Return a parameter's value as the kind of its default, or that of one which may be None."""
+    kind: Any = of_none if default is None else type(default)
     if kind in (int, float):
         return number(f"--{option} {word}", text, kind, BadTopology)
     try:
-        return json.loads(text) if kind is dict else kind(text)
-    except ValueError as error:
+        return kind(json.loads(text) if kind in (dict, tuple) else text)
+    except (TypeError, ValueError) as error:
         raise BadTopology(f"--{option} {word}: {error}") from error
 
 
@@ -163,3 +170,44 @@ def _in_order(place: str, by_place: Collection[str]) -> str:
 def _require(what: str, name: str, known: Collection[str]) -> None:
     if name not in known:
         raise BadTopology(f"{what} {name}: choose one of {', '.join(known) or 'none'}")
+
+
+def kind_of_all(words: Sequence[str]) -> str:
+    """Return the kind of hosts that no word names, "" for none; raise BadTopology for two."""
+    kinds = [word for word in words if "=" not in word]
+    if len(kinds) > 1:
+        raise BadTopology(f"--node {kinds[0]} and --node {kinds[1]}: choose one for all hosts")
+    return kinds[0] if kinds else ""
+
+
+def _named_nodes(words: Sequence[str], preset: Device) -> dict[str, Device]:
+    """Return the devices of the hosts whose kind is named; raise BadTopology."""
+    given: dict[str, Device] = {}
+    for word in words:
+        host, equals, kind = word.partition("=")
+        if not equals:
+            continue
+        if not host or not kind or host in given:
+            kinds = ", ".join(NODE_KINDS)
+            raise BadTopology(f"--node {word}: write KIND, or HOST=KIND once a host, of {kinds}")
+        given[host] = node_device(kind, preset)
+    return given
+
+
+def _changed_devices(devices: Mapping[str, Device], words: Sequence[str]) -> dict[str, Device]:
+    """Return devices by host with the parameters that words name; raise BadTopology."""
+    given = dict(devices)
+    for word in words:
+        place, _equals, text = word.partition("=")
+        host, part, name = [*place.split("."), "", ""][:3]
+        if not text or not host or place.count(".") != 2:
+            raise BadTopology(f"--device {word}: write HOST.PART.NAME=VALUE, of {', '.join(IDEAL)}")
+        check_names(f"--device {word}: a device", [part], IDEAL, BadTopology)
+        check_names(f"--device {word}: {part}", [name], IDEAL[part], BadTopology)
+        device = given.get(host, Device())
+        value = _value("device", word, text, IDEAL[part][name], of_none=tuple)
+        changed = replace(getattr(device, part), **{name: value})
+        given[host] = replace(device, **{part: changed})
+    for host, device in given.items():
+        device.check(host)
+    return given

@@ -11,8 +11,8 @@ from mininet.topo import Topo
 
 from qmn.network import custom_topology
 from qmn.network.custom_topology import BadTopology
-from qmn.network.device_options import kind_of_all
 from qmn.network.options import MAP, NETWORK, NetworkOptions, ShapeOptions
+from qmn.network.part_options import kind_of_all
 from qmn.options import titled
 from qmn.parser import listed
 from topologies.chain import ChainTopo
