@@ -26,6 +26,7 @@ MOST_BYTES = 1 << 16
 AT_ONCE = 64  # frames read from one end before the next is served
 CLOSED_AT_ONCE = 64  # ends
 QUEUE_BYTES = 1 << 20  # of each direction of a slow cable
+ENDS = slice(26, 38)  # addresses and ports of a frame with IPv4
 IPV4, ARP = b"\x08\x00", b"\x08\x06"
 # Where sender and target are, behind the Ethernet header.
 ADDRESSES = {IPV4: (slice(26, 30), slice(30, 34)), ARP: (slice(28, 32), slice(38, 42))}
@@ -73,7 +74,8 @@ class Forwarder:
         if self._gate:
             self._readable.register(self._gate, select.EPOLLIN)
         self._draws = random.Random(config.seed)  # noqa: S311
-        self._under_way: list[tuple[int, int, int, bytes]] = []  # when due, number, where to, frame
+        # When due, who speaks to whom, number, where to, frame.
+        self._under_way: list[tuple[int, bytes, int, int, bytes]] = []
         self._numbers = count()
         self.held = self.lost = 0
 
@@ -135,13 +137,15 @@ class Forwarder:
         if due_ns is None:
             self.lost += 1
             return
-        heapq.heappush(self._under_way, (due_ns, next(self._numbers), direction.out_of, frame))
+        ends = frame[ENDS] if self._gate else b""  # of one instant, the machine orders them
+        held = due_ns, ends, next(self._numbers), direction.out_of, frame
+        heapq.heappush(self._under_way, held)
         self.held += 1
 
     def _give_out(self) -> None:
         now_ns = self._now_ns()
         while self._under_way and self._under_way[0][0] <= now_ns:
-            _due_ns, _number, out_of, frame = heapq.heappop(self._under_way)
+            *_, out_of, frame = heapq.heappop(self._under_way)
             self._write(out_of, frame)
 
     def _is_simulation(self, frame: bytes) -> bool:

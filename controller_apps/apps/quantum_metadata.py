@@ -19,6 +19,7 @@ from controller_apps.apps.host_orders import (
     EventSessionReported,
     EventSwapsOrdered,
 )
+from controller_apps.apps.instants import Instants
 from controller_apps.apps.journal import Journal
 from controller_apps.console.questions import EventQuestion, Refused, reply
 from controller_apps.console.views import (
@@ -80,6 +81,10 @@ class EventTick(Event):
     """Time has passed."""
 
 
+class EventInstantOver(Event):
+    """Nothing more comes at this instant."""
+
+
 class QuantumMetadata(App):
     """Arbitrates light between hosts."""
 
@@ -117,6 +122,9 @@ class QuantumMetadata(App):
         for number in take_over(state, self.arbiter, self.logger, self._now()):
             self._note(Note("resumed", number))
             self.monitors.granted(sessions.by_number.get(number))
+        self._instants = Instants(
+            config.time, lambda: self.send_event(self.name, EventInstantOver())
+        )
         self._kept_hosts: object = None
         self._keep_hosts()
 
@@ -124,6 +132,7 @@ class QuantumMetadata(App):
         """Begin to handle events; called by the framework."""
         super().start()
         hub.spawn(self._tick_for_ever)
+        self._instants.start()
 
     def close(self) -> None:
         """Keep the state for the next controller, and record the end."""
@@ -278,8 +287,18 @@ class QuantumMetadata(App):
         )
         if at.dpid in self.switches.quantum:
             self._lldp_arrived(at, frame)
-        elif is_tcp(frame):
-            self._do(self.arbiter.segment_arrived(at.dpid, at.port, frame, self._now()))
+        elif is_tcp(frame) and not self._instants.keeps(at, frame):
+            self._segment_arrived(at, frame)
+
+    def _segment_arrived(self, at: SwitchPort, frame: bytes) -> None:
+        self._do(self.arbiter.segment_arrived(at.dpid, at.port, frame, self._now()))
+
+    @on(EventInstantOver)
+    def instant_over(self, event: Any) -> None:
+        """Pass the segments that came at this instant to the arbiter."""
+        for at, frame in self._instants.take():
+            self._segment_arrived(at, frame)
+        self._instants.go_on()
 
     def _lldp_arrived(self, at: SwitchPort, frame: bytes) -> None:
         try:

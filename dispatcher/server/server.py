@@ -21,14 +21,17 @@ from dispatcher.layer.layer import PhysicalLayer
 from dispatcher.refusal import Refusal
 from dispatcher.server.callers import Callers
 from dispatcher.server.servicer import Failed, Service
+from dispatcher.server.turns import Turns
 from dispatcher.timeouts import STOP_GRACE_S, STOP_TIMEOUT_S
 from programs.connection_shares import grpc_options, keep_shares
+from programs.network_timers import timers_of
 from wire import frames
 from wire.config import BadConfig, DispatcherConfig
 from wire.dispatcher_pb2 import CrossConnectOutcome, CrossConnectRequest
 from wire.dispatcher_pb2_grpc import add_DispatcherServicer_to_server
 from wire.dispatcher_service import FLOW_CONTROL, MESSAGE_LIMITS, cross_connects_socket
 from wire.malformed import MalformedPacket
+from wire.network_time import DISPATCHER, SteppedTime
 
 Change = Callable[[str, str, Any], Awaitable[int]]  # called with node, kind and request
 
@@ -36,9 +39,10 @@ Change = Callable[[str, str, Any], Awaitable[int]]  # called with node, kind and
 class CrossConnects:
     """Serves all agents, each on a connection of its own, one request after the other."""
 
-    def __init__(self, change: Change, callers: Callers, failed: Failed) -> None:
+    def __init__(self, change: Change, callers: Callers, failed: Failed, turns: Turns) -> None:
         """Set them by `change`; call `failed` with any error that is not a caller's."""
         self._change, self._callers, self._failed = change, callers, failed
+        self._turns = turns
         self._connections: set[asyncio.Task[None]] = set()
         self._server: asyncio.Server | None = None
 
@@ -78,6 +82,7 @@ class CrossConnects:
         try:
             node = self._callers.identify(token)
             self._callers.require_agent(node, request.switch, "cross-connect")
+            await self._turns.turn(node)
             ready_ns = await self._change(node, "cross_connect", request)
         except Refusal as refusal:
             return CrossConnectOutcome(code=refusal.code.value[0], text=str(refusal))
@@ -134,7 +139,9 @@ class Server:
         options = [*MESSAGE_LIMITS, *FLOW_CONTROL, *grpc_options(), ("grpc.so_reuseport", 0)]
         self._grpc = grpc.aio.server(options=options)
         add_DispatcherServicer_to_server(service, self._grpc)  # type: ignore[no-untyped-call]
-        self._cross_connects = CrossConnects(service.change, service.callers, service.failed)
+        self._cross_connects = CrossConnects(
+            service.change, service.callers, service.failed, service.turns
+        )
         self._paths = config.socket, cross_connects_socket(config.socket)
         self._port = _bind(self._grpc, config.listen, credentials(config))
         with _private(self._paths):
@@ -179,6 +186,8 @@ async def serve(config: DispatcherConfig) -> None:
         if not ended.done():
             ended.set_result(None)
 
+    if isinstance(config.time, SteppedTime):
+        timers_of(loop, config.time, DISPATCHER)
     with ExitStack() as stack:
         event_log = (
             stack.enter_context(Path(config.event_log).open("a")) if config.event_log else None

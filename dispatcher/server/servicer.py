@@ -19,6 +19,7 @@ from dispatcher.operations.request_table import RequestTable
 from dispatcher.refusal import Refusal, denied, exhausted, invalid
 from dispatcher.sabot.dense import TooLarge
 from dispatcher.server.callers import Callers
+from dispatcher.server.turns import Turns
 from dispatcher.timeouts import MAX_PAUSE_S
 from wire import dispatcher_pb2 as messages
 from wire.dispatcher_pb2 import Feedback, Order, Outcome
@@ -190,6 +191,7 @@ class Service(DispatcherServicer):
         self.callers, self.failed = callers, failed
         self.layer = layer
         self.table = RequestTable(layer, failed)
+        self.turns = Turns(layer.time)
 
     async def Challenge(
         self, _request: messages.ChallengeRequest, context: Context
@@ -209,23 +211,41 @@ class Service(DispatcherServicer):
             await context.write(outcome)
 
         try:
-            requests = self._asked(orders, counts)
+            requests = self._asked(orders, counts, node)
             await Orders(act, write, self.table.transport.settled).run(requests)
         finally:
             counts.ended()
 
     async def _asked(
-        self, orders: AsyncIterator[messages.Order], counts: LinkCounts
+        self, orders: AsyncIterator[messages.Order], counts: LinkCounts, node: str
     ) -> AsyncIterator[messages.Order]:
         """Write the arrival time of each order into its steps."""
-        async for order in orders:
-            counts.taken()
+        taken = _counted(orders, counts)
+        async for order in self._in_turn(taken, node) if self.turns.is_ordered else taken:
             now_ns = self.layer.clock.now_ns()
             for step in order.steps:
                 name = step.WhichOneof("operation")
                 if name is not None and self.table.rows[name].has_time:
                     getattr(step, name).asked_ns = now_ns
             yield order
+
+    async def _in_turn(
+        self, orders: AsyncIterator[messages.Order], node: str
+    ) -> AsyncIterator[messages.Order]:
+        """Yield all orders of one instant when it is this node's turn."""
+        came: asyncio.Queue[messages.Order | None] = asyncio.Queue()
+        reading = asyncio.create_task(_read(orders, came))
+        try:
+            while (order := await came.get()) is not None:
+                await self.turns.turn(node)
+                yield order
+                while not came.empty():
+                    if (order := came.get_nowait()) is None:
+                        return
+                    yield order
+        finally:
+            reading.cancel()
+            await asyncio.wait([reading])
 
     @call
     async def Look(
@@ -331,3 +351,22 @@ class Service(DispatcherServicer):
                     return  # the watcher went away
                 if pause_s and watcher.idle:
                     await asyncio.sleep(pause_s)
+
+
+async def _counted(
+    orders: AsyncIterator[messages.Order], counts: LinkCounts
+) -> AsyncIterator[messages.Order]:
+    async for order in orders:
+        counts.taken()
+        yield order
+
+
+async def _read(
+    orders: AsyncIterator[messages.Order], came: asyncio.Queue[messages.Order | None]
+) -> None:
+    """Put what comes into the queue, and None behind it."""
+    try:
+        async for order in orders:
+            came.put_nowait(order)
+    finally:
+        came.put_nowait(None)
