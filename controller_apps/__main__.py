@@ -18,10 +18,12 @@ from controller_apps.policy.reading import BadPolicy, read_policy
 from controller_apps.timeouts import READY_POLL_S, READY_TIMEOUT_S
 from programs.faults import report_fault
 from wire.config import BadConfig, ControllerConfig
+from wire.network_time import SteppedTime
 
 APPS = ("learning_switch", "quantum_metadata", "device_monitor", "key_relays")
 # The controller asks for no names: without its own resolver eventlet is there much sooner.
 os.environ.setdefault("EVENTLET_NO_GREENDNS", "yes")
+NEVER_S = 1e6  # of the wall
 WSGI_APPS = {"ryu.app.ofctl_rest", "ryu.app.rest_topology"}
 
 
@@ -110,7 +112,9 @@ def prepare(framework: Any, config: ControllerConfig, host: str, port: int) -> N
         raise Fatal(f"apps {', '.join(config.apps)} serve HTTP: say where, by `rest`")
     try:
         framework.load_stock_apps(config.apps)
-        framework.serve_on(host, port, rest, config.rest_fd)
+        # Time that is stepped must not go on for what the wall paces.
+        echoes = {"echo_period_s": NEVER_S} if isinstance(config.time, SteppedTime) else {}
+        framework.serve_on(host, port, rest, config.rest_fd, **echoes)
         framework.serve_quickly()
     except ValueError as error:
         raise Fatal(str(error)) from error

@@ -1,12 +1,13 @@
 """The event loop of a host: its clock, pauses and time-outs count the time of the network.
 
 So every protocol of a host keeps to it, and none needs to know how it passes. What finds and
-watches the network, before and beside its sessions, goes by the wall: `wall_sleep`.
+watches the network, before and beside its sessions, waits in the background: by the wall, or
+whenever stepped time has gone on.
 """
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Coroutine
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from contextvars import Context
 from typing import Any, TypeVar, TypeVarTuple, Unpack
 
@@ -17,6 +18,7 @@ from wire.network_time import NetworkTime, SteppedTime
 
 T = TypeVar("T")
 Ts = TypeVarTuple("Ts")
+CallLater = Callable[[float, Callable[[], object]], asyncio.TimerHandle]
 WALL = NetworkTime()  # without a scale: a second of the network is one of the wall
 
 
@@ -51,6 +53,16 @@ class NetworkLoop(uvloop.Loop):
         close_timers(self)
         super().close()
 
+    def background_call_later(
+        self, delay: float, callback: Callable[[], object]
+    ) -> asyncio.TimerHandle:
+        """Call back after seconds of the wall; stepped, of the network, but it does not leap."""
+        time = self.network_time
+        if not isinstance(time, SteppedTime):
+            return self.wall_call_later(delay, callback)
+        due_ns = time.now_ns() + round(delay * 1e9)
+        return timers_of(self, time).call_at(due_ns, callback, in_background=True)
+
     def wall_call_later(self, delay: float, callback: Callable[[], object]) -> asyncio.TimerHandle:
         """Call back after seconds of the wall, for which stepped time does not wait."""
         return super().call_later(delay, callback)
@@ -71,20 +83,38 @@ async def retry_pause(seconds: float, most_s: float) -> None:
 
 async def wall_sleep(seconds: float) -> None:
     """Pause for seconds of the wall clock."""
+    await _sleep(_wall_call_later, seconds)
+
+
+async def background_sleep(seconds: float) -> None:
+    """Pause in the background."""
+    await _sleep(_background_call_later, seconds)
+
+
+async def _sleep(call_later: CallLater, seconds: float) -> None:
     passed = asyncio.Event()
-    timer = _wall_call_later(seconds, passed.set)
+    timer = call_later(seconds, passed.set)
     try:
         await passed.wait()
     finally:
         timer.cancel()
 
 
-@asynccontextmanager
-async def wall_timeout(seconds: float) -> AsyncIterator[None]:
+def wall_timeout(seconds: float) -> AbstractAsyncContextManager[None]:
     """Limit a wait to seconds of the wall clock; raise TimeoutError then."""
+    return _timeout(_wall_call_later, seconds)
+
+
+def background_timeout(seconds: float) -> AbstractAsyncContextManager[None]:
+    """Limit a wait in the background; raise TimeoutError then."""
+    return _timeout(_background_call_later, seconds)
+
+
+@asynccontextmanager
+async def _timeout(call_later: CallLater, seconds: float) -> AsyncIterator[None]:
     loop = asyncio.get_running_loop()
     async with asyncio.timeout(None) as limit:
-        timer = _wall_call_later(seconds, lambda: limit.reschedule(loop.time()))
+        timer = call_later(seconds, lambda: limit.reschedule(loop.time()))
         try:
             yield
         finally:
@@ -95,6 +125,12 @@ def _wall_call_later(seconds: float, callback: Callable[[], object]) -> asyncio.
     loop = asyncio.get_running_loop()
     call_later = loop.wall_call_later if isinstance(loop, NetworkLoop) else loop.call_later
     return call_later(seconds, callback)
+
+
+def _background_call_later(seconds: float, callback: Callable[[], object]) -> asyncio.TimerHandle:
+    loop = asyncio.get_running_loop()
+    background = isinstance(loop, NetworkLoop)
+    return (loop.background_call_later if background else loop.call_later)(seconds, callback)
 
 
 def run(main: Coroutine[Any, Any, T], network_time: NetworkTime = WALL) -> T:

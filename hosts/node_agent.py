@@ -16,7 +16,7 @@ from hosts.hardware.ports import link_changes, take_notices
 from hosts.middleware.device import Device, changed
 from hosts.middleware.session.errors import SessionError
 from hosts.middleware.session.swap_orders import Swaps
-from hosts.network_loop import wall_timeout
+from hosts.network_loop import background_timeout
 from hosts.serving.ordered_seals import OrderedSeals
 from hosts.timeouts import (
     CHECK_PERIOD_S,
@@ -60,6 +60,7 @@ class NodeAgent(asyncio.DatagramProtocol):
         takes_part: Callable[[int], bool],
     ) -> None:
         self._name = config.name
+        self._background_s = config.time.background_s
         self._key = config.device_key
         self._report_to = config.report_to
         self._device, self._swaps, self._seals = device, swaps, seals
@@ -72,7 +73,7 @@ class NodeAgent(asyncio.DatagramProtocol):
         self.found = asyncio.Event()  # the controller knows where this host is
         device.changed, device.alarmed = self._changed.set, self._alarmed.set
         self._sent_s = self._asked_s = 0.0
-        self._began_s = time.monotonic()
+        self._began_s = self._background_s()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Keep what to send through; called by asyncio."""
@@ -85,7 +86,7 @@ class NodeAgent(asyncio.DatagramProtocol):
         except MalformedPacket as error:
             log.warning("dropped, from %s: %s", address[0], error)
             return
-        self._asked_s = time.monotonic()
+        self._asked_s = self._background_s()
         if isinstance(message, SetDevice):
             self._set(message)
         elif isinstance(message, Subscribe):
@@ -148,7 +149,7 @@ class NodeAgent(asyncio.DatagramProtocol):
 
     def _look(self) -> None:
         """Report if something has changed or alarms, or if nobody asks; tell new estimates."""
-        now, report = time.monotonic(), self._device.report()
+        now, report = self._background_s(), self._device.report()
         alone = now > self._alone_s
         if changed(self._last, report) or alone or self._alarms(report, now - self._period_s):
             self._report()
@@ -162,13 +163,13 @@ class NodeAgent(asyncio.DatagramProtocol):
         """
         if self._device.at_work:
             with suppress(TimeoutError):
-                async with wall_timeout(CHECK_PERIOD_S):
+                async with background_timeout(CHECK_PERIOD_S):
                     await self._alarmed.wait()
             self._alarmed.clear()
             return
-        alone_s = max(self._alone_s - time.monotonic(), CHECK_PERIOD_S)
+        alone_s = max(self._alone_s - self._background_s(), CHECK_PERIOD_S)
         with suppress(TimeoutError):
-            async with wall_timeout(min(alone_s, IDLE_CHECK_PERIOD_S)):
+            async with background_timeout(min(alone_s, IDLE_CHECK_PERIOD_S)):
                 await self._changed.wait()
         self._changed.clear()
 
@@ -177,7 +178,7 @@ class NodeAgent(asyncio.DatagramProtocol):
         """How often to report: as the controller wants, until then ever more rarely."""
         if self._device.subscription.period_ms:
             return self._device.subscription.period_ms / 1e3
-        waited_s = time.monotonic() - self._began_s
+        waited_s = self._background_s() - self._began_s
         return min(max(FIRST_REPORTS_S, SLOWER * waited_s), UNSUBSCRIBED_PERIOD_S)
 
     @property
@@ -191,7 +192,7 @@ class NodeAgent(asyncio.DatagramProtocol):
 
     def _report(self, session: int = 0) -> None:
         self._last = self._device.report(session)
-        self._sent_s = time.monotonic()
+        self._sent_s = self._background_s()
         self._send(self._last)
 
     def _send(self, message: Message) -> None:

@@ -24,11 +24,12 @@ PAGE, GATE = "page", "gate"  # in the folder of stepped time: its clock, and the
 INSTANT = struct.Struct("=q")  # a notice of the gate: its clock, in nanoseconds
 WAIT = struct.Struct("=qqb")  # of a client: its deadline, that in the background, its turn
 PAGE_BYTES = 1 << 16
-TAKEN = PAGE_BYTES // 16  # of the page, which has the clock, counts of messages sent, then taken
+# The page has the clock, counts of messages sent, when stepping began, counts of those taken.
+TAKEN = PAGE_BYTES // 16
 NEVER = (1 << 63) - 1  # the deadline of a program that waits for no instant
 WITH_WALL = -1  # in place of a deadline: the clock is to go with the wall
 # Whose turn it is first if several wait for one instant; those behind wait until all is quiet.
-CABLES, PROGRAMS, DISPATCHER, CONTROLLER = range(4)
+CABLES, PROGRAMS, DISPATCHER, CONTROLLER, TICKS = range(5)
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,11 @@ class NetworkTime:
     def stamp_ns(self) -> int:
         """Return what events and records are stamped with: the wall clock, as captures are."""
         return time.time_ns()
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether the network is ready, which only stepped time knows."""
+        return True
 
     def background_s(self) -> float:
         """Return the seconds by which discovery, polls and reports go: those of the wall."""
@@ -111,6 +117,15 @@ class SteppedTime(NetworkTime):
     def stamp_ns(self) -> int:
         """Return the time of the network."""
         return self.now_ns()
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether the network is ready, and steps."""
+        return page(self.folder)[TAKEN] != 0
+
+    def begin(self) -> None:
+        """Note that the network is ready."""
+        page(self.folder)[TAKEN] = self.now_ns()
 
     def background_s(self) -> float:
         """Return the seconds of the network: what goes by the wall comes at any instant."""

@@ -28,6 +28,7 @@ from controller_apps.apps.host_orders import (
     HostOrders,
     session_of,
 )
+from controller_apps.apps.ticks import Ticks
 from controller_apps.console.questions import EventQuestion, Refused, reply
 from controller_apps.devices.hosts_state import Hosts, Place, Told, host_view, switch_view
 from controller_apps.devices.switch_state import SwitchState
@@ -96,6 +97,7 @@ class DeviceMonitor(App):
         super().__init__(**contexts)
         self.quantum_switches = frozenset(config.quantum_switches.values())
         self.address, self.time = config.address, config.time
+        self._ticks = Ticks(config.time, DEVICE_TICK_S)
         self.policy_path = config.policy
         self.record = record
         self.datapaths: dict[int, Datapath] = {}
@@ -116,7 +118,7 @@ class DeviceMonitor(App):
 
     def _tick_for_ever(self) -> None:
         while True:
-            hub.sleep(DEVICE_TICK_S)
+            self._ticks.wait()
             self.send_event(self.name, EventDeviceTick())
 
     def close(self) -> None:
@@ -126,7 +128,7 @@ class DeviceMonitor(App):
     @on(EventDeviceTick)
     def time_passed(self, event: Any) -> None:
         """Do what is due."""
-        now = time.monotonic()
+        now = self._ticks.now_s()
         self._port_lines.time_passed(now)
         self._give_up_waiting(now)
         self._repeat_orders(self._now())
@@ -164,7 +166,7 @@ class DeviceMonitor(App):
     @on(ofp_event.EventOFPStateChange, MAIN, DEAD)
     def switch_changed(self, event: Any) -> None:
         """Note which switches are connected."""
-        datapath, now = event.datapath, time.monotonic()
+        datapath, now = event.datapath, self._ticks.now_s()
         dpid = datapath.id
         if event.state == MAIN:
             self.datapaths[dpid] = datapath
@@ -216,7 +218,7 @@ class DeviceMonitor(App):
         switch = self.switches.get(message.datapath.id)
         if switch is None:
             return []
-        switch.heard = time.monotonic()
+        switch.heard = self._ticks.now_s()
         return body
 
     def takes(self, message: Any) -> bool:
@@ -239,10 +241,10 @@ class DeviceMonitor(App):
                 datagram.source_mac,
                 datagram.source,
             )
-            report = self.hosts.heard(datagram.payload, place, time.monotonic())
+            report = self.hosts.heard(datagram.payload, place, self._ticks.now_s())
         except MalformedPacket as error:
             at = SwitchPort(message.datapath.id, message.match["in_port"])
-            self._port_lines.add(at, f"dropped: {error}", time.monotonic())
+            self._port_lines.add(at, f"dropped: {error}", self._ticks.now_s())
             return
         self._take_in(report)
 
@@ -255,7 +257,7 @@ class DeviceMonitor(App):
         state = self.hosts.states[host]
         if report.answer is not None and report.answer.reason != Reason.OK:
             text = f"{host}: {report.answer.text}"
-            self._port_lines.add(state.place.at, text, time.monotonic(), WARNING)
+            self._port_lines.add(state.place.at, text, self._ticks.now_s(), WARNING)
             self._settle(host, Refused(text))
         if report.estimate is not None:
             self.send_event(METADATA, EventEstimate(host, state.place.address, report.estimate))
@@ -324,7 +326,7 @@ class DeviceMonitor(App):
         reply(question, {"devices": self._devices, "reload": self._reload_policy})
 
     def _devices(self) -> list[dict[str, Any]]:
-        now = time.monotonic()
+        now = self._ticks.now_s()
         period_s = self.hosts.reporting.period_s
         switches = [switch_view(switch, now, period_s) for switch in self.switches.values()]
         hosts = [
@@ -358,7 +360,7 @@ class DeviceMonitor(App):
         self.hosts.wanted[device] = overrides
         self.logger.info("%s shall use %s", device, overrides)
         self.record.write("override", name=device, **settings)
-        self._waiting.append(Waiting(question, device, time.monotonic() + SET_TIMEOUT_S))
+        self._waiting.append(Waiting(question, device, self._ticks.now_s() + SET_TIMEOUT_S))
         self._send(device, DeviceQuery(self._next_number()))  # its report shows what is due
 
     def _settle(self, host: str, answer: Any) -> None:

@@ -17,6 +17,7 @@ from controller_apps.sessions.sessions import Sessions
 from wire.device import DeviceReport
 from wire.metadata.setup import Setup
 from wire.metadata.vocabulary import Reason, Service
+from wire.network_time import REAL_TIME, NetworkTime
 from wire.session_estimates import Quantity, SessionEstimate
 
 
@@ -30,12 +31,18 @@ class Journal:
         sessions: Sessions,
         logger: Logger,
         clock: Callable[[], float],
+        time: NetworkTime = REAL_TIME,
     ) -> None:
         """`clock` returns seconds of the wall, by which lines of the log are bounded."""
+        self._time = time
         self._record, self._network, self._sessions = record, network, sessions
         self._lines, self._logger, self._clock = PortLines(logger), logger, clock
         self.packet_in_count = 0
         self.dropped: Counter[str] = Counter()  # by cause
+
+    def packet_came(self) -> None:
+        """Count a packet, unless it came while the network started and stepped time did not."""
+        self.packet_in_count += self._time.has_begun
 
     def time_passed(self) -> None:
         self._lines.time_passed(self._clock())

@@ -21,6 +21,7 @@ from controller_apps.apps.host_orders import (
 )
 from controller_apps.apps.instants import Instants
 from controller_apps.apps.journal import Journal
+from controller_apps.apps.ticks import Ticks
 from controller_apps.console.questions import EventQuestion, Refused, reply
 from controller_apps.console.views import (
     fibers_view,
@@ -101,6 +102,7 @@ class QuantumMetadata(App):
         super().__init__(**contexts)
         self.time, self.stations, self.policy_path = config.time, config.stations, config.policy
         self.mac_table, self.state = mac_table, state
+        self._ticks = Ticks(config.time, SESSION_TICK_S)
         names = {dpid: name for name, dpid in config.quantum_switches.items()}
         self.network = Network(names=names)
         self.arbiter = _arbiter(self.network, config)
@@ -109,7 +111,7 @@ class QuantumMetadata(App):
         bypass_timeout_s = min(round(config.time.wall_s(config.idle_timeout_s)), 0xFFFF)
         self.switches = Switches(frozenset(names), mac_table, bypass_timeout_s)
         self.journal = Journal(
-            record, self.network, sessions, self.logger, clock=lambda: time.monotonic()
+            record, self.network, sessions, self.logger, lambda: time.monotonic(), config.time
         )
         identities = Identities(config.device_keys, config.addresses)
         self.fibers = Fibers(self.network, record, self.logger, identities)
@@ -141,9 +143,7 @@ class QuantumMetadata(App):
 
     def _tick_for_ever(self) -> None:
         while True:
-            now = self._now()
-            next_slot_s = self.time.wall_s(self.arbiter.next_slot_s(now) - now)
-            hub.sleep(min(SESSION_TICK_S, next_slot_s))
+            self._ticks.wait(self.arbiter.next_slot_s(self._now()))
             self.send_event(self.name, EventTick())
 
     def _now(self) -> float:
@@ -153,7 +153,7 @@ class QuantumMetadata(App):
     @on(EventTick)
     def time_passed(self, event: Any) -> None:
         """Do what is due."""
-        self.fibers.time_passed(time.monotonic())
+        self.fibers.time_passed(self._ticks.now_s())
         self.journal.time_passed()
         self._keep_hosts()
         self._do(self.arbiter.tick(self._now()))
@@ -220,7 +220,7 @@ class QuantumMetadata(App):
         if event.state == MAIN:
             self.switches.connect(datapath)
             if datapath.id in self.switches.quantum:  # of use when its optics are known
-                self.fibers.switch_here(datapath, time.monotonic())
+                self.fibers.switch_here(datapath, self._ticks.now_s())
 
     @on(ofp_event.EventOFPExperimenterStatsReply, CONFIG, MAIN)
     def optics_reported(self, event: Any) -> None:
@@ -277,7 +277,7 @@ class QuantumMetadata(App):
     @on(ofp_event.EventOFPPacketIn, MAIN)
     def packet_arrived(self, event: Any) -> None:
         """Pass LLDP to discovery and metadata to the arbiter; leave other frames to other apps."""
-        self.journal.packet_in_count += 1
+        self.journal.packet_came()
         message = event.msg
         if message.table_id == flow_entries.LEARNING_TABLE:
             return
@@ -302,7 +302,7 @@ class QuantumMetadata(App):
 
     def _lldp_arrived(self, at: SwitchPort, frame: bytes) -> None:
         try:
-            is_new = self.fibers.spoke(at, frame, time.monotonic())
+            is_new = self.fibers.spoke(at, frame, self._ticks.now_s())
         except MalformedPacket as error:
             self.journal.drop(Drop("lldp", str(error), at))
             return
@@ -313,7 +313,7 @@ class QuantumMetadata(App):
     def port_changed(self, event: Any) -> None:
         """Note a port whose fibre was cut or mended, and move the sessions that it has cut off."""
         quantum = event.msg.datapath.id in self.switches.quantum
-        if quantum and self.fibers.port_changed(event.msg, time.monotonic()):
+        if quantum and self.fibers.port_changed(event.msg, self._ticks.now_s()):
             self._network_changed()
 
     @on(ofp_event.EventOFPBarrierReply, CONFIG, MAIN)

@@ -199,7 +199,11 @@ def load_stock_apps(modules: Iterable[str]) -> None:
 
 
 def serve_on(
-    host: str, port: int, rest: tuple[str, int] | None = None, rest_fd: int | None = None
+    host: str,
+    port: int,
+    rest: tuple[str, int] | None = None,
+    rest_fd: int | None = None,
+    echo_period_s: float = 1.0,
 ) -> None:
     """Set where switches connect, and how soon a silent one counts as gone.
 
@@ -215,7 +219,7 @@ def serve_on(
     options = {
         "ofp_listen_host": host,
         "ofp_tcp_listen_port": port,
-        "echo_request_interval": 1.0,
+        "echo_request_interval": echo_period_s,
         "maximum_unreplied_echo_requests": 10,
     }
     if rest is not None:

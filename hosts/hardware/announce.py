@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 
-from hosts.network_loop import wall_sleep
+from hosts.network_loop import background_sleep
 from hosts.timeouts import ANNOUNCEMENTS_HELD, FASTEST_ANNOUNCEMENTS_S, SLOWER
 from wire.announcement import PERIOD_S
 from wire.config import HostConfig
@@ -35,7 +35,7 @@ async def announce(config: HostConfig, found: Callable[[], bool]) -> None:
                 )
                 with suppress(OSError):  # a fibre that is set down says nothing
                     channel.send(frame)
-            await wall_sleep(pause_s)
+            await background_sleep(pause_s)
     finally:
         for channel in channels.values():
             channel.close()

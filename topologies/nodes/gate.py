@@ -9,6 +9,7 @@ from wire.network_time import NEVER, WITH_WALL, GateClient, SteppedTime
 
 GATE = "gate"
 ROUND_NS = 1_000_000_000_000  # longer than any network takes to start
+SETTLED_NS = 90_000_000  # for what is repeated after the leap, before the controller looks again
 
 
 class Start:
@@ -29,10 +30,14 @@ class Start:
 
         What follows counts from there: seconds of the clock have the same last digits each time.
         """
-        if self._client is not None:
-            passed_ns = self._time.now_ns() - self._time.since_ns
-            self._client.wait_for(self._time.since_ns + (passed_ns // ROUND_NS + 1) * ROUND_NS)
-            self._client.take_notice()
+        time = self._time
+        if self._client is not None and isinstance(time, SteppedTime):
+            passed_ns = time.now_ns() - time.since_ns
+            begin_ns = time.since_ns + (passed_ns // ROUND_NS + 1) * ROUND_NS
+            for instant_ns in (begin_ns, begin_ns + SETTLED_NS):
+                self._client.wait_for(instant_ns)
+                self._client.take_notice()
+            time.begin()
             self._client.wait_for(NEVER)
 
     def close(self) -> None:
