@@ -129,8 +129,9 @@ def _wall_call_later(seconds: float, callback: Callable[[], object]) -> asyncio.
 
 def _background_call_later(seconds: float, callback: Callable[[], object]) -> asyncio.TimerHandle:
     loop = asyncio.get_running_loop()
-    background = isinstance(loop, NetworkLoop)
-    return (loop.background_call_later if background else loop.call_later)(seconds, callback)
+    if isinstance(loop, NetworkLoop):
+        return loop.background_call_later(seconds, callback)
+    return loop.call_later(seconds, callback)
 
 
 def run(main: Coroutine[Any, Any, T], network_time: NetworkTime = WALL) -> T:

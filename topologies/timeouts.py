@@ -2,6 +2,7 @@
 
 # Programs
 READY_TIMEOUT_S = 20.0  # until a program is ready, or captures
+LEAP_TIMEOUT_S = 60.0  # until stepped time has reached an instant for which the runner waits
 STOP_TIMEOUT_S = 5.0  # until one that was asked to has ended; then, until one that is killed has
 END_TIMEOUT_S = 1.0  # until a process has ended whose socket is closed; from one signal to the next
 DAEMON_END_TIMEOUT_S = 2.0  # the same, of a daemon that may write its memory to the disk first

@@ -18,8 +18,9 @@ class Ticks:
     def __init__(self, network_time: NetworkTime, pause_s: float) -> None:
         """Look again after each pause."""
         self._time, self._pause_s = network_time, pause_s
-        stepped = isinstance(network_time, SteppedTime)
-        self._gate = GateClient(network_time, TICKS) if stepped else None
+        self._gate: GateClient | None = None
+        if isinstance(network_time, SteppedTime):
+            self._gate = GateClient(network_time, TICKS)
         self._passed_s = 0.0
 
     def now_s(self) -> float:

@@ -83,6 +83,7 @@ class Network:
         self.captures = Captures(settings)
         self._openflow: Path | None = None  # its capture, from its beginning on
         self._cleanup = ExitStack()
+        self._start_of_time: Start | None = None
         self._stopped: dict[str, float] = {}  # what a signal has stopped, since when
         self._switches = SwitchWatch()
         self._look_again_at = 0.0
@@ -105,7 +106,11 @@ class Network:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._clean_up(error)
+        try:
+            if error is None and self._start_of_time is not None:
+                self._start_of_time.settle()
+        finally:
+            self._clean_up(error)
 
     def _clean_up(self, cause: BaseException | None) -> None:
         """Remove everything, whatever reporting does; no further fault hides the cause."""
@@ -136,8 +141,8 @@ class Network:
         self.runtime.forks()  # what it loads takes longest
         self._cleanup.callback(openvswitch.end)
         openvswitch.start(self.runtime.daemon)
-        start = Start(self.runtime)
-        self._cleanup.callback(start.close)
+        self._start_of_time = Start(self.runtime)
+        self._cleanup.callback(self._start_of_time.close)
         self._disk = self._cleanup.enter_context(
             DiskKeeper(
                 (self.runtime.logs, self.runtime.folder), self._programs, self.captures.bound
@@ -167,7 +172,7 @@ class Network:
         self._wait_until_ready()
         self._switches = SwitchWatch(self.net.switches)
         self.runtime.time_limited = False
-        start.end()
+        self._start_of_time.end()
 
     def _build_and_start(self) -> None:
         """Let Mininet start all nodes; where it fails because of another's end, name that."""

@@ -1,9 +1,13 @@
 """The program that steps the network's time, beside the nodes."""
 
+from contextlib import suppress
+from select import select
+
 from topologies.system.kernel.interfaces import repeat_nothing
+from topologies.system.processes.programs import NetworkError
 from topologies.system.runs.launching import launch
 from topologies.system.runs.runtime import Runtime
-from topologies.timeouts import READY_TIMEOUT_S
+from topologies.timeouts import LEAP_TIMEOUT_S, READY_TIMEOUT_S
 from wire.config import GateConfig
 from wire.network_time import NEVER, WITH_WALL, GateClient, SteppedTime
 
@@ -31,14 +35,27 @@ class Start:
         What follows counts from there: seconds of the clock have the same last digits each time.
         """
         time = self._time
-        if self._client is not None and isinstance(time, SteppedTime):
+        if isinstance(time, SteppedTime):
             passed_ns = time.now_ns() - time.since_ns
             begin_ns = time.since_ns + (passed_ns // ROUND_NS + 1) * ROUND_NS
-            for instant_ns in (begin_ns, begin_ns + SETTLED_NS):
-                self._client.wait_for(instant_ns)
-                self._client.take_notice()
+            if not (self._reaches(begin_ns) and self._reaches(begin_ns + SETTLED_NS)):
+                raise NetworkError(f"{GATE}: programs have not paused for {LEAP_TIMEOUT_S:g} s")
             time.begin()
-            self._client.wait_for(NEVER)
+
+    def settle(self) -> None:
+        """Let arrive what is under way: a run ends at the same instant each time."""
+        with suppress(EOFError, ConnectionError):  # the gate has ended, which its end reports
+            if isinstance(self._time, SteppedTime):
+                self._reaches(self._time.now_ns() + SETTLED_NS)
+
+    def _reaches(self, instant_ns: int) -> bool:
+        """Wait for an instant; return whether the clock has reached it in time."""
+        assert self._client is not None
+        self._client.wait_for(instant_ns)
+        if reached := bool(select([self._client], [], [], LEAP_TIMEOUT_S)[0]):
+            self._client.take_notice()
+        self._client.wait_for(NEVER)
+        return reached
 
     def close(self) -> None:
         """Disconnect from the gate."""
