@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from controller_apps.policy.reading import BadPolicy, read_policy
-from controller_apps.timeouts import READY_POLL_S, READY_TIMEOUT_S
+from controller_apps.timeouts import NO_ECHO_S, READY_POLL_S, READY_TIMEOUT_S
 from programs.faults import report_fault
 from wire.config import BadConfig, ControllerConfig
 from wire.network_time import SteppedTime
@@ -23,7 +23,6 @@ from wire.network_time import SteppedTime
 APPS = ("learning_switch", "quantum_metadata", "device_monitor", "key_relays")
 # The controller asks for no names: without its own resolver eventlet is there much sooner.
 os.environ.setdefault("EVENTLET_NO_GREENDNS", "yes")
-NEVER_S = 1e6  # of the wall
 WSGI_APPS = {"ryu.app.ofctl_rest", "ryu.app.rest_topology"}
 
 
@@ -113,7 +112,7 @@ def prepare(framework: Any, config: ControllerConfig, host: str, port: int) -> N
     try:
         framework.load_stock_apps(config.apps)
         # Time that is stepped must not go on for what the wall paces.
-        echoes = {"echo_period_s": NEVER_S} if isinstance(config.time, SteppedTime) else {}
+        echoes = {"echo_period_s": NO_ECHO_S} if isinstance(config.time, SteppedTime) else {}
         framework.serve_on(host, port, rest, config.rest_fd, **echoes)
         framework.serve_quickly()
     except ValueError as error:

@@ -7,6 +7,7 @@ Those of sessions are of the network, all others of the wall clock.
 READY_TIMEOUT_S = 10.0  # until the apps listen to the switches
 READY_POLL_S = 0.01  # between two looks whether they do
 CONNECT_TIMEOUT_S = 5.0  # of a switch, until TLS has begun
+NO_ECHO_S = 1e6  # between two echoes to a switch, where time is stepped
 STATION_TIMEOUT_S = 60  # that a switch knows a station by which nothing comes
 
 # Sessions

@@ -1,7 +1,8 @@
 """Whether any task of this process namespace runs, or can run, by what the kernel counts of each.
 
-Nothing has run between two looks if each task sleeps in both, and has had as many time slices in
-the second as in the first. Packets that the kernel has not handed on yet count as running.
+Nothing runs if each task sleeps and has had no time slice from a look before to one behind that:
+what had been woken, and slept again when it was looked at, would have had one. Packets that the
+kernel has not handed on yet count as running.
 """
 
 import os
@@ -11,7 +12,6 @@ from typing import NamedTuple, Self
 
 STAT_BYTES = 512
 RUNS = b"RD"  # states of a task: on a processor or waiting for one, and waiting for a disk
-SLICES = 2  # field of schedstat
 BACKLOG = 11  # field of softnet_stat, in hexadecimal
 
 
@@ -43,9 +43,9 @@ class Task(NamedTuple):
         return stat[stat.rindex(b")") + 2] in RUNS
 
     @property
-    def slices(self) -> int:
-        """How many time slices the thread has had; raise OSError if it has ended."""
-        return int(os.pread(self.schedstat, STAT_BYTES, 0).split()[SLICES])
+    def slices(self) -> bytes:
+        """How long and how often the thread has run; raise OSError if it has ended."""
+        return os.pread(self.schedstat, STAT_BYTES, 0)
 
 
 class Quiescence:
@@ -60,28 +60,32 @@ class Quiescence:
 
     def __bool__(self) -> bool:
         """Return whether nothing runs now."""
-        before = self._look()
-        return before is not None and not self._backlog() and before == self._look()
-
-    def _look(self) -> list[int] | None:
-        """Return the time slices of each task; None if one runs."""
-        if (newest := os.pread(self._load, STAT_BYTES, 0).split()[-1]) != self._newest:
+        if (newest := self._newest_id()) != self._newest:
             self._find_tasks()
             self._newest = newest
         try:
-            return self._slices()
+            if self._tasks and self._tasks[0].runs:  # as it did when it was looked at last
+                return False
+            before = self._slices()
+            if self._backlog() or self._runs():
+                return False
+            return before == self._slices() and newest == self._newest_id()
         except ProcessLookupError:
             self._newest = b""
-            return None
+            return False
 
-    def _slices(self) -> list[int] | None:
-        slices = []
+    def _newest_id(self) -> bytes:
+        return os.pread(self._load, STAT_BYTES, 0).split()[-1]
+
+    def _slices(self) -> list[bytes]:
+        return [task.slices for task in self._tasks]
+
+    def _runs(self) -> bool:
         for position, task in enumerate(self._tasks):
             if task.runs:
                 self._tasks.insert(0, self._tasks.pop(position))  # it may run for a while
-                return None
-            slices.append(task.slices)
-        return slices
+                return True
+        return False
 
     def _backlog(self) -> bool:
         lines = os.pread(self._softnet, 1 << 16, 0).splitlines()

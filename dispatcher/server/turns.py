@@ -1,6 +1,6 @@
 """The order in which the dispatcher does what nodes ask for at one instant of stepped time.
 
-Who of them the machine lets run first must not decide whose random numbers measure a pair.
+The machine must not decide whose random numbers measure a pair.
 """
 
 import asyncio
