@@ -10,7 +10,7 @@ from pathlib import Path
 
 from evidence.kinds import listing, sweep
 from evidence.networks.catalogue import DEMOS
-from evidence.networks.of_time import TIME_SCALE
+from evidence.networks.point_network import TIME_SCALE
 from qmn.needs import Needs
 from qmn.network.time_scale import REAL
 from qmn.options import add_options, read

@@ -20,9 +20,14 @@ from evidence.curves.estimates import Estimate, mean_of_series, proportion
 from evidence.curves.experiment import Experiment, Measure, Outcome, number
 from evidence.curves.parameters import Parameter, Values
 from evidence.networks.datagrams import LEAST_FRAME_BYTES, MOST_FRAME_BYTES
-from evidence.networks.of_time import SOFTWARE, TIME_SCALE, of_software
+from evidence.networks.point_network import (
+    SOFTWARE,
+    TIME_SCALE,
+    network_for,
+    session,
+    software_share,
+)
 from evidence.networks.teleportation import WAITED
-from evidence.networks.using import network_for, session
 from qmn.timeouts import EMULATED_READY_S
 from topologies.networks.network import Signals
 from topologies.system.processes.programs import python
@@ -63,7 +68,7 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
         with session(network, "teleport", ("alice", "bob"), **wanted) as asked:
             told = asked.results()
     measured = outcome(told, alone, frame_s, number(values, T2.name), scale)
-    return {**measured, **of_software(network.runtime.logs)}
+    return {**measured, **software_share(network.runtime.logs)}
 
 
 def outcome(

@@ -22,8 +22,13 @@ from typing import Any
 from evidence.curves.estimates import Estimate, mean_of_series, proportion
 from evidence.curves.experiment import Experiment, Measure, Outcome, number
 from evidence.curves.parameters import Parameter, Values
-from evidence.networks.of_time import SOFTWARE, TIME_SCALE, of_software
-from evidence.networks.using import network_for, session
+from evidence.networks.point_network import (
+    SOFTWARE,
+    TIME_SCALE,
+    network_for,
+    session,
+    software_share,
+)
 from evidence.traffic.session import AGREE, like_phi_plus
 from hosts.client import BlockingSession
 from qmn.scripting.network import QuantumNetwork
@@ -64,7 +69,7 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
         rounds = [_round(network) for _ in range(int(values[ROUNDS.name]))]
         folder = network.runtime.logs
     measured = outcome(rounds, t2_s, folder, number(values, TIME_SCALE.name))
-    return {**measured, **of_software(folder)}
+    return {**measured, **software_share(folder)}
 
 
 def begin_requests(network: QuantumNetwork, requesters: int) -> None:

@@ -22,8 +22,13 @@ from mininet.net import Mininet
 from evidence.curves.estimates import Estimate, mean_of_series, proportion
 from evidence.curves.experiment import Experiment, Measure, Outcome, number
 from evidence.curves.parameters import Parameter, Values
-from evidence.networks.of_time import SOFTWARE, TIME_SCALE, of_software
-from evidence.networks.using import network_for, session
+from evidence.networks.point_network import (
+    SOFTWARE,
+    TIME_SCALE,
+    network_for,
+    session,
+    software_share,
+)
 from qmn.running.event_sources import recorded
 from qmn.scripting.network import QuantumNetwork
 from topologies.networks.network import Signals
@@ -66,7 +71,7 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
         DARK.name: Estimate(dark_share(events, fibers, scale), 0.0),
         "lost_in_the_dark": lost,
         "session_s": mean_of_series(times_s),
-        **of_software(folder),
+        **software_share(folder),
     }
 
 

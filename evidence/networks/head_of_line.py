@@ -16,8 +16,7 @@ from typing import Any
 from evidence.curves.estimates import Estimate, mean_of_series
 from evidence.curves.experiment import Experiment, Measure, Outcome, SweepError, number
 from evidence.curves.parameters import Parameter, Values
-from evidence.networks.of_time import SOFTWARE, TIME_SCALE, of_software
-from evidence.networks.using import network_for
+from evidence.networks.point_network import SOFTWARE, TIME_SCALE, network_for, software_share
 from evidence.traffic.driver import Driver
 from evidence.traffic.plan import Planned
 from evidence.traffic.session import Wanted
@@ -74,7 +73,7 @@ def measure(values: Values, seed: int, runs: Path, _signals: Signals) -> Outcome
         raise SweepError(f"{HEAD_OF_LINE.place(values)}: {text}")
     short = [each.summary["session"] for each in driver.outcomes if not each.planned.priority]
     measured = outcome(lights(read_record(folder), scale), short)
-    return {**measured, **of_software(folder)}
+    return {**measured, **software_share(folder)}
 
 
 def planned(values: Values, seed: int) -> list[Planned]:

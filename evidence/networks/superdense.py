@@ -14,15 +14,17 @@ from evidence.curves.experiment import Experiment, Measure, Outcome, SweepError,
 from evidence.curves.link import FIBER, PRESET, implied
 from evidence.curves.parameters import Parameter, Values
 from evidence.curves.superdense import FEC, INTERLEAVE, LOSSES, RATE, loss_db
-from evidence.networks import places
-from evidence.networks.of_time import SOFTWARE, TIME_SCALE, of_software
-from evidence.networks.places import (
+from evidence.networks.point_network import (
     PLACES,
     RECEIVER,
     SENDER,
-    are_plain,
+    SOFTWARE,
+    TIME_SCALE,
+    fiber_settings,
+    is_default,
     left_to_network,
-    said_of_fibers,
+    software_share,
+    topology_options,
 )
 from qmn.jobs import runner, superdense
 from qmn.jobs.transfer import TransferError
@@ -57,7 +59,7 @@ def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
             told = runner.run(job, context)
         except (NetworkError, TransferError, BadInput, BadTopology) as error:
             raise SweepError(f"{SUPERDENSE.place(values)} failed: {error}") from error
-    return {**outcome(told), **of_software(context.folder)}
+    return {**outcome(told), **software_share(context.folder)}
 
 
 def request(values: Values, seed: int, message: Path, runs: Path) -> SuperdenseRequest:
@@ -69,11 +71,11 @@ def request(values: Values, seed: int, message: Path, runs: Path) -> SuperdenseR
         receiver=str(values[RECEIVER.name]),
         interleave=values[INTERLEAVE.name] == "on",
         seed=seed,
-        fiber=said_of_fibers(values, FIBER),
+        fiber=fiber_settings(values, FIBER),
         runs=runs,
         captures="none",
         without="report",
-        **places.network(values),
+        **topology_options(values),
         **named,
     )
 
@@ -110,7 +112,7 @@ def is_known(values: Values) -> bool:
     """Return whether there is no noise but loss and depolarising."""
     numbers = (each for each in FIBER if each.name not in ("kind", "depolarizing", *LOSSES))
     plain = all(values[each.name] == each.default for each in numbers)
-    return plain and values[PRESET.name] == PRESET.default and are_plain(values)
+    return plain and values[PRESET.name] == PRESET.default and is_default(values)
 
 
 SUPERDENSE = Experiment(

@@ -15,15 +15,17 @@ from evidence.curves.estimates import NOTHING, Estimate, proportion
 from evidence.curves.experiment import Experiment, Measure, Outcome, SweepError, number
 from evidence.curves.link import FIBER
 from evidence.curves.parameters import Parameter, Values, of_dataclass
-from evidence.networks import places
-from evidence.networks.of_time import SOFTWARE, TIME_SCALE, of_software
-from evidence.networks.places import (
+from evidence.networks.point_network import (
     PLACES,
     RECEIVER,
     SENDER,
-    are_plain,
+    SOFTWARE,
+    TIME_SCALE,
+    fiber_settings,
+    is_default,
     left_to_network,
-    said_of_fibers,
+    software_share,
+    topology_options,
 )
 from qmn.jobs import counted_service, runner
 from qmn.jobs.transfer import TransferError
@@ -56,7 +58,7 @@ def measure(values: Values, seed: int, runs: Path, signals: Signals) -> Outcome:
     except (NetworkError, TransferError, BadInput, BadTopology) as error:
         raise SweepError(f"{TELEPORT.place(values)} failed: {error}") from error
     assert isinstance(told, TeleportFigures)  # it has gone well
-    return {**outcome(told), **of_software(context.folder)}
+    return {**outcome(told), **software_share(context.folder)}
 
 
 def request(values: Values, seed: int, runs: Path) -> ServiceRequest:
@@ -73,14 +75,14 @@ def request(values: Values, seed: int, runs: Path) -> ServiceRequest:
         block_pairs=states,
         seed=seed,
         backend="chp" if state == "random" else "dense",
-        fiber=said_of_fibers(values, [DEPOLARIZING]),
+        fiber=fiber_settings(values, [DEPOLARIZING]),
         time_scale=values[TIME_SCALE.name],
         device=tuple(f"{receiver}.memory.{name}={time}" for name, time in times.items()),
         runs=runs,
         classical_mbps=values[RATE.name],
         captures="none",
         without="report",
-        **places.network(values),
+        **topology_options(values),
     )
 
 
@@ -96,7 +98,7 @@ def outcome(told: TeleportFigures) -> Outcome:
 def teleported(values: Values) -> float | None:
     """Return the theory of teleported after the wait that was measured."""
     waited_s = number(values, WAITED.name)
-    if math.isnan(waited_s) or not are_plain(values):
+    if math.isnan(waited_s) or not is_default(values):
         return None
     p = theory.together(*[number(values, DEPOLARIZING.name)] * FIBERS_PASSED)
     return theory.waited_fidelity(waited_s, number(values, T1.name), number(values, T2.name), p)

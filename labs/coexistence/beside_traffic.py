@@ -8,7 +8,7 @@ from pathlib import Path
 
 from coexistence import TRAFFIC_DBM, settings
 
-from evidence.networks.using import session
+from evidence.networks.point_network import session
 from qmn.results.run_folder import make_folder
 from qmn.scripting import start
 from wire.results.run_result import RESULT

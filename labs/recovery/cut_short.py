@@ -9,7 +9,7 @@ from pathlib import Path
 from campus import Campus
 
 from evidence.networks.flapping import dark_spans
-from evidence.networks.using import session
+from evidence.networks.point_network import session
 from qmn.results.run_folder import make_folder
 from qmn.running.event_sources import recorded
 from qmn.scripting import QuantumNetwork, start

@@ -9,7 +9,7 @@ from evidence.curves.catalogue import EXPERIMENTS
 from evidence.curves.grid import Grid, build
 from evidence.curves.parameters import BadGrid, Parameter
 from evidence.networks.catalogue import EMULATED
-from evidence.networks.places import SENDER, TOPOLOGY, said_of_fibers
+from evidence.networks.point_network import SENDER, TOPOLOGY, fiber_settings
 
 SDC = EXPERIMENTS["sdc"]
 
@@ -155,7 +155,7 @@ def test_of_other_networks_is_said_what_is_not_as_by_default() -> None:
     known = EMULATED["sdc"].complete({"depolarizing": 0.5})
     other = {**known, "topology": "my_net.py:MyNet"}
     length, depolarizing = Parameter("length_km", 0.01), Parameter("depolarizing", 0.0)
-    words = [said_of_fibers(each, (length, depolarizing)) for each in (known, other)]
+    words = [fiber_settings(each, (length, depolarizing)) for each in (known, other)]
     assert words == [("length_km=0.01", "depolarizing=0.5"), ("depolarizing=0.5",)]
     theories = [EMULATED["sdc"].measure("arrived").theory(each) for each in (known, other)]
     assert theories == [1.0, None]

@@ -16,7 +16,7 @@ from evidence.curves.grid import Row, build
 from evidence.curves.pictures import pictures
 from evidence.curves.table import opened
 from evidence.networks.catalogue import EMULATED
-from evidence.networks.of_time import SOFTWARE
+from evidence.networks.point_network import SOFTWARE
 from evidence.networks.teleportation import WAITED, outcome, request
 from qmn.jobs import counted_service
 
