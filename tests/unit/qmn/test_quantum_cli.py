@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from mininet.net import Mininet
 
-from qmn.interactive import quantum_cli
-from qmn.interactive.quantum_cli import QUANTUM_VERBS, QuantumCLI
+from qmn.interactive import network_cli
+from qmn.interactive.quantum_cli import QuantumCLI
 from qmn.jobs.transfer import TransferError
 from qmn.scripting.exchange import Exchange
 from qmn.scripting.network import QuantumNetwork
@@ -130,7 +130,7 @@ def test_a_sourced_file_goes_on_after_a_failure(network: Unstarted, tmp_path: Pa
 def test_a_wait_for_the_background_has_a_deadline(
     network: Unstarted, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(quantum_cli, "BACKGROUND_TIMEOUT_S", 0.1)
+    monkeypatch.setattr(network_cli, "BACKGROUND_TIMEOUT_S", 0.1)
     cli = QuantumCLI(network, [])
     said, terminal = os.pipe()
     with os.fdopen(said) as stdout, open(os.devnull) as cli.stdin:
@@ -183,7 +183,7 @@ def test_verbs_and_hosts_are_completed(
     assert complete(text, line, begin, len(line)) == completed
 
 
-@pytest.mark.parametrize("verb", QUANTUM_VERBS)
+@pytest.mark.parametrize("verb", QuantumCLI.host_verbs)
 def test_help_says_how_each_verb_is_used(
     network: Unstarted, capsys: pytest.CaptureFixture[str], verb: str
 ) -> None:
@@ -192,4 +192,12 @@ def test_help_says_how_each_verb_is_used(
 
 
 def test_seven_quantum_verbs_are_known() -> None:
-    assert QUANTUM_VERBS == ["qiperf", "qlinks", "qpaths", "qping", "qsend", "qstate", "qtrace"]
+    assert QuantumCLI.host_verbs == [
+        "qiperf",
+        "qlinks",
+        "qpaths",
+        "qping",
+        "qsend",
+        "qstate",
+        "qtrace",
+    ]
