@@ -215,7 +215,7 @@ PROPERTIES: dict[str, tuple[type[optical.OpticalProperty], int]] = {
     "optical port statistics": (optical.PortLight, 11),
 }
 
-TARGETS: dict[str, Target] = {
+FORMATS: dict[str, Target] = {
     "metadata": Target([*_golden(test_metadata.GOLDEN), *JUDGED], decode, lambda m: m.encode()),
     "key distribution": Target(
         [test_qkd.whole(message) for message, _golden in test_qkd.GOLDEN],
@@ -409,7 +409,7 @@ TARGETS: dict[str, Target] = {
     )
     for name, (kind, count) in PROPERTIES.items()
 }
-TARGETS |= of_programs.TARGETS
+TARGETS = FORMATS | of_programs.TARGETS
 
 EXCUSED = {  # what decodes or parses in wire/ and is not fed, and why
     "wire.results.schema.decoded": "a file, spoiled in tests/unit/qmn/test_runs.py",

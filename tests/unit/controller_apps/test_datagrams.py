@@ -41,12 +41,8 @@ def test_what_scapy_writes_is_read_with_options_and_padding() -> None:
     assert Frame.decode(bytes(packet) + bytes(9)) == FRAME
 
 
-def test_every_truncation_and_a_fragment_are_malformed() -> None:
-    data = FRAME.encode()
-    for length in range(len(data)):
-        with pytest.raises(MalformedPacket):
-            Frame.decode(data[:length])
-    fragment = bytearray(data)
+def test_a_fragment_is_malformed() -> None:
+    fragment = bytearray(FRAME.encode())
     fragment[20] = 0x20  # more fragments
     with pytest.raises(MalformedPacket, match="do not fit"):
         Frame.decode(bytes(fragment))

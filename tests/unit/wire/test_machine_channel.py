@@ -28,11 +28,6 @@ def test_a_message_is_these_bytes() -> None:
     assert received(GOLDEN) == (HEADER, b"\x00\x01\x02")
 
 
-@pytest.mark.parametrize("length", range(len(GOLDEN)))
-def test_a_message_that_is_cut_off_is_the_end(length: int) -> None:
-    assert received(GOLDEN[:length]) is None
-
-
 @pytest.mark.parametrize("data", [b"", b"[]", b"1", b"{", b"\xff", b"[" * 100_000])
 def test_a_header_that_is_no_object_is_refused(data: bytes) -> None:
     with pytest.raises(MalformedPacket):

@@ -173,13 +173,6 @@ def test_paths_are_decoded() -> None:
     assert decode_path_optics(b"") == []
 
 
-def test_piece_of_a_path_is_malformed() -> None:
-    for size in range(len(PATHS_BYTES)):
-        if size % 16:
-            with pytest.raises(MalformedPacket, match=f"path optics of {size} bytes"):
-                decode_path_optics(PATHS_BYTES[:size])
-
-
 @pytest.mark.parametrize("field", ["0400", "ff00", "0002", "00ff"])
 def test_path_with_no_such_rotation_or_state_is_malformed(field: str) -> None:
     with pytest.raises(MalformedPacket, match="rotation"):

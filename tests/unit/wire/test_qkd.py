@@ -117,17 +117,6 @@ def test_golden_bytes_both_ways(message: QkdMessage, golden: str) -> None:
 
 
 @pytest.mark.parametrize(("message", "_golden"), GOLDEN)
-def test_truncated_messages_are_incomplete_or_malformed(message: QkdMessage, _golden: str) -> None:
-    data = whole(message)
-    for length in range(len(data)):
-        assert message_length(data[:length]) in (None, len(data))
-        with pytest.raises(MalformedPacket):
-            unframe(data[:length])
-    with pytest.raises(MalformedPacket):
-        unframe(data + b"\0")
-
-
-@pytest.mark.parametrize(("message", "_golden"), GOLDEN)
 def test_a_body_of_another_length_is_malformed(message: QkdMessage, _golden: str) -> None:
     body = message.encode()
     if isinstance(message, Abort):
@@ -135,22 +124,6 @@ def test_a_body_of_another_length_is_malformed(message: QkdMessage, _golden: str
     for wrong in (body[:-1], body + b"\0"):
         with pytest.raises(MalformedPacket):
             type(message).parse(wrong)
-
-
-def test_changed_bytes_are_malformed_or_another_message() -> None:
-    rng = random.Random(1)
-    for message, _golden in GOLDEN:
-        data = bytearray(whole(message))
-        for _ in range(300):
-            changed = bytearray(data)
-            changed[rng.randrange(len(data))] = rng.randrange(256)
-            try:
-                sealed = unframe(bytes(changed))
-                opened = sealed.open()
-            except MalformedPacket:
-                continue
-            again = unsealed(opened, sealed.session, sealed.sequence) + sealed.tag
-            assert again == changed
 
 
 HEADERS = [
