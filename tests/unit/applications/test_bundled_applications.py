@@ -62,6 +62,7 @@ def test_teleport_brings_the_state_over(tmp_path: Path, left: dict[str, list[Any
         assert fidelity(matrix, state) > 1 - ANGLES**2
 
 
+@pytest.mark.nightly
 def test_chsh_is_won_more_often_than_without_quantum(tmp_path: Path) -> None:
     """Through a repeater; cos^2(pi/8) = .854, and .75 is the most without."""
     hosts = {"alice": "alice", "bob": "bob", "repeater": "charlie"}
@@ -79,6 +80,7 @@ def test_chsh_is_won_more_often_than_without_quantum(tmp_path: Path) -> None:
     assert abs(np.mean(won) - expected) < bound
 
 
+@pytest.mark.nightly
 def test_bb84_agrees_wherever_the_bases_do(tmp_path: Path) -> None:
     hosts = {"alice": "alice", "bob": "bob"}
     inputs = [{role: {"num_bits": 24} for role in hosts}]

@@ -31,6 +31,7 @@ def test_processor_time_is_that_of_the_kernel() -> None:
     assert before - 2 * tick_s <= told <= time.process_time() + 2 * tick_s
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root makes namespaces")
 def test_memory_is_that_of_all_processes_each_page_once() -> None:
     """Of two that share 50 MiB, after a fork, these count once."""

@@ -91,6 +91,7 @@ def test_who_has_no_light_within_its_slot_since_switches_are_far_is_too_late() -
     assert alone.waited_s == pytest.approx(0.3 + 5 * 0.04)  # slot 1, a barrier, three ways
 
 
+@pytest.mark.nightly
 def test_slots_wait_as_a_slotted_queue_does() -> None:
     """Poisson arrivals, one slot each: half a slot until one begins, and load / (2 (1 - load)).
 

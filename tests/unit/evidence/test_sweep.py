@@ -214,6 +214,7 @@ def test_a_point_that_theory_does_not_explain_fails_the_command_and_is_named(
     assert said.count("more than 5 standard errors away") == 1
 
 
+@pytest.mark.nightly
 @pytest.mark.timeout(400)  # half a minute of a processor
 def test_every_published_figure_is_reproduced(
     tmp_path: Path,

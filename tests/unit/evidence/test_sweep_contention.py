@@ -40,6 +40,7 @@ def test_wavelengths_of_one_fibre_are_taken_as_often_as_erlang_b_says() -> None:
     assert not outcome["blocked"].agrees(erlang_b(2.0, 4))
 
 
+@pytest.mark.nightly
 def test_who_waits_for_wavelengths_waits_as_erlang_c_says() -> None:
     _values, outcome = measured(load=1.2, channels=2, contention="queue", trunk="wavelengths")
     assert outcome["waited"].agrees(0.45)  # 2 rho^2 / (1 + rho) for two servers, rho = .6

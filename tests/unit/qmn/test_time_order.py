@@ -43,6 +43,7 @@ def peak_bytes(count: int) -> int:
     return peak
 
 
+@pytest.mark.nightly
 def test_ten_times_the_packets_do_not_take_ten_times_the_memory() -> None:
     """A list of them would: each is more than 64 bytes. In this process others take memory, too."""
     with ProcessPoolExecutor(1, get_context("spawn")) as alone:

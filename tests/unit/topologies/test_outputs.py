@@ -122,6 +122,7 @@ def test_every_verb_has_the_same_rule(
     assert (done.returncode, done.stderr) == (status, said)
 
 
+@pytest.mark.by_day(every=2)
 @pytest.mark.parametrize("columns", ["0", "²"])
 def test_a_width_that_is_none_is_no_width(columns: str) -> None:
     def shown(environment: dict[str, str]) -> str:

@@ -192,6 +192,7 @@ def refused(data: bytes) -> bool:
     return False
 
 
+@pytest.mark.nightly
 def test_what_python_refuses_is_marked_as_malformed_and_nothing_else(tmp_path: Path) -> None:
     draw = random.Random(SEED)
     spoiled = [mutated(draw, whole(draw.choice(MESSAGES))) for _ in range(3000)]

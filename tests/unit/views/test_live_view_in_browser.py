@@ -787,6 +787,7 @@ def test_no_names_of_a_map_overlap_at_any_zoom(
         page.close()
 
 
+@pytest.mark.nightly
 def test_columns_lie_on_a_phone_and_stand_on_a_screen(
     chromium: Browser, tmp_path: Path, said: list[str]
 ) -> None:
