@@ -13,15 +13,16 @@ from types import UnionType
 from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin
 
 from wire.parameters.checks import check_choice, check_number, remedy
+from wire.parameters.option import Declaration, declared
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 Kind = TypeVar("Kind", bound="DataclassInstance")
-Words = Mapping[str, Any]  # how an option is said, beside its name, kind and default
-NO_WORDS: Mapping[str, Words] = {}
-Kinds = Mapping[str, type[Any]]  # of parts, by their names, that are not always of the same class
-NO_KINDS: Kinds = {}
+NO_WORDS: Mapping[str, Declaration] = {}
+Parts = Mapping[str, type[Any]]  # classes of parts, by their fields, if not those of the fields
+NO_PARTS: Parts = {}
+ARGPARSE = ("metavar", "choices", "const")  # words that are argparse's
 
 
 class BadInput(Exception):
@@ -32,7 +33,7 @@ def add_options(
     parser: argparse.ArgumentParser,
     kind: "type[DataclassInstance]",
     leave_out: Collection[str] = (),
-    words: Mapping[str, Words] = NO_WORDS,
+    words: Mapping[str, Declaration] = NO_WORDS,
     group: str = "",
 ) -> None:
     """Describe the options of a dataclass; `words` say some by name that it does not, or anew.
@@ -41,7 +42,7 @@ def add_options(
     """
     alternatives: dict[str, Any] = {}
     for each in _fields(kind):
-        said = {**each.metadata, **words.get(each.name, {})}
+        said: Declaration = {**declared(each), **words.get(each.name, {})}
         if "help" not in said or said.get("flag") == "" or each.name in leave_out:
             continue
         target: Any = titled(parser, said.get("group") or _group(kind, each.name) or group)
@@ -62,78 +63,89 @@ def titled(parser: argparse.ArgumentParser, title: str) -> Any:
 
 
 def read(
-    kind: type[Kind], arguments: argparse.Namespace, kinds: Kinds = NO_KINDS, **known: Any
+    kind: type[Kind], arguments: argparse.Namespace, parts: Parts = NO_PARTS, **known: Any
 ) -> Kind:
     """Return the options of a dataclass as the command line has them; what is not said is left."""
-    said = {name: value for name, value in vars(arguments).items() if value is not None}
-    filling = Filling(said, known, kinds, lambda _kind, each, _without: each.name, as_declared)
-    filled: Kind = filling.fill(kind)
-    return filled
+    given = {name: value for name, value in vars(arguments).items() if value is not None}
+    return CommandLineReader(given, known, parts).read(kind)
 
 
 def from_keywords(
-    kind: type[Kind], given: Mapping[str, Any], kinds: Kinds = NO_KINDS, **known: Any
+    kind: type[Kind], given: Mapping[str, Any], parts: Parts = NO_PARTS, **known: Any
 ) -> Kind:
     """Return the options that keywords name; raise BadInput for what the command line refuses."""
-    filling = Filling(dict(given), known, kinds, _keyword, _value)
-    filled: Kind = filling.fill(kind)
-    for name in sorted(filling.left):
-        raise BadInput(f"there is no option {name}: {remedy(name, filling.names)}")
-    return filled
+    reader = KeywordReader(dict(given), known, parts)
+    options = reader.read(kind)
+    for name in sorted(reader.given):
+        raise BadInput(f"there is no option {name}: {remedy(name, reader.names)}")
+    return options
 
 
 @dataclass
-class Filling:
-    """Takes what is given for the fields of a dataclass, and of those that are its parts.
+class OptionReader:
+    """Reads dataclasses of options, and the dataclasses that are parts of them.
 
-    Nobody who fills it says of which part an option is: the first that has it takes it.
+    A value goes to the first field of its name, and is then no longer among those given.
     """
 
-    left: dict[str, Any]  # what is given, by name, but for what has been taken
-    known: Mapping[str, Any]  # by the names of fields, which are not given
-    kinds: Kinds
-    # The name by which a field of a class is given, None: by none, and its value there.
-    name: "Callable[[Any, Field[Any], Collection[str]], str | None]"
-    value: "Callable[[Field[Any], Any], Any]"
-    names: list[str] = field(default_factory=list)  # that could have been given
+    given: dict[str, Any]  # by the names of `name_of`
+    known: Mapping[str, Any]  # values of fields that nobody gives, by the fields' names
+    parts: Parts
+    names: list[str] = field(default_factory=list)  # that can be given
 
-    def fill(self, kind: type[Any], without: Collection[str] = ()) -> Any:
-        """Return the dataclass, or a part of it that is `without` some names."""
-        made = {}
+    def name_of(self, option: "Field[Any]") -> str | None:
+        """Return the name by which a field is given; None: by none."""
+        return option.name
+
+    def value_of(self, option: "Field[Any]", given: Any) -> Any:
+        """Return the value of a field that is given so."""
+        return given
+
+    def read(self, kind: type[Kind]) -> Kind:
+        values = {}
         for each in fields(kind):
-            part: Any = self.kinds.get(each.name, each.type)
+            part: Any = self.parts.get(each.name, each.type)
             if each.name in self.known:
-                made[each.name] = self.known[each.name]
+                values[each.name] = self.known[each.name]
             elif isinstance(part, type) and is_dataclass(part):
-                made[each.name] = self.fill(part, each.metadata.get("not_kept", ()))
-            elif name := self.name(kind, each, without):
+                values[each.name] = self.read(part)
+            elif name := self.name_of(each):
                 self.names.append(name)
-                if name in self.left:
-                    made[each.name] = self.value(each, self.left.pop(name))
-        return kind(**made)
+                if name in self.given:
+                    values[each.name] = self.value_of(each, self.given.pop(name))
+        return kind(**values)
 
 
-def as_declared(option: "Field[Any]", value: Any) -> Any:
-    """Return a value as its field has it: lists are tuples there, and some texts are paths."""
-    if isinstance(value, list):
-        return tuple(value)
-    return Path(value) if _kind(option.type) is Path else value
+class CommandLineReader(OptionReader):
+    """Reads what argparse has made of words."""
+
+    def value_of(self, option: "Field[Any]", given: Any) -> Any:
+        """Return a value as its field has it: lists are tuples there, and some texts are paths."""
+        if isinstance(given, list):
+            return tuple(given)
+        return Path(given) if _kind(option.type) is Path else given
 
 
-def _keyword(_kind: Any, option: "Field[Any]", _without: Collection[str]) -> str | None:
-    return option.name if "help" in option.metadata else None
+class KeywordReader(OptionReader):
+    """Reads keywords of scripts."""
+
+    def name_of(self, option: "Field[Any]") -> str | None:
+        return option.name if "help" in declared(option) else None
+
+    def value_of(self, option: "Field[Any]", given: Any) -> Any:
+        return _value(option, given)
 
 
 def option_names(options: "DataclassInstance") -> list[str]:
-    return [each.name for each in fields(options) if "help" in each.metadata]
+    return [each.name for each in fields(options) if "help" in declared(each)]
 
 
 def check_ranges(options: "DataclassInstance") -> None:
     """Raise BadInput for a number outside the range that is declared with it."""
     for each in fields(options):
         value = getattr(options, each.name)
-        if "range" in each.metadata and value is not None:
-            check_range(each.name, value, *each.metadata["range"])
+        if (limits := declared(each).get("range")) and value is not None:
+            check_range(each.name, value, *limits)
 
 
 def check_range(name: str, value: float, least: float, most: float) -> None:
@@ -152,18 +164,18 @@ def _group(kind: "type[DataclassInstance]", name: str) -> str:
     return str(vars(declares).get("GROUP", ""))
 
 
-def _flag(option: "Field[Any]", said: Words) -> str:
+def _flag(option: "Field[Any]", said: Declaration) -> str:
     negated = "no-" if option.default is True else ""
-    return str(said.get("flag", f"--{negated}{option.name.replace('_', '-')}"))
+    return said.get("flag", f"--{negated}{option.name.replace('_', '-')}")
 
 
-def _how(option: "Field[Any]", said: Words) -> dict[str, Any]:
+def _how(option: "Field[Any]", said: Declaration) -> dict[str, Any]:
     help_text, kind = said["help"], _kind(option.type)
     if kind is bool:
         action = "store_false" if option.default else "store_true"
         return {"action": action, "help": help_text}
     default = said.get("default", option.default)
-    how = {word: said[word] for word in ("metavar", "choices", "const") if word in said}
+    how: dict[str, Any] = {word: said.get(word) for word in ARGPARSE if word in said}
     if "const" in said:
         how["nargs"] = "?"
     if kind is tuple:
@@ -180,7 +192,7 @@ def _kind(hint: Any) -> Any:
 
 def _value(option: "Field[Any]", given: Any) -> Any:
     """Return the value of a keyword, read as its text would be on the command line."""
-    kind, said = _kind(option.type), option.metadata
+    kind, said = _kind(option.type), declared(option)
     if given is None and option.default is None:
         return None
     if kind is tuple:
@@ -198,6 +210,6 @@ def _value(option: "Field[Any]", given: Any) -> Any:
 
 def _parsed(option: "Field[Any]", kind: Callable[[str], Any], given: Any) -> Any:
     try:
-        return option.metadata.get("parse", kind)(str(given))
+        return declared(option).get("parse", kind)(str(given))
     except (ValueError, argparse.ArgumentTypeError) as error:
         raise BadInput(f"{option.name}: {error}") from error

@@ -46,6 +46,7 @@ class KeyServiceOptions:
         (),
         "another application that may ask for keys (repeatable; each host has sae-HOST)",
         metavar="ID=HOST",
+        recorded=False,
     )
     keys_per_s: float = option(
         0.0,
@@ -53,9 +54,14 @@ class KeyServiceOptions:
         metavar="R",
         range=(0.0, 1e6),
     )
-    withhold: bool = option(False, "give out no key while the last session had too many errors")
+    withhold: bool = option(
+        False, "give out no key while the last session had too many errors", recorded=False
+    )
     certificates: Path | None = option(
-        None, "ca.pem, NAME.pem and NAME.key of all (made for the run)", metavar="DIR"
+        None,
+        "ca.pem, NAME.pem and NAME.key of all (made for the run)",
+        metavar="DIR",
+        recorded=False,
     )
 
 

@@ -1,7 +1,6 @@
 """The request of keys that are kept, and of an eavesdropper who passes."""
 
-from dataclasses import dataclass, field
-from typing import ClassVar
+from dataclasses import dataclass
 
 from applications.keys.options import KeyServiceOptions
 from qmn.network.options import NetworkOptions
@@ -31,11 +30,14 @@ class PassingEve:
 class KeysRequest:
     """Which keys are to be kept, for how long, and who comes meanwhile."""
 
-    NOT_KEPT: ClassVar = ("seconds",)
-    keys: KeyServiceOptions = field(metadata={"not_kept": ("sae", "withhold", "certificates")})
+    keys: KeyServiceOptions
     eve: PassingEve
     network: NetworkOptions
     run: RunOptions
     seconds: float | None = option(
-        None, "end after so long (when Ctrl-C comes)", metavar="S", range=(0.1, 30 * 86_400)
+        None,
+        "end after so long (when Ctrl-C comes)",
+        metavar="S",
+        range=(0.1, 30 * 86_400),
+        recorded=False,
     )

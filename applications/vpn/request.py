@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
 
 from applications.keys.request import PassingEve
 from applications.vpn.format import PROGRAMS, WIREGUARD
@@ -18,7 +17,6 @@ DEFAULT_S = 20.0  # that the default file takes at the rate that is asked for
 class VpnRequest:
     """The tunnel's kind, how often its key changes, and the file that goes through it."""
 
-    NOT_KEPT: ClassVar = ("file", "seconds")
     program: str = option(
         WIREGUARD, "what makes the tunnel (wireguard)", flag="--with", choices=PROGRAMS
     )
@@ -40,10 +38,17 @@ class VpnRequest:
     )
     mbit_s: float = option(4.0, "at which the file comes (4)", metavar="MBIT", range=(0.1, 1_000))
     file: Path | None = option(
-        None, f"to move (random bytes that take {DEFAULT_S:g} s)", metavar="FILE"
+        None,
+        f"to move (random bytes that take {DEFAULT_S:g} s)",
+        metavar="FILE",
+        recorded=False,
     )
     seconds: float = option(
-        90.0, "until the file has to be there (90)", metavar="S", range=(1.0, 86_400)
+        90.0,
+        "until the file has to be there (90)",
+        metavar="S",
+        range=(1.0, 86_400),
+        recorded=False,
     )
     eve: PassingEve
     network: NetworkOptions

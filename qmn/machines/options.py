@@ -19,21 +19,30 @@ class MachineOptions:
 
     GROUP: ClassVar[str] = "several machines"
     machines: int = option(
-        1, "over this one, m1, and workers on others (1)", metavar="N", range=(1, 64)
+        1,
+        "over this one, m1, and workers on others (1)",
+        metavar="N",
+        range=(1, 64),
+        recorded=False,
     )
     place: tuple[str, ...] = option(
         (),
         "a host on one of them, as bob=m2 (repeatable; none: in turn)",
         metavar="HOST=MACHINE",
+        recorded=False,
     )
     scheduler: str = option(
-        "", "Dask's, of the workers (that of DASK_SCHEDULER_ADDRESS)", metavar="tcp://…"
+        "",
+        "Dask's, of the workers (that of DASK_SCHEDULER_ADDRESS)",
+        metavar="tcp://…",
+        recorded=False,
     )
     tunnels: str = option(
         "",
         "between machines: VXLAN by the kernel, or by Open vSwitch in user space (the kernel's, "
         "where it has that)",
         choices=TUNNELS,
+        recorded=False,
     )
 
 

@@ -98,12 +98,14 @@ class TimeOptions:
         f"the network takes K seconds here, {AUTO} as many as it needs ({PACED}; docs/time.md)",
         metavar="MODE",
         parse=pace,
+        recorded=False,
     )
     time_scale: float | str = option(
         REAL,
         f"the older word for --time {PACED}=K",
         metavar="K",
         parse=scale,
+        recorded=False,
     )
 
 
@@ -111,11 +113,6 @@ class TimeOptions:
 class NetworkOptions(ShapeOptions, LightOptions, TimeOptions, NetworkSettings):
     """What can be said of a network: its settings, and which nodes and fibres it has."""
 
-    # Of a run's result, which tells them elsewhere, or of which they do not change what comes out.
-    NOT_KEPT: ClassVar = (
-        *("controller", "seed", "backend", "time", "time_scale", "sabot", "policy", "rest", "apps"),
-        *("keys", "metrics", "gnmi", "history_depth", "per_qubit"),
-    )
     topology: str = ""  # its name, or FILE.py:CLASS; empty: a script's own
 
     def __post_init__(self) -> None:

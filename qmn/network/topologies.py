@@ -24,6 +24,7 @@ from topologies.sdc import SdcTopo
 from topologies.tapped import TappedTopo
 from topologies.tree import TreeTopo
 from wire.parameters.checks import remedy
+from wire.parameters.option import declared
 
 
 @dataclass(frozen=True)
@@ -165,7 +166,7 @@ def described_topologies() -> str:
     shown = {
         name: f"{each.text}: {', '.join(each.parameters)}" for name, each in TOPOLOGIES.items()
     }
-    meanings = {name: str(each.metadata["help"]) for name, each in PARAMETERS.items()}
+    meanings = {name: declared(each)["help"] for name, each in PARAMETERS.items()}
     return "\n".join(
         [
             listed("topologies, as in --topology chain,5 or chain,switches=5,fibers=1", shown),

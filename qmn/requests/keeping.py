@@ -1,18 +1,17 @@
-"""The parameters that result.json keeps of a request, and how they are read back.
+"""The parameters that result.json has of a request, and how they are read back.
 
-Kept are options of a request and of its parts, by their names, but those of a class's NOT_KEPT,
-which a result tells elsewhere, or which do not change what comes out, and those that a part's
-metadata has as `not_kept`. Metadata of a field can have `kept`, another name; `of`, a field without
-which this one means nothing.
+These are the options of a request and of its parts, except those that are declared with
+recorded=False, and fields that are `recorded_as` a name (wire.parameters.option).
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from qmn.options import NO_KINDS, Filling, Kind, Kinds, as_declared
+from qmn.options import NO_PARTS, Kind, OptionReader, Parts
 from wire import typed_json
+from wire.parameters.option import declared
 from wire.results.run_result import Parameter
 
 if TYPE_CHECKING:
@@ -21,27 +20,40 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 
-def kept(request: "DataclassInstance", without: Collection[str] = ()) -> dict[str, Parameter]:
+def kept(request: "DataclassInstance") -> dict[str, Parameter]:
     """Return what a result keeps of a request, by name; of what is None nothing."""
-    told: dict[str, Parameter] = {}
+    parameters: dict[str, Parameter] = {}
     for each in fields(request):
         value = getattr(request, each.name)
         if is_dataclass(value) and not isinstance(value, type):
-            told |= kept(value, each.metadata.get("not_kept", ()))
-        elif (name := _name(type(request), each, without)) and value is not None:
-            of = each.metadata.get("of")
+            parameters |= kept(value)
+        elif (name := recorded_name(each)) and value is not None:
+            of = declared(each).get("of")
             if of is None or getattr(request, of) is not None:
-                told[name] = _plain(value)
-    return told
+                parameters[name] = _plain(value)
+    return parameters
+
+
+def recorded_name(option: "Field[Any]") -> str | None:
+    words = declared(option)
+    if "help" in words:
+        return option.name if words.get("recorded", True) else None
+    return words.get("recorded_as")
+
+
+class RecordReader(OptionReader):
+    """Reads what a result has kept."""
+
+    def name_of(self, option: "Field[Any]") -> str | None:
+        return recorded_name(option)
 
 
 def read_kept(
-    kind: type[Kind], given: Mapping[str, Any], kinds: Kinds = NO_KINDS, **known: Any
+    kind: type[Kind], given: Mapping[str, Any], parts: Parts = NO_PARTS, **known: Any
 ) -> Kind:
     """Return the request that a result has kept; raise MalformedPacket for anything else."""
-    told = read_fields(kept_fields(kind, kinds), given)
-    request: Kind = Filling(told, known, kinds, _name, as_declared).fill(kind)
-    return request
+    values = read_fields(kept_fields(kind, parts), given)
+    return RecordReader(values, known, parts).read(kind)
 
 
 def read_fields(kept: "Mapping[str, Field[Any]]", given: Mapping[str, Any]) -> dict[str, Any]:
@@ -51,23 +63,16 @@ def read_fields(kept: "Mapping[str, Field[Any]]", given: Mapping[str, Any]) -> d
 
 
 def kept_fields(
-    kind: "type[DataclassInstance]", kinds: Kinds = NO_KINDS, without: Collection[str] = ()
+    kind: "type[DataclassInstance]", parts: Parts = NO_PARTS
 ) -> "dict[str, Field[Any]]":
-    found: dict[str, Field[Any]] = {}
+    kept: dict[str, Field[Any]] = {}
     for each in fields(kind):
-        part: Any = kinds.get(each.name, each.type)
+        part: Any = parts.get(each.name, each.type)
         if isinstance(part, type) and is_dataclass(part):
-            found |= kept_fields(part, kinds, each.metadata.get("not_kept", ()))
-        elif name := _name(kind, each, without):
-            found[name] = each
-    return found
-
-
-def _name(kind: Any, each: "Field[Any]", without: Collection[str]) -> str | None:
-    if each.name in without or each.name in getattr(kind, "NOT_KEPT", ()):
-        return None
-    named: str | None = each.metadata.get("kept")
-    return named or (each.name if "help" in each.metadata else None)
+            kept |= kept_fields(part, parts)
+        elif name := recorded_name(each):
+            kept[name] = each
+    return kept
 
 
 def _plain(value: Any) -> Parameter:

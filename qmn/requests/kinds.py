@@ -22,19 +22,19 @@ class Kept:
 
     kind: type[Any]
     known: Mapping[str, Any] = field(default_factory=dict)  # fields that are not kept
-    kinds: Mapping[str, type[Any]] = field(default_factory=dict)  # of its parts
+    parts: Mapping[str, type[Any]] = field(default_factory=dict)  # their classes
 
     def read(self, given: Mapping[str, Any], **told: Any) -> Request:
         """Return the request; `told` is what a result tells elsewhere.
 
         Raise MalformedPacket for a name or a value that no such request has.
         """
-        request: Request = read_kept(self.kind, given, self.kinds, **self.known, **told)
+        request: Request = read_kept(self.kind, given, self.parts, **self.known, **told)
         return request
 
     @property
     def fields(self) -> dict[str, Any]:
-        return kept_fields(self.kind, self.kinds)
+        return kept_fields(self.kind, self.parts)
 
 
 KEPT: Mapping[str, Kept] = MappingProxyType(

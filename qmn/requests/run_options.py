@@ -3,9 +3,8 @@
 from argparse import ArgumentTypeError
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
 
-from qmn.machines.options import MACHINES, MachineOptions
+from qmn.machines.options import MachineOptions
 from topologies.networks.captures import HEADERS_BYTES, MAX_PACKET_BYTES
 from wire.parameters.checks import check_choice
 from wire.parameters.network import LEAST_MBPS, MOST_MBPS
@@ -27,7 +26,9 @@ class LiveOptions:
     """What every verb that starts networks can be told of a page."""
 
     live: bool = option(
-        False, "serve a page of the network, or of each in its turn, and say where (`qmn live`)"
+        False,
+        "serve a page of the network, or of each in its turn, and say where (`qmn live`)",
+        recorded=False,
     )
 
 
@@ -35,8 +36,9 @@ class LiveOptions:
 class RunOptions(LiveOptions, MachineOptions):
     """What every run can be told beside its network and its job."""
 
-    NOT_KEPT: ClassVar = ("runs", "qasm", "captures", "without", "live", *MACHINES)
-    runs: Path = option(Path("runs"), "folder for what runs leave (runs)", metavar="DIR")
+    runs: Path = option(
+        Path("runs"), "folder for what runs leave (runs)", metavar="DIR", recorded=False
+    )
     classical_mbps: float | None = option(
         None,
         "slow classical channel: Mbit/s of quantum metadata that a host can send (no limit)",
@@ -44,11 +46,12 @@ class RunOptions(LiveOptions, MachineOptions):
         range=(LEAST_MBPS, MOST_MBPS),
         group=CONTROL,
     )
-    qasm: bool = option(False, "write what is done to qubits to quantum.qasm")
+    qasm: bool = option(False, "write what is done to qubits to quantum.qasm", recorded=False)
     captures: str = option(
         "full",
         "of each packet, what is captured: full, headers (its first 640 bytes), or none (full)",
         choices=CAPTURES,
+        recorded=False,
     )
     without: tuple[str, ...] = option(
         (),
@@ -56,6 +59,7 @@ class RunOptions(LiveOptions, MachineOptions):
         f"`qmn report` makes later, as {EVENTS},{REPORT}",
         metavar="FILES",
         parse=omitted,
+        recorded=False,
     )
 
     @property

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from controller_apps.policy.schedules import PARALLEL, SCHEDULES
 from hosts.middleware.services import NAMES
@@ -14,19 +14,19 @@ from qmn.options import from_keywords
 from qmn.requests.run_options import RunOptions
 from qmn.requests.service_verbs import SERVICE_PORT, verb_of
 from wire.device import MAX_LEVEL_ROUNDS
-from wire.parameters.option import option
+from wire.parameters.option import option, recorded_as
 
 
 @dataclass(frozen=True, kw_only=True)
 class ServiceRequest:
     """What is asked of a service, and in which network."""
 
-    NOT_KEPT: ClassVar = ("block_pairs", "rate_hz", "hand_out")  # those of the session are
     service: str
     sender: str = option("alice", "that asks (alice)", flag="--from", metavar="HOST")
-    # In place of those of the session; None: such that every source can make them.
-    block_pairs: int | None = option(None, "pairs in a block", metavar="N")
-    rate_hz: int | None = option(None, "of the source", metavar="HZ")
+    # In place of those of the session, which are recorded; None: such that every source can make
+    # them.
+    block_pairs: int | None = option(None, "pairs in a block", metavar="N", recorded=False)
+    rate_hz: int | None = option(None, "of the source", metavar="HZ", recorded=False)
     eve: float | None = option(
         None,
         "put eve on the fibre, who attacks this fraction of the photons",
@@ -49,6 +49,7 @@ class ServiceRequest:
         None,
         "take keys out of both stores as they come, into files of this new folder",
         metavar="DIR",
+        recorded=False,
     )
     schedule: str | None = option(
         None,
@@ -62,7 +63,7 @@ class ServiceRequest:
         range=(0, MAX_LEVEL_ROUNDS),
     )
     # Not asked for: what hosts are to find out, by their devices; None: nothing.
-    phases_rad: tuple[float, ...] | None = field(default=None, metadata={"kept": "phases_rad"})
+    phases_rad: tuple[float, ...] | None = field(default=None, metadata=recorded_as("phases_rad"))
     options: ServiceOptions  # of its session, with the host that is asked
     network: NetworkOptions
     run: RunOptions

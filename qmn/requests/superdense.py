@@ -1,8 +1,8 @@
 """The request of a message by superdense coding."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from hosts.middleware.services.superdense.options import SuperdenseOptions
 from qmn.network.options import NetworkOptions
@@ -19,14 +19,13 @@ SERVICE = Service.SDC.name.lower()
 class SuperdenseRequest:
     """What is sent, how, and in which network."""
 
-    NOT_KEPT: ClassVar = ("message", "file")  # a result tells of the file
+    # The result of a run has the file of both.
     message: str | None = option(
-        None, "text to send (default: a short text of ours)", instead_of="what"
+        None, "text to send (default: a short text of ours)", instead_of="what", recorded=False
     )
-    file: Path | None = option(None, "file to send", instead_of="what")
+    file: Path | None = option(None, "file to send", instead_of="what", recorded=False)
     sender: str = option("alice", "sending host (alice)", flag="--from", metavar="HOST")
-    # Of its session, with the host that is sent to.
-    options: SuperdenseOptions = field(metadata={"not_kept": ("source",)})
+    options: SuperdenseOptions  # of its session, with the host that is sent to
     network: NetworkOptions
     run: RunOptions
 

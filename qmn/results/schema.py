@@ -20,6 +20,7 @@ from qmn.results.run_result import TOLD, UNSAID, NetworkResult, RunResult
 from wire import typed_json
 from wire.malformed import MalformedPacket
 from wire.parameters.checks import remedy
+from wire.parameters.option import declared
 from wire.results import schema
 from wire.results.run_result import RESULT
 from wire.results.schema import Schema
@@ -69,7 +70,7 @@ def _object(
         "type": "object",
         "description": " ".join((kind.__doc__ or "").split()),
         "properties": {name: schema.schema_of(_there(f.type), told) for name, f in kept.items()},
-        "required": sorted(name for name in always if "of" not in kept[name].metadata),
+        "required": sorted(name for name in always if "of" not in declared(kept[name])),
     }
 
 

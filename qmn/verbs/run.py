@@ -19,9 +19,14 @@ from qmn.requests.run_options import RunOptions
 from qmn.requests.service import ServiceRequest, ends_of_line
 from qmn.requests.service_verbs import APPLICATION_PORT, SERVICE_PORT, VERBS, Verb
 from qmn.requests.superdense import SuperdenseRequest
-from wire.parameters.option import WRITTEN
+from wire.parameters.option import WRITTEN, Declaration
 
-HOST = {"flag": "--to", "default": "bob", "metavar": "HOST", "help": "that is asked (bob)"}
+HOST: Declaration = {
+    "flag": "--to",
+    "default": "bob",
+    "metavar": "HOST",
+    "help": "that is asked (bob)",
+}
 # Of a service's session: its request has them, such that every source can make them.
 OF_LIGHT = ("block_pairs", "rate_hz")
 
@@ -53,7 +58,6 @@ def _describe_superdense(parser: Parser) -> None:
     add_options(
         parser,
         SuperdenseOptions,
-        leave_out=("source",),
         words={"host": {**HOST, "help": "receiving host (bob)"}},
         group=JOB,
     )

@@ -21,7 +21,9 @@ class EventSettings:
     """What a user can set of what is kept of events and packets."""
 
     GROUP: ClassVar[str] = WRITTEN
-    history_depth: int = option(10_000, "events kept (10000)", metavar="N", range=(0, 10_000_000))
+    history_depth: int = option(
+        10_000, "events kept (10000)", metavar="N", range=(0, 10_000_000), recorded=False
+    )
     # These have events of their own in log and capture.
     per_qubit: int = option(
         0,
@@ -29,6 +31,7 @@ class EventSettings:
         metavar="N",
         const=1000,
         range=(0, 1_000_000),
+        recorded=False,
     )
     # Which then ends, and the run goes on: a capture, and the record of the dispatcher.
     file_gib: float = option(
@@ -49,9 +52,13 @@ class DispatcherSettings(EventSettings):
     """What a user can set of the dispatcher."""
 
     GROUP: ClassVar[str] = SIMULATION
-    backend: str = option("chp", "what simulates quantum states (chp)", choices=BACKENDS)
+    backend: str = option(
+        "chp", "what simulates quantum states (chp)", choices=BACKENDS, recorded=False
+    )
     # Path of a Sabot server's socket; empty: the dispatcher simulates by itself.
-    sabot: str = option("", "simulate in a Sabot server (in ed itself)", metavar="SOCKET")
+    sabot: str = option(
+        "", "simulate in a Sabot server (in ed itself)", metavar="SOCKET", recorded=False
+    )
     looking: bool = False  # whether hosts may look at states, which no hardware lets them do
 
 
@@ -67,14 +74,19 @@ class ControllerSettings:
         "refuse", "what a request meets whose light is taken (refuse)", choices=("refuse", "queue")
     )
     # Path of its file; empty: the shipped one.
-    policy: str = option("", "who may do what, in TOML (allow everything)", metavar="FILE")
+    policy: str = option(
+        "", "who may do what, in TOML (allow everything)", metavar="FILE", recorded=False
+    )
     # Empty: nowhere.
-    rest: str = option("", "serve what c0 knows at this address, over HTTP", metavar="ADDRESS")
+    rest: str = option(
+        "", "serve what c0 knows at this address, over HTTP", metavar="ADDRESS", recorded=False
+    )
     apps: tuple[str, ...] = option(
         (),
         "load a controller app beside ours, such as ryu.app.ofctl_rest (more than once)",
         flag="--app",
         metavar="MODULE",
+        recorded=False,
     )
 
 
@@ -83,7 +95,9 @@ class CopperSettings:
     """What a user can set of copper, and of the way between controller and switches."""
 
     GROUP: ClassVar[str] = CONTROL
-    controller: str = option("ryu", "what c0 runs on (ryu)", choices=("ryu", "os-ken"))
+    controller: str = option(
+        "ryu", "what c0 runs on (ryu)", choices=("ryu", "os-ken"), recorded=False
+    )
     openflow_port: int = option(OPENFLOW_PORT, "of c0 (6653)", metavar="PORT", range=(1, 65_535))
     copper_km: float | None = option(
         None,
@@ -126,9 +140,12 @@ class ServedSettings:
         "",
         "keep the keys that hosts make here, a new folder (they go with the network)",
         metavar="DIR",
+        recorded=False,
     )
-    metrics: bool = option(False, "metrics for Prometheus (docs/metrics.md)")
-    gnmi: bool = option(False, "telemetry of quantum switches by gNMI (docs/telemetry.md)")
+    metrics: bool = option(False, "metrics for Prometheus (docs/metrics.md)", recorded=False)
+    gnmi: bool = option(
+        False, "telemetry of quantum switches by gNMI (docs/telemetry.md)", recorded=False
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,7 +153,7 @@ class NetworkSettings(ControllerSettings, CopperSettings, DispatcherSettings, Se
     """What a user can set of a network whose nodes and fibres are described already."""
 
     GROUP: ClassVar[str] = SIMULATION
-    seed: int = option(1, "of all quantum randomness (1)", range=(0, inf))
+    seed: int = option(1, "of all quantum randomness (1)", range=(0, inf), recorded=False)
 
 
 def part(kind: type[Any], settings: NetworkSettings) -> dict[str, Any]:

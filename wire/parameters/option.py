@@ -7,8 +7,9 @@ class Settings:
 A class whose options are shown together, under a title, has it as its GROUP.
 """
 
-from dataclasses import field, fields
-from typing import Any
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import Field, field, fields
+from typing import Any, TypedDict, Unpack, cast
 
 from wire.parameters.checks import Refusal, check_choice, check_number
 
@@ -18,17 +19,45 @@ SIMULATION = "time and simulation"
 WRITTEN = "what is written and served"
 
 
-def option(default: Any, help: str, **words: Any) -> Any:  # noqa: A002 (argparse's word)
+class Words(TypedDict, total=False):
+    """How an option is spelled, and what it may be."""
+
+    metavar: str
+    choices: Collection[str]
+    flag: str  # on the command line, if not the field's name; "": none there
+    parse: Callable[[str], Any]  # of its text
+    const: int  # if it is named without a value
+    range: tuple[float, float]  # least and most of a number
+    instead_of: str  # a name that options share of which only one may be given
+    group: str  # title, if not the GROUP of the class
+    of: str  # a field without which this one means nothing
+    recorded: bool  # not, if result.json has it elsewhere, or if no figure depends on it
+
+
+class Declaration(Words, total=False):
+    """What a field declares of itself, or a parser in its place."""
+
+    help: str  # of options alone
+    default: str  # of parsers
+    recorded_as: str  # of fields that are no options
+
+
+def option(default: Any, help: str, **words: Unpack[Words]) -> Any:  # noqa: A002 (argparse's word)
     """Return a field that is an option.
 
     Its kind is that of the annotation: a number, text, a path, a bool, or a tuple of texts, for
-    which it is said several times. Words are argparse's `metavar` and `choices`; `flag`, its name
-    on the command line if that is another, "" if it has none there; `parse`, what reads its text;
-    `const`, what it is if it is named without a value; `range`, the least and the most that a
-    number may be; `instead_of`, a name that options share of which only one may be given; `group`,
-    its title's if that is not its class's.
+    which it is said several times.
     """
     return field(default=default, metadata={"help": help, **words})
+
+
+def recorded_as(name: str) -> Mapping[str, str]:
+    """Return the metadata of a field that is no option, but is in result.json by this name."""
+    return {"recorded_as": name}
+
+
+def declared(item: "Field[Any]") -> Declaration:
+    return cast("Declaration", item.metadata)
 
 
 def check_options(options: Any, refusal: Refusal = ValueError) -> None:

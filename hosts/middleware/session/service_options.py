@@ -12,7 +12,7 @@ from hosts.middleware.session.options import (
     check_where,
 )
 from wire.metadata.vocabulary import Handshake, Reason
-from wire.parameters.option import option
+from wire.parameters.option import option, recorded_as
 
 MAX_COUNT = 100_000_000
 MOST_PRIORITY = 255
@@ -23,7 +23,7 @@ LATEST_MS = 3_600_000
 class SessionOptions(Options):
     """Address and light of a session; a service adds its own."""
 
-    host: str = field(metadata={"kept": "receiver"})  # as users call who is asked
+    host: str = field(metadata=recorded_as("receiver"))  # as users call who is asked
     port: int
     block_pairs: int = option(
         16_384, "pairs in a block (16384)", metavar="N", range=(1, MAX_BLOCK_PAIRS)

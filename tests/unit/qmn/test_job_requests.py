@@ -1,7 +1,6 @@
 """Requests of jobs: filled by words or by keywords, and kept in results."""
 
 import json
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,6 @@ from qmn.options import BadInput, from_keywords
 from qmn.requests.keeping import kept
 from qmn.requests.kinds import KEPT
 from qmn.requests.request import Request
-from qmn.requests.run_options import RunOptions
 from qmn.requests.service import service_request
 from qmn.requests.superdense import superdense_request
 from qmn.results import schema
@@ -156,11 +154,6 @@ def test_no_result_has_parameters_of_another_job(job: str) -> None:
         asked(job, {"luck": 1})
     place = ROOT["$defs"][f"parameters of {job}"]
     assert any("/luck is unknown" in each for each in problems({"luck": 1}, place, ROOT))
-
-
-def test_only_fields_that_there_are_are_named_as_not_kept() -> None:
-    for kind in (NetworkOptions, RunOptions, *(kept_.kind for kept_ in KEPT.values())):
-        assert {each.name for each in fields(kind)} >= set(getattr(kind, "NOT_KEPT", ()))
 
 
 def test_a_result_of_a_network_keeps_all_of_its_options_that_say_something(tmp_path: Path) -> None:

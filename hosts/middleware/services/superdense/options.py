@@ -30,6 +30,7 @@ HANDSHAKES = {
 class SuperdenseOptions(SessionOptions):
     """Packetisation of a session that carries bytes."""
 
+    source: str = ""  # no option: the network's
     # Or what slower light makes in MAX_BLOCK_S.
     block_pairs: int = option(
         DEFAULT_BLOCK_PAIRS,
