@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from evidence.attacks import bright_light, connections, floods, impostors, photons
-from qmn.scripting.network import start
+from qmn.scripting import start
 from topologies.networks.network import Network
 
 

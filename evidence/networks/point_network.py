@@ -18,7 +18,7 @@ from qmn.options import BadInput
 from qmn.requests.service_verbs import SERVICE_PORT
 from qmn.results import schema
 from qmn.results.run_folder import begin_folder
-from qmn.scripting.network import QuantumNetwork, start
+from qmn.scripting import QuantumNetwork, start
 from qmn.timeouts import STALL_TIMEOUT_S
 from topologies.system.processes.programs import NetworkError
 from wire.network_time import LEAST_SCALE, MOST_SCALE

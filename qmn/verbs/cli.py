@@ -25,7 +25,7 @@ from qmn.requests.run_options import CAPTURES, LiveOptions
 from qmn.results import schema, software_share
 from qmn.results.run_folder import begin_folder, give_to_invoker
 from qmn.running.metrics_targets import urls
-from qmn.scripting.network import QuantumNetwork, running
+from qmn.scripting import QuantumNetwork, running
 from topologies.networks.network import Interrupted, require_free
 from topologies.system.processes.programs import NetworkError
 from topologies.system.processes.signals import interrupted_words

@@ -19,7 +19,7 @@ from random import Random
 import machine
 
 from hosts.quantum_socket import QuantumSocket, QuantumSocketError
-from qmn.scripting.network import QuantumNetwork, start
+from qmn.scripting import QuantumNetwork, start
 from topologies.system.open_vswitch import openvswitch
 from topologies.system.processes.programs import Program, python
 from wire.controller_lines import read_record

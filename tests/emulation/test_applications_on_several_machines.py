@@ -19,7 +19,7 @@ from test_results_fit_schema import require_schema
 from test_run_vpn import lines_of
 
 from applications.keys.key_managers import KeyService, start_key_managers
-from qmn.scripting.network import start
+from qmn.scripting import start
 from topologies.system.confinement.confinement import descendants
 from wire.key_manager import KeyLink
 

@@ -22,7 +22,7 @@ from test_timeline_of_a_run import fields
 from qmn.interactive.quantum_cli import QuantumCLI
 from qmn.jobs.transfer import TransferError
 from qmn.options import BadInput
-from qmn.scripting.network import start
+from qmn.scripting import start
 from topologies.chain import ChainTopo
 from wire.controller_lines import read_record
 from wire.outcomes import Pauli

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from limits import SOON_S
 
-from qmn.scripting.network import start
+from qmn.scripting import start
 from topologies.system.kernel.interfaces import network_of
 from topologies.system.processes.programs import NetworkError
 from wire.config import DISPATCHER_PORT

@@ -12,7 +12,7 @@ import pytest
 from conftest import ROOT
 from mininet.topo import Topo
 
-from qmn.scripting.network import start
+from qmn.scripting import start
 from topologies.links.fiber import FiberLink
 from topologies.nodes import ClassicalSwitch, DispatcherHost, OpticalSwitch, QuantumHost
 from topologies.system.processes.programs import NetworkError

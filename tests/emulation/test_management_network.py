@@ -10,7 +10,7 @@ from scapy.layers.inet import IP, TCP
 from scapy.utils import rdpcap
 
 from qmn.jobs.transfer import TransferError
-from qmn.scripting.network import QuantumNetwork, start
+from qmn.scripting import QuantumNetwork, start
 from wire.parameters.network import OPENFLOW_PORT
 
 OPENFLOW_1_4 = b"\x05"

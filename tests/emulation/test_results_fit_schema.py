@@ -9,7 +9,7 @@ from json_schema import problems
 from limits import PROGRAM_S
 from loaded import run_qmn
 
-from qmn.scripting.network import start
+from qmn.scripting import start
 
 
 def require_schema(folder: Path) -> None:

@@ -181,7 +181,7 @@ def test_pauses_of_a_netqasm_program_dephase_what_waits_as_long_as_they_say(
 
 SCRIPT = """
 import sys
-from qmn.scripting.network import start
+from qmn.scripting import start
 
 with start("sdc", length_km=20, time="stepped", folder=sys.argv[1]) as network:
     time = network.runtime.time

@@ -6,7 +6,7 @@ import pytest
 from conftest import wait_until
 
 from qmn.jobs.transfer import TransferError
-from qmn.scripting.network import QuantumNetwork, start
+from qmn.scripting import QuantumNetwork, start
 from topologies.system.open_vswitch import openvswitch
 
 

@@ -19,7 +19,7 @@ from loaded import run_qmn
 from scapy.layers.inet import ICMP
 from scapy.utils import rdpcap
 
-from qmn.scripting.network import start
+from qmn.scripting import start
 from wire.config import DISPATCHER_PORT
 from wire.metadata.header import METADATA_PORT
 

@@ -11,7 +11,7 @@ from limits import SOON_S
 from scapy.layers.inet import IP, TCP
 from scapy.utils import rdpcap
 
-from qmn.scripting.network import start
+from qmn.scripting import start
 from topologies.system.kernel.interfaces import network_of
 from views.dissection.dissectors import SCRIPT
 from wire.config import DISPATCHER_PORT

@@ -10,7 +10,7 @@ from qmn.network.checks import check_address, check_module, check_network
 from qmn.network.custom_topology import BadTopology
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, add_options, from_keywords, read
-from qmn.scripting.network import start
+from qmn.scripting import start
 from topologies.sdc import SdcTopo
 from wire.metadata.vocabulary import Reason
 

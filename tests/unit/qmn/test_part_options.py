@@ -11,7 +11,7 @@ from qmn.network.custom_topology import BadTopology
 from qmn.network.description import describe_network
 from qmn.network.options import NetworkOptions
 from qmn.options import BadInput, read
-from qmn.scripting.network import start
+from qmn.scripting import start
 from topologies.links.copper_link import CopperLink
 from topologies.links.fiber import FiberLink
 from topologies.sdc import SdcTopo

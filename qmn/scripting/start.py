@@ -1,0 +1,116 @@
+"""The start of a network from a script, or from `qmn cli`."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from mininet.topo import Topo
+
+from qmn.machines.options import MACHINES, MachineOptions, machine_facts, machines_of
+from qmn.network.checks import check_network, refuse_stepped
+from qmn.network.description import (
+    FIBER,
+    NetworkDescription,
+    describe_network,
+    describe_own,
+    part_options,
+)
+from qmn.network.options import NetworkOptions, settings
+from qmn.network.topologies import KNOWN, PARAMETERS, is_known
+from qmn.options import BadInput, from_keywords
+from qmn.results.artifacts import artifacts_of
+from qmn.results.result import network_facts, note_files
+from qmn.results.run_folder import given_at_the_end
+from qmn.results.software_share import note_software
+from qmn.running.dispatcher_calls import status
+from qmn.running.metrics_targets import announce
+from qmn.running.network import announce_network
+from qmn.scripting.network import QuantumNetwork
+from topologies.links.causality import worst
+from topologies.networks.network import Signals
+from topologies.system.namespaces import are_own
+from topologies.system.processes.programs import find_tools
+from views.live.beside import live_view
+from wire.parameters.checks import remedy
+from wire.results.run_result import EarlyNews
+
+NAMED_ONLY = {"preset", *FIBER, *PARAMETERS}  # of the `build` of topologies chosen by name
+
+
+@contextmanager
+def start(
+    topo: str | Callable[[], Topo] = "",
+    folder: Path | str | None = None,
+    **options: Any,
+) -> Iterator[QuantumNetwork]:
+    """Start a network, and leave nothing behind at the end; root.
+
+    `topo` is a name that `qmn run` knows, FILE.py:CLASS, or a topology of your own (sdc, unless a
+    map is named). Logs and quantum events go into the folder, if there is one. `options` are those
+    of NetworkOptions and MachineOptions; what each means, and what it is if absent, says `qmn cli
+    --help`. Raise BadInput or BadTopology for what cannot be, NetworkError if it does not start;
+    Ctrl-C is a KeyboardInterrupt, and cleans up, too.
+    """
+    find_tools()
+    of_machines = {name: options.pop(name) for name in MACHINES if name in options}
+    asked = from_keywords(NetworkOptions, options)
+    topo = topo or asked.topology or "sdc"
+    if isinstance(topo, str):
+        if not is_known(topo):
+            raise BadInput(f"unknown topology {topo!r}: {remedy(topo, KNOWN)}")
+        description = describe_network(replace(asked, topology=topo))
+    elif unused := sorted(options.keys() & NAMED_ONLY):
+        raise BadInput(f"{unused[0]} is of the topologies of qmn: say it in your own, or leave it")
+    else:
+        for word in (*asked.fiber, *asked.node):
+            if part_options(asked).is_of_all(word):
+                raise BadInput(f"{word} is of the topologies of qmn: say of which part it is")
+        description = describe_own(topo, asked)
+    check_network(asked)
+    where = from_keywords(MachineOptions, of_machines)
+    if not are_own():
+        refuse_stepped(asked, "other processes would hold its clock: start it by `qmn script`")
+    if where.machines > 1 or where.place:
+        refuse_stepped(asked, "other machines have clocks of their own")
+    folder = Path(folder) if folder is not None else None
+    with (
+        running(description, folder, where) as network,
+        live_view(False, network.runtime.logs),
+    ):
+        yield network
+
+
+@contextmanager
+def running(
+    description: NetworkDescription, folder: Path | None, where: MachineOptions
+) -> Iterator[QuantumNetwork]:
+    """Run a network; a signal that comes while it starts is raised as Interrupted."""
+    options, chosen = description.options, description.scale
+    with (
+        Signals() as signals,
+        given_at_the_end(options.keys),
+        artifacts_of(options, folder) as facts,
+        machines_of(where, description.hosts, folder, signals.check) as places,
+    ):
+        facts.time = options.time
+        facts.time_scale, facts.time_scale_because = chosen.scale, chosen.reason or None
+        runtime = settings(options, folder, chosen.scale)
+        runtime.places = places
+        network = QuantumNetwork(description.build, runtime, signals)
+        try:
+            with network, signals.at_once():
+                if places:
+                    facts.machines = machine_facts(runtime)
+                facts.network = network_facts(network)
+                announce_network(network.runtime, facts)
+                early = worst(network.runtime)
+                facts.acausal = EarlyNews(*early) if early else None
+                if folder is not None and options.metrics:
+                    facts.metrics = announce(runtime.metrics_addresses, folder)
+                yield network
+                software = status(network).software
+                note_software(facts, software, network.runtime.devices.values(), chosen)
+        finally:
+            note_files(facts, network)
