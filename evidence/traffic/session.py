@@ -66,34 +66,34 @@ class SessionRun:
 
     async def run(self) -> None:
         """Ask, hold, end; the outcome says how that went, whatever it was."""
-        planned, told = self._outcome.planned, self._outcome
+        outcome = self._outcome
         try:
-            async with asyncio.timeout(planned.holding_s + LOAD_LIMIT_S):
+            async with asyncio.timeout(outcome.planned.holding_s + LOAD_LIMIT_S):
                 await self._take_part()
-            told.outcome = ACCEPTED
+            outcome.outcome = ACCEPTED
         except QuantumSocketError as error:
-            told.outcome = BLOCKED if told.setup_s is None else BROKEN
+            outcome.outcome = BLOCKED if outcome.setup_s is None else BROKEN
             if error.reason == Reason.TOO_LATE:
-                told.outcome = LATE
-            told.reason, told.text = error.reason.name, str(error)
+                outcome.outcome = LATE
+            outcome.reason, outcome.text = error.reason.name, str(error)
         except _TooLateError:
-            told.outcome, told.reason = LATE, "DEADLINE"
+            outcome.outcome, outcome.reason = LATE, "DEADLINE"
         except TimeoutError:
-            told.outcome, told.reason = BROKEN, NO_END
+            outcome.outcome, outcome.reason = BROKEN, NO_END
 
     async def _take_part(self) -> None:
-        standing, told = self._wanted.goes_back_on, self._outcome
-        if standing is None:
+        held_service, outcome = self._wanted.goes_back_on, self._outcome
+        if held_service is None:
             await self._itself()
             return
-        async with self._session(standing, (told.acceptor, told.opener)) as held:
+        async with self._session(held_service, (outcome.acceptor, outcome.opener)) as held:
             await self._by_deadline(anext(held.opener.results(), None))
             await self._itself()
             await held.end()
 
     async def _itself(self) -> None:
-        told = self._outcome
-        hosts = told.opener, told.acceptor, *told.others
+        outcome = self._outcome
+        hosts = outcome.opener, outcome.acceptor, *outcome.others
         async with self._session(self._wanted.service, hosts) as asked:
             await self._use(asked)
 
@@ -101,12 +101,12 @@ class SessionRun:
         self, service: Service, hosts: Sequence[str]
     ) -> AbstractAsyncContextManager[Session]:
         """Return a session that the first of the hosts requests."""
-        wanted, told = self._wanted, self._outcome
-        options = {**wanted.options, "priority": told.planned.priority}
-        if told.planned.deadline_s is not None:
-            options["deadline_ms"] = max(round(told.planned.deadline_s * 1000), 1)
+        wanted, outcome = self._wanted, self._outcome
+        options = {**wanted.options, "priority": outcome.planned.priority}
+        if outcome.planned.deadline_s is not None:
+            options["deadline_ms"] = max(round(outcome.planned.deadline_s * 1000), 1)
         if wanted.own_source:
-            options["source"] = told.opener
+            options["source"] = outcome.opener
         if service in LINES:
             options["line"] = ",".join(hosts)
         stacks, name = self._stacks.__getitem__, service.name.lower()
@@ -125,22 +125,22 @@ class SessionRun:
             raise
 
     async def _use(self, asked: Session) -> None:
-        planned, told, wanted = self._outcome.planned, self._outcome, self._wanted
+        outcome, wanted = self._outcome, self._wanted
         opener, results = asked.opener, asked.opener.results()
         await self._by_deadline(anext(results, None))
-        told.setup_s = self._since()
+        outcome.setup_s = self._since()
         async for _result in results:
             continue
         if not opener.over:
             await opener.sendall(wanted.data)
             there_s = now_s()
-            await asyncio.sleep(planned.holding_s)
+            await asyncio.sleep(outcome.planned.holding_s)
             if wanted.measures:
                 await asked.heard()
-                told.age_s = now_s() - there_s
-                await _measure(told, asked, int(opener.summary["pairs"]))
+                outcome.age_s = now_s() - there_s
+                await _measure(outcome, asked, int(opener.summary["pairs"]))
         await asked.end()
-        told.summary = opener.summary
+        outcome.summary = opener.summary
 
     def _since(self) -> float:
         return now_s() - self._began_s
@@ -150,13 +150,13 @@ class _TooLateError(Exception):
     """The session has no light by its deadline."""
 
 
-async def _measure(told: Outcome, pairs: Session, count: int) -> None:
+async def _measure(outcome: Outcome, pairs: Session, count: int) -> None:
     """Measure all pairs at both ends, a third of them in each basis; count those as Phi+ has."""
     for place, basis in enumerate(BASES):
         numbers = list(range(place, count, len(BASES)))
         if numbers:
             answers = await pairs.ask(measure=numbers, basis=basis)
-            told.right[basis], told.measured[basis] = like_phi_plus(answers, basis)
+            outcome.right[basis], outcome.measured[basis] = like_phi_plus(answers, basis)
 
 
 def like_phi_plus(answers: Sequence[Mapping[str, Any]], basis: str) -> tuple[int, int]:
