@@ -19,7 +19,7 @@ from rich.console import Console
 from applications.netqasm.carried import CarriedApplication
 from applications.netqasm.folder import check_inputs, left_out, read_yaml
 from applications.netqasm.request import NetqasmRequest
-from qmn.jobs.in_the_way import lost_light
+from qmn.jobs.obstacle import lost_light
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.jobs.stepped import check_stepped
 from qmn.jobs.transfer import TransferError, follow_all

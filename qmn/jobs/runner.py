@@ -12,8 +12,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from hosts.middleware.session.service_options import SessionOptions
 from qmn.jobs import eavesdropping
-from qmn.jobs.handed_out import handing_out
-from qmn.jobs.in_the_way import lost_light
+from qmn.jobs.key_handout import key_handout
+from qmn.jobs.obstacle import lost_light
 from qmn.jobs.run_context import RunContext, ending, known_facts, running_network
 from qmn.jobs.transfer import TransferError, follow
 from qmn.options import BadInput
@@ -140,10 +140,10 @@ def _handing_out(network: Network, job: Job, kept: ServiceJob) -> Iterator[Calla
         return
     ends = job.opener, job.acceptor
     stores = [network.runtime.key_folder(host) for host in ends]
-    with handing_out(job.hand_out, ends, stores) as handed_out:
-        yield handed_out.take
+    with key_handout(job.hand_out, ends, stores) as handout:
+        yield handout.take
     if isinstance(kept.asking, KeyProgress):
-        kept.asking.handed_out = handed_out.count
+        kept.asking.handed_out = handout.count
 
 
 @contextmanager

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from qmn.jobs.in_the_way import in_the_way
+from qmn.jobs.obstacle import obstacle
 from qmn.timeouts import STALL_TIMEOUT_S
 from topologies.networks.network import Network
 from topologies.system.processes.programs import NetworkError, Program
@@ -115,5 +115,5 @@ def with_elements(network: Network, text: str) -> str:
 
     A policy may keep it from hosts, and a host whose light goes out does not hear why.
     """
-    elements = in_the_way(read_record(network.runtime.logs))
+    elements = obstacle(read_record(network.runtime.logs))
     return text if elements in text else f"{text}: {elements}"

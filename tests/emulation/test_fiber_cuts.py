@@ -8,7 +8,7 @@ from fabric_scene import session
 from rich.console import Console
 
 from hosts.quantum_socket import QuantumSocketError
-from qmn.jobs.in_the_way import lost_light
+from qmn.jobs.obstacle import lost_light
 from topologies.networks.network import Network
 from wire.controller_lines import read_record
 from wire.metadata.vocabulary import Reason

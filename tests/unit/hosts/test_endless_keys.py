@@ -14,7 +14,7 @@ from stacks_scene import DEADLINE_S, accepted, network
 from hosts import network_loop
 from hosts.middleware.qkd import keyring
 from hosts.service_socket import ServiceSocket
-from qmn.jobs.handed_out import handing_out
+from qmn.jobs.key_handout import key_handout
 from qmn.options import BadInput
 
 PATHS = {"bb84": [(1, 2)], "bbm92": [(4, 1), (5, 2)]}
@@ -109,7 +109,7 @@ def test_a_session_goes_on_for_as_long_as_keys_are_taken_from_a_full_store(
             handed_out.take()
 
     folders = [str(store) for store in stores]
-    with handing_out(out, ENDS, folders) as handed_out, ThreadPoolExecutor(1) as pool:
+    with key_handout(out, ENDS, folders) as handed_out, ThreadPoolExecutor(1) as pool:
         taking = pool.submit(take)
         try:
             alice, bob = keys_made(tmp_path, "bb84", ignore, count=10 * KEY_BITS, **words)
@@ -130,5 +130,5 @@ def test_keys_are_put_into_a_new_folder_alone(tmp_path: Path) -> None:
     (tmp_path / "alice").mkdir()
     (tmp_path / "alice" / "bob.keys").touch()
     words = tmp_path, ENDS, [str(tmp_path / "a"), str(tmp_path / "b")]
-    with pytest.raises(BadInput, match="name a new folder"), handing_out(*words):
+    with pytest.raises(BadInput, match="name a new folder"), key_handout(*words):
         pass

@@ -1,4 +1,4 @@
-"""Keys of two hosts, taken out of their stores as they come, and put into a file of each.
+"""Keys of two hosts, taken out of their stores as they come, and written into a file of each.
 
     DIR/alice/bob.keys    what alice has taken: keys of 32 bytes, one behind the other
     DIR/bob/alice.keys    the same of bob: the same keys, in the same order
@@ -21,8 +21,8 @@ from qmn.results.run_folder import given_at_the_end
 from topologies.system.processes.programs import NetworkError
 
 
-class HandedOut:
-    """What two hosts have handed out, the one that has asked for keys first."""
+class KeyHandout:
+    """The keys that two hosts hand out, the one that has requested them first."""
 
     def __init__(self, stores: Sequence[KeyStore], files: Sequence[BinaryIO]) -> None:
         self._opener, self._acceptor = stores
@@ -55,10 +55,10 @@ def _taken(store: KeyStore) -> list[StoredKey]:
 
 
 @contextmanager
-def handing_out(folder: Path, ends: tuple[str, str], stores: Sequence[str]) -> Iterator[HandedOut]:
-    """Take keys of two hosts, out of the stores in these folders; BadInput if they cannot be put.
+def key_handout(folder: Path, ends: tuple[str, str], stores: Sequence[str]) -> Iterator[KeyHandout]:
+    """Take keys of two hosts from these stores, at last when it ends.
 
-    What is there when it ends is taken, too.
+    Raise BadInput if the folder cannot be written to.
     """
     with given_at_the_end(str(folder)), ExitStack() as opened:
         try:
@@ -66,9 +66,9 @@ def handing_out(folder: Path, ends: tuple[str, str], stores: Sequence[str]) -> I
         except OSError as error:
             raise BadInput(f"--hand-out {folder}: {error.strerror}; name a new folder") from error
         ways = zip(stores, ends[::-1], strict=True)
-        handed_out = HandedOut([store_in(Path(store), other) for store, other in ways], files)
-        yield handed_out
-        handed_out.take()
+        handout = KeyHandout([store_in(Path(store), other) for store, other in ways], files)
+        yield handout
+        handout.take()
 
 
 def _new_file(folder: Path, host: str, other: str) -> BinaryIO:

@@ -1,7 +1,7 @@
-"""Elements in the way of a run's light, as the controller records them; told while it lasts."""
+"""The obstacle that a run's light has met, by the controller's record; printed meanwhile."""
 
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
+from contextlib import closing
 from typing import Any
 
 from rich.console import Console
@@ -13,11 +13,11 @@ from wire.metadata.vocabulary import Reason
 BROKEN = (Reason.FIBER_CUT.name, Reason.PATH_BROKEN.name)
 
 
-class InTheWay:
-    """What was last in the way of light: for a refusal, or for a session that has none."""
+class Obstacle:
+    """The last obstacle: of a refusal, or of a session without light."""
 
     def __init__(self) -> None:
-        self.found = ""
+        self.name = ""
         self._stranded: str | None = None  # number of the session that has no light
 
     def hear(self, fact: Mapping[str, Any]) -> None:
@@ -25,39 +25,39 @@ class InTheWay:
         event = fact["event"]
         why, _, elements = str(fact.get("detail", "")).partition(": ")
         if event == "stranded":
-            self.found, self._stranded = why, fact["session"]
+            self.name, self._stranded = why, fact["session"]
         elif event == "refused" and (why in BROKEN or self._stranded is None):
-            self.found = elements if why in BROKEN else ""
+            self.name = elements if why in BROKEN else ""
         elif event == "granted" and fact["session"] == self._stranded:
             pass  # another request of it is granted, while its fibre is cut all the same
         elif event in ("granted", "moved") or (event == "port" and fact["up"]):
-            self.found, self._stranded = "", None
+            self.name, self._stranded = "", None
 
 
-def in_the_way(record: Iterable[Mapping[str, Any]]) -> str:
-    """Return what was in the way of light at the end of a record; "" for nothing."""
-    state = InTheWay()
+def obstacle(record: Iterable[Mapping[str, Any]]) -> str:
+    """Return the obstacle at the end of a record, "" without any."""
+    last = Obstacle()
     for fact in record:
-        state.hear(fact)
-    return state.found
+        last.hear(fact)
+    return last.name
 
 
 class LostLight:
-    """Says that a session has lost its light, as soon as the controller has found it.
+    """Prints that a session has lost its light, as soon as the controller has found it.
 
     The session goes on if its light is back in time, so this is not an error yet.
     """
 
     def __init__(self, network: Network, console: Console) -> None:
         self._facts, self._console = NewFacts(network.runtime.logs), console
-        self._state = InTheWay()
+        self._obstacle = Obstacle()
 
     def look(self) -> None:
-        """Read what the controller has recorded since the last look; say what has changed."""
+        """Read what the controller has recorded since the last look; print what has changed."""
         for fact in self._facts.read():
-            before = self._state.found
-            self._state.hear(fact)
-            now = self._state.found
+            before = self._obstacle.name
+            self._obstacle.hear(fact)
+            now = self._obstacle.name
             if now and now != before:
                 self._console.print(f"no light: {now}", soft_wrap=True)
             elif before and not now and fact["event"] != "refused":
@@ -67,10 +67,5 @@ class LostLight:
         self._facts.close()
 
 
-@contextmanager
-def lost_light(network: Network, console: Console) -> Iterator[LostLight]:
-    told = LostLight(network, console)
-    try:
-        yield told
-    finally:
-        told.close()
+def lost_light(network: Network, console: Console) -> "closing[LostLight]":
+    return closing(LostLight(network, console))

@@ -2,7 +2,7 @@
 
 import pytest
 
-from qmn.jobs.in_the_way import in_the_way
+from qmn.jobs.obstacle import obstacle
 
 PATH = {"event": "refused", "session": "1", "detail": "PATH_BROKEN: fibre q1-q2 is cut"}
 STRANDED = {
@@ -32,4 +32,4 @@ ENDED = {"event": "torn_down", "session": "1", "detail": "FIN"}
     ],
 )
 def test_the_last_one_counts(record: list[dict[str, object]], elements: str) -> None:
-    assert in_the_way(record) == elements
+    assert obstacle(record) == elements
