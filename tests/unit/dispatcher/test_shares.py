@@ -11,10 +11,10 @@ from dispatcher_network import Bench, JumpingClock, block, configuration, runnin
 
 from dispatcher.build import LEAST_BLOCKS, LEAST_SHARE, equal_share
 from dispatcher.layer.history import History
-from dispatcher.layer.journal import CausedBy
+from dispatcher.layer.journal import CausedBy, origin
 from dispatcher.layer.ownership import MAX_BLOCKS
 from wire.config import QuantumSwitch
-from wire.dispatcher_pb2 import DiscardRequest, Event, MeasureRequest, SendRequest
+from wire.dispatcher_pb2 import CreateRequest, DiscardRequest, Event, MeasureRequest, SendRequest
 from wire.events import UNWRITTEN
 
 
@@ -106,6 +106,14 @@ def test_who_causes_many_events_fills_no_more_than_a_share_of_the_log() -> None:
     assert kinds[3][1] == UNWRITTEN
     assert "more than 3 events caused by charlie" in log.getvalue()
     assert history.count == 9
+
+
+def test_what_has_caused_something_names_its_block() -> None:
+    with CausedBy("charlie", "create", CreateRequest(session=10, number=3)):
+        assert origin() == "charlie: create block 3 of session 000000000000000a"
+    with CausedBy("bob", "measure", MeasureRequest(block={"session": 10, "number": 3, "half": 1})):
+        assert origin() == "bob: measure block 3/1 of session 000000000000000a"
+    assert origin() == ""
 
 
 def test_a_name_that_another_has_taken_first_is_there_for_its_owner(tmp_path: Path) -> None:

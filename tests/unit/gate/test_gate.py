@@ -1,10 +1,12 @@
 """The clock of the network stands while a program runs, and leaps when none does."""
 
+import os
 import select
 import socket
 import struct
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -13,6 +15,7 @@ from pathlib import Path
 import pytest
 from stepping import DEADLINE_S, SINCE_NS, Stepping, stepping
 
+from gate.quiescence import Task
 from wire.network_time import CONTROLLER, NEVER, WITH_WALL, GateClient, LinkCounts, SteppedTime
 
 LEAPS, MANY_LEAPS = 300, 100_000
@@ -220,3 +223,12 @@ class GateClientOf:
 
     def __exit__(self, *_error: object) -> None:
         self._client.close()
+
+
+def test_a_task_that_is_closed_leaves_no_file_open() -> None:
+    folder = f"/proc/self/task/{threading.get_native_id()}"
+    before = os.listdir("/proc/self/fd")
+    task = Task.opened(folder)
+    assert len(os.listdir("/proc/self/fd")) == len(before) + 2
+    task.close()
+    assert os.listdir("/proc/self/fd") == before

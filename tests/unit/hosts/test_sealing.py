@@ -110,7 +110,7 @@ def test_the_largest_block_there_may_be_is_compared(tmp_path: Path) -> None:
     count = MAX_BLOCK_PAIRS // 4
     alice, bob = ask(tmp_path, "seal", physics={"paths": PAIRS}, count=count, **light)
     assert (alice["alarm"], alice["emitted"]) == (False, MAX_BLOCK_PAIRS)
-    assert bob["photons"] == MAX_BLOCK_PAIRS
+    assert (bob["blocks"], bob["photons"]) == (1, MAX_BLOCK_PAIRS)
 
 
 @pytest.mark.parametrize("rotation", [0, 1, 2, 3])

@@ -104,6 +104,17 @@ def test_all_peers_together_have_no_more_than_all() -> None:
 
 
 @pytest.mark.usefixtures("_small")
+def test_it_is_logged_once_that_a_peer_is_refused(caplog: pytest.LogCaptureFixture) -> None:
+    with listening() as listener, ExitStack() as stack:
+        for _ in range(OF_ONE + 3):
+            stack.enter_context(connected(listener.getsockname(), 2))
+        for each in accepted(listener):
+            stack.enter_context(each)
+    said = [each.getMessage() for each in caplog.records if each.name == "connections"]
+    assert said == [f"127.0.0.2 has {OF_ONE} connections of {ALL}: more refused"]
+
+
+@pytest.mark.usefixtures("_small")
 def test_who_has_closed_a_connection_has_a_place_for_another() -> None:
     with listening() as listener, ExitStack() as stack:
         for _ in range(3 * OF_ONE):

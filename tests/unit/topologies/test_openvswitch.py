@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from topologies.system import namespaces
+from topologies.system.kernel import interfaces
 from topologies.system.open_vswitch import openvswitch
 from topologies.system.processes import commands
 from topologies.system.processes.programs import NetworkError, Program
@@ -94,3 +95,15 @@ def test_one_that_a_signal_has_stopped_is_named_with_the_remedy(
     monkeypatch.setitem(openvswitch._own, openvswitch.SWITCH_DAEMON, daemon)
     with pytest.raises(NetworkError, match=rf"stopped it; .*`kill -CONT {daemon.pid}`"):
         openvswitch.vsctl("add-br", "s1")
+
+
+def test_a_bridge_that_was_not_made_is_named_with_the_reason(
+    install: Install, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(interfaces, "TUN", "/dev/null")
+    install("ovs-vsctl", "echo no such device")
+    openvswitch.RUN_FOLDER.mkdir(exist_ok=True)
+    (openvswitch.RUN_FOLDER / "s1.mgmt").touch()
+    openvswitch.require_made(["s1"])
+    with pytest.raises(NetworkError, match="did not make q1: no such device"):
+        openvswitch.require_made(["s1", "q1"])
