@@ -5,15 +5,18 @@
 Both ends are TAP interfaces, whose other sides are files that this process holds. The delay begins
 when a packet is read, which is after it was sent, so that none is early. A cable with a rate is a
 first-in, first-out queue: a packet takes as long as its bits, and packets that find the queue full
-are lost. Packets to and from the dispatcher's address belong to the simulation: no cable delays
-them.
+are lost. The software at an end may take a time for each message: it gets the bytes so much later,
+in their order, while what has no bytes passes at once. Packets to and from the dispatcher's address
+belong to the simulation: no cable delays them.
 """
 
 import heapq
 import os
 import random
 import select
+import socket
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from ipaddress import IPv4Address
@@ -21,6 +24,7 @@ from itertools import count
 
 from wire.config import CopperConfig
 from wire.network_time import CABLES, NEVER, GateClient, SteppedTime
+from wire.parameters.delays import draws
 
 MOST_BYTES = 1 << 16
 AT_ONCE = 64  # frames read from one end before the next is served
@@ -28,8 +32,17 @@ CLOSED_AT_ONCE = 64  # ends
 QUEUE_BYTES = 1 << 20  # of each direction of a slow cable
 ENDS = slice(26, 38)  # addresses and ports of a frame with IPv4
 IPV4, ARP = b"\x08\x00", b"\x08\x06"
+IP, PROTOCOL, TCP_OFFSET = 14, 23, 12  # in a frame; the last in the TCP header
 # Where sender and target are, behind the Ethernet header.
 ADDRESSES = {IPV4: (slice(26, 30), slice(30, 34)), ARP: (slice(28, 32), slice(38, 42))}
+
+
+def has_message(frame: bytes) -> bool:
+    """Whether a frame has bytes of a TCP connection; what has none, the kernel handles."""
+    if frame[12:14] != IPV4 or frame[PROTOCOL] != socket.IPPROTO_TCP:
+        return False
+    header, length = 4 * (frame[IP] & 0xF), int.from_bytes(frame[IP + 2 : IP + 4])
+    return length > header + 4 * (frame[IP + header + TCP_OFFSET] >> 4)
 
 
 @dataclass
@@ -42,6 +55,15 @@ class Direction:
     loss: float
     ns_per_byte: float = 0.0
     free_ns: int = 0  # when the queue is empty
+    software_ns: Callable[[], int] | None = None  # what that at the end takes for a message
+    handled_ns: int = 0  # when it has handled the last one
+
+    def handled_by(self, arrived_ns: int) -> int:
+        """Return when the software at the end has handled a message that has arrived."""
+        if self.software_ns is None:
+            return arrived_ns
+        self.handled_ns = max(self.handled_ns, arrived_ns + self.software_ns())
+        return self.handled_ns
 
     def due_ns(self, length: int, now_ns: int) -> int | None:
         """Return when a frame that enters now comes out; None if the queue is full."""
@@ -64,9 +86,16 @@ class Forwarder:
         for cable in config.cables:
             delay_ns = round(config.time.wall_s(cable.delay_s) * 1e9)
             ns_per_byte = config.time.wall_s(8e-6 / cable.mbps) * 1e9 if cable.mbps else 0.0
-            for into, out_of in ((cable.a_fd, cable.b_fd), (cable.b_fd, cable.a_fd)):
+            ways = (
+                (cable.a_fd, cable.b_fd, cable.b, cable.b_software),
+                (cable.b_fd, cable.a_fd, cable.a, cable.a_software),
+            )
+            for into, out_of, name, software in ways:
                 os.set_blocking(into, False)
-                self._directions[into] = Direction(into, out_of, delay_ns, cable.loss, ns_per_byte)
+                way = Direction(into, out_of, delay_ns, cable.loss, ns_per_byte)
+                if software:
+                    way.software_ns = draws(software, random.Random(f"{config.seed} {name}"))  # noqa: S311
+                self._directions[into] = way
                 self._readable.register(into, select.EPOLLIN)
         time_ = config.time
         self._gate = GateClient(time_, CABLES) if isinstance(time_, SteppedTime) else None
@@ -137,6 +166,8 @@ class Forwarder:
         if due_ns is None:
             self.lost += 1
             return
+        if has_message(frame):
+            due_ns = direction.handled_by(due_ns)
         ends = frame[ENDS] if self._gate else b""  # of one instant, the machine orders them
         held = due_ns, ends, next(self._numbers), direction.out_of, frame
         heapq.heappush(self._under_way, held)

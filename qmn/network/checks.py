@@ -32,6 +32,10 @@ def check_network(options: NetworkOptions) -> None:
         check_address(options.rest)
     for module in options.apps:
         check_module(module)
+    for name in ("controller_delay", "host_delay", "switch_agent_delay"):
+        if getattr(options, name) and options.time != STEPPED:
+            flag = f"--{name.replace('_', '-')}"
+            raise BadInput(f"{flag} is exact in stepped time alone: add --time {STEPPED}")
     for reason in only_paced(options):
         refuse_stepped(options, reason)
     if options.keys and Path(options.keys).exists():

@@ -1,6 +1,6 @@
 """Time in a result: its scale, and how much of it was software."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from math import inf
 
 from qmn.network.time_scale import SHARE, STEPPED, Scale
@@ -49,6 +49,8 @@ def rows(facts: NetworkResult) -> dict[str, str]:
         )
         if share > DOMINATED and not facts.dominated_by_software:
             lines["software"] += "; no effect, as these memories do not decay in that time"
+    if delays := [f"{name} {text}" for name, text in _stated(facts) if text]:
+        lines["software takes"] = ", ".join(delays)
     early = facts.acausal
     if early is not None:
         lines["ACAUSAL"] = (
@@ -62,6 +64,14 @@ def rows(facts: NetworkResult) -> dict[str, str]:
             "use --time-scale auto"
         )
     return lines
+
+
+def _stated(facts: NetworkResult) -> Iterator[tuple[str, str]]:
+    """Yield the delays of software that were stated, for each message."""
+    settings = facts.settings
+    yield "c0", settings.controller_delay
+    yield "hosts", settings.host_delay
+    yield "agents", settings.switch_agent_delay
 
 
 def _missed(facts: NetworkResult) -> str:

@@ -120,6 +120,18 @@ CASES: dict[str, tuple[list[str], Callable[[Flat], bool]]] = {
     "copper_mbps": (["--copper-mbps", "7"], lambda told: cables(told, "mbps").count(7.0) == 5),
     "control_km": (["--control-km", "20.4"], lambda told: cables(told, "delay_s") == [DELAY_S] * 2),
     "control_loss": (["--control-loss", "0.25"], lambda told: cables(told, "loss") == [0.25] * 2),
+    "controller_delay": (
+        ["--controller-delay", "1ms"],
+        lambda told: cables(told, "a_software") == ["1ms"] * 2,
+    ),
+    "host_delay": (
+        ["--host-delay", "1ms"],
+        lambda told: cables(told, "a_software").count("1ms") == len(HOSTS),
+    ),
+    "switch_agent_delay": (
+        ["--switch-agent-delay", "1ms"],
+        lambda told: "1ms" in cables(told, "a_software") + cables(told, "b_software"),
+    ),
     "tls": (
         ["--tls"],
         lambda told: (

@@ -62,16 +62,19 @@ def busy_programs(number: int) -> Iterator[None]:
         yield
 
 
+@pytest.mark.parametrize("host_ms", [0, 5])
 def test_teleportation_into_a_memory_of_10_ms_has_the_fidelity_of_its_closed_form(
-    tmp_path: Path,
+    host_ms: int, tmp_path: Path
 ) -> None:
     """Dephasing for t flips four of the six states with probability (1 - exp(-t / T2)) / 2.
 
     The wait of photon i of n is exact: until the last of them is there, and then for alice's bits
-    over two cables of 20 km, at the speed of light in a fibre.
+    over two cables of 20 km, at the speed of light in a fibre. Software is stated for two messages:
+    alice's of the source, which comes with the light, and bob's of alice.
     """
-    asking = result_of(tmp_path, *TELEPORT)["job"]["asking"]
-    wait_s = np.arange(STATES)[::-1] / RATE_HZ + 2 * KM * 1e3 / LIGHT_M_PER_S
+    delay = ("--host-delay", f"{host_ms}ms") if host_ms else ()
+    asking = result_of(tmp_path, *TELEPORT, *delay)["job"]["asking"]
+    wait_s = np.arange(STATES)[::-1] / RATE_HZ + 2 * KM * 1e3 / LIGHT_M_PER_S + 2 * host_ms / 1e3
     assert asking["waited_ms"] == pytest.approx(1e3 * wait_s.mean(), abs=1e-3)
     fidelity = 1 - (1 - np.exp(-wait_s / T2_S).mean()) / 3
     error = math.sqrt(fidelity * (1 - fidelity) / STATES)
@@ -92,11 +95,21 @@ def test_the_same_seed_gives_the_same_result_beside_busy_programs(job: str, tmp_
         folder = tmp_path / str(len(results))
         words = ["run", *job.split(), "--time", "stepped", "--without", "report"]
         with busy_programs(busy):
-            command = [ROOT / "bin/qmn", *words, "--runs", str(folder)]
+            command = [str(ROOT / "bin/qmn"), *words, "--runs", str(folder)]
             subprocess.run(command, check=True, timeout=PROGRAM_S)
         results.append(facts(json.loads((folder / "latest/result.json").read_text())))
     for result in results[1:]:
         assert result == results[0]
+
+
+def test_a_path_takes_as_long_to_set_up_as_controller_and_agents_are_stated_to_take(
+    tmp_path: Path,
+) -> None:
+    """The controller's order takes q1's agent its time, and q1's answer the controller its own."""
+    settings = ((), ("--controller-delay", "3ms", "--switch-agent-delay", "500us"))
+    before, after = (result_of(tmp_path, "sdc", "--time", "stepped", *each) for each in settings)
+    taken_ms = after["path_setup_ms"]["p50"] - before["path_setup_ms"]["p50"]
+    assert taken_ms == pytest.approx(3.5, abs=1e-4)
 
 
 def test_sessions_of_traffic_hold_light_as_long_as_planned_and_the_same_again(
@@ -202,6 +215,12 @@ def test_a_script_steps_its_network_and_sleeps_in_it(tmp_path: Path) -> None:
     assert set_up_s == pytest.approx([set_up_s[0]] * 2, abs=1e-9)
     assert hour_s == 3_600
     assert json.loads((tmp_path / "logs/result.json").read_text())["time"] == "stepped"
+
+
+def test_a_delay_of_software_is_refused_where_it_cannot_be_exact(tmp_path: Path) -> None:
+    done = run_qmn("run", "sdc", "--host-delay", "1ms", "--runs", str(tmp_path))
+    assert done.returncode == 1
+    assert "--host-delay is exact in stepped time alone: add --time stepped" in done.stderr
 
 
 def test_what_the_wall_paces_is_refused_with_the_reason(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import subprocess
 from typing import Any
 
 from mininet.link import Intf, Link
-from mininet.node import Node, Switch
+from mininet.node import Controller, Node, Switch
 
 from topologies.links.keywords import refuse_unknown
 from topologies.system.kernel.interfaces import TUN, quick, switch_ipv6_off
@@ -50,6 +50,16 @@ def length_km(delay: float) -> float:
     return delay * SPEED_IN_FIBER_M_PER_S / 1e3
 
 
+def software_delay(node: Node) -> str:
+    """Return what the software of a node takes for each message that it gets; "" for none."""
+    network = runtime.current()
+    if node.name in network.devices:
+        return network.settings.host_delay
+    if node.name in network.switches:
+        return network.settings.switch_agent_delay
+    return network.settings.controller_delay if isinstance(node, Controller) else ""
+
+
 class CopperLink(Link):
     """A cable of some length, which loses a share of the packets, and may be slow.
 
@@ -76,7 +86,7 @@ class CopperLink(Link):
         if mbps is not None:
             check_number(f"{where}: mbps", mbps, LEAST_MBPS, MOST_MBPS, BadParameter)
         self.length_km, self.loss = float(length_km), float(loss)
-        self.mbps = mbps
+        self.mbps, self._software = mbps, (software_delay(node1), software_delay(node2))
         super().__init__(node1, node2, **quick(params))
         network = runtime.current()
         network.copper[frozenset((node1.name, node2.name))] = delay_s(self.length_km)
@@ -87,7 +97,7 @@ class CopperLink(Link):
 
     @property
     def _is_held(self) -> bool:
-        if self.loss or self.mbps is not None:
+        if self.loss or self.mbps is not None or any(self._software):
             return True
         return delay_s(self.length_km) >= least_delay_s(runtime.current().time)
 
@@ -128,7 +138,7 @@ class CopperLink(Link):
                 )
         one, other = (tap(name, node) for name, node in ends)
         nature = delay_s(self.length_km), self.loss, self.mbps
-        cable = Cable(intfname1, intfname2, one, other, *nature)
+        cable = Cable(intfname1, intfname2, one, other, *nature, *self._software)
         runtime.current().cables.append(cable)
 
 

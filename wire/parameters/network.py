@@ -8,12 +8,14 @@ from dataclasses import dataclass, fields
 from math import inf
 from typing import Any, ClassVar
 
+from wire.parameters.delays import delay
 from wire.parameters.option import CONTROL, SIMULATION, WRITTEN, option
 
 BACKENDS = ("chp", "stim", "dense")
 OPENFLOW_PORT = 6653
 MOST_KM = 100_000.0  # of copper
 LEAST_MBPS, MOST_MBPS = 0.001, 10_000.0
+FOR_EACH = "for each message, as 5ms or exponential(1ms)"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,6 +112,15 @@ class CopperSettings:
         "Mbit/s of every copper cable, in each direction; packets queue (no limit)",
         metavar="MBPS",
         range=(LEAST_MBPS, MOST_MBPS),
+    )
+    controller_delay: str = option(
+        "", f"of c0's software {FOR_EACH} (none)", metavar="DELAY", parse=delay
+    )
+    host_delay: str = option(
+        "", f"of every host's software {FOR_EACH} (none)", metavar="DELAY", parse=delay
+    )
+    switch_agent_delay: str = option(
+        "", f"of every quantum switch's agent {FOR_EACH} (none)", metavar="DELAY", parse=delay
     )
     control_km: float | None = option(
         None,

@@ -29,6 +29,12 @@ def ip(source: bytes, target: bytes, payload: bytes = b"") -> bytes:
     return bytes(12) + b"\x08\x00" + b"\x45" + bytes(11) + source + target + payload
 
 
+def tcp(payload: bytes = b"") -> bytes:
+    """Return a frame of a TCP connection from alice to bob."""
+    header = b"\x45\0" + (40 + len(payload)).to_bytes(2) + bytes(5) + b"\x06" + bytes(2)
+    return bytes(12) + b"\x08\x00" + header + ALICE + BOB + bytes(12) + b"\x50" + bytes(7) + payload
+
+
 def arp(sender: bytes, target: bytes) -> bytes:
     return bytes(12) + b"\x08\x06" + bytes(14) + sender + bytes(6) + target
 
@@ -40,12 +46,15 @@ def cables(
     loss: float = 0.0,
     mbps: float | None = None,
     time_folder: str = "",
+    software: str = "",
 ) -> Iterator[list[tuple[socket.socket, ...]]]:
     """Run copper; yield the far sides of both ends of each cable, which are packet sockets."""
     kind = socket.AF_UNIX, socket.SOCK_SEQPACKET
     pairs = [(socket.socketpair(*kind), socket.socketpair(*kind)) for _ in delays_s]
     laid = [
-        Cable("a", "b", one[0].detach(), other[0].detach(), delay_s, loss, mbps)
+        Cable(
+            "a", "b", one[0].detach(), other[0].detach(), delay_s, loss, mbps, b_software=software
+        )
         for (one, other), delay_s in zip(pairs, delays_s, strict=True)
     ]
     forwarder = Forwarder(CopperConfig(laid, "10.0.0.4", time_scale=scale, time_folder=time_folder))
@@ -94,6 +103,20 @@ def test_a_packet_takes_stepped_time_to_the_nanosecond_and_none_of_the_wall() ->
         near.send(ip(ALICE, BOB))
         assert comes(far) == ip(ALICE, BOB)
         assert gate.time.now_s() == 3_600
+
+
+def test_software_gets_bytes_of_tcp_after_its_time_and_the_kernel_the_rest_at_once() -> None:
+    with (
+        stepping() as gate,
+        cables(1.0, time_folder=gate.time.folder, software="5ms") as [(near, far)],
+    ):
+        for sent, at_s in ((tcp(), 1.0), (ip(ALICE, BOB), 2.0), (tcp(b"x"), 3.005)):
+            near.send(sent)
+            assert comes(far) == sent
+            assert gate.time.now_s() == at_s
+        far.send(tcp(b"y"))  # no software was stated for the other end
+        assert comes(near) == tcp(b"y")
+        assert gate.time.now_s() == 4.005
 
 
 def test_packets_come_out_in_order_and_none_is_lost() -> None:

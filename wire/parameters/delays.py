@@ -1,0 +1,45 @@
+"""Delays of software that a user states: a number with its unit, or a distribution of such.
+
+5ms, 200us, exponential(1ms) by its mean, uniform(1ms,3ms)
+"""
+
+import re
+from argparse import ArgumentTypeError
+from collections.abc import Callable
+from random import Random
+
+UNITS_NS = {"ns": 1.0, "us": 1e3, "ms": 1e6, "s": 1e9}
+MOST_NS = 10e9
+NUMBER = re.compile(r"(\d+(?:\.\d+)?)(ns|us|ms|s)")
+DISTRIBUTION = re.compile(r"(exponential|uniform)\(([^()]*)\)")
+NUMBERS = {"": 1, "exponential": 1, "uniform": 2}  # of each distribution; none: a constant
+
+
+def delay(text: str) -> str:
+    """Return a delay as the command line has it, "" for none; raise ArgumentTypeError."""
+    if text:
+        _parsed(text)
+    return text
+
+
+def draws(text: str, random: Random) -> Callable[[], int]:
+    """Return what draws a delay in nanoseconds."""
+    name, numbers = _parsed(text)
+    if name == "exponential":
+        return lambda: round(random.expovariate(1.0) * numbers[0])
+    if name == "uniform":
+        return lambda: round(random.uniform(*numbers))
+    return lambda: round(numbers[0])
+
+
+def _parsed(text: str) -> tuple[str, list[float]]:
+    """Return the name of a distribution and its numbers in nanoseconds."""
+    distribution = DISTRIBUTION.fullmatch(text)
+    name, arguments = distribution.groups() if distribution else ("", text)
+    words = [NUMBER.fullmatch(each.strip()) for each in arguments.split(",")]
+    numbers = [float(word[1]) * UNITS_NS[word[2]] for word in words if word]
+    if len(numbers) != len(words) or len(numbers) != NUMBERS[name] or max(numbers) > MOST_NS:
+        raise ArgumentTypeError(
+            f"{text}: write 5ms, 200us, exponential(1ms) or uniform(1ms,3ms), at most 10s"
+        )
+    return name, numbers
