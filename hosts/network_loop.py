@@ -134,6 +134,14 @@ def _background_call_later(seconds: float, callback: Callable[[], object]) -> as
     return loop.call_later(seconds, callback)
 
 
+def housekeeping_later(seconds: float, callback: Callable[[], object]) -> asyncio.TimerHandle:
+    """Call back after seconds of the network, for which stepped time makes no leap."""
+    loop = asyncio.get_running_loop()
+    if isinstance(loop, NetworkLoop) and isinstance(loop.network_time, SteppedTime):
+        return loop.background_call_later(seconds, callback)
+    return loop.call_later(seconds, callback)
+
+
 def run(main: Coroutine[Any, Any, T], network_time: NetworkTime = WALL) -> T:
     """Run a host's program to its end, and return what it does."""
     with asyncio.Runner(loop_factory=lambda: NetworkLoop(network_time)) as runner:

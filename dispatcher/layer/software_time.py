@@ -68,12 +68,12 @@ class Activity:
     def has_begun(self) -> bool:
         return self._first_ns is not None
 
-    @property
-    def idle_share(self) -> float:
+    def idle_share(self, last_ns: int) -> float:
+        """Return the share of the time until then in which nothing went on."""
         if self._first_ns is None:
             return 0.0
-        whole_ns = self._ends[-1] - self._first_ns
-        went_on_ns = self._forgotten_ns + self.within(self._first_ns, self._ends[-1])
+        whole_ns = last_ns - self._first_ns
+        went_on_ns = self._forgotten_ns + self.within(self._first_ns, last_ns)
         return 1 - went_on_ns / whole_ns if whole_ns else 0.0
 
     def _forget(self, count: int) -> None:
@@ -88,6 +88,7 @@ class SoftwareTime:
     def __init__(self, news_s: Mapping[str, Mapping[str, float]] = MappingProxyType({})) -> None:
         """Begin with no waits; news takes so long from each node to its neighbours."""
         self._activity = Activity()
+        self._last_light_ns = 0
         self._news_s = news_s
         self._news_ns: dict[str, dict[str, int]] = {}  # from all others, of nodes where it counted
         self._deeds_ns: defaultdict[str, list[int]] = defaultdict(list)  # that others hear of
@@ -98,7 +99,7 @@ class SoftwareTime:
 
     def message(self) -> messages.SoftwareTime:
         return messages.SoftwareTime(
-            run_share=self._activity.idle_share,
+            run_share=self._activity.idle_share(self._last_light_ns),
             largest_wait_share=self.largest_share,
             largest_decaying_share=self.largest_decaying_share,
             longest_ns=self.longest_ns,
@@ -106,9 +107,10 @@ class SoftwareTime:
 
     def goes_on(self, begin_ns: int, end_ns: int) -> None:
         self._activity.note(begin_ns, end_ns)
+        self._last_light_ns = max(self._last_light_ns, end_ns)
 
     def switches(self, begin_ns: int, end_ns: int) -> None:
-        """Note that paths are set, unless it is before the first light."""
+        """Note that paths are set; before the first light and behind the last it does not count."""
         if self._activity.has_begun:
             self._activity.note(begin_ns, end_ns)
 

@@ -4,11 +4,13 @@ import asyncio
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 from hosts.hardware.replies import HardwareError
 from hosts.middleware.session.channel import MetadataChannel
 from hosts.middleware.session.errors import SessionError
+from hosts.network_loop import housekeeping_later
 from hosts.timeouts import ORDER_TIMEOUT_S, UNUSED_S
 from wire.device import SwapOrder
 from wire.metadata.setup import Setup
@@ -48,7 +50,7 @@ class Swaps:
         if len(self._orders) >= MAX_ORDERS and order.chain not in self._orders:
             self.forget(next(iter(self._orders)))  # the oldest: its session never came
         self._orders[order.chain] = order
-        asyncio.get_running_loop().call_later(UNUSED_S, self._drop_unused, order)
+        housekeeping_later(UNUSED_S, partial(self._drop_unused, order))
         self._news.set()
         self._news = asyncio.Event()
 

@@ -28,7 +28,8 @@ def test_a_wait_in_which_nothing_came_was_software() -> None:
     software = SoftwareTime()
     software.switches(0, 10)  # before the first light
     software.goes_on(100, 200)
-    software.switches(400, 500)
+    software.goes_on(400, 500)
+    software.switches(600, 700)  # behind the last
     software.light("charlie", 100, "bob", 200)
     software.waited("bob", 200, 300, decays=False)
     told = software.message()
@@ -72,7 +73,7 @@ def test_a_long_run_forgets_its_oldest_light_but_not_its_share(
     activity = Activity()
     for begin in range(0, 1000, 10):
         activity.note(begin, begin + 4)
-    assert activity.idle_share == pytest.approx(1 - 400 / 994)
+    assert activity.idle_share(994) == pytest.approx(1 - 400 / 994)
     assert activity.within(900, 1000) == 40
 
 
